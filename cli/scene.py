@@ -55,7 +55,7 @@ def command(
       hhsim scene cup handle --rate 500 --hand left --out cup-handle
     """
     from hhsim.scene.motion_catalogue import import_remarks
-    from hhsim.scene.open_scene import open_scene
+    from hhsim.scene.scene import open_scene
     from hhsim.submissions.scene_folder import EXAMPLE, check_scene_folder, write_scene_folder
     from hhsim.system.output_path import dated_output_path
 

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from hhsim.replay.replay import replay_scene
     from hhsim.report.pictures import draw
     from hhsim.result.reader import Result, load_result
-    from hhsim.scene.open_scene import open_scene
-    from hhsim.scene.scene import Scene
+    from hhsim.scene.scene import Scene, open_scene
     from hhsim.solver.hand_solver import HandSolver
     from hhsim.solver.options import SolverOptions, Stiffness
     from hhsim.solver.outside_method import MethodScene, TickAnswer
@@ -77,7 +76,7 @@ _PLACES = {
     "load_mesh": "hhsim.mesh.mesh.load_mesh",
     "load_result": "hhsim.result.reader.load_result",
     "load_trajectory": "hhsim.motion.file.load_trajectory",
-    "open_scene": "hhsim.scene.open_scene.open_scene",
+    "open_scene": "hhsim.scene.scene.open_scene",
     "replay_scene": "hhsim.replay.replay.replay_scene",
     "save_trajectory": "hhsim.motion.file.save_trajectory",
     "verify_result": "hhsim.verify.verify.verify",

@@ -1,6 +1,7 @@
 """Meshes of our own shapes, corrupted at random as meshes of others are found to be."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -12,12 +13,16 @@ Triangles = tuple[FloatArray, IntArray]
 Corruption = Callable[[FloatArray, IntArray, np.random.Generator], Triangles]
 
 
-def _subdivided(mesh: Mesh, most: float) -> Triangles:
-    """The mesh with edges no longer than `most`, so that a corruption can hit a part of a face."""
+LONGEST = 0.02
+"""Longest edge of a shape [m]."""
+
+
+def _subdivided(mesh: Mesh) -> Triangles:
+    """The mesh with edges no longer than `LONGEST`, so that a corruption can hit a part of a face."""
     vertices, faces = mesh.vertices, mesh.faces
     while True:
         edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-        if np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1).max() <= most:
+        if np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1).max() <= LONGEST:
             return vertices, faces
         pairs, middle = np.unique(edges, axis=0, return_inverse=True)
         ab, bc, ca = (middle.reshape(-1, 3) + len(vertices)).T
@@ -27,14 +32,9 @@ def _subdivided(mesh: Mesh, most: float) -> Triangles:
         faces = np.concatenate([np.stack(part, axis=1) for part in parts])
 
 
-SHAPES: tuple[Callable[[], Triangles], ...] = (
-    lambda: _subdivided(cube(), 0.02),
-    lambda: _subdivided(sphere(subdivisions=3), 0.02),
-    lambda: _subdivided(cylinder(segments=32), 0.02),
-    lambda: _subdivided(hexagonal_prism(), 0.02),
-    lambda: _subdivided(rock(), 0.02),
-    lambda: _subdivided(shamrock(), 0.02),
-    lambda: _subdivided(cup(), 0.02),
+SHAPES: tuple[Callable[[], Mesh], ...] = (
+    *(cube, partial(sphere, subdivisions=3), partial(cylinder, segments=32)),
+    *(hexagonal_prism, rock, shamrock, cup),
 )
 
 
@@ -169,7 +169,7 @@ def corrupted(seed: int) -> tuple[FloatArray, IntArray, str]:
     """Triangles with one to three corruptions of a shape, and what they are."""
     rng = np.random.default_rng(seed)
     shape = seed % len(SHAPES)
-    vertices, faces = SHAPES[shape]()
+    vertices, faces = _subdivided(SHAPES[shape]())
     first = seed // len(SHAPES) % len(CORRUPTIONS)
     more = rng.choice(len(CORRUPTIONS), int(rng.integers(0, 3)))
     names = []

@@ -19,15 +19,7 @@ def brute_clearance(
 ) -> float:
     """Least signed distance [m] of one hand to all leaves, NaN for a hand that is nowhere.
 
-    Args:
-        leaf_center: Of the object's leaf spheres [m], world, shape (L, 3).
-        leaf_radius: [m], shape (L,).
-        phalanx_radius: [m], shape (5, 4).
-        palm_center: Of the palm's spheres [m], palm frame, shape (P, 3).
-        palm_radius: [m], shape (P,).
-        joints: [m], world, shape (5, 4, 3).
-        position: Of the palm [m], world, shape (3,).
-        orientation: Palm to world, unit (w, x, y, z), shape (4,).
+    Arguments as of `sphere_scenes.brute_clearance`, of a single tick.
     """
     joint, radius = np.asarray(joints, np.float64), np.asarray(phalanx_radius, np.float64)
     least = np.inf

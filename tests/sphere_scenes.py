@@ -5,6 +5,8 @@ kernels' clamped parameter; `test_detection` compares it with a dense sampling o
 """
 
 import math
+from collections.abc import Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import numba
@@ -12,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray, IntArray
+from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import evaluate
 from hhsim.kernels.hand.pose import update_kinematics
@@ -20,7 +23,10 @@ from hhsim.kernels.tick.haptic_input import set_haptic
 from hhsim.kernels.tick.linearisation import build_program
 from hhsim.kernels.tick.method import Coupled, Progressive, solve_program
 from hhsim.kernels.tick.tick import begin_tick
+from hhsim.mesh.catalogue import load_object
 from hhsim.solver.hand_solver import HandSolver
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
 BALL_RADIUS = 0.038
@@ -46,6 +52,30 @@ def sphere_tree(center: FloatArray, radius: FloatArray, branching: int = 8) -> S
     return SphereTree(
         center=all_center, radius=enclosing_radius(all_center, all_radius, level, parent), level=level, parent=parent
     )
+
+
+def flat_tree(center: FloatArray, radius: FloatArray) -> SphereTree:
+    """A root and its leaves, shapes (L, 3) and (L,) [m]."""
+    middle, level = center.mean(axis=0), np.minimum(np.arange(len(radius) + 1), 1)
+    root = float((np.linalg.norm(center - middle, axis=1) + radius).max())
+    return SphereTree(np.vstack([middle, center]), np.append(root, radius), level, level - 1)
+
+
+def ball(radius: float = BALL_RADIUS, center: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> SphereTree:
+    """One sphere [m]."""
+    return flat_tree(np.array([center]), np.array([radius]))
+
+
+def row(axis: Sequence[float], count: int = 41, length: float = 0.2) -> SphereTree:
+    """Balls of 20 mm radius in a row along a unit axis, a length [m] from first to last middle."""
+    return flat_tree(np.linspace(-length / 2, length / 2, count)[:, None] * axis, np.full(count, 0.02))
+
+
+@cache
+def object_tree(name: str, level: int | None = None) -> SphereTree:
+    """The sphere tree of a catalogue object, by default of its own level."""
+    item = load_object(name)
+    return cached_sphere_tree(item.mesh, TreeOptions(level=level or item.level))
 
 
 def _near_order(center: FloatArray, index: IntArray) -> IntArray:
@@ -304,7 +334,7 @@ def brute_clearance(
     return out
 
 
-def record_clearance(hand: HandModel, tree: SphereTree, record: TickRecord) -> FloatArray:
+def record_clearance(hand: HandModel, tree: SphereTree, record: TickRecord | PlacedHand) -> FloatArray:
     """`brute_clearance` of a block of ticks, shape (T, 16)."""
     palm, shown = hand.palm_tree, (record.joints, record.position, record.orientation)
     sizes = (hand.radius, palm.leaf_center, palm.leaf_radius)

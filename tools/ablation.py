@@ -45,8 +45,7 @@ from hhsim.kernels.tick.step_length import WHOLE_TARGET
 from hhsim.mesh.catalogue import object_description, object_names
 from hhsim.metrics.metrics import tracking_energy
 from hhsim.scene.free_object import CLEARANCE, FreeObject
-from hhsim.scene.open_scene import open_scene
-from hhsim.scene.scene import Scene
+from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface

@@ -24,12 +24,9 @@ from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.mesh.catalogue import load_object
-from hhsim.scene.closure_at_pose import PlacedCloser
-from hhsim.scene.contact_goals import ANYWHERE, PALM, TOUCHING, Touch
-from hhsim.scene.finger_closure import FingerClosure, body_distances
-from hhsim.scene.object_regions import object_region
-from hhsim.scene.script import Script, read_script
-from hhsim.scene.stored_pose import Placement
+from hhsim.scene.contact_goals import ANYWHERE, PALM, TOUCHING, Touch, object_region
+from hhsim.scene.finger_closure import FingerClosure, PlacedCloser, body_distances
+from hhsim.scene.script import Placement, Script, read_script
 from hhsim.scene.synthesis import synthesize
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
@@ -255,7 +252,7 @@ class PlacementSearch:
         back = rotation[:, 2] + 0.7 * random.standard_normal(3)
         if self.come_from is not None:
             back = self.come_from + 0.3 * random.standard_normal(3)
-        slide = random.standard_normal(3) if self.script.slide_distance > 0.0 else np.zeros(3)
+        slide = random.standard_normal(3) if self.script.way("slide") > 0.0 else np.zeros(3)
         genes = Genes(rotation, position, back / np.linalg.norm(back), random.uniform(0.0, 0.5, 5), abduction, slide)
         return self._allowed(genes.moved(np.zeros(SCALE.size), np.zeros(3)))
 

@@ -42,8 +42,8 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.palm_mesh import palm_mesh
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand.kinematics import HandArrays, forward_kinematics
-from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.round_cone_distance import cone_slope
 from hhsim.mesh.mesh import Mesh
 from hhsim.system.settings_file import Settings, between, read_settings, typed
@@ -155,8 +155,8 @@ class HandTable(Settings, frozen=True):
 
     def check(self) -> None:
         """Check the breadth against the length."""
-        if not 0.25 * self.hand_length <= self.breadth <= 0.75 * self.hand_length:
-            low, high = 0.25 * self.hand_length, 0.75 * self.hand_length
+        low, high = 0.25 * self.hand_length, 0.75 * self.hand_length
+        if not low <= self.breadth <= high:
             raise InputError(
                 f"hand_breadth = {self.breadth:g}; expected {low:.3g} to {high:.3g} m for this hand_length"
             )
@@ -290,13 +290,11 @@ class HandModel:
         Raises:
             InputError: An array of another shape.
         """
-        rotation = np.empty((3, 3))
-        quaternion_to_matrix(_array("orientation", orientation, (4,)), rotation)
         joints = np.empty((5, 4, 3))
         forward_kinematics(
             self._arrays,
             _array("position", position, (3,)),
-            rotation,
+            rotation_matrix(_array("orientation", orientation, (4,))),
             _array("flexion", flexion, (5, 3)),
             _array("abduction", abduction, (5,)),
             joints,

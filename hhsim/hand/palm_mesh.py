@@ -7,6 +7,7 @@ Seen from its middle it is star-shaped, so one vertex per ray gives a mesh that 
 
 import functools
 from importlib.resources import files
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -132,29 +133,22 @@ def _as_shipped(vertices: FloatArray) -> FloatArray:
 
 def box_rays(half_extent: FloatArray) -> tuple[FloatArray, IntArray]:
     """Return unit rays through a rounded box's grid, shape (n, 3), and the outward triangles between them, (m, 3)."""
-    keys: dict[tuple[int, ...], int] = {}
-    points: list[FloatArray] = []
+    cells: dict[tuple[int, ...], int] = {}
     faces: list[tuple[int, int, int]] = []
-
-    def ray(cell: tuple[int, ...]) -> int:
-        if cell not in keys:
-            keys[cell] = len(points)
-            # The tangent spreads the rays of a box's face evenly over the sphere.
-            corner = np.tan(0.25 * np.pi * (2.0 * np.array(cell) / np.array(RAYS_PER_EDGE) - 1.0))
-            points.append(corner / np.linalg.norm(corner) * half_extent)
-        return keys[cell]
-
-    for axis in range(3):
+    for axis, end in product(range(3), (0, 1)):
         u, v = (axis + 1) % 3, (axis + 2) % 3
-        for end in (0, 1):
-            for i in range(RAYS_PER_EDGE[u]):
-                for j in range(RAYS_PER_EDGE[v]):
-                    square = []
-                    for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1)):
-                        cell = [0, 0, 0]
-                        cell[axis], cell[u], cell[v] = end * RAYS_PER_EDGE[axis], i + di, j + dj
-                        square.append(ray(tuple(cell)))
-                    a, b, c, d = square if end else square[::-1]
-                    faces += [(a, b, c), (a, c, d)]
+        for i, j in product(range(RAYS_PER_EDGE[u]), range(RAYS_PER_EDGE[v])):
+            square = []
+            for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1)):
+                cell = [0, 0, 0]
+                cell[axis], cell[u], cell[v] = end * RAYS_PER_EDGE[axis], i + di, j + dj
+                square.append(cells.setdefault(tuple(cell), len(cells)))
+            a, b, c, d = square if end else square[::-1]
+            faces += [(a, b, c), (a, c, d)]
+    points = []
+    for cell_of_ray in cells:
+        # The tangent spreads the rays of a box's face evenly over the sphere.
+        corner = np.tan(0.25 * np.pi * (2.0 * np.array(cell_of_ray) / np.array(RAYS_PER_EDGE) - 1.0))
+        points.append(corner / np.linalg.norm(corner) * half_extent)
     directions = np.array(points)
     return directions / np.linalg.norm(directions, axis=1, keepdims=True), np.array(faces, dtype=np.int64)

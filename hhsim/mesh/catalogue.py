@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hhsim.errors import InputError, MeshError, UnknownNameError
+from hhsim.errors import InputError, MeshError, check_known
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
@@ -44,28 +44,22 @@ class CatalogueObject:
     friction: float
 
 
+@functools.cache
+def _descriptions() -> dict[str, dict[str, Any]]:
+    entries = [entry for entry in files("hhsim.objects").iterdir() if entry.name.endswith(SUFFIX)]
+    found = {entry.name.removesuffix(SUFFIX): tomllib.loads(entry.read_text(encoding="utf-8")) for entry in entries}
+    return dict(sorted(found.items(), key=lambda item: (item[1]["order"], item[0])))
+
+
 def object_names() -> list[str]:
     """Return the names of all objects, the simple ones first, both kinds in the paper's order."""
-    return list(_in_order())
-
-
-@functools.cache
-def _in_order() -> tuple[str, ...]:
-    return tuple(sorted(_described(), key=lambda name: (object_description(name)["order"], name)))
-
-
-def _described() -> set[str]:
-    return {
-        entry.name.removesuffix(SUFFIX) for entry in files("hhsim.objects").iterdir() if entry.name.endswith(SUFFIX)
-    }
+    return list(_descriptions())
 
 
 def object_description(name: str) -> dict[str, Any]:
     """Return the content of an object's TOML file; UnknownNameError lists the near names."""
-    known = _described()
-    if name not in known:
-        raise UnknownNameError("object", name, known)
-    return tomllib.loads((files("hhsim.objects") / f"{name}{SUFFIX}").read_text(encoding="utf-8"))
+    check_known("object", [name], _descriptions())
+    return _descriptions()[name]
 
 
 def usual_level(word: str) -> int | None:

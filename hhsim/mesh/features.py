@@ -228,9 +228,7 @@ def _along_a_curve(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, I
         for k in range(3):
             code |= (cell[:, k] >> bit & 1) << (3 * bit + k)
     order = np.argsort(code, kind="stable")
-    rank = np.empty(len(order), dtype=np.int64)
-    rank[order] = np.arange(len(order))
-    corners = rank[index[faces]]
+    corners = np.argsort(order)[index[faces]]
     return place[order], corners[np.argsort(corners.min(axis=1), kind="stable")]
 
 

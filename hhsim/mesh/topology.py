@@ -1,6 +1,7 @@
 """Topology of triangles: shared vertices, edges, parts, boundary loops, winding."""
 
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,11 +40,9 @@ def merged_vertices(vertices: FloatArray, faces: IntArray, distance: float = 0.0
     else:
         place = distinct_rows(vertices)[1]
     used = place[faces].ravel()
-    labels, first, index = np.unique(used, return_index=True, return_inverse=True)
+    _, first, index = np.unique(used, return_index=True, return_inverse=True)
     order = np.argsort(first, kind="stable")
-    rank = np.empty(len(labels), dtype=np.int64)
-    rank[order] = np.arange(len(labels))
-    return vertices[faces.ravel()[first[order]]], rank[index].reshape(-1, 3)
+    return vertices[faces.ravel()[first[order]]], np.argsort(order)[index].reshape(-1, 3)
 
 
 def used_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
@@ -55,9 +54,7 @@ def used_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
 def in_fixed_order(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """Sort vertices by (z, y, x), start each face at its lowest index, sort the faces; the surface stays the same."""
     order = np.lexsort(vertices.T)
-    rank = np.empty(len(order), dtype=np.int64)
-    rank[order] = np.arange(len(order))
-    faces = rank[faces]
+    faces = np.argsort(order)[faces]
     first = np.argmin(faces, axis=1)
     faces = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
     return vertices[order], faces[np.lexsort(faces.T[::-1])]
@@ -175,6 +172,71 @@ def boundary_loops(faces: IntArray) -> list[IntArray]:
     return loops
 
 
+class HoleCaps(NamedTuple):
+    """Triangles that close every boundary loop of a surface.
+
+    Attributes:
+        vertices: The surface's vertices, then the centres of fans, shape (V + fans, 3).
+        faces: The caps alone, wound as the faces around them, shape (C, 3).
+        width: Longest extent of each hole in its plane, shape (H,).
+        bend: Largest distance of each hole's edge from its plane, shape (H,).
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    width: FloatArray
+    bend: FloatArray
+
+
+def hole_caps(vertices: FloatArray, faces: IntArray) -> HoleCaps:
+    """Cap each boundary loop of vertices (V, 3) and faces (F, 3).
+
+    A cap is a fan about the loop's centroid where that folds nowhere in the loop's plane, else it is cut into ears.
+    """
+    caps, centers, widths, bends = list[IntArray](), list[FloatArray](), list[float](), list[float]()
+    for loop in boundary_loops(faces):
+        ring = vertices[loop]
+        center = ring.mean(axis=0)
+        offset = ring - center
+        # The plane of least squares: the first two right singular vectors span it, the third is its normal.
+        axes = np.linalg.svd(offset, full_matrices=False)[2]
+        flat = offset @ axes[:2].T
+        widths.append(float(np.ptp(flat[:, 0])))
+        bends.append(float(np.abs(offset @ axes[2]).max()))
+        if len(loop) == 3:
+            caps.append(loop[::-1][None])
+        elif _sees_all(flat):
+            index = len(vertices) + len(centers)
+            caps.append(np.stack([np.full(len(loop), index), np.roll(loop, -1), loop], axis=1))
+            centers.append(center)
+        else:
+            caps.append(_ears(loop, flat))
+    return HoleCaps(
+        np.concatenate([vertices, np.array(centers).reshape(-1, 3)]),
+        np.concatenate([np.empty((0, 3), dtype=np.int64), *caps]),
+        np.array(widths),
+        np.array(bends),
+    )
+
+
+def _sees_all(flat: FloatArray) -> bool:
+    """True if the centroid of a polygon about the origin, shape (n, 2), sees each edge from the same side."""
+    following = np.roll(flat, -1, axis=0)
+    turn = flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0]
+    return bool((turn > 0.0).all() or (turn < 0.0).all())
+
+
+def _ears(loop: IntArray, flat: FloatArray) -> IntArray:
+    """Triangles between a loop's own vertices, wound against the loop."""
+    from manifold3d import triangulate
+
+    following = np.roll(flat, -1, axis=0)
+    forward = float((flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0]).sum()) > 0.0
+    order = np.arange(len(loop)) if forward else np.arange(len(loop))[::-1]
+    triangles = loop[order][np.asarray(triangulate([np.ascontiguousarray(flat[order])]), dtype=np.int64)]
+    return triangles[:, ::-1] if forward else triangles
+
+
 def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Area of each face [m²], shape (F,)."""
     a, b, c = vertices[faces].transpose(1, 0, 2)
@@ -198,9 +260,13 @@ def face_samples(
     area = face_areas(vertices, faces)
     each = np.where(area > 0.0, 1 + np.floor(count * area / max(area.sum(), np.finfo(np.float64).tiny)), 0)
     face = np.repeat(np.arange(len(faces)), each.astype(np.int64))
-    u, v = rng.random((2, len(face)))
+    return random_points(vertices[faces[face]], rng), face, (area / np.maximum(each, 1))[face]
+
+
+def random_points(triangles: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Draw a point on each triangle, shape (n, 3, 3), uniform by area; shape (n, 3)."""
+    u, v = rng.random((2, len(triangles)))
     over = u + v > 1.0
     u[over], v[over] = 1.0 - u[over], 1.0 - v[over]
-    a, b, c = vertices[faces[face]].transpose(1, 0, 2)
-    point = a + u[:, None] * (b - a) + v[:, None] * (c - a)
-    return np.ascontiguousarray(point), face, (area / np.maximum(each, 1))[face]
+    a, b, c = triangles.transpose(1, 0, 2)
+    return np.ascontiguousarray(a + u[:, None] * (b - a) + v[:, None] * (c - a))

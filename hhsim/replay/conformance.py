@@ -13,8 +13,7 @@ from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.metrics.metrics import penetration
-from hhsim.scene.open_scene import open_scene
-from hhsim.scene.scene import Scene
+from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import FORCES

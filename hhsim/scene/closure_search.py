@@ -16,19 +16,15 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.scene.finger_closure import Closer, FingerClosure, body_distances, make_work
-from hhsim.scene.hand_moves import level
+from hhsim.scene.finger_closure import OPEN_SHARE, Closer, FingerClosure, body_distances, make_work
 from hhsim.scene.script import Script, ScriptPhase
 from hhsim.trees.sphere_tree import SphereTree
 
-OPEN_SHARE = 0.6
-"""Share of the joints' range beyond straight to which the open hand is extended."""
 FIST_SHARE = 0.6
 """Share of the joints' range to which a hand flexes that closes in the air."""
 
@@ -68,6 +64,8 @@ DIRECTIONS = 16
 """Number of slide directions along the palm; the first is its own x axis."""
 STATIONS = (0.25, 0.5, 0.75, 1.0)
 """Shares of the slide at which the hand is evaluated."""
+UPRIGHT = 0.5
+"""An axis whose level part is shorter than this share of it gives no direction on a table."""
 
 KEPT = 64
 """Number of closures that a process caches."""
@@ -91,18 +89,14 @@ def plan_finger_closure(script: Script, hand: HandModel, tree: SphereTree) -> Fi
         TrajectoryError: No named finger reaches the object from any side, or the palm cannot touch it.
     """
     closure, bound = _searched(_closing(script), hand, tree)
-    across = f"the object, {2.0 * bound:.3g} m across"
-    if script.contact and not closure.reached:
-        raise TrajectoryError(f"script {script.name}: {', '.join(script.fingers)} cannot reach {across}, from any side")
-    if script.palm_depth > 0.0 and closure.distance[PALM_BODY] >= 0.0:
-        raise TrajectoryError(f"script {script.name}: the palm cannot touch {across}, from any side")
+    closure.require_touch(script, f"the object, {2.0 * bound:.3g} m across, from any side")
     return closure
 
 
 def _closing(script: Script) -> Script:
     """Script with only what the search depends on: without name, times, noise and places."""
-    slides = ScriptPhase("slide", 1.0, distance=script.slide_distance)
-    pushes = (ScriptPhase("push", 1.0, distance=script.push_distance),) if script.push_distance > 0.0 else ()
+    slides = ScriptPhase("slide", 1.0, distance=script.way("slide"))
+    pushes = (ScriptPhase("push", 1.0, distance=script.way("push")),) if script.way("push") > 0.0 else ()
     moves = (ScriptPhase("lift", 1.0),) if script.moves_object else ()
     return Script(
         name="",
@@ -187,9 +181,9 @@ class _Search(Closer):
         found += [self._evaluate(leader.rotation @ tilt, leader.aim) for leader in _leading(found) for tilt in _tilts()]
         leaders = _leading(found)
         best = leaders[0].closure
-        if self.script.push_distance > 0.0:
+        if self.script.way("push") > 0.0:
             return replace(best, slide=self._pressing(best))
-        if self.script.slide_distance == 0.0:
+        if self.script.way("slide") == 0.0:
             return best
         slides = [best_slide(self.script, leader.closure, self.hand, self.tree) for leader in leaders]
         best_score = -math.inf
@@ -299,7 +293,7 @@ class _Search(Closer):
             steep = float(np.mean([abs(normal[2]) for _, _, normal in normals]))
             high = float(np.mean([abs(before[f, k + 1, 2] - self.middle[2]) for f, k, _ in normals])) / self.half_height
             score -= LEVEL_WEIGHT * (steep + 0.5 * min(1.0, high))
-        if self.script.push_distance > 0.0:
+        if self.script.way("push") > 0.0:
             return score
         # The fingers oppose each other instead of pushing the object away.
         oppose = OPPOSE_WEIGHT if self.script.moves_object else 4.0
@@ -354,7 +348,7 @@ def best_slide(script: Script, closure: FingerClosure, hand: HandArrays, tree: T
         direction = math.cos(angle) * closure.rotation[:, 0] + math.sin(angle) * closure.rotation[:, 1]
         score = 0.0
         for station in STATIONS:
-            place = start + station * script.slide_distance * direction
+            place = start + station * script.way("slide") * direction
             near = body_distances(hand, tree, place, closure.rotation, closure.command, closure.abduction, work)
             depth = _finger_depth(near)[reached]
             change = np.abs(depth - before) / max(script.depth, HOLDING_DEPTH)
@@ -371,3 +365,13 @@ def _finger_depth(distance: FloatArray) -> FloatArray:
     """Depth [m] of each finger in the object, negative outside, from body distances (16,); shape (5,)."""
     depth: FloatArray = -distance[:PALM_BODY].reshape(len(FINGERS), 3).min(axis=1)
     return depth
+
+
+def level(direction: FloatArray, otherwise: FloatArray) -> FloatArray:
+    """Return the unit vector along the level part of a direction, or of another one if it is upright; shape (3,)."""
+    for axis in (direction, otherwise):
+        flat = np.array([axis[0], axis[1], 0.0])
+        length = float(np.linalg.norm(flat))
+        if length >= UPRIGHT * float(np.linalg.norm(axis)) and length > 0.0:
+            return flat / length
+    return np.array([1.0, 0.0, 0.0])

@@ -1,6 +1,6 @@
 """Demonstrations: a recording of a real hand, and the finger of it that is to touch whichever object.
 
-A TOML file beside the recording; the object is placed where that hand touches it (`hhsim.scene.object_pose`)::
+A TOML file beside the recording::
 
     title = "Finger tap, recorded"
     stresses = "a real hand at 54 Hz: …"
@@ -11,22 +11,59 @@ A TOML file beside the recording; the object is placed where that hand touches i
     depth = 0.015                   # its tip is commanded this much deeper than first contact [m]
 
 `notice` and `package` say where the recording comes from; nothing reads them.
+
+At the moment when the fingertip is farthest along its stroke (the main direction of its path, towards the palm's side)
+the object is set before it: upright, at some turn about the vertical and offset across the stroke, so near that the tip
+is commanded `depth` deeper than first contact. The candidate whose other bodies keep the largest distance wins; a hand
+that would start in the object is no candidate. Nothing is random.
 """
 
 from dataclasses import dataclass, replace
+from importlib.resources import as_file
 from importlib.resources.abc import Traversable
+from itertools import product
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
+import numpy as np
 from msgspec import Meta
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion, rotation_matrix
+from hhsim.kernels.hand import finger_closure as kernel
+from hhsim.kernels.hand.kinematics import BODY_COUNT, PHALANX_COUNT
 from hhsim.motion.file import load_trajectory
 from hhsim.motion.trajectory import HandSide, Trajectory
-from hhsim.scene.object_pose import Wanted, place_object
-from hhsim.system.settings_file import Settings, parse_settings
+from hhsim.scene.finger_closure import body_distances, make_work
+from hhsim.system.settings_file import Settings, one_of, parse_settings
 from hhsim.trees.sphere_tree import SphereTree
+
+TURNS = 12
+"""Number of turns about the vertical."""
+ACROSS = (-0.4, -0.2, 0.0, 0.2, 0.4)
+"""Offsets of the stroke across the object, as shares of its width."""
+LOOKS = 24
+"""Number of samples of the recording at which a candidate is evaluated."""
+START_GAP = 0.002
+"""Least distance [m] of the hand at the start."""
+WANTED_GAP = 0.01
+"""Distance [m] at which other bodies count as clear."""
+PRESSED = 0.4
+"""Least share of the depth that the tip must reach: less is a graze."""
+FAR = 1e3
+"""A gap of minus this [m] never stops a body."""
+
+
+class Wanted(Settings, frozen=True):
+    """Touch that the recording is to make: the finger, and its tip's commanded depth beyond first contact [m]."""
+
+    finger: Annotated[str, one_of(FINGERS)]
+    depth: Annotated[float, Meta(gt=0.0, le=0.1, description="a number above 0, up to 0.1 m")]
 
 
 @dataclass(frozen=True)
@@ -56,7 +93,14 @@ class Demonstration:
 
     def placed(self, hand: HandModel, tree: SphereTree) -> Trajectory:
         """Return the motion beside an object (`tree` at rest, z up); TrajectoryError if the finger cannot reach it."""
-        placed = place_object(self.motion, hand, tree, self.touch)
+        finger = FINGERS.index(self.touch.finger)
+        tips = forward_kinematics(hand, *HandConfiguration.of(self.motion)).joints[:, finger, 3]
+        best = _search(self.motion, hand, tree, finger, *_stroke(tips, self.motion), self.touch.depth)
+        if best is None:
+            name = self.name or "the motion"
+            why = f"nowhere does its {self.touch.finger} finger reach it without the hand beginning in it"
+            raise TrajectoryError(f"{name} cannot be placed at this object: {why}")
+        placed = placed_by(self.motion, best.shift, best.turn)
         how = f"the object placed so that the {self.touch.finger} goes {1e3 * self.touch.depth:g} mm into it"
         return replace(placed, source="; ".join(part for part in (placed.source, how) if part))
 
@@ -73,7 +117,11 @@ def parse_demonstration(text: str, *, name: str, folder: Path | Traversable, whe
         TrajectoryError: Not TOML, an unknown value, or no recording.
     """
     table = parse_settings(text, _DemonstrationTable, where, TrajectoryError)
-    motion = replace(_load(folder, table.recording, where), name=name)
+    entry = folder / table.recording
+    if not entry.is_file():
+        raise TrajectoryError(f"{where}: no recording {table.recording} beside it")
+    with as_file(entry) as path:
+        motion = replace(load_trajectory(path), name=name)
     return Demonstration(motion, table.touch, table.title, table.stresses)
 
 
@@ -86,11 +134,85 @@ class _DemonstrationTable(Settings, frozen=True):
     package: Any = None
 
 
-def _load(folder: Path | Traversable, name: str, where: str) -> Trajectory:
-    from importlib.resources import as_file
+class _Best(NamedTuple):
+    """Best placement so far, object's frame: shift of the hand, turn of the object, mean distance of other bodies."""
 
-    entry = folder / name
-    if not entry.is_file():
-        raise TrajectoryError(f"{where}: no recording {name} beside it")
-    with as_file(entry) as path:
-        return load_trajectory(path)
+    shift: FloatArray
+    turn: float
+    score: float
+
+
+def upright_turn(angle: float) -> FloatArray:
+    """Return the rotation matrix of an angle [rad] about the vertical, shape (3, 3)."""
+    return rotation_matrix(quaternion(np.array([0.0, 0.0, angle])))
+
+
+def placed_by(motion: Trajectory, shift: FloatArray, angle: float) -> Trajectory:
+    """Return a motion beside an object in whose frame a point of the world is Rᵀ p + shift, R a turn by an angle."""
+    return motion.placed(-(upright_turn(angle) @ shift), quaternion(np.array([0.0, 0.0, angle])))
+
+
+def _stroke(tips: FloatArray, motion: Trajectory) -> tuple[FloatArray, int]:
+    """Unit main direction of a fingertip's path, towards the palm's side, and the sample that is farthest along it."""
+    off = tips - tips.mean(axis=0)
+    direction = np.linalg.svd(off, full_matrices=False)[2][0]
+    inwards = -rotation_matrix(motion.orientation)[:, :, 2].mean(axis=0)
+    if direction @ inwards < 0.0:
+        direction = -direction
+    return direction, int(np.argmax(off @ direction))
+
+
+def _search(
+    motion: Trajectory, hand: HandModel, tree: SphereTree, finger: int, stroke: FloatArray, moment: int, depth: float
+) -> _Best | None:
+    arrays, nodes, work = hand.arrays(), tree.arrays(), make_work()
+    looks = np.unique(np.concatenate([np.linspace(0, motion.sample_count - 1, LOOKS).round().astype(int), [moment]]))
+    here = int(np.flatnonzero(looks == moment)[0])
+    flexion = [np.ascontiguousarray(values) for values in motion.flexion[looks]]
+    abduction = [np.ascontiguousarray(values) for values in motion.abduction[looks]]
+    joints = hand.joints(motion.position[moment], motion.orientation[moment], flexion[here], abduction[here])
+    low, high = tree.bounds
+    middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+    tip_body = PHALANX_COUNT * finger + PHALANX_COUNT - 1
+    gap = np.full(BODY_COUNT, -FAR)
+    gap[tip_body] = 0.0
+    others = np.array([body for body in range(BODY_COUNT) if body // PHALANX_COUNT != finger])
+    best: _Best | None = None
+    for step in range(TURNS):
+        turn = 2.0 * np.pi * step / TURNS
+        back = upright_turn(turn).T
+        direction = np.ascontiguousarray(back @ stroke)
+        rotations = [np.ascontiguousarray(back @ rotation_matrix(q)) for q in motion.orientation[looks]]
+        positions = motion.position[looks] @ back.T
+        tip = back @ joints[finger, 3]
+        side = across(direction)
+        for a, b in product(ACROSS, ACROSS):
+            goal = middle + (np.array([a, b]) * (np.abs(side) @ (high - low))) @ side
+            start = positions[here] - tip + goal - size * direction
+            travel, body = kernel.advance_hand(
+                arrays, nodes, start, rotations[here], flexion[here], abduction[here], direction, gap, 2.0 * size, work
+            )
+            if body != tip_body:
+                continue
+            shift = goal - tip + (travel + depth - size) * direction
+            poses = [
+                (np.ascontiguousarray(p + shift), r, f, b)
+                for p, r, f, b in zip(positions, rotations, flexion, abduction)
+            ]
+            # Most places fail at one of these two moments.
+            first, pressed = (body_distances(arrays, nodes, *poses[i], work) for i in (0, here))
+            if first.min() < START_GAP or pressed[tip_body] > -PRESSED * depth:
+                continue
+            distance = np.stack([body_distances(arrays, nodes, *pose, work) for pose in poses])
+            score = float(np.minimum(distance[:, others], WANTED_GAP).mean())
+            if best is None or score > best.score + 1e-12:
+                best = _Best(shift, turn, score)
+    return best
+
+
+def across(direction: FloatArray) -> FloatArray:
+    """Return two unit vectors across a direction and each other, shape (2, 3)."""
+    least = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    first = np.cross(direction, least)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(direction, first)])

@@ -39,6 +39,8 @@ class SceneWords:
         tree, hand_file: Files of the tree and of the hand's sizes.
         tremor_mm_deg: Amplitudes of a script's tremor: position [mm] and rotation [°].
         samples: Interpolation between two samples of the motion.
+        place_object: Placement of a recording's object; None: as recorded, unless the hand touches nothing there, or
+            begins inside in an import (which has flags) without an object place; then where the fingers close.
         object_pose: "recorded", or "fixed" for an object that stands still although its recording moves it.
         ticks: Number of first ticks to run.
     """
@@ -94,15 +96,20 @@ def described_scene(
     motion: Script | Demonstration | Trajectory,
     fingers: Sequence[str] = FINGERS,
 ) -> PlacedScene:
-    """Make a scene of what was loaded, with its description; the rest as for `placed_scene`."""
-    placed = placed_scene(
-        *(mesh, tree, hand, motion),
-        place=words.place_object,
-        fingers=fingers,
-        rate=words.rate,
-        mode=words.samples,
-        seed=words.seed,
-    )
+    """Make a scene with its description, and place the object of a recording that is in no world.
+
+    Keypoints of a camera are such a recording.
+
+    Args:
+        mesh: Object [m], in its own frame.
+        tree: Its sphere tree, in the same frame.
+        motion: Motion of the hand; only a recording is placed.
+        fingers: Fingers that the scene uses.
+
+    Raises:
+        TrajectoryError: The motion cannot be done on this object, or cannot be placed as demanded.
+    """
+    placed = _placed_scene(words, mesh, tree, hand, motion, fingers)
     scene = placed.scene
     if words.ticks is not None:
         # Cut last: where the object is placed does not depend on how much of the motion is run.
@@ -124,41 +131,22 @@ def described_scene(
     return replace(placed, scene=replace(scene, description=description))
 
 
-def placed_scene(
+def _placed_scene(
+    words: SceneWords,
     mesh: Mesh,
     tree: SphereTree,
     hand: HandModel,
     motion: Script | Demonstration | Trajectory,
-    *,
-    place: Place | None = None,
-    fingers: Sequence[str] = FINGERS,
-    rate: float = 1000.0,
-    mode: ResampleMode = "interpolate",
-    seed: int = 0,
+    fingers: Sequence[str],
 ) -> PlacedScene:
-    """Make a scene, and place the object of a recording that is in no world, such as keypoints of a camera.
-
-    Args:
-        mesh: Object [m], in its own frame.
-        tree: Its sphere tree, in the same frame.
-        motion: Motion of the hand; only a recording is placed.
-        place: Placement of a recording's object; None: as recorded, unless the hand touches nothing there, or begins
-            inside in an import (which has flags) without an object place; then where the fingers close.
-        fingers: Fingers that the scene uses.
-        rate, mode, seed: As for `hhsim.scene.scene.make_scene`.
-
-    Raises:
-        TrajectoryError: The motion cannot be done on this object, or cannot be placed as demanded.
-    """
-
     def make(moved: Script | Demonstration | Trajectory) -> Scene:
-        return make_scene(mesh, tree, hand, moved, rate=rate, mode=mode, seed=seed)
+        return make_scene(mesh, tree, hand, moved, rate=words.rate, mode=words.samples, seed=words.seed)
 
-    if place == "auto" and isinstance(motion, Trajectory):
+    if words.place_object == "auto" and isinstance(motion, Trajectory):
         found = place_at_grasp(motion, hand, tree)
         return PlacedScene(make(found.motion), found, note=found.text)
     scene = make(motion)
-    if place == "recorded" or not isinstance(motion, Trajectory) or motion.object_motion is not None:
+    if words.place_object == "recorded" or not isinstance(motion, Trajectory) or motion.object_motion is not None:
         return PlacedScene(scene)
     # Only an import states no object place. A session, or a synthesised motion, may well begin inside.
     imported = motion.flags is not None and not motion.object_position.any()

@@ -1,23 +1,30 @@
 """A hand closed on an object: palm pose, finger postures, and distance of each body."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
+from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand import finger_closure as kernel
-from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays
-from hhsim.scene.script import Script
+from hhsim.mesh.catalogue import object_description
+from hhsim.scene.script import Placement, Script
 from hhsim.trees.sphere_tree import SphereTree
 
 DIP_PER_PIP = 2.0 / 3.0
 """Flexion of the last joint over that of the middle one in free flexion (Rijpkema & Girard 1991)."""
 THUMB_RATE = (0.5, 1.0, 0.8)
 """Rates of the thumb's joints as it closes: the metacarpal has the shortest range."""
+OPEN_SHARE = 0.6
+"""Share of the joints' range beyond straight to which the open hand is extended."""
+PALM_WAY = 0.03
+"""A palm that touches is searched for within this distance [m] before and behind its stored place."""
 REACH_DEPTH = 0.0005
 """A finger reaches the object when its command lies this deep [m] in it."""
 
@@ -53,6 +60,13 @@ class FingerClosure:
     slide: FloatArray
     touching: FloatArray
     distance: FloatArray
+
+    def require_touch(self, script: Script, target: str) -> None:
+        """Raise TrajectoryError if none of a script's fingers reaches the object, or its palm does not touch it."""
+        if script.contact and not self.reached:
+            raise TrajectoryError(f"script {script.name}: {', '.join(script.fingers)} cannot reach {target}")
+        if script.palm_depth > 0.0 and self.distance[PALM_BODY] >= 0.0:
+            raise TrajectoryError(f"script {script.name}: the palm cannot touch {target}")
 
 
 class Closer:
@@ -146,3 +160,61 @@ def body_distances(
     distance = np.empty(BODY_COUNT)
     kernel.body_distances(hand, tree, position, rotation, flexion, abduction, np.inf, work, distance)
     return distance
+
+
+def find_placement(script: Script, hand: HandModel, tree: SphereTree) -> Placement | None:
+    """Return the script's own placement on the object of a tree; None where a search finds one.
+
+    Raises:
+        TrajectoryError: The script is made for other objects, or for a right hand.
+    """
+    for placement in script.placements:
+        if tree.mesh_sha256 and object_description(placement.object_name)["sha256"] == tree.mesh_sha256:
+            if hand.side == "right":
+                return placement
+            if script.objects:
+                raise TrajectoryError(
+                    f"script {script.name}: its place on the {placement.object_name} is a right hand's"
+                )
+            return None
+    if script.objects:
+        raise TrajectoryError(f"script {script.name} is made for {' and '.join(script.objects)}, not for this object")
+    return None
+
+
+class PlacedCloser(Closer):
+    """Closes a script's hand on an object, at any number of placements."""
+
+    def opened(self, placement: Placement) -> FloatArray:
+        """Return the flexion of the open hand at a place [rad], shape (5, 3)."""
+        wide = OPEN_SHARE * np.minimum(self.hand.flexion_min, 0.0) + placement.open[:, None] * self.rates
+        return np.ascontiguousarray(np.clip(wide, self.hand.flexion_min, self.hand.flexion_max))
+
+    def close(
+        self,
+        placement: Placement,
+        object_position: FloatArray | None = None,
+        object_rotation: FloatArray | None = None,
+        clear: Callable[[FloatArray, FloatArray, FloatArray], bool] | None = None,
+    ) -> FingerClosure:
+        """Close the fingers with the palm at a place on the object.
+
+        Args:
+            object_position: [m], shape (3,), world; None: the origin.
+            object_rotation: Object to world, shape (3, 3); None: upright.
+            clear: If it refuses position, rotation and open flexion of a place, the fingers stay open.
+        """
+        turn = np.eye(3) if object_rotation is None else object_rotation
+        rotation = np.ascontiguousarray(turn @ rotation_matrix(placement.orientation))
+        back = np.ascontiguousarray(turn @ placement.back)
+        position = turn @ placement.position + (0.0 if object_position is None else object_position)
+        opened, abduction = self.opened(placement), np.ascontiguousarray(placement.abduction)
+        if self.script.palm_depth > 0.0:
+            start = position + PALM_WAY * back
+            travel, _ = kernel.advance_hand(
+                *(self.hand, self.tree, start, rotation, opened, abduction, -back),
+                *(np.zeros(BODY_COUNT), 2.0 * PALM_WAY, self.work),
+            )
+            position = start - travel * back
+        fingers = self.fingers if clear is None or clear(position, rotation, opened) else []
+        return self.closed((position, rotation, back), opened, abduction, turn @ placement.slide, fingers)

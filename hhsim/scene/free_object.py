@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.errors import InputError
-from hhsim.mesh.mass_properties import mass_properties
-from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.mesh import Mesh, mass_properties
 from hhsim.ranges import check_range
 
 _VECTORS = ("center", "gravity", "velocity", "angular_velocity")

@@ -22,8 +22,8 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.motion.trajectory import Trajectory
+from hhsim.scene.demonstration import START_GAP, across, placed_by, upright_turn
 from hhsim.scene.finger_closure import body_distances, make_work
-from hhsim.scene.object_pose import START_GAP, across, placed_by, upright_turn
 from hhsim.trees.sphere_tree import SphereTree
 
 WINDOW = 1.5

@@ -1,7 +1,9 @@
 """Trajectory scripts: TOML files that say what a hand does to any object, without coordinates.
 
 Where the hand goes and how far each finger closes is found on the object (`hhsim.scene.closure_search`), or stored with
-the script where named parts must be touched (`hhsim.scene.stored_pose`). Keys, with their defaults::
+the script where named parts must be touched ("thumb in the handle"). Such a place is searched for once
+(`tools/placement_search.py`); how far each finger closes still follows from the object's spheres, so another sphere
+tree needs no other place. Keys, with their defaults::
 
     title, stresses = ""   # what the hand does, and what that demands of a method
     rate = 1000.0          # samples a second [Hz]
@@ -29,7 +31,15 @@ the script where named parts must be touched (`hhsim.scene.stored_pose`). Keys, 
 
     [tremor]               # seeded ellipses of the palm's `position` [m] and `rotation` [rad]; `frequency` = 10.0 [Hz]
     [sensor]               # joint angles: `counts` a full turn (0: not quantised), `noise` before quantisation [rad]
-    [[placement]]          # see hhsim.scene.stored_pose
+    [[placement]]          # a hand's place on one object, in the object's frame
+    object = "cup"                       # catalogue name
+    position = [0.03, 0.0, 0.12]         # palm origin where the fingers close [m]
+    orientation = [1.0, 0.0, 0.0, 0.0]   # palm to object, (w, x, y, z)
+    back = [0.0, 0.0, 1.0]               # direction from which the hand comes and into which it retreats
+    open = [0.0, 0.2, 0.0, 0.0, 0.0]     # flexion of the first joints beyond the open hand's [rad]
+    abduction = [0.0, 0.0, 0.0, 0.0, 0.0]   # [rad]
+    slide = [1.0, 0.0, 0.0]              # direction of a slide; only in scripts that have one
+
     [[paper]]              # where the paper shows it: `figure`, `objects`, `case` and `instances` (default: 1)
 
 Each phase moves by minimum jerk: 10τ³ − 15τ⁴ + 6τ⁵ (Flash & Hogan, J. Neuroscience 5, 1985).
@@ -42,14 +52,15 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError, check_known
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.catalogue import object_names
 from hhsim.motion.tremor import Disturbance
 from hhsim.scene.contact_goals import ANYWHERE, PALM, Touch, TouchTable, touches_of
-from hhsim.scene.stored_pose import Placement, PlacementTable
 from hhsim.system.settings_file import Settings, a_list, between, one_of, parse_settings, read_toml_text
 
 DEFAULT_FINGERS: dict[str, tuple[str, ...]] = {"touch": ("index",), "pinch": ("thumb", "index"), "grasp": FINGERS}
@@ -111,6 +122,68 @@ class PaperUse(Settings, frozen=True):
         check_known("object", self.objects, object_names())
 
 
+_REQUIRED = ("position", "orientation", "back")
+_OPTIONAL = ("open", "abduction", "slide")
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Place of a hand on one object; the module's docstring explains the fields.
+
+    Directions have unit length; `open` and `abduction` have shape (5,); `slide` is zero in a script without one.
+    """
+
+    object_name: str
+    position: FloatArray
+    orientation: FloatArray
+    back: FloatArray
+    open: FloatArray = field(default_factory=lambda: np.zeros(len(FINGERS)))
+    abduction: FloatArray = field(default_factory=lambda: np.zeros(len(FINGERS)))
+    slide: FloatArray = field(default_factory=lambda: np.zeros(3))
+
+    def to_toml(self) -> str:
+        """Return the placement as a table of a script; lengths to 10 µm, angles and directions to 10⁻⁴."""
+        lines = ["[[placement]]", f'object = "{self.object_name}"']
+        for name in (*_REQUIRED, *_OPTIONAL):
+            values, digits = getattr(self, name), 5 if name == "position" else 4
+            if name in _REQUIRED or values.any():
+                lines.append(f"{name} = [{', '.join(f'{round(float(v), digits) + 0.0:g}' for v in values)}]")
+        return "\n".join(lines)
+
+
+Number = Annotated[float, between(-10.0, 10.0)]
+Three = tuple[Number, Number, Number]
+OfFingers = tuple[Number, Number, Number, Number, Number]
+
+
+class PlacementTable(Settings, frozen=True):
+    """Table [[placement]] of a script; the module's docstring explains the keys."""
+
+    object: str
+    position: Three
+    orientation: tuple[Number, Number, Number, Number]
+    back: Three
+    open: OfFingers | None = None
+    abduction: OfFingers | None = None
+    slide: Three | None = None
+
+    def check(self) -> None:
+        """Check the object's name and the unit length of directions."""
+        check_known("object", [self.object], object_names())
+        for key in ("orientation", "back", "slide"):
+            size = float(np.linalg.norm(getattr(self, key) or 1.0))
+            if not math.isclose(size, 1.0, abs_tol=1e-2):
+                raise InputError(f"{key} has length {size:.3g}; expected 1")
+
+    def placement(self) -> Placement:
+        """Return the placement, with directions normalised."""
+        names = (*_REQUIRED, *_OPTIONAL)
+        given = {name: np.array(value) for name in names if (value := getattr(self, name)) is not None}
+        for key in given.keys() & {"orientation", "back", "slide"}:
+            given[key] /= np.linalg.norm(given[key])
+        return Placement(self.object, **given)
+
+
 @dataclass(frozen=True)
 class Script:
     """A checked script; the module's docstring explains the fields."""
@@ -152,25 +225,9 @@ class Script:
         """Return True if any phase has one of these names."""
         return any(phase.name in names for phase in self.phases)
 
-    @property
-    def slide_distance(self) -> float:
-        """Sum of the slides [m]."""
-        return math.fsum(phase.distance for phase in self.phases if phase.name == "slide")
-
-    @property
-    def push_distance(self) -> float:
-        """Sum of the pushes [m]."""
-        return math.fsum(phase.distance for phase in self.phases if phase.name == "push")
-
-    @property
-    def takes_along(self) -> bool:
-        """True if it moves the hand with what it holds."""
-        return self.has(*TAKE_ALONG)
-
-    @property
-    def carries(self) -> bool:
-        """True if it says how the object moves."""
-        return self.has("carry")
+    def way(self, name: str) -> float:
+        """Return the sum of the distances [m] of the phases of a name."""
+        return math.fsum(phase.distance for phase in self.phases if phase.name == name)
 
     @property
     def moves_object(self) -> bool:

@@ -20,8 +20,7 @@ from hhsim.motion.trajectory import Phase, TickInput, TickPhase, Trajectory
 from hhsim.replay.stored_scene import checksums, static_arrays, stored_hand, stored_mesh, stored_tree
 from hhsim.result.reader import Result
 from hhsim.result.schema import STATIC_COLUMNS
-from hhsim.scene.open_scene import open_scene
-from hhsim.scene.scene import Scene
+from hhsim.scene.scene import Scene, open_scene
 from hhsim.system.atomic_write import put_dataset, sealed_hdf5
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 

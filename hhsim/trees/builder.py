@@ -1,6 +1,8 @@
 """Builder of a sphere tree that covers a mesh, with proof, and protrudes little."""
 
+import math
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,14 +15,24 @@ from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
 from hhsim.trees.error import measure_levels, prove_cover
 from hhsim.trees.hierarchy import cover_hierarchy
-from hhsim.trees.level_cover import LevelCover
 from hhsim.trees.options import MOST_LEAVES, TreeOptions, needed_level
-from hhsim.trees.sphere_count_search import find_fewest
-from hhsim.trees.sphere_tree import SphereTree
+from hhsim.trees.sphere_tree import LevelCover, SphereTree
 from hhsim.trees.surface_cover import cover_of, in_own_frame
 
 GROWTH = 1e-6
 """Growth of spheres, as a share of the mesh's longest extent, where rounding prevents a proof."""
+NEAR = 0.95
+"""The search ends when this share of the spheres, or more, was tried and is not enough."""
+PROBES, PROBED = (0.93, 0.9), 1024
+"""Further shares to try, up to so many spheres: small covers are cheap, and their errors vary more."""
+
+_FIRST = 64
+_MOST_STEP = 8.0
+_USUAL_SLOPE = 2.0 / 3.0
+_SLOPES = (0.4, 1.2)
+_SPARE = 1.01
+_HOPELESS = 2.0
+_SURE_FROM = 512
 
 
 def build_sphere_tree(
@@ -92,42 +104,26 @@ class _Builder:
 
         center, radius = cover_of(self.ready, size, report, self.workers)
         self.done += size
-        balanced = self.options.cover == "balanced"
-        return proved_cover(*self.surface, center, radius, balanced=balanced, workers=self.workers)
+        return self.proved(center, radius)
 
+    def proved(self, center: FloatArray, radius: FloatArray) -> LevelCover:
+        """Prove that spheres cover the mesh; where rounding prevents it, with spheres larger by `GROWTH`.
 
-def proved_cover(
-    vertices: FloatArray,
-    faces: IntArray,
-    bvh: MeshBvh,
-    center: FloatArray,
-    radius: FloatArray,
-    *,
-    balanced: bool = False,
-    workers: Workers | None = None,
-) -> LevelCover:
-    """Prove that spheres cover a mesh; where rounding prevents it, with spheres larger by `GROWTH` of its extent.
-
-    Args:
-        vertices, faces: [m], shape (V, 3), and wound outward, shape (F, 3).
-        center, radius: [m], shapes (n, 3) and (n,).
-        balanced: Subtract half of the bound from all radii: the surface then lies at most so far out of the spheres,
-            and they at most so far out of it.
-
-    Raises:
-        MeshError: A face cannot be proved.
-    """
-    unproved, proof = prove_cover(vertices, faces, center, radius, workers)
-    if unproved.size:
-        radius = radius + GROWTH * float(np.ptp(vertices[faces].reshape(-1, 3), axis=0).max())
-        unproved, proof = prove_cover(vertices, faces, center, radius, workers)
-    if unproved.size:
-        raise MeshError(f"{unproved.size} faces could not be covered, first face {unproved[0]}")
-    cover = LevelCover(center, radius, -mesh_signed_distance(bvh, center), 0.0, proof)
-    if not balanced:
-        return cover
-    half = 0.5 * max(cover.bound, 0.0)
-    return replace(cover, radius=np.maximum(radius - half, 0.0), gap=half)
+        Of a balanced cover half of the bound is subtracted from all radii: the surface then lies at most so far out of
+        the spheres, and they at most so far out of it. MeshError if a face cannot be proved.
+        """
+        vertices, faces, bvh = self.surface
+        unproved, proof = prove_cover(vertices, faces, center, radius, self.workers)
+        if unproved.size:
+            radius = radius + GROWTH * float(np.ptp(vertices[faces].reshape(-1, 3), axis=0).max())
+            unproved, proof = prove_cover(vertices, faces, center, radius, self.workers)
+        if unproved.size:
+            raise MeshError(f"{unproved.size} faces could not be covered, first face {unproved[0]}")
+        cover = LevelCover(center, radius, -mesh_signed_distance(bvh, center), 0.0, proof)
+        if self.options.cover != "balanced":
+            return cover
+        half = 0.5 * max(cover.bound, 0.0)
+        return replace(cover, radius=np.maximum(radius - half, 0.0), gap=half)
 
 
 def proved_anew(tree: SphereTree, mesh: Mesh) -> SphereTree:
@@ -139,3 +135,54 @@ def proved_anew(tree: SphereTree, mesh: Mesh) -> SphereTree:
             raise MeshError(f"{mesh.name}: {unproved.size} faces are not covered, first face {unproved[0]}")
         covers.append(replace(old, proof=proof))
     return replace(tree, covers=tuple(covers), mesh_sha256=mesh.sha256)
+
+
+def find_fewest(build: Callable[[int], LevelCover], max_error: float, most: int) -> LevelCover:
+    """Find the cover with the fewest spheres, up to `most`, whose bound and gap are within an error [m].
+
+    The number is guessed by an error that falls with a power of it, until it is enclosed: one cover is within the
+    error, and one with at least `NEAR` of its spheres, or one less, is not; up to `PROBED` spheres those of `PROBES`
+    are not either. An error does not fall with every single sphere, so a number in between or below may do by luck.
+
+    Raises:
+        InputError: `most` spheres are too few, or would be by far.
+    """
+    error: dict[int, float] = {}
+    found: LevelCover | None = None
+    high = most + 1
+    wanted = min(_FIRST, most)
+    while True:
+        cover = build(wanted)
+        error[wanted] = max(cover.bound, cover.gap)
+        if error[wanted] <= max_error:
+            high, found = wanted, cover
+        low = max([count for count in error if count < high and error[count] > max_error], default=0)
+        if found is not None and (high - low <= 1 or low >= NEAR * high):
+            probes = [math.floor(share * high) for share in PROBES] if high <= PROBED else []
+            probes = [probe for probe in probes if probe > 0 and probe not in error]
+            if not probes:
+                return found
+            wanted = probes[0]
+            continue
+        guess = _guess(error, max_error)
+        if found is None and (low >= most or (low >= min(_SURE_FROM, most) and guess > _HOPELESS * most)):
+            tried = f"{low:,} are off by up to {1e3 * error[low]:.3g} mm, and about {guess:.2g} would be needed"
+            raise InputError(f"no cover of up to {most:,} spheres is within {1e3 * max_error:g} mm: {tried}")
+        if found is None:
+            wanted = max(low + 1, min(math.ceil(min(_SPARE * guess, _MOST_STEP * low)), most))
+        else:
+            # Just below what is sure to be enough, once the guess is there: if that is not, the search ends.
+            guess = min(_SPARE * guess, NEAR * high)
+            if len(error) % 6 == 0:
+                guess = math.sqrt(max(low, 1) * high)
+            wanted = min(max(math.ceil(guess), low + 1), high - 1)
+
+
+def _guess(error: dict[int, float], max_error: float) -> float:
+    """Number of spheres that has an error, by the power law through the two tries nearest to it."""
+    near = sorted(error, key=lambda count: (abs(math.log(max(error[count], 1e-300) / max_error)), count))[:2]
+    slope = _USUAL_SLOPE
+    if len(near) == 2 and error[near[0]] != error[near[1]]:
+        change = math.log(max(error[near[0]], 1e-300) / max(error[near[1]], 1e-300))
+        slope = min(max(change / math.log(near[1] / near[0]), _SLOPES[0]), _SLOPES[1])
+    return float(near[0] * min((error[near[0]] / max_error) ** (1.0 / slope), 1e12))

@@ -3,6 +3,8 @@
 It shares nothing with the builder: the proofs are followed by code of their own, the depths are measured again.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from hhsim.arrays import FloatArray
@@ -18,7 +20,9 @@ from hhsim.kernels.cover.check_certificate import (
 )
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.level_cover import LevelCover
+
+if TYPE_CHECKING:
+    from hhsim.trees.sphere_tree import LevelCover
 
 _ROUNDING = 1e-14
 _DEPTH_ROUNDING = 1e-9
@@ -33,7 +37,7 @@ _WRONG = {
 }
 
 
-def faults(mesh: Mesh, covers: tuple[LevelCover, ...]) -> tuple[str, ...]:
+def faults(mesh: Mesh, covers: "tuple[LevelCover, ...]") -> tuple[str, ...]:
     """Return the faults of the covers of levels 0 and on for a mesh, a plain sentence each; empty if there are none."""
     if not any(cover.proved for cover in covers):
         return ("the tree holds no proof that it covers the mesh",)
@@ -52,7 +56,7 @@ def faults(mesh: Mesh, covers: tuple[LevelCover, ...]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _cover_fault(corner: FloatArray, cover: LevelCover) -> str:
+def _cover_fault(corner: FloatArray, cover: "LevelCover") -> str:
     if not cover.proved:
         return "no proof that it covers the mesh"
     size = max(float(np.abs(corner).max()), float(np.abs(cover.center).max()))

@@ -9,6 +9,7 @@ from hhsim.arrays import Codes, FloatArray, IntArray
 from hhsim.kernels.cover.certify import certify_cover
 from hhsim.kernels.cover.sampled_error import exposed, union_distance
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
+from hhsim.mesh.topology import face_areas, random_points
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers, ranges
 from hhsim.trees.sphere_tree import LevelError, SphereTree
@@ -24,13 +25,9 @@ _PARTS = 8
 
 def sample_mesh(vertices: FloatArray, faces: IntArray, count: int, rng: np.random.Generator) -> FloatArray:
     """Sample points on a mesh [m], shape (count, 3), uniform by area."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    area = face_areas(vertices, faces)
     face = rng.choice(len(faces), size=count, p=area / area.sum())
-    u, v = rng.random((2, count))
-    over = u + v > 1.0
-    u[over], v[over] = 1.0 - u[over], 1.0 - v[over]
-    return np.ascontiguousarray(a[face] + u[:, None] * (b - a)[face] + v[:, None] * (c - a)[face])
+    return random_points(vertices[faces[face]], rng)
 
 
 def sample_spheres(

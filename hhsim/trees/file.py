@@ -11,8 +11,7 @@ from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
 from hhsim.system.atomic_write import put_dataset, sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5, read_numbers
-from hhsim.trees.level_cover import LevelCover
-from hhsim.trees.sphere_tree import LENGTHS, LevelError, SphereTree
+from hhsim.trees.sphere_tree import LENGTHS, LevelCover, LevelError, SphereTree
 
 FORMAT = "hhsim-tree"
 SCHEMA_VERSION = 2

@@ -7,8 +7,7 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.enclosing_sphere import enclosing_sphere
 from hhsim.kernels.jit import as_argument
-from hhsim.trees.level_cover import LevelCover
-from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
+from hhsim.trees.sphere_tree import LevelCover, SphereTree, enclosing_radius
 
 
 def build_hierarchy(center: FloatArray, radius: FloatArray, level: int, branching: int) -> SphereTree:

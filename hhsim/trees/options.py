@@ -29,7 +29,7 @@ class TreeOptions:
         seed: Seed of the samples that measure the errors; the spheres do not depend on it.
         cover: "outer" for covers that contain the whole surface, "balanced" for the least error to both sides.
         max_error: Largest proved distance of the leaves from the mesh [m]; the fewest leaves that reach it are taken,
-            see `hhsim.trees.sphere_count_search.find_fewest`. None to take all.
+            see `hhsim.trees.builder.find_fewest`. None to take all.
 
     Raises:
         InputError: A value out of its range.

@@ -1,6 +1,7 @@
 """Cover of a mesh by spheres that protrude as little as possible."""
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,6 @@ from hhsim.kernels.cover.micro_triangle import MicroTriangles, cut_mesh, edges_f
 from hhsim.kernels.cover.refine import group_by_owner, move_spheres, removal_cost, spare_spheres
 from hhsim.kernels.kd_tree import subtrees
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals
-from hhsim.mesh.canonical_frame import GRID, CanonicalFrame, canonical_frame
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers, ranges
 
@@ -59,8 +59,8 @@ _SHARES = 16
 class _Cover:
     """Spheres and their micro-triangles, while they are improved."""
 
-    def __init__(self, bvh: MeshBvh, micro: MicroTriangles, largest: float, spheres: int, workers: Workers) -> None:
-        self.bvh, self.micro, self.largest, self.spheres, self.workers = bvh, micro, largest, spheres, workers
+    def __init__(self, bvh: MeshBvh, micro: MicroTriangles, spheres: int, workers: Workers) -> None:
+        self.bvh, self.micro, self.spheres, self.workers = bvh, micro, spheres, workers
         self.roots = subtrees(micro.right, _SUBTREES)
         self.center, self.depth, self.step = np.empty((0, 3)), np.empty(0), np.empty(0)
         count = len(micro.corner)
@@ -92,8 +92,9 @@ class _Cover:
             here = len(self.depth)
             center, depth = np.empty((self.spheres, 3)), np.empty(self.spheres)
             center[:here], depth[:here] = self.center, self.depth
+            # In its own frame the mesh has the size 1.
             count = greedy_cover(
-                self.bvh, self.micro, self.largest, _REACH, 2 * _TRIALS, here, center, depth, self.owner, self.cost
+                self.bvh, self.micro, 1.0, _REACH, 2 * _TRIALS, here, center, depth, self.owner, self.cost
             )
             self.center, self.depth = center[:count].copy(), depth[:count].copy()
             self.step = np.concatenate([self.step, np.zeros(count - here)])
@@ -189,6 +190,61 @@ class _Cover:
         self.relax(_ROUNDS[1])
 
 
+GRID = 2.0**-30
+"""Step of the coordinates in the frame [-]: coarser than the rounding of a motion, which it removes."""
+
+_TIE = 1e-6
+
+
+@dataclass(frozen=True)
+class CanonicalFrame:
+    """A similarity: a point p [m] has the coordinates rotation @ (p − origin) / size.
+
+    Attributes:
+        origin: Mean of the vertices [m], shape (3,).
+        rotation: Rows are the axes of the frame, shape (3, 3).
+        size: Distance of the farthest vertex from the origin [m].
+    """
+
+    origin: FloatArray
+    rotation: FloatArray
+    size: float
+
+    def into(self, points: FloatArray) -> FloatArray:
+        """Return the coordinates of points [m], shape (n, 3), on the grid."""
+        inside = (points - self.origin) @ self.rotation.T / self.size
+        return np.ascontiguousarray(np.round(inside / GRID) * GRID)
+
+    def out_of(self, points: FloatArray) -> FloatArray:
+        """Return the points [m] of coordinates, shape (n, 3)."""
+        return np.ascontiguousarray(points @ self.rotation * self.size + self.origin)
+
+
+def canonical_frame(vertices: FloatArray) -> CanonicalFrame:
+    """Compute the frame of vertices [m], shape (V, 3).
+
+    Its axes lead to the farthest vertex and to the one that is then farthest off the axis. Of those equally far the
+    first
+    counts: a symmetric mesh, whose principal axes would be arbitrary, has a frame too.
+    """
+    origin = vertices.mean(axis=0)
+    arm = vertices - origin
+    distance = np.linalg.norm(arm, axis=1)
+    size = float(distance.max())
+    if not size > 0.0:
+        return CanonicalFrame(origin, np.eye(3), 1.0)
+    first = arm[np.argmax(distance >= (1.0 - _TIE) * size)]
+    x = first / np.linalg.norm(first)
+    across = arm - np.outer(arm @ x, x)
+    distance = np.linalg.norm(across, axis=1)
+    if not distance.max() > _TIE * size:
+        across = np.eye(3) - np.outer(x, x)
+        distance = np.linalg.norm(across, axis=1)
+    second = across[np.argmax(distance >= (1.0 - _TIE) * distance.max())]
+    y = second / np.linalg.norm(second)
+    return CanonicalFrame(origin, np.stack([x, y, np.cross(x, y)]), size)
+
+
 class MeshInFrame(NamedTuple):
     """A mesh prepared for covers of any number of spheres, in its own frame.
 
@@ -224,20 +280,10 @@ def cover_of(
     Returns:
         Centres [m], shape (n, 3), and radii [m], shape (n,).
     """
-    center, radius = _cover_in_frame(mesh, spheres, progress, workers or Workers())
-    center, radius = mesh.frame.out_of(center), radius * mesh.frame.size
-    size = max(mesh.reach, float(np.abs(center).max()))
-    # A vertex was moved by at most half a step of the grid along each axis.
-    return center, radius + GRID * mesh.frame.size + ROUNDING * (radius + size)
-
-
-def _cover_in_frame(
-    mesh: MeshInFrame, spheres: int, progress: Progress, workers: Workers
-) -> tuple[FloatArray, FloatArray]:
     corner = np.ascontiguousarray(mesh.vertices[mesh.faces]).reshape(-1, 9)
     edge = edges_for(corner, np.ones(len(corner)), COARSE * spheres)
     micro = cut_mesh(corner, face_normals(mesh.vertices, mesh.faces), edge)
-    cover = _Cover(mesh.bvh, micro, 1.0, spheres, workers)
+    cover = _Cover(mesh.bvh, micro, spheres, workers or Workers())
     cover.fill()
     cover.assign()
     least, best = cover.worst, (cover.center.copy(), cover.depth.copy())
@@ -267,7 +313,10 @@ def _cover_in_frame(
     radius = np.empty(len(cover.depth))
     covering_radius(cover.micro, cover.center, cover.owner, radius)
     used = radius >= 0.0
-    return np.ascontiguousarray(cover.center[used]), radius[used]
+    center, radius = mesh.frame.out_of(cover.center[used]), radius[used] * mesh.frame.size
+    size = max(mesh.reach, float(np.abs(center).max()))
+    # A vertex was moved by at most half a step of the grid along each axis.
+    return center, radius + GRID * mesh.frame.size + ROUNDING * (radius + size)
 
 
 def require_inside(corner: FloatArray, extent: float) -> None:

@@ -9,7 +9,7 @@ from hhsim.arrays import AnyArray
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.result.object_frame import TURNS
 from hhsim.result.reader import Result
-from hhsim.scene.hand_moves import carried
+from hhsim.scene.synthesis import carried
 from hhsim.verify.claim import Claim, judged
 from hhsim.verify.file_checks import own_script
 from hhsim.verify.kinematics import rotations

@@ -14,7 +14,7 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.catalogue import load_object
-from hhsim.scene.open_scene import open_scene
+from hhsim.scene.scene import open_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method_names import declared_methods

@@ -5,13 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import hhsim.hand.model
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
+from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
+from hhsim.hand.hand_file import format_hand_file
 from hhsim.hand.model import HandModel, Side, default_fingers
-from hhsim.kernels.hand.kinematics import BODY_COUNT, forward_kinematics
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.kernels.hand import kinematics
+from hhsim.kernels.hand.kinematics import BODY_COUNT
 from hhsim.kernels.round_cone_distance import cone_slope
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
@@ -66,7 +71,7 @@ def fingertip(
     """The point of a fingertip 40 degrees from its axis towards the pad, and the normal there; palm frame."""
     joints, direction = np.empty((5, 4, 3)), np.empty((5, 3, 3))
     axis, abduction_axis = np.empty((5, 3)), np.empty((5, 3))
-    forward_kinematics(
+    kinematics.forward_kinematics(
         hand.arrays(), np.zeros(3), np.eye(3), flexion, abduction, joints, direction, axis, abduction_axis
     )
     along = direction[finger, 2]
@@ -298,3 +303,46 @@ def test_a_sphere_of_a_group_encloses_the_spheres_of_the_group() -> None:
     np.testing.assert_array_equal(hand.palm_box.min(axis=0), center.min(axis=1))
     np.testing.assert_array_equal(hand.palm_box.max(axis=0), center.max(axis=1))
     assert len(np.unique(hand.palm_box, axis=0)) == 8
+
+
+def test_joints_are_those_of_the_model() -> None:
+    hand, rng = HandModel.default(), np.random.default_rng(0)
+    position = rng.normal(size=(4, 3))
+    orientation = Rotation.random(4, rng=1).as_quat(scalar_first=True)
+    flexion, abduction = rng.uniform(0.0, 1.0, (4, 5, 3)), rng.uniform(-0.1, 0.1, (4, 5))
+    placed = forward_kinematics(hand, position, orientation, flexion, abduction)
+    for t in range(4):
+        expected = hand.joints(position[t], orientation[t], flexion[t], abduction[t])
+        assert np.array_equal(placed.joints[t], expected)
+    assert np.array_equal(placed.points[:, 20], position)
+    assert np.array_equal(placed.points[2, 7], placed.joints[2, 1, 3])
+    assert np.array_equal(placed.ends[1, :5], placed.joints[1, :, 3])
+    assert np.array_equal(placed.ends[1, 5], position[1])
+    some = placed.at([2, 0])
+    assert np.array_equal(some.joints, placed.joints[[2, 0]])
+    assert np.array_equal(some.orientation, orientation[[2, 0]])
+    np.testing.assert_allclose(
+        rotation_matrix(orientation), Rotation.from_quat(orientation, scalar_first=True).as_matrix()
+    )
+
+
+def test_the_shape_is_that_of_the_model() -> None:
+    hand = HandModel.default()
+    shape = hand_shape(hand)
+    assert np.array_equal(shape.phalanx_radius, hand.radius)
+    assert np.array_equal(shape.palm_center, hand.palm_tree.leaf_center)
+    assert np.array_equal(shape.palm_radius, hand.palm_tree.leaf_radius)
+
+
+def test_a_hand_is_read_as_it_was_written(tmp_path: Path) -> None:
+    hand = HandModel.default(hand_length=0.175)
+    keys = ("base", "distal", "dorsal", "length", "radius", "flexion_min", "abduction_max")
+    fingers = {finger: {key: getattr(hand, key)[f] for key in keys} for f, finger in enumerate(FINGERS)}
+    text = format_hand_file(hand.hand_length, hand.hand_breadth, fingers, "a remark\nof two lines")
+    assert text.startswith("# a remark of two lines\nhand_length = 0.175\n") and text.isascii()
+    path = tmp_path / "hand.toml"
+    path.write_text(text)
+    again = HandModel.from_toml(path)
+    for key in keys:
+        assert np.abs(getattr(again, key) - getattr(hand, key)).max() < 1e-6, key
+    assert again.hand_breadth == round(hand.hand_breadth, 6)

@@ -13,8 +13,7 @@ from sampled import sampled
 from hhsim.errors import InputError, MeshError, UnknownNameError
 from hhsim.mesh.catalogue import load_object, object_description, object_names
 from hhsim.mesh.file import read_own_ply, read_triangles
-from hhsim.mesh.repair import closed_surface
-from hhsim.mesh.self_intersection import winding_faults
+from hhsim.mesh.repair import closed_surface, winding_faults
 from tools.build_catalogue import REFERENCE_SHAPES, derived_object, made_object, ply_bytes
 from tools.shapes.generators import GENERATORS
 
@@ -34,6 +33,8 @@ def test_mesh_is_a_sound_solid_of_graspable_size(name: str) -> None:
     assert other.is_watertight
     assert other.is_winding_consistent
     assert other.body_count == 1
+    assert len(np.unique(mesh.vertices, axis=0)) == len(mesh.vertices) == len(np.unique(mesh.faces))
+    assert other.area_faces.min() > 1e-9 or name == "teapot"
     assert 1 - other.euler_number // 2 == GENUS.get(name, 0)
     assert 0.06 <= mesh.extent.max() <= 0.13
     np.testing.assert_allclose(mesh.bounds.mean(axis=0), 0.0, atol=1e-9)

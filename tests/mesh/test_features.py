@@ -149,13 +149,17 @@ def test_a_vertex_is_one_where_its_normal_cone_is_outside(name: str, closed: boo
     assert 10 < sum(answers) < len(answers) - 10
 
 
+def sheet(n: int, fold: float = 0.0) -> tuple[FloatArray, IntArray]:
+    """A square of n by n squares of 10 mm, every other row of corners raised by a fold [m]."""
+    grid = np.array([[0.01 * i, 0.01 * j, fold * (i % 2)] for i in range(n + 1) for j in range(n + 1)])
+    corner = np.array([(n + 1) * i + j for i in range(n) for j in range(n)])
+    halves = (corner, corner + n + 1, corner + 1), (corner + 1, corner + n + 1, corner + n + 2)
+    return grid, np.concatenate([np.stack(half, 1) for half in halves])
+
+
 def test_a_sheet_has_no_edges_within_but_those_around_it() -> None:
     n = 4
-    grid = np.array([[0.01 * i, 0.01 * j, 0.0] for i in range(n + 1) for j in range(n + 1)])
-    corner = np.array([(n + 1) * i + j for i in range(n) for j in range(n)])
-    faces = np.concatenate(
-        [np.stack([corner, corner + n + 1, corner + 1], 1), np.stack([corner + 1, corner + n + 1, corner + n + 2], 1)]
-    )
+    grid, faces = sheet(n)
     mesh, _ = mesh_features(grid, faces, closed=False)
     kept = mesh.edge[owned(mesh.face_edge)]
     assert len(kept) == 4 * n
@@ -233,12 +237,7 @@ def test_only_the_boundary_of_a_solid_is_touched_from_one_side_alone(name: str) 
 
 
 def test_copies_that_rounding_has_torn_apart_are_one() -> None:
-    n = 3
-    grid = np.array([[0.01 * i, 0.01 * j, 0.002 * (i % 2)] for i in range(n + 1) for j in range(n + 1)])
-    corner = np.array([(n + 1) * i + j for i in range(n) for j in range(n)])
-    faces = np.concatenate(
-        [np.stack([corner, corner + n + 1, corner + 1], 1), np.stack([corner + 1, corner + n + 1, corner + n + 2], 1)]
-    )
+    grid, faces = sheet(3, 0.002)
     whole, _ = mesh_features(grid, faces, closed=False)
     corners = np.repeat(grid[faces], 8, axis=0)
     for apart, once in ((3e-13, True), (1e-9, False)):

@@ -6,6 +6,7 @@ import numba
 import numpy as np
 import pytest
 from contact_scenes import moved
+from mesh_oracle import Cones
 from sampled import sampled
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, palm_spheres, set_pose
@@ -17,7 +18,7 @@ from hhsim.kernels.contact.detection import evaluate
 from hhsim.kernels.hand.kinematics import DOF, PALM_BODY
 from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, vertex_distance
 from hhsim.kernels.mesh.features import MeshFeatures
-from hhsim.kernels.round_cone_distance import RoundCone, cone_slope, sphere_cone
+from hhsim.kernels.round_cone_distance import RoundCone
 from hhsim.mesh.features import mesh_features
 from hhsim.mesh.mesh import Mesh
 from hhsim.solver.surface import SURFACES
@@ -45,18 +46,6 @@ def least_of_features(mesh: MeshFeatures, cone: RoundCone) -> float:
     return least
 
 
-def kernel_cone(ends: FloatArray, radius: FloatArray) -> RoundCone:
-    axis = ends[1] - ends[0]
-    length = float(np.linalg.norm(axis))
-    large, small = radius.tolist()
-    tan_slope, inverse = cone_slope(length, large, small)
-    x, y, z = ends[0].tolist()
-    if inverse == 0.0:
-        return sphere_cone(x, y, z, large)
-    ux, uy, uz = (axis / length).tolist()
-    return RoundCone(x, y, z, ux, uy, uz, length, tan_slope, inverse, large, large - small)
-
-
 def features_of(triangles: FloatArray) -> tuple[MeshFeatures, bool]:
     vertices, faces = indexed(triangles)
     closed = encloses(Mesh(vertices, faces))
@@ -78,7 +67,9 @@ def test_the_least_over_features_is_the_least_over_triangles(kind: str, first: i
                 continue
             distance = least_distance(ends, radius, triangles, normals)
             if distance > 0.0:
-                assert least_of_features(mesh, kernel_cone(ends, radius)) == pytest.approx(distance, abs=SAME), seed
+                assert least_of_features(mesh, Cones(*ends[:, None], *radius[:, None]).kernel(0)) == pytest.approx(
+                    distance, abs=SAME
+                ), seed
                 judged += 1
     assert judged > POSES
 

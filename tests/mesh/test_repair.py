@@ -7,9 +7,7 @@ from hypothesis import strategies as st
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.mesh.repair import closed_surface
-from hhsim.mesh.repair_log import MeshInRepair
-from hhsim.mesh.self_intersection import winding_faults
+from hhsim.mesh.repair import MeshInRepair, closed_surface, winding_faults
 from hhsim.mesh.topology import is_closed, signed_volume
 from tools.shapes.generators import cube, cup, sphere
 
@@ -45,18 +43,6 @@ def test_sound_mesh_is_left_alone(mesh: MeshInRepair) -> None:
     assert volume(surface) == pytest.approx(signed_volume(mesh.vertices, mesh.faces), rel=1e-12)
 
 
-def test_triangle_soup_is_merged() -> None:
-    surface = repaired(BALL.triangles.reshape(-1, 3), np.arange(960).reshape(-1, 3))
-    assert surface.merged == ["merged 960 vertices into 162: equal places, or used by no triangle"]
-    assert surface.repairs == []
-
-
-def test_nearly_equal_vertices_are_merged_where_edges_are_open() -> None:
-    noise = np.random.default_rng(0).uniform(-1e-8, 1e-8, size=(960, 3))
-    surface = repaired(BALL.triangles.reshape(-1, 3) + noise, np.arange(960).reshape(-1, 3))
-    assert surface.repairs == ["merged 798 vertices closer than 0.0008 mm to another"]
-
-
 @settings(max_examples=25)
 @given(seed=st.integers(0, 10**6), part=st.floats(0.01, 0.5))
 def test_any_mixture_of_windings_is_set_right(seed: int, part: float) -> None:
@@ -71,30 +57,35 @@ def test_any_mixture_of_windings_is_set_right(seed: int, part: float) -> None:
     assert named == ([f"turned {triangles} wound against the neighbours"] if minority else [])
 
 
-def test_inside_out_is_turned() -> None:
-    surface = repaired(BALL.vertices, BALL.faces[:, ::-1])
-    assert surface.repairs == ["wound inside out: turned"]
-    assert volume(surface) == pytest.approx(BALL.volume)
+SOUP, LOOSE = BALL.triangles.reshape(-1, 3), np.arange(960).reshape(-1, 3)
+NOISE = np.random.default_rng(0).uniform(-1e-8, 1e-8, size=SOUP.shape)
+BESIDE = np.concatenate([BALL.vertices, [[0.1, 0.0, 0.0], [0.12, 0.0, 0.0], [0.1, 0.02, 0.0]]])
+SHEET = np.array([[0, 1, 2], [0, 2, 1]]) + len(BALL.vertices)
+AGAIN = np.concatenate([BALL.faces[:5], [[3, 3, 7], [1, 2, 1]]])
 
 
-def test_degenerate_and_duplicate_triangles_go() -> None:
-    faces = np.concatenate([BALL.faces, BALL.faces[:5], [[3, 3, 7], [1, 2, 1]]])
-    surface = repaired(BALL.vertices, faces)
-    assert surface.repairs == ["removed 2 degenerate triangles", "removed 5 duplicate triangles"]
+@pytest.mark.parametrize(
+    ("vertices", "faces", "repairs"),
+    [
+        (SOUP, LOOSE, ["merged 960 vertices into 162: equal places, or used by no triangle"]),
+        (SOUP + NOISE, LOOSE, ["merged 798 vertices closer than 0.0008 mm to another"]),
+        (BALL.vertices, BALL.faces[:, ::-1], ["wound inside out: turned"]),
+        (BALL.vertices, np.concatenate([BALL.faces, BALL.faces[:, ::-1]]), ["removed 320 duplicate triangles"]),
+        (BESIDE, np.concatenate([BALL.faces, SHEET]), ["removed 2 duplicate triangles"]),
+        (
+            BALL.vertices,
+            np.concatenate([BALL.faces, AGAIN]),
+            ["removed 2 degenerate triangles", "removed 5 duplicate triangles"],
+        ),
+    ],
+    ids=["soup", "nearly equal vertices", "inside out", "both sides", "sheet of two sides beside it", "degenerate"],
+)
+def test_a_ball_is_restored(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> None:
+    surface = repaired(vertices, faces)
+    assert surface.merged + surface.repairs == repairs
+    assert bool(surface.merged) == ("equal places" in repairs[0])
     assert len(surface.faces) == len(BALL.faces)
-
-
-def test_both_sides_of_one_surface_become_one() -> None:
-    surface = repaired(BALL.vertices, np.concatenate([BALL.faces, BALL.faces[:, ::-1]]))
-    assert surface.repairs == ["removed 320 duplicate triangles"]
     assert volume(surface) == pytest.approx(BALL.volume)
-
-
-def test_sheet_of_two_sides_beside_a_solid_vanishes() -> None:
-    sheet = np.array([[0.1, 0.0, 0.0], [0.12, 0.0, 0.0], [0.1, 0.02, 0.0]])
-    extra = np.array([[0, 1, 2], [0, 2, 1]]) + len(BALL.vertices)
-    surface = repaired(np.concatenate([BALL.vertices, sheet]), np.concatenate([BALL.faces, extra]))
-    assert surface.repairs == ["removed 2 duplicate triangles"]
 
 
 def test_loose_fragments_are_dropped_up_to_a_limit() -> None:

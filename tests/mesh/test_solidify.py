@@ -20,10 +20,8 @@ from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh import solidify
 from hhsim.mesh.file import read_triangles
 from hhsim.mesh.mesh import Mesh, load_mesh
-from hhsim.mesh.orientation import turned_outward
-from hhsim.mesh.repair import merge_and_clean
-from hhsim.mesh.repair_log import MeshInRepair
-from hhsim.mesh.solidify import open_faces, solid_surface
+from hhsim.mesh.repair import MeshInRepair, merge_and_clean
+from hhsim.mesh.solidify import open_faces, solid_surface, turned_outward
 from hhsim.mesh.topology import face_areas, face_samples, is_closed, signed_volume, undirected_edges
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions

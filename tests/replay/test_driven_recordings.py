@@ -11,7 +11,7 @@ from hhsim.recordings.registry import read_recording
 from hhsim.recordings.repair import repair
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import load_result
-from hhsim.scene.open_scene import open_scene
+from hhsim.scene.scene import open_scene
 from hhsim.solver.options import SolverOptions
 
 MOUSE = "265826671143948"

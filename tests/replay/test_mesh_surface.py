@@ -17,8 +17,7 @@ from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
 from hhsim.result.reader import Result, load_result
-from hhsim.scene.open_scene import open_scene
-from hhsim.scene.scene import Scene, make_scene
+from hhsim.scene.scene import Scene, make_scene, open_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface
 

@@ -7,16 +7,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampled import sampled
 from scipy.spatial.transform import Rotation
+from sphere_scenes import ball, flat_tree, record_clearance, row
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import PALM_BODY, HandArrays
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.scene import closure_search
-from hhsim.scene.closure_search import MARGIN, plan_finger_closure
+from hhsim.scene.closure_search import MARGIN, best_slide, plan_finger_closure
 from hhsim.scene.finger_closure import REACH_DEPTH, body_distances, closure_rates, make_work
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Script, ScriptPhase
@@ -26,47 +28,19 @@ RIGHT = HandModel.default("right")
 LEFT = HandModel.default("left")
 
 
-def tree_of(center: FloatArray, radius: FloatArray) -> SphereTree:
-    """A root and its leaves."""
-    middle = center.mean(axis=0)
-    root = float((np.linalg.norm(center - middle, axis=1) + radius).max())
-    count = len(radius)
-    return SphereTree(
-        center=np.vstack([middle, center]),
-        radius=np.concatenate([[root], radius]),
-        level=np.concatenate([[0], np.ones(count, dtype=np.int64)]),
-        parent=np.concatenate([[-1], np.zeros(count, dtype=np.int64)]),
-    )
-
-
-def ball(radius: float = 0.038, center: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> SphereTree:
-    return tree_of(np.array([center]), np.array([radius]))
-
-
 def cluster(seed: int, count: int = 60) -> SphereTree:
     """Random balls in a flattened heap, 70 to 100 mm across."""
     rng = np.random.default_rng(seed)
     center = rng.normal(size=(count, 3))
     center /= np.linalg.norm(center, axis=1, keepdims=True)
     center *= rng.uniform(0.4, 1.0, size=(count, 1)) * rng.uniform(0.025, 0.04, size=3)
-    return tree_of(center, rng.uniform(0.006, 0.012, size=count))
+    return flat_tree(center, rng.uniform(0.006, 0.012, size=count))
 
 
 def box(size: tuple[float, float, float] = (0.06, 0.045, 0.09), step: float = 0.015) -> SphereTree:
     axes = [np.linspace(-s / 2 + step / 2, s / 2 - step / 2, round(s / step)) for s in size]
     center = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return tree_of(center, np.full(len(center), 0.8 * step))
-
-
-SAMPLES = 800
-HALF_SAMPLE = 0.5 * 0.06 / SAMPLES
-"""Half the distance [m] between samples on the longest phalanx, with the change of its radius."""
-
-
-def assert_brute(found: FloatArray, brute: FloatArray) -> None:
-    assert (found <= brute + 1e-12).all()
-    assert (found >= brute - HALF_SAMPLE).all()
-    assert found[PALM_BODY] == pytest.approx(brute[PALM_BODY], abs=1e-12)
+    return flat_tree(center, np.full(len(center), 0.8 * step))
 
 
 def near(
@@ -78,24 +52,10 @@ def near(
 def brute_distances(
     hand: HandModel, tree: SphereTree, position: FloatArray, rotation: FloatArray, *angles: FloatArray
 ) -> FloatArray:
-    """Every body against every leaf: the round cone is the union of its spheres, sampled along the axis.
-
-    Never below the true distance, and at most half a sample above it.
-    """
+    """Every body against every leaf."""
     orientation = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
-    joints = hand.joints(position, orientation, *angles)
-    distance = np.empty(16)
-    s = np.linspace(0.0, 1.0, SAMPLES + 1)[:, None]
-    for f in range(5):
-        for k in range(3):
-            axis = joints[f, k] + s * (joints[f, k + 1] - joints[f, k])
-            radius = hand.radius[f, k] + s * (hand.radius[f, k + 1] - hand.radius[f, k])
-            gap = np.linalg.norm(axis[:, None] - tree.leaf_center, axis=2) - radius - tree.leaf_radius
-            distance[3 * f + k] = gap.min()
-    palm = position + hand.palm_tree.leaf_center @ rotation.T
-    gap = np.linalg.norm(palm[:, None] - tree.leaf_center, axis=2)
-    distance[PALM_BODY] = (gap - hand.palm_tree.leaf_radius[:, None] - tree.leaf_radius).min()
-    return distance
+    placed = forward_kinematics(hand, position[None], orientation[None], *(values[None] for values in angles))
+    return np.asarray(record_clearance(hand, tree, placed)[0])
 
 
 def random_pose(rng: np.random.Generator, distance: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -112,7 +72,7 @@ def random_pose(rng: np.random.Generator, distance: float) -> tuple[FloatArray, 
 def test_body_distances_are_the_brute_force_ones(seed: int, distance: float) -> None:
     tree = cluster(seed)
     pose = random_pose(np.random.default_rng(seed), distance)
-    assert_brute(near(RIGHT, tree, *pose), brute_distances(RIGHT, tree, *pose))
+    np.testing.assert_allclose(near(RIGHT, tree, *pose), brute_distances(RIGHT, tree, *pose), rtol=0.0, atol=1e-12)
 
 
 @settings(max_examples=15)
@@ -245,7 +205,7 @@ def test_every_script_closes_on_simple_shapes(shape: str, name: str, side: str) 
     assert closure.missed == ()
     place = closure.position - script.palm_depth * closure.rotation[:, 2]
     distance = brute_distances(hand, tree, place, closure.rotation, closure.command, closure.abduction)
-    assert_brute(closure.distance, distance)
+    np.testing.assert_allclose(closure.distance, distance, rtol=0.0, atol=1e-12)
     fingers = distance[:PALM_BODY].reshape(5, 3).min(axis=1)
     for f, finger in enumerate(FINGERS):
         if finger in script.fingers:
@@ -298,6 +258,35 @@ def test_what_no_finger_can_reach_is_refused() -> None:
     )
     with pytest.raises(TrajectoryError, match=r"script stiff: little cannot reach the object, 0.02 m across"):
         plan_finger_closure(straight, RIGHT, ball(0.01))
+
+
+@pytest.mark.parametrize(
+    "axis", sampled([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.6, 0.8, 0.0]], lambda place, _: place == 2)
+)
+def test_a_hand_on_a_bar_slides_along_the_bar(axis: list[float]) -> None:
+    closure = plan_finger_closure(load_script("slide"), RIGHT, row(axis))
+    assert np.linalg.norm(closure.slide) == pytest.approx(1.0)
+    assert abs(closure.slide @ closure.rotation[:, 2]) < 1e-12
+    # 16 directions: the nearest one is at most 11.25 degrees off.
+    assert abs(closure.slide @ axis) > np.cos(np.radians(12.0)) * np.linalg.norm(closure.rotation[:, :2].T @ axis)
+
+
+def test_nothing_changes_along_a_bar_without_an_end_in_reach() -> None:
+    # A bar a metre long feels the same all along a slide of 30 mm.
+    script = load_script("slide")
+    tree = row([0.0, 1.0, 0.0], count=201, length=1.0)
+    closure = plan_finger_closure(script, RIGHT, tree)
+    direction, score = best_slide(script, closure, RIGHT.arrays(), tree.arrays())
+    assert score > 0.9
+    end = closure.position + script.way("slide") * direction
+    at_the_end = near(RIGHT, tree, end, closure.rotation, closure.command, closure.abduction)
+    fingers = at_the_end[:PALM_BODY].reshape(5, 3).min(axis=1)
+    assert (fingers < 0.0).sum() == len(closure.reached) == len(FINGERS)
+
+
+def test_a_script_without_a_slide_has_no_direction() -> None:
+    closure = plan_finger_closure(load_script("grasp"), RIGHT, row([0.0, 1.0, 0.0]))
+    assert closure.slide.tolist() == [0.0, 0.0, 0.0]
 
 
 @pytest.mark.skipif(not JIT_ENABLED, reason="kernels run as Python: NUMBA_DISABLE_JIT is set")

@@ -6,41 +6,30 @@ from typing import cast
 import numpy as np
 import pytest
 from sampled import sampled
+from sphere_scenes import object_tree, record_clearance
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.motion.trajectory import Trajectory
-from hhsim.scene.demonstration import Demonstration, parse_demonstration
-from hhsim.scene.finger_closure import body_distances, make_work
+from hhsim.scene.demonstration import Demonstration, Wanted, parse_demonstration
 from hhsim.scene.motion_catalogue import describe, load_script, resolve_trajectory, script_names, trajectory_names
-from hhsim.scene.object_pose import Wanted, place_object
 from hhsim.scene.scene import make_scene
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 HAND = HandModel.default()
-POSE = ("position", "orientation", "flexion", "abduction")
 TAP = cast(Demonstration, resolve_trajectory("finger-tap"))
 
 
-def object_tree(name: str) -> SphereTree:
-    item = load_object(name)
-    return cached_sphere_tree(item.mesh, TreeOptions(level=item.level))
-
-
-def distances(motion: Trajectory, tree: SphereTree) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def distances(motion: Trajectory, tree: SphereTree) -> FloatArray:
     """Of the 16 bodies at every sample, the object where the motion says it is."""
-    rotation = rotation_matrix(motion.object_orientation)
-    nodes, hand, work = tree.transformed(rotation, motion.object_position).arrays(), HAND.arrays(), make_work()
-    rows = zip(motion.position, motion.orientation, motion.flexion, motion.abduction)
-    return np.stack(
-        [body_distances(hand, nodes, p.copy(), rotation_matrix(q), f.copy(), b.copy(), work) for p, q, f, b in rows]
-    )
+    there = tree.transformed(rotation_matrix(motion.object_orientation), motion.object_position)
+    return record_clearance(HAND, there, forward_kinematics(HAND, *HandConfiguration.of(motion)))
 
 
 @pytest.mark.parametrize("name", sampled(object_names(), lambda place, name: place in (0, 9)))
@@ -59,9 +48,9 @@ def test_the_finger_taps_every_object(name: str) -> None:
 
 
 def test_the_command_is_as_deep_as_asked_behind_first_contact() -> None:
-    tree = cached_sphere_tree(load_object("cube").mesh, TreeOptions(level=2))
-    shallow, deep = (place_object(TAP.motion, HAND, tree, Wanted("index", depth)) for depth in (0.006, 0.012))
-    tips = forward_kinematics(HAND, *(getattr(TAP.motion, key) for key in POSE)).joints[:, 1, 3]
+    tree = object_tree("cube", 2)
+    shallow, deep = (Demonstration(TAP.motion, Wanted("index", depth)).placed(HAND, tree) for depth in (0.006, 0.012))
+    tips = forward_kinematics(HAND, *HandConfiguration.of(TAP.motion)).joints[:, 1, 3]
     main = np.linalg.svd(tips - tips.mean(axis=0))[2][0]
     stroke = main if main[2] < 0.0 else -main
     moment = int(np.argmax(tips @ stroke))
@@ -122,8 +111,6 @@ def test_demonstrations_that_are_none(tmp_path: Path, repository: Path, text: st
 
 
 def test_where_no_place_is_free_it_says_so() -> None:
-    still = Trajectory(
-        *(getattr(TAP.motion, key)[:1] for key in ("time", "position", "orientation", "flexion", "abduction"))
-    )
+    still = Trajectory(TAP.motion.time[:1], *HandConfiguration.of(TAP.motion).part(0, 1))
     with pytest.raises(TrajectoryError, match="cannot be placed at this object"):
-        place_object(still, HAND, object_tree("cube"), Wanted("index", 0.01))
+        Demonstration(still, Wanted("index", 0.01)).placed(HAND, object_tree("cube"))

@@ -1,7 +1,6 @@
 """The catalogue, and every script of it on every object of the other one."""
 
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +8,16 @@ import pytest
 from joint_samples import joint_sample, openxr_csv
 from recording_samples import smooth_recording
 from sampled import sampled
+from sphere_scenes import object_tree, record_clearance
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY
-from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.mesh.catalogue import object_names
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import UNCHECKED, Trajectory
@@ -33,8 +34,6 @@ from hhsim.scene.motion_catalogue import (
 )
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import synthesize
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 NAMES = ["touch", "pinch", "grasp", "whole-hand", "slide", "carry", "sequence", "never"]
@@ -141,24 +140,10 @@ def test_what_is_no_trajectory_is_refused(tmp_path: Path) -> None:
         resolve_trajectory(other)
 
 
-@cache
-def object_tree(name: str) -> SphereTree:
-    item = load_object(name)
-    return cached_sphere_tree(item.mesh, TreeOptions(level=item.level))
-
-
 def look(motion: Trajectory, tree: SphereTree) -> tuple[FloatArray, FloatArray, FloatArray]:
     """At every STRIDE-th sample: time (K,), body distances (K, 16), fingertip centres (K, 5, 3)."""
-    hand, nodes, work = HAND.arrays(), tree.arrays(), make_work()
-    rotation = np.empty((3, 3))
-    samples = range(0, motion.sample_count, STRIDE)
-    distance, tips = np.empty((len(samples), 16)), np.empty((len(samples), 5, 3))
-    for row, i in enumerate(samples):
-        quaternion_to_matrix(motion.orientation[i].copy(), rotation)
-        place, flexion, abduction = motion.position[i].copy(), motion.flexion[i].copy(), motion.abduction[i].copy()
-        distance[row] = body_distances(hand, nodes, place, rotation, flexion, abduction, work)
-        tips[row] = work.joints[:, 3]
-    return motion.time[::STRIDE], distance, tips
+    placed = forward_kinematics(HAND, *HandConfiguration.of(motion).at(slice(None, None, STRIDE)))
+    return motion.time[::STRIDE], record_clearance(HAND, tree, placed), placed.joints[:, :, 3]
 
 
 @pytest.mark.parametrize(

@@ -5,15 +5,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from plain_clearance import brute_clearance
+from sphere_scenes import record_clearance
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.trajectory import Trajectory
-from hhsim.scene.described_scene import Place, PlacedScene, depth_at_start, placed_scene, touches
+from hhsim.scene.described_scene import Place, PlacedScene, SceneWords, depth_at_start, described_scene, touches
 from hhsim.scene.scene import Scene
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -44,7 +44,8 @@ def imported(at: float) -> Trajectory:
 
 
 def placed(motion: Trajectory, place: Place | None = None) -> PlacedScene:
-    return placed_scene(MESH, TREE, HAND, motion, place=place, rate=100.0)
+    words = SceneWords(object="sphere", trajectory="fist", place_object=place, rate=100.0)
+    return described_scene(words, MESH, TREE, 2, HAND, motion)
 
 
 def test_it_is_placed_by_itself_where_nothing_touches() -> None:
@@ -98,11 +99,8 @@ def test_where_no_place_is_found_it_says_so_and_stays(monkeypatch: pytest.Monkey
 @pytest.mark.parametrize("height", [0.02, 0.06, 0.0912, 0.0914, 0.12, 0.2])
 def test_a_touch_is_one_by_brute_force(height: float) -> None:
     scene = placed(fist(height), "recorded").scene
-    haptic = HandConfiguration.of(scene.ticks)
-    joints = forward_kinematics(HAND, *haptic).joints
-    shown = zip(joints, haptic.position, haptic.orientation)
-    tree = scene.tree
-    least = min(brute_clearance(tree.leaf_center, tree.leaf_radius, *hand_shape(HAND), *pose) for pose in shown)
+    placed_hand = forward_kinematics(HAND, *HandConfiguration.of(scene.ticks))
+    least = record_clearance(HAND, scene.tree, placed_hand).min()
     assert touches(scene) == (least < 1e-5)
 
 

@@ -6,27 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sampled import sampled
+from sphere_scenes import Motion, brute_pairs, object_tree
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
-from hhsim.hand.forward_kinematics import forward_kinematics
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
-from hhsim.mesh.catalogue import load_object
-from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.motion_catalogue import load_recorded
 from hhsim.scene.recorded_grasp_pose import GraspPlacement, find_grasp, place_at_grasp
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 HAND = HandModel.default()
 CLOSED_AT = 1.5
-
-
-def object_tree(name: str) -> SphereTree:
-    return cached_sphere_tree(load_object(name).mesh, TreeOptions(level=3))
 
 
 def reach_and_close(bend: float = 1.0, fingers: slice = slice(0, 5), still: bool = False) -> Trajectory:
@@ -51,19 +44,9 @@ def reach_and_close(bend: float = 1.0, fingers: slice = slice(0, 5), still: bool
 
 def finger_distances(motion: Trajectory, tree: SphereTree, sample: int) -> FloatArray:
     """Least distance of each finger to all leaves, one by one [m], shape (5,)."""
-    rotation = rotation_matrix(motion.object_orientation)
-    center, radius = tree.leaf_center @ rotation.T + motion.object_position, tree.leaf_radius
-    pose = (motion.position, motion.orientation, motion.flexion, motion.abduction)
-    joints = forward_kinematics(HAND, *(values[sample : sample + 1] for values in pose)).joints[0]
-    return np.array(
-        [
-            min(
-                float((round_cone_distance(center, *joints[f, k : k + 2], *HAND.radius[f, k : k + 2]) - radius).min())
-                for k in range(3)
-            )
-            for f in range(5)
-        ]
-    )
+    there = tree.transformed(rotation_matrix(motion.object_orientation), motion.object_position)
+    pairs = brute_pairs(HAND, there.leaf_center, there.leaf_radius, Motion(*HandConfiguration.of(motion)), sample)
+    return np.asarray(pairs[:15].reshape(5, -1).min(axis=1))
 
 
 def check_by_brute_force(placed: GraspPlacement, tree: SphereTree) -> FloatArray:
@@ -79,12 +62,12 @@ def check_by_brute_force(placed: GraspPlacement, tree: SphereTree) -> FloatArray
 @cache
 def placed_at(name: str) -> GraspPlacement:
     """An object where the fingers of the made-up recording close."""
-    return place_at_grasp(reach_and_close(), HAND, object_tree(name))
+    return place_at_grasp(reach_and_close(), HAND, object_tree(name, 3))
 
 
 @pytest.mark.parametrize("name", sampled(["sphere", "cup"], lambda _, name: name == "sphere"))
 def test_closing_fingers_meet_the_object(name: str) -> None:
-    tree, placed = object_tree(name), placed_at(name)
+    tree, placed = object_tree(name, 3), placed_at(name)
     check_by_brute_force(placed, tree)
     assert placed.grasp.closes and len(placed.fingers) >= 3
     assert 0.002 < placed.depth < 0.025 and placed.start_gap >= 0.002
@@ -96,7 +79,7 @@ def test_closing_fingers_meet_the_object(name: str) -> None:
 
 
 def test_only_the_pose_of_the_object_changes_and_always_in_the_same_way() -> None:
-    motion, tree = reach_and_close(), object_tree("sphere")
+    motion, tree = reach_and_close(), object_tree("sphere", 3)
     one, other = place_at_grasp(motion, HAND, tree), placed_at("sphere")
     assert one.motion.object_position.tobytes() == other.motion.object_position.tobytes()
     assert one.motion.object_orientation.tobytes() == other.motion.object_orientation.tobytes()
@@ -105,7 +88,7 @@ def test_only_the_pose_of_the_object_changes_and_always_in_the_same_way() -> Non
 
 
 def test_a_moved_recording_moves_the_object_with_it() -> None:
-    motion, tree = reach_and_close(), object_tree("cup")
+    motion, tree = reach_and_close(), object_tree("cup", 3)
     turn = quaternion(np.array([0.0, 0.0, np.radians(60.0)]))
     shift = np.array([1.0, -2.0, 0.5])
     moved = Trajectory(
@@ -134,7 +117,7 @@ def test_the_fingers_that_close_are_those_that_count() -> None:
 
 @pytest.mark.parametrize("bend", sampled([0.0, 0.15], lambda _, bend: bend > 0.0))
 def test_fingers_that_never_close_fall_back_to_the_deepest_flexion_and_say_so(bend: float) -> None:
-    tree = object_tree("sphere")
+    tree = object_tree("sphere", 3)
     placed = place_at_grasp(reach_and_close(bend), HAND, tree)
     assert not placed.grasp.closes and "since no finger closes" in placed.text
     assert placed.to_json()["how"] == "deepest flexion"
@@ -143,18 +126,18 @@ def test_fingers_that_never_close_fall_back_to_the_deepest_flexion_and_say_so(be
 
 def test_a_hand_that_is_always_there_begins_inside_and_says_so() -> None:
     motion = reach_and_close(0.0, still=True)
-    tree = object_tree("cube")
+    tree = object_tree("cube", 3)
     placed = place_at_grasp(motion, HAND, tree)
     assert placed.start_gap < 0.0 and "the hand begins in it" in placed.text
     check_by_brute_force(placed, tree)
-    one = Trajectory(*(getattr(motion, key)[:1] for key in ("time", "position", "orientation", "flexion", "abduction")))
+    one = Trajectory(motion.time[:1], *HandConfiguration.of(motion).part(0, 1))
     assert place_at_grasp(one, HAND, tree).start_gap < 0.0
 
 
 def test_where_no_finger_meets_the_object_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hhsim.scene.recorded_grasp_pose.IN", 1.0)
     with pytest.raises(TrajectoryError, match=r"reach: no finger meets"):
-        place_at_grasp(reach_and_close(), HAND, object_tree("cup"))
+        place_at_grasp(reach_and_close(), HAND, object_tree("cup", 3))
 
 
 @pytest.mark.parametrize(
@@ -162,7 +145,7 @@ def test_where_no_finger_meets_the_object_it_says_so(monkeypatch: pytest.MonkeyP
     sampled([("leap_grab", True), ("dapg_door_17", True), ("leap_wave", False)], lambda place, _: place == 0),
 )
 def test_real_recordings_find_a_place_at_the_cup(shared_data: Path, recording: str, closes: bool) -> None:
-    tree = object_tree("cup")
+    tree = object_tree("cup", 3)
     placed = place_at_grasp(load_recorded(shared_data / "recordings" / f"{recording}.npz"), HAND, tree)
     check_by_brute_force(placed, tree)
     assert placed.grasp.closes == closes and placed.start_gap > 0.0 and len(placed.fingers) >= (3 if closes else 1)

@@ -1,19 +1,34 @@
 """A scene puts object, tree, hand and motion into one world frame."""
 
+import ast
+import subprocess
+import sys
+from collections.abc import Callable
 from dataclasses import replace
+from html import escape
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
-from sphere_scenes import bumpy_ball
+from sphere_scenes import PALM, bumpy_ball, record_clearance
 
+import hhsim
 from hhsim.arrays import FloatArray
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.gate.input_hash import differences, run_inputs
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
-from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.trajectory import Trajectory
 from hhsim.motion.tremor import Disturbance
+from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
-from tools.shapes.generators import sphere
+from hhsim.verify.claim import judged
+from hhsim.verify.verify import Verification
+from tools.shapes.generators import cube, sphere
 
 HAND = HandModel.default("right")
 MESH = sphere(0.076, 2)
@@ -61,17 +76,8 @@ def test_a_script_closes_on_the_object() -> None:
     ticks = scene.ticks
     assert {phase.name for phase in ticks.phases} >= {"approach", "hold"}
     np.testing.assert_array_equal(scene.tree.center, TREE.center)
-    joints = np.array(
-        [
-            HAND.joints(*(values[t] for values in (ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)))
-            for t in range(0, ticks.tick_count, 50)
-        ]
-    )
-    palm = HAND.palm_tree
-    position, orientation = ticks.position[::50], ticks.orientation[::50]
-    _, finger = hand_clearance(
-        TREE.arrays(), HAND.radius, palm.leaf_center, palm.leaf_radius, joints, position, orientation, 1.0
-    )
+    finger = record_clearance(HAND, TREE, forward_kinematics(HAND, *HandConfiguration.of(ticks)).at(slice(0, None, 50)))
+    finger = finger[:, :PALM]
     assert finger[0].min() > 0.0, "it starts outside"
     assert finger.min() < 0.0, "and commands a finger into the object"
 
@@ -85,3 +91,140 @@ def test_the_seed_is_of_the_tremor_only() -> None:
     np.testing.assert_array_equal(first.position, again.position)
     assert 1e-6 < np.abs(first.position - other.position).max() < 1e-3
     assert 1e-6 < np.abs(first.position - one.position).max() < 1e-3
+
+
+Run = Callable[..., Any]
+
+SHORT = """\
+title = "short pinch"
+stresses = "nothing"
+palm_gap = 0.03
+clearance = 0.01
+
+phase = [
+    { name = "approach", duration = 0.1 },
+    { name = "pinch", duration = 0.1 },
+    { name = "hold", duration = 0.05 },
+]
+
+[tremor]
+position = 1e-4
+rotation = 3e-3
+"""
+
+
+def test_the_names_of_the_package_are_those_of_its_table_and_its_types() -> None:
+    assert hhsim.__file__ is not None
+    source = ast.parse(Path(hhsim.__file__).read_text(encoding="utf-8"))
+    (block,) = (node for node in source.body if isinstance(node, ast.If))
+    typed = {
+        alias.asname or alias.name: f"{node.module}.{alias.name}"
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert typed == hhsim._PLACES
+    assert hhsim.__all__ == sorted(typed)
+    assert set(dir(hhsim)) == {*hhsim.__all__, "__version__"}
+    for name in hhsim.__all__:
+        value = getattr(hhsim, name)
+        assert f"{value.__module__}.{value.__name__}" == typed[name]
+        assert value.__doc__
+    with pytest.raises(AttributeError, match="module 'hhsim' has no attribute 'replayed'"):
+        _ = hhsim.replayed
+
+
+def test_the_package_imports_nothing_until_it_is_asked() -> None:
+    code = (
+        "import sys, hhsim; dir(hhsim); print(*sorted(sys.modules)); "
+        "from hhsim.system import environment; assert environment.__name__ == 'hhsim.system.environment'"
+    )
+    answer = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(answer.stdout.split())
+    assert {name for name in loaded if name.startswith("hhsim")} == {"hhsim"}
+    assert loaded.isdisjoint({"numpy", "numba", "h5py", "click"})
+
+
+def test_a_scene_from_names_is_that_of_the_command_line(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "short.toml").write_text(SHORT)
+    words = ("--level", "2", "--seed", "3", "--rate", "500", "--method", "progressive", "--out", "told.h5", "--quiet")
+    assert run("replay", "cube", "short.toml", *words).code == 0
+    scene = hhsim.open_scene("cube", tmp_path / "short.toml", level=2, seed=3, rate=500.0)
+    summary = hhsim.replay_scene(scene, hhsim.SolverOptions(method="progressive"), str(tmp_path / "own.h5"))
+    by_command, own = hhsim.load_result(tmp_path / "told.h5"), hhsim.load_result(str(tmp_path / "own.h5"))
+    assert summary.path == own.path and own.complete
+    for column in TICK_COLUMNS:
+        if not column.name.startswith("duration/"):
+            assert np.array_equal(by_command[column.name], own[column.name], equal_nan=column.dtype == "<f8"), (
+                column.name
+            )
+    assert own["contacts/touching"].max() > 0
+    assert differences(run_inputs(by_command), run_inputs(own)) == []
+    description = {name: by_command.scene[name] for name in own.scene if name not in ("object", "trajectory")}
+    assert {name: own.scene[name] for name in description} == description
+    assert (own.scene["object"], own.scene["trajectory"]) == ("cube", str(tmp_path / "short.toml"))
+    answer = run("replay", "own.h5")
+    assert answer.code == 0 and "identical in every tick" in answer.out
+
+
+def test_a_scene_of_a_mesh_and_a_motion_that_are_loaded(tmp_path: Path) -> None:
+    (tmp_path / "short.toml").write_text(SHORT)
+    mesh = cube()
+    motion = hhsim.open_scene(mesh, tmp_path / "short.toml", level=1).trajectory
+    scene = hhsim.open_scene(mesh, motion, level=1, mode="hold", rate=250.0)
+    assert (scene.ticks.rate, scene.ticks.tick_count) == (250.0, 63)
+    assert (scene.description["object"], scene.description["trajectory"]) == (mesh.name, motion.name)
+    assert scene.description["samples"] == "hold" and scene.tree.depth == 1
+    assert scene.hand.side == "right"
+
+
+def test_a_mistake_is_told_before_anything_is_built() -> None:
+    with pytest.raises(UnknownNameError, match="unknown object 'cbue': did you mean cube"):
+        hhsim.open_scene("cbue")
+    with pytest.raises(UnknownNameError, match="unknown trajectory 'pinhc': did you mean pinch"):
+        hhsim.open_scene("cube", "pinhc")
+    with pytest.raises(InputError, match="unit and size are for mesh files; 'cube' is an object that has its size"):
+        hhsim.open_scene("cube", unit="mm")
+    with pytest.raises(InputError, match="exclude each other"):
+        hhsim.open_scene("mug.stl", unit="mm", size=0.1)
+
+
+def test_a_scene_says_what_it_is_in_one_line() -> None:
+    scene = hhsim.open_scene("cube", "pinch", level=2)
+    assert repr(scene) == str(scene) == "Scene(cube with 64 leaf spheres, right hand, pinch: 3,000 ticks at 1000 Hz)"
+
+
+def test_everything_that_a_program_is_given_has_a_repr_of_a_few_lines(tmp_path: Path) -> None:
+    (tmp_path / "short.toml").write_text(SHORT)
+    scene = hhsim.open_scene("cube", tmp_path / "short.toml", level=2)
+    with pytest.raises(TypeError, match=r"replay_scene\(\) missing"):
+        hhsim.replay_scene(scene)  # type: ignore[call-arg]
+    with pytest.raises(InputError, match="expected SolverOptions, found 'coupled'"):
+        hhsim.replay_scene(scene, "coupled", tmp_path / "own.h5")  # type: ignore[arg-type]
+    summary = hhsim.replay_scene(scene, hhsim.SolverOptions(), tmp_path / "own.h5")
+    result = hhsim.load_result(tmp_path / "own.h5")
+    poses = hhsim.HandConfiguration.of(scene.ticks)
+    method_scene = hhsim.MethodScene(scene.hand, scene.mesh, scene.tree, hhsim.SolverOptions(margin=0.002))
+    verification = Verification((judged("depth", "", 2.0, 1.0, "m", ""),), 250, 250, 1, 0.0, 0.0, 0.0)
+    solver = hhsim.HandSolver(scene.hand, scene.tree.arrays(), hhsim.SolverOptions())
+    shown = [scene, scene.tree, scene.mesh, scene.hand, scene.trajectory, scene.ticks, summary, result, verification]
+    shown += [poses, poses.at(0), solver, method_scene, method_scene.options, method_scene.options.stiffness]
+    shown += [hhsim.TickAnswer(poses.at(0), np.ones((5, 3, 3))), hhsim.HhsimError("one line")]
+    classes = {value for value in map(vars(hhsim).get, hhsim.__all__) if isinstance(value, type)}
+    assert classes <= {type(value) for value in shown}
+    for value in shown:
+        text = repr(value)
+        assert text.startswith(type(value).__name__) and len(text) <= 400 and text.count("\n") < 5, text
+    assert eval(repr(method_scene.options), vars(hhsim)) == method_scene.options
+    assert repr(result).startswith("Result(own.h5: cube, short, coupled on spheres, 250 ticks at 1000 Hz; approach,")
+    assert repr(verification) == "Verification(250 ticks; claims: 1 FAILS (depth))"
+    assert f"coupled on spheres, 250 ticks: {summary.verdict.word}; {result.path}; " in repr(summary)
+    page = summary._repr_html_()
+    assert page.startswith(f"<p>{escape(summary.verdict.line)}</p>") and "penetration, max</th>" in page
+
+
+def test_the_hand_is_named_by_its_side() -> None:
+    left = hhsim.open_scene("cube", "pinch", level=2, hand="left")
+    assert left.hand.side == "left" and "left hand" in repr(left)
+    with pytest.raises(UnknownNameError, match="unknown hand 'lft': did you mean left"):
+        hhsim.open_scene("cube", "pinch", level=2, hand="lft")  # type: ignore[arg-type]

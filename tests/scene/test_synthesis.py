@@ -3,37 +3,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from sphere_scenes import ball, row
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion_from_matrix
+from hhsim.hand.quaternion import quaternion_from_matrix, rotation_matrix
 from hhsim.motion.trajectory import Trajectory
 from hhsim.motion.tremor import Disturbance
 from hhsim.scene import closure_search
-from hhsim.scene.closure_search import plan_finger_closure
+from hhsim.scene.closure_search import level, plan_finger_closure
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.motion_catalogue import load_script
-from hhsim.scene.script import parse_script
-from hhsim.scene.synthesis import synthesize
-from hhsim.trees.sphere_tree import SphereTree
+from hhsim.scene.script import ScriptPhase, parse_script
+from hhsim.scene.synthesis import carried, minimum_jerk, synthesize, taken_along, to_and_fro
 
 HAND = HandModel.default()
-
-
-def ball(radius: float = 0.035) -> SphereTree:
-    return SphereTree(np.zeros((2, 3)), np.array([radius, radius]), np.array([0, 1]), np.array([-1, 0]))
-
-
-def bar() -> SphereTree:
-    """Balls in a row along y, 200 mm long, 40 mm thick."""
-    center = np.zeros((41, 3))
-    center[:, 1] = np.linspace(-0.1, 0.1, 41)
-    return SphereTree(
-        np.vstack([np.zeros(3), center]),
-        np.concatenate([[0.13], np.full(41, 0.02)]),
-        np.concatenate([[0], np.ones(41, dtype=np.int64)]),
-        np.concatenate([[-1], np.zeros(41, dtype=np.int64)]),
-    )
 
 
 def bytes_of(motion: Trajectory) -> bytes:
@@ -55,7 +39,7 @@ def test_quaternion_of_a_matrix_is_scipys() -> None:
 @pytest.mark.parametrize("name", ["touch", "pinch", "grasp", "whole-hand", "slide"])
 def test_the_motion_goes_through_what_was_planned(name: str) -> None:
     script = load_script(name)
-    tree = ball()
+    tree = ball(0.035)
     closure = plan_finger_closure(script, HAND, tree)
     motion = synthesize(script, HAND, tree)
     assert motion.sample_count == 3000
@@ -80,7 +64,7 @@ def test_the_motion_goes_through_what_was_planned(name: str) -> None:
 
 
 def test_the_motion_has_no_jumps_in_speed() -> None:
-    motion = synthesize(load_script("slide"), HAND, ball())
+    motion = synthesize(load_script("slide"), HAND, ball(0.035))
     for key, limit in (("position", 20.0), ("flexion", 200.0)):
         acceleration = np.diff(getattr(motion, key), n=2, axis=0) * 1e6
         assert np.abs(acceleration).max() < limit, key
@@ -90,7 +74,7 @@ def test_the_motion_has_no_jumps_in_speed() -> None:
 
 def test_a_slide_goes_the_stated_distance_along_the_palm() -> None:
     script = load_script("slide")
-    motion = synthesize(script, HAND, bar())
+    motion = synthesize(script, HAND, row([0.0, 1.0, 0.0]))
     slide = next(phase for phase in motion.phases if phase.name == "slide")
     first, last = (int(np.searchsorted(motion.time, time)) for time in (slide.start_time, slide.end_time))
     moved = motion.position[last] - motion.position[first - 1]
@@ -109,12 +93,12 @@ def test_the_same_arguments_give_the_same_bytes_and_the_seed_only_moves_the_nois
     quiet = []
     for seed in (0, 5):
         monkeypatch.setattr(closure_search, "_found", {})  # it searches twice, too
-        quiet.append(bytes_of(synthesize(script, HAND, ball(), seed)))
+        quiet.append(bytes_of(synthesize(script, HAND, ball(0.035), seed)))
     assert quiet[0] == quiet[1]
-    noisy = [synthesize(script, HAND, ball(), seed, disturbance=noise) for seed in (0, 5)]
+    noisy = [synthesize(script, HAND, ball(0.035), seed, disturbance=noise) for seed in (0, 5)]
     assert bytes_of(noisy[0]) != bytes_of(noisy[1])
-    assert bytes_of(noisy[0]) == bytes_of(synthesize(replace(script, disturbance=noise), HAND, ball()))
-    still = synthesize(script, HAND, ball())
+    assert bytes_of(noisy[0]) == bytes_of(synthesize(replace(script, disturbance=noise), HAND, ball(0.035)))
+    still = synthesize(script, HAND, ball(0.035))
     excursion = np.linalg.norm(noisy[1].position - still.position, axis=1)
     assert 0.9e-4 < excursion.max() <= 1e-4 * (1 + 1e-9)
 
@@ -152,8 +136,8 @@ def test_any_rate_and_any_order_of_closings() -> None:
         name="back to one",
         where="test",
     )
-    closure = plan_finger_closure(script, HAND, ball())
-    motion = synthesize(script, HAND, ball())
+    closure = plan_finger_closure(script, HAND, ball(0.035))
+    motion = synthesize(script, HAND, ball(0.035))
     assert motion.sample_count == 275
     last = motion.flexion[-1]
     np.testing.assert_allclose(last[1], closure.command[1], atol=1e-12)
@@ -164,7 +148,7 @@ def test_any_rate_and_any_order_of_closings() -> None:
 def test_a_hold_stands_still_to_the_last_bit(durations: tuple[float, ...]) -> None:
     names = ("approach", "pinch", "hold")
     text = "".join(f'[[phase]]\nname = "{name}"\nduration = {t!r}\n' for name, t in zip(names, durations))
-    motion = synthesize(parse_script(f'title = "x"\n{text}', name="x", where="x"), HAND, ball())
+    motion = synthesize(parse_script(f'title = "x"\n{text}', name="x", where="x"), HAND, ball(0.035))
     held = motion.time >= durations[0] + durations[1] - 1e-9
     assert np.count_nonzero(held) > 90
     for values in (motion.position[held], motion.orientation[held], motion.flexion[held]):
@@ -175,7 +159,7 @@ def test_a_carry_takes_hand_and_object_along_one_arc_and_leaves_what_is_between_
     script = load_script("carry")
     (carry,) = (phase for phase in script.phases if phase.name == "carry")
     still = replace(script, phases=tuple(replace(p, name="hold") if p is carry else p for p in script.phases))
-    motion, held = synthesize(script, HAND, ball()), synthesize(still, HAND, ball())
+    motion, held = synthesize(script, HAND, ball(0.035)), synthesize(still, HAND, ball(0.035))
     assert motion.object_motion is not None and held.object_motion is None
     way = np.linalg.norm(np.diff(motion.object_motion.position, axis=0), axis=1)
     assert way.sum() == pytest.approx(carry.distance, rel=1e-5)
@@ -191,7 +175,7 @@ def test_a_carry_takes_hand_and_object_along_one_arc_and_leaves_what_is_between_
 
 
 def test_a_lift_takes_the_hand_up_and_back_and_leaves_the_object_to_friction() -> None:
-    script, tree = load_script("lift"), ball()
+    script, tree = load_script("lift"), ball(0.035)
     closure, motion = plan_finger_closure(script, HAND, tree), synthesize(script, HAND, tree)
     assert motion.object_motion is None
     for sample, height in ((2700, 0.1), (4100, 0.0)):
@@ -200,7 +184,7 @@ def test_a_lift_takes_the_hand_up_and_back_and_leaves_the_object_to_friction() -
 
 
 def test_a_push_goes_level_where_the_fingers_press() -> None:
-    script, tree = load_script("push"), ball()
+    script, tree = load_script("push"), ball(0.035)
     closure, motion = plan_finger_closure(script, HAND, tree), synthesize(script, HAND, tree)
     way = motion.position[2700] - motion.position[1500]
     assert np.linalg.norm(way) == pytest.approx(0.08, abs=1e-9) and abs(way[2]) < 1e-12
@@ -210,7 +194,7 @@ def test_a_push_goes_level_where_the_fingers_press() -> None:
 
 
 def test_a_slip_eases_the_fingers_until_they_would_just_touch() -> None:
-    script, tree = load_script("slip"), ball()
+    script, tree = load_script("slip"), ball(0.035)
     closure, motion = plan_finger_closure(script, HAND, tree), synthesize(script, HAND, tree)
     np.testing.assert_allclose(motion.flexion[2500], closure.command, atol=1e-12)
     np.testing.assert_allclose(motion.flexion[4700], closure.contact, atol=1e-12)
@@ -219,5 +203,68 @@ def test_a_slip_eases_the_fingers_until_they_would_just_touch() -> None:
 
 def fingertips(position: FloatArray, rotation: FloatArray, flexion: FloatArray) -> FloatArray:
     work = make_work()
-    body_distances(HAND.arrays(), ball().arrays(), position, rotation, flexion, np.zeros(5), work)
+    body_distances(HAND.arrays(), ball(0.035).arrays(), position, rotation, flexion, np.zeros(5), work)
     return work.joints[:, 3].copy()
+
+
+MIDDLE = np.array([0.1, -0.2, 0.3])
+
+
+def test_minimum_jerk_is_the_polynomial_with_still_ends() -> None:
+    tau = np.linspace(-0.2, 1.2, 141)
+    inside = np.clip(tau, 0.0, 1.0)
+    np.testing.assert_allclose(minimum_jerk(tau), 10 * inside**3 - 15 * inside**4 + 6 * inside**5, atol=1e-15)
+    assert minimum_jerk(0.0) == 0.0 and minimum_jerk(1.0) == 1.0 and minimum_jerk(0.5) == 0.5
+    h = 1e-4
+    for end in (0.0, 1.0):
+        assert abs(minimum_jerk(end + h) - minimum_jerk(end - h)) < 1e-11
+        assert abs(minimum_jerk(end + h) - 2 * minimum_jerk(end) + minimum_jerk(end - h)) / h**2 < 0.01
+
+
+def test_arcs_go_on_from_each_other_and_a_carry_without_turn_is_straight() -> None:
+    arc = ScriptPhase("carry", 0.5, distance=0.2, turn=np.pi)
+    script = replace(load_script("pinch"), phases=(ScriptPhase("approach", 0.2), arc, arc, replace(arc, turn=0.0)))
+    time = np.arange(script.sample_count + 1) / script.rate
+    moved = carried(script, time, np.array([1.0, 2.0, 3.0]))
+    assert moved is not None
+    place = moved.points(np.tile([1.0, 2.0, 3.0], (len(time), 1)))
+    back = np.searchsorted(time, 1.2)
+    # Two halves of a circle end where they began, and then it goes straight on.
+    np.testing.assert_allclose(place[back], place[0], atol=1e-12)
+    np.testing.assert_allclose(place[-1] - place[back], [0.2, 0.0, 0.0], atol=1e-12)
+
+
+def test_a_shake_begins_and_ends_at_rest_and_goes_nearly_as_far_as_it_says() -> None:
+    share = np.linspace(-0.1, 1.1, 100_001)
+    swing = to_and_fro(share, 4.0)
+    assert np.abs(swing[(share < 0.0) | (share > 1.0)]).max() < 1e-30
+    assert 0.95 < np.abs(swing).max() <= 1.0
+    assert np.count_nonzero(np.diff(np.sign(swing[(share > 0.01) & (share < 0.99)]))) == 7
+    acceleration = np.diff(swing, n=2) / np.diff(share)[0] ** 2
+    assert np.abs(np.diff(acceleration)).max() < 0.005 * np.abs(acceleration).max()
+
+
+def test_lifts_go_up_shakes_across_and_turns_about_the_fingers_through_the_middle() -> None:
+    script = load_script("pinch")
+    phases = (ScriptPhase("lift", 0.5, distance=0.1), ScriptPhase("turn", 0.5, turn=0.8))
+    script = replace(script, phases=(*phases, ScriptPhase("shake", 1.0, distance=0.02, cycles=2.0)))
+    time = np.arange(2001) / 1000.0
+    # The palm looks down, its fingers along y and a little up.
+    tilt = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(0.3), -np.sin(0.3)], [0.0, np.sin(0.3), np.cos(0.3)]])
+    moved = taken_along(script, time, tilt, MIDDLE)
+    assert moved is not None
+    middle = moved.points(np.tile(MIDDLE, (len(time), 1))) - MIDDLE
+    np.testing.assert_allclose(middle[500], [0.0, 0.0, 0.1], atol=1e-12)
+    np.testing.assert_allclose(middle[500:1001], np.tile(middle[500], (501, 1)), atol=1e-12)
+    assert np.abs(middle[1000:, 0]).max() > 0.017 and np.abs(middle[:, 1]).max() == 0.0
+    np.testing.assert_allclose(middle[-1], [0.0, 0.0, 0.1], atol=1e-12)
+    turn = rotation_matrix(moved.turn[-1])
+    np.testing.assert_allclose(turn @ [0.0, 1.0, 0.0], [0.0, 1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(turn[0, 0], np.cos(0.8), atol=1e-12)
+    assert taken_along(load_script("grasp"), time, tilt, MIDDLE) is None
+
+
+def test_what_stands_upright_is_no_direction_on_a_table() -> None:
+    np.testing.assert_allclose(level(np.array([3.0, 4.0, 5.0]), np.zeros(3)), [0.6, 0.8, 0.0])
+    np.testing.assert_allclose(level(np.array([0.0, 0.1, 1.0]), np.array([0.0, 2.0, 0.0])), [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(level(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])), [1.0, 0.0, 0.0])

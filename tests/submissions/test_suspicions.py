@@ -14,8 +14,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_matrix
-from hhsim.scene.open_scene import open_scene
-from hhsim.scene.scene import Scene
+from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions

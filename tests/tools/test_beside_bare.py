@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 
 from hhsim.result.miss_cause import MissCause
 from tools.beside_bare import Beside, Turns, as_json, table
@@ -15,19 +16,20 @@ def beside(loop: int, bare: int, computed: int = 0) -> Beside:
     return both
 
 
-def test_a_loop_that_misses_a_fifth_more_than_the_bare_one_is_let_pass() -> None:
-    assert beside(120, 100).missed_limits() == []
-    assert beside(121, 100).missed_limits() == ["sim: the loop missed 0.1210 % of its periods, the bare loop 0.1000 %"]
-
-
-def test_a_period_of_its_own_making_is_none_too_few() -> None:
-    assert beside(1, 100, computed=1).missed_limits() == ["sim: 1 periods were missed by the loop's own computing"]
-
-
-def test_what_interrupts_took_is_not_the_loops_own() -> None:
-    both = beside(3, 100, computed=3)
-    both.gloves["sim"].interrupted = 2
-    assert both.missed_limits() == ["sim: 1 periods were missed by the loop's own computing"]
+@pytest.mark.parametrize(
+    ("loop", "computed", "interrupted", "missed"),
+    [
+        (120, 0, 0, []),
+        (121, 0, 0, ["sim: the loop missed 0.1210 % of its periods, the bare loop 0.1000 %"]),
+        (1, 1, 0, ["sim: 1 periods were missed by the loop's own computing"]),
+        (3, 3, 2, ["sim: 1 periods were missed by the loop's own computing"]),
+    ],
+    ids=["a fifth more than bare", "more than that", "its own computing", "what interrupts took is not"],
+)
+def test_a_limit_that_is_missed_is_told(loop: int, computed: int, interrupted: int, missed: list[str]) -> None:
+    both = beside(loop, 100, computed)
+    both.gloves["sim"].interrupted = interrupted
+    assert both.missed_limits() == missed
 
 
 def test_a_miss_without_a_name_is_told() -> None:

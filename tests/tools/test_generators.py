@@ -8,9 +8,7 @@ import trimesh
 
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.self_intersection import winding_faults
 from tools.shapes.generators import (
-    GENERATORS,
     cube,
     cup,
     cylinder,
@@ -23,43 +21,9 @@ from tools.shapes.generators import (
 
 pytestmark = pytest.mark.soak
 
-GENUS = {"cup": 1}
-
 
 def as_trimesh(mesh: Mesh) -> trimesh.Trimesh:
     return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-
-
-@pytest.mark.parametrize("name", GENERATORS)
-def test_closed_outward_and_sound_everywhere(name: str) -> None:
-    mesh = GENERATORS[name]()
-    other = as_trimesh(mesh)
-    assert other.is_watertight
-    assert other.is_winding_consistent
-    assert other.body_count == 1
-    assert 1 - other.euler_number // 2 == GENUS.get(name, 0)
-    assert mesh.volume > 0.0
-    assert mesh.volume == pytest.approx(other.volume, rel=1e-9)
-    faulty, tested, low, high = winding_faults(mesh.vertices, mesh.faces)
-    assert (faulty, round(low, 9), round(high, 9)) == (0, 0.0, 1.0)
-    assert tested >= 500
-    assert len(np.unique(mesh.vertices, axis=0)) == len(mesh.vertices) == len(np.unique(mesh.faces))
-    assert other.area_faces.min() > 1e-9
-
-
-@pytest.mark.parametrize("name", GENERATORS)
-def test_graspable_and_centred(name: str) -> None:
-    mesh = GENERATORS[name]()
-    assert 0.06 <= mesh.extent.max() <= 0.13
-    np.testing.assert_allclose(mesh.bounds.mean(axis=0), 0.0, atol=1e-9)
-
-
-@pytest.mark.parametrize("name", GENERATORS)
-def test_same_arguments_same_bytes(name: str) -> None:
-    first, second = GENERATORS[name](), GENERATORS[name]()
-    assert first.vertices.tobytes() == second.vertices.tobytes()
-    assert first.faces.tobytes() == second.faces.tobytes()
-    assert first.sha256 == second.sha256
 
 
 @pytest.mark.parametrize(

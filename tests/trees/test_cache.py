@@ -19,9 +19,8 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.trees import builder, cache
 from hhsim.trees.cache import SHIPPED_SUFFIX, cache_path, cached_sphere_tree, kept_sphere_tree, shipped_tree
 from hhsim.trees.file import load_tree
-from hhsim.trees.level_cover import LevelCover
 from hhsim.trees.options import TreeOptions
-from hhsim.trees.sphere_tree import SphereTree
+from hhsim.trees.sphere_tree import LevelCover, SphereTree
 from tools.build_trees import PALM_LEVEL, object_tree, palm_trees
 from tools.shapes.generators import cube
 
@@ -116,7 +115,7 @@ def test_what_ships_is_taken_for_nothing_else(monkeypatch: pytest.MonkeyPatch) -
 FIRST_RUN = """
 import json, sys
 from hhsim.hand.model import HandModel
-from hhsim.scene.open_scene import open_scene
+from hhsim.scene.scene import open_scene
 HandModel.default("left")
 open_scene("bunny", "grasp")
 print(json.dumps([name for name in sys.modules if name.startswith("hhsim.")]))

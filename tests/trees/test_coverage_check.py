@@ -19,9 +19,8 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.trees.builder import build_sphere_tree, proved_anew
 from hhsim.trees.coverage_check import faults
 from hhsim.trees.error import prove_cover
-from hhsim.trees.level_cover import LevelCover
 from hhsim.trees.options import TreeOptions
-from hhsim.trees.sphere_tree import SphereTree
+from hhsim.trees.sphere_tree import LevelCover, SphereTree
 
 
 def mesh_of(shape: trimesh.Trimesh) -> Mesh:

@@ -31,17 +31,10 @@ def built() -> SphereTree:
 def toolkit_file(
     path: Path, tree: SphereTree, *, shift: NDArray[np.float64], unit: float = 1.0, drop: int = 0, parents: float = 0.6
 ) -> None:
-    """Write a two-level tree as the toolkit does.
+    """Write a two-level tree as the toolkit does: six decimals, unused slots of radius -1, statistics at the end.
 
-    Six decimals, small parents, unused slots of radius -1, statistics at the end.
-
-    Args:
-        path: Where to.
-        tree: In the frame of its mesh [m].
-        shift: Subtracted from the centres [m].
-        unit: Of the file [m].
-        drop: Leaves to leave out, the first ones.
-        parents: Share of their radius that inner spheres keep.
+    `shift` is subtracted from the centres [m]; the first `drop` leaves are left out; inner spheres keep a share
+    `parents` of their radius.
     """
     branching = 9
     lines = ["0.000000 0.000000 0.000000 -1.000000 0.000000"] * (1 + branching + branching**2)

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hhsim.errors import InputError
-from hhsim.trees.level_cover import LevelCover
-from hhsim.trees.sphere_count_search import NEAR, PROBED, PROBES, find_fewest
+from hhsim.trees.builder import NEAR, PROBED, PROBES, find_fewest
+from hhsim.trees.sphere_tree import LevelCover
 
 
 class Builder:

@@ -15,8 +15,7 @@ from sampled import first_of_each, sampled
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
-from hhsim.scene.open_scene import open_scene
-from hhsim.scene.scene import make_scene
+from hhsim.scene.scene import make_scene, open_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.again import again_claims
 from hhsim.verify.claim import FAILS, HOLDS, NOT_JUDGED, Claim

@@ -35,8 +35,7 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.verdict import verdict as report_verdict
 from hhsim.result.reader import Result, load_result
-from hhsim.scene.open_scene import open_scene
-from hhsim.scene.scene import make_scene
+from hhsim.scene.scene import make_scene, open_scene
 from hhsim.solver import backend_programs
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import QpProblem, QpSolution, QpStatus, solve

@@ -16,8 +16,7 @@ from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
-from hhsim.scene.open_scene import open_scene
-from hhsim.scene.scene import make_scene
+from hhsim.scene.scene import make_scene, open_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.claim import HOLDS
 from hhsim.verify.contacts import PALM

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.bench.manipulation.stage import turned_by
-from hhsim.scene.hand_moves import minimum_jerk
+from hhsim.scene.synthesis import minimum_jerk
 
 RATE = 1000.0
 """Tick rate [Hz]."""

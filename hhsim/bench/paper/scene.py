@@ -22,12 +22,10 @@ from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.motion.trajectory import TickInput, Trajectory
-from hhsim.scene.closure_at_pose import PlacedCloser
 from hhsim.scene.contact_goals import TOUCHING, touch_distances
-from hhsim.scene.finger_closure import FingerClosure, body_distances
+from hhsim.scene.finger_closure import FingerClosure, PlacedCloser, body_distances
 from hhsim.scene.motion_catalogue import load_script
-from hhsim.scene.script import Script
-from hhsim.scene.stored_pose import Placement
+from hhsim.scene.script import Placement, Script
 from hhsim.scene.synthesis import planned, synthesize
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions

@@ -12,7 +12,7 @@ from hhsim.bench.manipulation.pinch import Pinch, Rest
 from hhsim.bench.manipulation.stage import ball, block, turned_by
 from hhsim.bench.manipulation.table import COLUMNS, ManipulationOptions, measure, missed
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.mesh.mass_properties import mass_properties
+from hhsim.mesh.mesh import mass_properties
 from hhsim.trees.contact_surface import encloses
 
 SHORT = Lengths(rest=1.0, held=1.0)
