@@ -2,8 +2,7 @@
 
 All others get the same conditioned program: minimise ½ |y|² subject to a_i · y >= r_i, rows of length 1, y = (x - x₀) /
 L, L the largest violation at x₀ (the program's size without one). The Hessian is the identity, the solution of the
-order of 1, and a tolerance means the same to each. The fast solvers are called by their native interface, the others
-and their times by qpsolvers.
+order of 1, and a tolerance means the same to each. qpsolvers calls them; daqp is called by itself to take a guess.
 """
 
 import time
@@ -11,6 +10,7 @@ import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,13 +19,12 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.qp.program import Program
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, new_work
 from hhsim.kernels.qp.standalone import PROGRAM, solve_repeatedly
-from hhsim.solver.qp import BACKEND_OPTIONS
-
-Solve = Callable[[], tuple[Any, Any, float | None]]
-"""Solves a program once: y, None if it claims no solution; multipliers of the rows; the solver's own time [s]."""
+from hhsim.solver.qp import qpsolvers_call
 
 WARM, WARM_DAQP = "active-set, warm", "daqp, warm"
-DUAL_ACTIVE_SET_TOLERANCE = 1e-9
+DAQP_TOLERANCE = 1e-9
+QUICK = ("daqp", WARM_DAQP, "pyqpmad", "quadprog")
+"""Solvers of microseconds: their native time is that of the call less that of a program of one row, see `overhead`."""
 
 
 @dataclass(frozen=True)
@@ -93,33 +92,34 @@ def prepare(backend: str, program: Program, python_share: float = 0.0) -> Callab
 
     Args:
         backend: Its name; `daqp, warm` also gets the guess.
-        python_share: Python's share of a call of a backend that reports no time of its own [ns], see `overhead`.
+        python_share: Python's share of a call of a backend among `QUICK` [ns].
     """
     matrix, norm = program.unit_rows()
     least = program.rhs / norm - matrix @ program.target
     violation = float(least.max(initial=0.0))
     # A violation by rounding would be no unit.
     length = violation if violation > 1e-9 * program.size else program.size
-    if backend in ("daqp", WARM_DAQP):
-        solve = _daqp(matrix, least / length, program.guess if backend == WARM_DAQP else program.guess[:0])
-    elif backend in _NATIVE:
-        solve = _NATIVE[backend](matrix, least / length)
+    rows, most = -matrix, -least / length
+    if backend == WARM_DAQP:
+        solve = _guessed_daqp(rows, most, program.guess)
     else:
-        solve = _by_qpsolvers(backend, matrix, least / length)
+        options = {"primal_tol": DAQP_TOLERANCE} if backend == "daqp" else {}
+        solve = qpsolvers_call(backend, rows, most, **options)
 
     def timed() -> Answer:
-        y, z, seconds = None, None, None
+        found = None
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             began = time.perf_counter_ns()
             with suppress(Exception):  # any exception of another solver is its answer
-                y, z, seconds = solve()
+                found = solve()
             call = time.perf_counter_ns() - began
+        seconds = None if found is None or backend in QUICK else found.solve_time
         native = max(call - python_share, 0.0) if seconds is None else 1e9 * seconds
-        if y is None or z is None:
+        if found is None or not found.found or found.x is None or found.z is None:
             return Answer(None, np.zeros(program.rows), call, native)
-        multiplier = np.maximum(np.asarray(z, dtype=np.float64), 0.0) * length / norm
-        return Answer(program.target + length * np.asarray(y, dtype=np.float64), multiplier, call, native)
+        multiplier = np.maximum(np.asarray(found.z, dtype=np.float64), 0.0) * length / norm
+        return Answer(program.target + length * np.asarray(found.x, dtype=np.float64), multiplier, call, native)
 
     return timed
 
@@ -132,75 +132,17 @@ def overhead(backend: str, repeats: int = 200) -> float:
     return float(np.median([solve().call for _ in range(repeats)]))
 
 
-def _daqp(matrix: FloatArray, least: FloatArray, guess: IntArray) -> Solve:
+def _guessed_daqp(rows: FloatArray, most: FloatArray, guess: IntArray) -> Callable[[], Any]:
     import daqp
 
-    m, n = matrix.shape
-    eye, zero = np.eye(n), np.zeros(n)
-    rows, most, lowest = -matrix, -least, np.full(m, -1e30)
+    m, n = rows.shape
     start = np.zeros(m, dtype=np.int32)
     start[guess] = 1
 
-    def solve() -> tuple[Any, Any, float | None]:
+    def solve() -> SimpleNamespace:
         # It leaves its active set in the last array.
-        arrays = (eye, zero, rows, most, lowest, start.copy())
-        y, _, flag, found = daqp.solve(*arrays, primal_tol=DUAL_ACTIVE_SET_TOLERANCE)
-        return (y if flag > 0 else None), found["lam"], found["solve_time"] + found["setup_time"]
+        arrays = (np.eye(n), np.zeros(n), rows, most, np.full(m, -1e30), start.copy())
+        y, _, flag, found = daqp.solve(*arrays, primal_tol=DAQP_TOLERANCE)
+        return SimpleNamespace(found=flag > 0, x=y, z=found["lam"])
 
     return solve
-
-
-def _quadprog(matrix: FloatArray, least: FloatArray) -> Solve:
-    import quadprog
-
-    eye, zero, columns = np.eye(matrix.shape[1]), np.zeros(matrix.shape[1]), matrix.T.copy()
-
-    def solve() -> tuple[Any, Any, float | None]:
-        found = quadprog.solve_qp(eye, zero, columns, least, 0, True)
-        return found[0], found[4], None
-
-    return solve
-
-
-def _pyqpmad(matrix: FloatArray, least: FloatArray) -> Solve:
-    import pyqpmad
-
-    m, n = matrix.shape
-    eye, zero = np.asfortranarray(np.eye(n)), np.zeros(n)
-    rows, most = np.asfortranarray(matrix), np.full(m, np.inf)
-    settings = pyqpmad.SolverParameters()
-    settings.tolerance = 1e-12
-    settings.hessian_type = pyqpmad.HessianType.HESSIAN_INVERTED_CHOLESKY_FACTOR
-    solver = pyqpmad.Solver()
-    solver.reserve(n, 0, m)
-
-    def solve() -> tuple[Any, Any, float | None]:
-        # It works in the Hessian that it is given.
-        y, z = np.zeros(n), np.zeros(m)
-        status = solver.solve(y, eye.copy(order="F"), zero, None, None, rows, least, most, settings)
-        dual = solver.get_inequality_dual()
-        z[np.asarray(dual.indices)] = dual.dual
-        return (y if status == pyqpmad.ReturnStatus.OK else None), z, None
-
-    return solve
-
-
-def _by_qpsolvers(backend: str, matrix: FloatArray, least: FloatArray) -> Solve:
-    import qpsolvers
-    from scipy.sparse import csc_matrix
-
-    identity: Any = np.eye(matrix.shape[1])
-    rows: Any = -matrix
-    if backend not in qpsolvers.dense_solvers:
-        identity, rows = csc_matrix(identity), csc_matrix(rows)
-    problem = qpsolvers.Problem(identity, np.zeros(matrix.shape[1]), rows, -least)
-    options = BACKEND_OPTIONS.get(backend, {})
-
-    def solve() -> tuple[Any, Any, float | None]:
-        found = qpsolvers.solve_problem(problem, backend, **options)
-        return (found.x if found.found else None), found.z, found.solve_time
-
-    return solve
-
-
-_NATIVE: dict[str, Callable[[FloatArray, FloatArray], Solve]] = {"pyqpmad": _pyqpmad, "quadprog": _quadprog}
