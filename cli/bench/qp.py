@@ -51,8 +51,7 @@ def command(
     """
     from dataclasses import asdict
 
-    from hhsim.bench.qp.bench import COLUMNS, bench_qp, missed_programs, solver_versions
-    from hhsim.bench.qp.problem_file import check_problem_file
+    from hhsim.bench.qp.bench import COLUMNS, bench_qp, check_problem_file, missed_programs, solver_versions
     from hhsim.bench.qp.recorded_problems import MOTIONS, OBJECTS, QpBenchOptions
 
     chosen = QpBenchOptions(

@@ -17,7 +17,7 @@ from .suite import Solvers, measuring
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hhsim.bench.robustness.recorded_metrics import RecordedFigures
+    from hhsim.bench.robustness.recorded import RecordedFigures
 
 SHOWN = (
     words("recording"),
@@ -101,8 +101,14 @@ def command(
       hhsim bench recorded recordings --object bunny,mug.stl --unit mm
       hhsim bench recorded grab.npz --method paper --samples hold --rate 500
     """
-    from hhsim.bench.robustness.recorded import BenchObject, RecordedOptions, bench_recorded, recording_files
-    from hhsim.bench.robustness.recorded_metrics import COLUMNS, totals
+    from hhsim.bench.robustness.recorded import (
+        COLUMNS,
+        BenchObject,
+        RecordedOptions,
+        bench_recorded,
+        recording_files,
+        totals,
+    )
     from hhsim.bench.table import csv_path, write_table
     from hhsim.mesh.catalogue import names_a_file, resolve_object
     from hhsim.trees.cache import cached_sphere_tree
@@ -161,7 +167,7 @@ def command(
 
 
 def _print(figures: "Sequence[RecordedFigures]") -> None:
-    from hhsim.bench.robustness.recorded_metrics import totals
+    from hhsim.bench.robustness.recorded import totals
 
     ran = [row for row in figures if not row.reason]
     if ran:

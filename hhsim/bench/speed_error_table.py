@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import AnyArray, IntArray
-from hhsim.bench.figure_columns import columns_of, totals_of
 from hhsim.bench.run_errors import RunErrors
 from hhsim.bench.speed_error import NO_LEVEL, Configuration, Run
-from hhsim.bench.table import metric_column
+from hhsim.bench.table import columns_of, metric_column, totals_of
 from hhsim.solver.qp import ACTIVE_SET
 from hhsim.table.table import Column
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hhsim.bench.mesh_errors import MeshReferee, sampled
+from hhsim.bench.run_errors import MeshReferee, sampled
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
@@ -49,18 +49,18 @@ def ticks(*numbers: int) -> np.ndarray:
 def test_every_contact_point_of_every_tick_is_measured() -> None:
     placed = over([5e-4, 2e-4, 0.01, 5e-4])
     found = MeshReferee(MESH).errors(surface_of(MESH), SHAPE, placed, TOUCH, ticks(0, 1, 2, 3), NONE)
-    assert found.contact_mean == pytest.approx((5e-4 + 2e-4 + 5e-4) / 3.0, abs=1e-12)
-    assert found.contact_max == pytest.approx(5e-4, abs=1e-12)
-    assert (found.depth_max, found.depth_p95, found.ticks) == (0.0, 0.0, 4)
+    assert found.contact_error_mean == pytest.approx((5e-4 + 2e-4 + 5e-4) / 3.0, abs=1e-12)
+    assert found.contact_error_max == pytest.approx(5e-4, abs=1e-12)
+    assert (found.mesh_depth_max, found.mesh_depth_p95, found.samples) == (0.0, 0.0, 4)
     alone = [MeshReferee(MESH).errors(surface_of(MESH), SHAPE, placed, TOUCH, ticks(i), NONE) for i in (0, 1)]
-    assert found.points == sum(one.points for one in alone), "the last tick is the first one again"
+    assert found.contact_points == sum(one.contact_points for one in alone), "the last tick is the first one again"
 
 
 def test_a_hand_is_as_deep_as_it_was_pushed_in() -> None:
     placed = over([-1e-3, -2e-3, 1e-3])
     found = MeshReferee(MESH).errors(surface_of(MESH), SHAPE, placed, TOUCH, ticks(0, 1, 2), NONE)
-    assert found.depth_max == pytest.approx(2e-3, abs=1e-7)
-    assert found.ticks == 3
+    assert found.mesh_depth_max == pytest.approx(2e-3, abs=1e-7)
+    assert found.samples == 3
 
 
 def test_of_more_hands_than_there_is_time_for_some_are_measured_and_those_that_must_be() -> None:
@@ -70,28 +70,28 @@ def test_of_more_hands_than_there_is_time_for_some_are_measured_and_those_that_m
     referee = MeshReferee(MESH, most_hands=4)
     everything = np.arange(20)
     some = referee.errors(surface_of(MESH), SHAPE, placed, TOUCH, everything, NONE)
-    assert (some.ticks, some.depth_max) == (4, 0.0)
+    assert (some.samples, some.mesh_depth_max) == (4, 0.0)
     deepest = referee.errors(surface_of(MESH), SHAPE, placed, TOUCH, everything, ticks(7))
-    assert deepest.ticks == 5
-    assert deepest.depth_max == pytest.approx(3e-3, abs=1e-7)
-    assert some.points == deepest.points
+    assert deepest.samples == 5
+    assert deepest.mesh_depth_max == pytest.approx(3e-3, abs=1e-7)
+    assert some.contact_points == deepest.contact_points
 
 
 def test_the_same_hand_is_measured_once_and_counts_at_every_tick() -> None:
     found = MeshReferee(MESH, most_hands=2).errors(
         surface_of(MESH), SHAPE, over([-1e-3, 1e-3] * 10), TOUCH, np.arange(20), NONE
     )
-    assert found.ticks == 20
-    assert found.depth_p95 == pytest.approx(1e-3, abs=1e-7)
+    assert found.samples == 20
+    assert found.mesh_depth_p95 == pytest.approx(1e-3, abs=1e-7)
 
 
 def test_where_nothing_is_in_contact_nothing_is_known() -> None:
     found = MeshReferee(MESH).errors(surface_of(MESH), SHAPE, over([0.1]), TOUCH, NONE, NONE)
-    assert (found.points, found.ticks) == (0, 0)
+    assert (found.contact_points, found.samples) == (0, 0)
     assert np.isnan(found[:4]).all()
     above = MeshReferee(MESH).errors(surface_of(MESH), SHAPE, over([0.1]), TOUCH, ticks(0), NONE)
-    assert (above.depth_max, above.points, above.ticks) == (0.0, 0, 1)
-    assert np.isnan([above.contact_mean, above.contact_max]).all()
+    assert (above.mesh_depth_max, above.contact_points, above.samples) == (0.0, 0, 1)
+    assert np.isnan([above.contact_error_mean, above.contact_error_max]).all()
 
 
 def test_nothing_is_deep_in_a_mesh_that_encloses_nothing() -> None:
@@ -99,9 +99,9 @@ def test_nothing_is_deep_in_a_mesh_that_encloses_nothing() -> None:
     referee = MeshReferee(sheet)
     assert (referee.closed, MeshReferee(MESH).closed) == (False, True)
     found = referee.errors(surface_of(sheet), SHAPE, over([5e-4]), TOUCH, ticks(0), NONE)
-    assert np.isnan([found.depth_max, found.depth_p95]).all()
-    assert (found.ticks, found.points > 0) == (0, True)
-    assert found.contact_max == pytest.approx(5e-4, abs=1e-12)
+    assert np.isnan([found.mesh_depth_max, found.mesh_depth_p95]).all()
+    assert (found.samples, found.contact_points > 0) == (0, True)
+    assert found.contact_error_max == pytest.approx(5e-4, abs=1e-12)
 
 
 def test_samples_are_spread_over_the_ticks() -> None:

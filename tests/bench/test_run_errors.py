@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hhsim.bench.mesh_errors import MeshReferee
-from hhsim.bench.run_errors import NEAR, ErrorScene, error_scene, hand_clearance, placed_of, run_errors
+from hhsim.bench.run_errors import NEAR, ErrorScene, MeshReferee, error_scene, hand_clearance, placed_of, run_errors
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import build_mesh_bvh

@@ -12,8 +12,7 @@ from sphere_scenes import Motion, brute_pairs, record_clearance
 
 from hhsim.bench.robustness.acceptance import common_figures
 from hhsim.bench.robustness.case import DEEPEST, HardCase, HardRun, Outcome
-from hhsim.bench.robustness.cases import hard_cases
-from hhsim.bench.robustness.hard import judge_case, run_scene
+from hhsim.bench.robustness.hard import hard_cases, judge_case, run_scene
 from hhsim.bench.robustness.invariance_cases import LOOP, SAME
 from hhsim.bench.robustness.pieces import hand_distance, pieces_of
 from hhsim.bench.robustness.postures import INDEX
