@@ -140,21 +140,13 @@ def over_facets(method: str) -> list[Outcome]:
 @pytest.mark.parametrize("method", sampled(METHODS, lambda place, method: method == "coupled"))
 def test_a_finger_that_slides_over_facets_does_not_stop_at_an_edge(method: str) -> None:
     outcomes = over_facets(method)
-    figures = ON_MESH["facets"].judge(outcomes)
-    held = [figure for figure in figures if "step" not in figure.name and "ripple" not in figure.name]
-    assert len(held) == len(figures) - 2
-    assert all(figure.passed for figure in [*common_figures(outcomes), *held]), held
+    figures = [*common_figures(outcomes), *ON_MESH["facets"].judge(outcomes)]
+    assert all(figure.passed for figure in figures), [figure for figure in figures if not figure.passed]
     for outcome in outcomes:
         # Only the finger that points bears a force: what is measured is one contact.
         assert not np.delete(outcome.ticks.phalanx, INDEX, axis=1).any()
         assert outcome.stuck == outcome.lagging == 0
         assert (np.linalg.norm(outcome.ticks.total[SLIDE], axis=1) > 0.05).all()
-
-
-@pytest.mark.parametrize("method", sampled(METHODS, lambda place, method: method == "coupled"))
-def test_facets_are_felt_as_they_are(method: str) -> None:
-    figures = ON_MESH["facets"].judge(over_facets(method))
-    assert all(figure.passed for figure in figures), [figure for figure in figures if not figure.passed]
 
 
 def test_the_bars_of_sliding_over_facets_can_be_kept() -> None:
