@@ -9,6 +9,7 @@ every run, and every method over its motions and objects.
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from hhsim.bench.run_errors import (
     placed_of,
     sampled,
 )
-from hhsim.bench.speed_error_table import ALL, GAIN, failure_remark, frontier, joined, percentile
+from hhsim.bench.speed_error_table import ALL, GAIN, failure_remark, frontier, joined, percentile, summed_rows
 from hhsim.bench.table import columns_of, figure, mean, metric, totals_of, worst
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
@@ -349,14 +350,7 @@ COLUMNS: tuple[Column, ...] = (
 
 def table_rows(runs: Sequence[PeerRun]) -> list[Row]:
     """Return a row a run, then one for each method and object, then one for each method."""
-    rows = [_row(run.object_name, run.motion, run.peer, [run]) for run in runs]
-    by_object: dict[tuple[str, Peer], list[PeerRun]] = defaultdict(list)
-    by_peer: dict[Peer, list[PeerRun]] = defaultdict(list)
-    for run in runs:
-        by_object[run.object_name, run.peer].append(run)
-        by_peer[run.peer].append(run)
-    rows += [_row(name, ALL, peer, group) for (name, peer), group in by_object.items()]
-    rows += [_row(ALL, ALL, peer, group) for peer, group in by_peer.items()]
+    rows = summed_rows(runs, runs, attrgetter("peer"), _row)
     groups = defaultdict(list)
     for row in rows:
         if not row["failed_runs"]:
@@ -390,7 +384,8 @@ def won_by_others(rows: Sequence[Row]) -> list[Row]:
     return [r for r in single if not r["failed_runs"] and not r["times_ours"] >= 1.0 and not np.isnan(r["mesh_error"])]
 
 
-def _row(object_name: str, motion: str, peer: Peer, runs: Sequence[PeerRun]) -> Row:
+def _row(object_name: str, motion: str, runs: Sequence[PeerRun]) -> Row:
+    peer = runs[0].peer
     cpu, native = (joined([getattr(run, kind) for run in runs]) for kind in ("tick_cpu", "tick_native"))
     errors = [run.errors for run in runs if run.errors is not None]
     return {
