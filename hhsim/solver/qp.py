@@ -174,8 +174,8 @@ def _solve_active_set(problem: QpProblem) -> QpSolution:
     return _checked(problem, QpSolution(work.x[:n] / root, multiplier / norm, QpStatus.OPTIMAL, ACTIVE_SET))
 
 
-def qpsolvers_call(backend: str, rows: FloatArray, most: FloatArray, **options: Any) -> Callable[[], Any]:
-    """Return a backend's call that minimises ½ |y|² subject to rows · y <= most; options beside `BACKEND_OPTIONS`."""
+def qpsolvers_call(backend: str, rows: FloatArray, most: FloatArray) -> Callable[[], Any]:
+    """Return a backend's call that minimises ½ |y|² subject to rows · y <= most."""
     import qpsolvers
     from scipy.sparse import csc_matrix
 
@@ -184,7 +184,7 @@ def qpsolvers_call(backend: str, rows: FloatArray, most: FloatArray, **options: 
     if backend not in qpsolvers.dense_solvers:
         identity, matrix = csc_matrix(identity), csc_matrix(matrix)
     problem = qpsolvers.Problem(identity, np.zeros(rows.shape[1]), matrix, most)
-    return partial(qpsolvers.solve_problem, problem, backend, **{**BACKEND_OPTIONS.get(backend, {}), **options})
+    return partial(qpsolvers.solve_problem, problem, backend, **BACKEND_OPTIONS.get(backend, {}))
 
 
 def _solve_by_qpsolvers(problem: QpProblem, backend: str) -> QpSolution:

@@ -20,6 +20,7 @@ import numpy as np
 
 from hhsim.bench.qp.program import (
     CERTIFIED_RADIUS,
+    QUICK,
     WARM,
     WARM_DAQP,
     Answer,
@@ -238,7 +239,7 @@ def bench_qp(
         elif (place := draw.randrange(len(kind.rows))) < SAMPLE:
             kind.sample[place] = program
     others = [*options.solvers(), *([WARM_DAQP] if "daqp" in options.solvers() else [])]
-    python_share = {backend: overhead(backend) for backend in others}
+    python_share = {backend: overhead(backend) if backend in QUICK else 0.0 for backend in others}
     for number, kind in enumerate(kinds.values()):
         _time(kind, python_share, solver)
         progress("timing", number + 1, len(kinds))
