@@ -76,7 +76,7 @@ def distances() -> None:
 
 def phases() -> None:
     """A tick of either method phase by phase, its programs taken out and solved."""
-    from hhsim.bench.qp.backends import ProgramSolver
+    from hhsim.bench.qp.program import ProgramSolver
     from hhsim.bench.qp.recorded_problems import QpBenchOptions, harvest
 
     solver = ProgramSolver()

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def complete_case(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Offer the names of the cases."""
-    from hhsim.bench.robustness.cases import hard_cases
+    from hhsim.bench.robustness.hard import hard_cases
 
     return [CompletionItem(case.name) for case in hard_cases(surfaces=("mesh",)) if case.name.startswith(incomplete)]
 
@@ -54,7 +54,7 @@ def command(
       hhsim bench hard endurance --ticks 600000 --out endurance.h5
       hhsim bench hard --surface mesh --method coupled,progressive
     """
-    from hhsim.bench.robustness.cases import hard_cases
+    from hhsim.bench.robustness.hard import hard_cases
 
     chosen = hard_cases(cases, ticks, solvers.surfaces or ("spheres",))
     if only_list:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -13,10 +13,7 @@ from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import Number, Output
 from ..console import print_notes, print_table
-from .suite import SuiteTable, measuring
-
-if TYPE_CHECKING:
-    from hhsim.bench.manipulation.table import ManipulationOptions
+from .suite import SuiteTable, measuring, quick_or_whole
 
 Row = Mapping[str, Any]
 
@@ -37,13 +34,6 @@ class ManipulationSettings(OptionGroup):
     rest: float | None = option(type=SECONDS, metavar="S", help="How long a block rests on a table. Default: 600.")
     held: float | None = option(type=SECONDS, metavar="S", help="How long a block is held. Default: 60.")
 
-    def options(self) -> "ManipulationOptions":
-        """Return the options of the library."""
-        from hhsim.bench.manipulation.table import ManipulationOptions
-
-        named = self.given()
-        return ManipulationOptions.quick(**named) if named.pop("quick") else ManipulationOptions(**named)
-
 
 @click.command()
 @ManipulationSettings.argument("settings")
@@ -61,9 +51,9 @@ def command(settings: ManipulationSettings, output: Output) -> int:
       hhsim bench manipulation --case slope,thresholds
       hhsim bench manipulation --out manipulation.h5 --json
     """
-    from hhsim.bench.manipulation.table import COLUMNS, measure, missed, remarks
+    from hhsim.bench.manipulation.table import COLUMNS, ManipulationOptions, measure, missed, remarks
 
-    run = settings.options()
+    run = quick_or_whole(ManipulationOptions, settings)
     table = SuiteTable(output, "manipulation", COLUMNS, asdict(run))
     with measuring(output) as report:
         rows = measure(run, report)

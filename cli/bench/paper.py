@@ -1,7 +1,7 @@
 """`hhsim bench paper`."""
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,10 +15,9 @@ from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
 from ..console import print_json, print_line, print_table
-from .suite import SuiteTable, measuring
+from .suite import SuiteTable, measuring, quick_or_whole
 
 if TYPE_CHECKING:
-    from hhsim.bench.paper.bench import PaperOptions
     from hhsim.bench.paper.table import PaperRow
 
 SHOWN_UNITS = {"s": ("µs", 1), "m": ("µm", 3), "%": ("%", 3), "1": ("", 0)}
@@ -36,13 +35,6 @@ class PaperSettings(OptionGroup):
     instances: int | None = option(type=COUNT, metavar="N", help="Instances of each case of Fig. 15. Default: 100.")
     repetitions: int | None = option(type=COUNT, metavar="N", help="Repetitions of every run. Default: 3.")
     seed: int = shared(options.seed)
-
-    def options(self) -> "PaperOptions":
-        """Return the options of the library."""
-        from hhsim.bench.paper.bench import PaperOptions
-
-        named = self.given()
-        return replace(PaperOptions.quick() if named.pop("quick") else PaperOptions(), **named)
 
 
 @click.command()
@@ -69,11 +61,11 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
       hhsim bench paper --plot figures --out paper.h5
       hhsim bench paper --quick --method coupled
     """
-    from hhsim.bench.paper.bench import measure
+    from hhsim.bench.paper.bench import PaperOptions, measure
     from hhsim.bench.paper.table import ROW_COLUMNS, SCENE_COLUMNS, missed, paper_rows, scene_rows
     from hhsim.bench.table import check_table_path, table_document, write_table
 
-    run = settings.options()
+    run = quick_or_whole(PaperOptions, settings)
     table = SuiteTable(output, "paper", ROW_COLUMNS, asdict(run))
     scenes = table.path.with_name(f"{table.path.stem}-scenes{table.path.suffix}")
     check_table_path(scenes)

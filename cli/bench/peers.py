@@ -2,7 +2,6 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -13,10 +12,7 @@ from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
 from ..console import print_notes, print_table
-from .suite import SuiteTable, measuring
-
-if TYPE_CHECKING:
-    from hhsim.bench.peers import PeersOptions
+from .suite import SuiteTable, measuring, quick_or_whole
 
 
 class PeersSettings(OptionGroup):
@@ -40,13 +36,6 @@ class PeersSettings(OptionGroup):
     rate: float = shared(options.rate)
     seed: int = shared(options.seed)
 
-    def options(self) -> "PeersOptions":
-        """Return the options of the library."""
-        from hhsim.bench.peers import PeersOptions
-
-        named = self.given()
-        return PeersOptions.quick(**named) if named.pop("quick") else PeersOptions(**named)
-
 
 @click.command()
 @PeersSettings.argument("settings")
@@ -66,13 +55,12 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
       hhsim bench peers --object bunny --motion grasp,slide --method coupled,mujoco,pybullet
       hhsim bench peers --out peers.h5 --plot peers.png
     """
-    from hhsim.bench.peers import installed, measure
-    from hhsim.bench.peers_table import COLUMNS, remarks, table_rows, won_by_others
+    from hhsim.bench.peers import COLUMNS, PeersOptions, installed, measure, remarks, table_rows, won_by_others
     from hhsim.bench.speed_error_table import ALL
     from hhsim.render.peers_figure import draw_peers
     from hhsim.system.picture_path import picture_beside
 
-    run = settings.options()
+    run = quick_or_whole(PeersOptions, settings)
     table = SuiteTable(output, "peers", COLUMNS, asdict(run))
     picture = table.picture = picture_beside(table.path, plot)
     with measuring(output, lines=True) as report:

@@ -5,11 +5,11 @@ from typing import Any
 
 import click
 
-from hhsim.table.table import Table, number, stored_unit, words
+from hhsim.table.table import Table, number, words
 
 from ..arguments import options
 from ..arguments.comma_list import names
-from ..console import print_json, print_notes, print_table
+from ..console import print_notes, print_table
 from .suite import SuiteTable, measuring
 
 
@@ -51,8 +51,7 @@ def command(
     """
     from dataclasses import asdict
 
-    from hhsim.bench.qp.bench import COLUMNS, bench_qp, missed_programs, solver_versions
-    from hhsim.bench.qp.problem_file import check_problem_file
+    from hhsim.bench.qp.bench import COLUMNS, bench_qp, check_problem_file, missed_programs, solver_versions
     from hhsim.bench.qp.recorded_problems import MOTIONS, OBJECTS, QpBenchOptions
 
     chosen = QpBenchOptions(
@@ -66,24 +65,15 @@ def command(
     table.write(rows)
     missed, versions = missed_programs(rows), solver_versions(chosen.solvers())
     if output.as_json:
-        print_json(
-            {
-                "table": str(table.path),
-                "programs": None if programs is None else str(programs),
-                "options": asdict(chosen),
-                "units": {column.name: stored_unit(column.unit) for column in COLUMNS},
-                "rows": rows,
-                "versions": versions,
-                "missed": missed,
-            }
-        )
+        written = None if programs is None else str(programs)
+        table.print_json(programs=written, rows=rows, versions=versions, missed=missed)
     elif not output.quiet:
         for kind in dict.fromkeys(row["program"] for row in rows):
             _print_kind([row for row in rows if row["program"] == kind])
         print(f"solvers: {', '.join(f'{name} {version}'.strip() for name, version in versions.items())}")
         if programs is not None:
             print(f"the programs are in {programs}")
-        print(f"all of it is in {table.path} and beside it as CSV")
+        table.print_paths()
     print_notes(missed, prefix="missed")
     return 1 if missed else 0
 

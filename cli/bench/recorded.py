@@ -12,12 +12,12 @@ from ..arguments.comma_list import names
 from ..arguments.object_argument import MeshSize, complete_object
 from ..arguments.option_group import shared
 from ..console import print_json, print_line, print_table
-from .suite import Solvers, measuring
+from .suite import Solvers, SuiteTable, measuring
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hhsim.bench.robustness.recorded_metrics import RecordedFigures
+    from hhsim.bench.robustness.recorded import RecordedFigures
 
 SHOWN = (
     words("recording"),
@@ -101,9 +101,14 @@ def command(
       hhsim bench recorded recordings --object bunny,mug.stl --unit mm
       hhsim bench recorded grab.npz --method paper --samples hold --rate 500
     """
-    from hhsim.bench.robustness.recorded import BenchObject, RecordedOptions, bench_recorded, recording_files
-    from hhsim.bench.robustness.recorded_metrics import COLUMNS, totals
-    from hhsim.bench.table import csv_path, write_table
+    from hhsim.bench.robustness.recorded import (
+        COLUMNS,
+        BenchObject,
+        RecordedOptions,
+        bench_recorded,
+        recording_files,
+        totals,
+    )
     from hhsim.mesh.catalogue import names_a_file, resolve_object
     from hhsim.trees.cache import cached_sphere_tree
     from hhsim.trees.options import TreeOptions
@@ -114,7 +119,7 @@ def command(
         name: mesh_size.read(name) if names_a_file(name) else resolve_object(name)
         for name in objects or ("bunny", "cup")
     }
-    output_path = output.table_path("recorded")
+    table = SuiteTable(output, "recorded", COLUMNS, {})
     run = RecordedOptions(rate=motion.rate, mode=motion.samples, place=motion.place_object, ticks=ticks, seed=seed)
     with measuring(output) as report:
         placed = [
@@ -130,7 +135,7 @@ def command(
             if not figures:
                 raise
             stopped = interrupt
-    described = {
+    table.options = {
         "recordings": [str(path) for path in recordings],
         "objects": list(chosen),
         "unit": mesh_size.unit,
@@ -145,23 +150,24 @@ def command(
         "solver": [solver.to_json() for solver in named],
     }
     rows = Table(COLUMNS, figures).records
-    write_table(output_path, "recorded", COLUMNS, rows, described)
+    table.write(rows)
+    csv = table.path.with_suffix(".csv")
     if stopped is not None:
-        stopped.add_note(f"what ran so far, {len(rows):,} in all, is in {output_path} and {csv_path(output_path)}")
+        stopped.add_note(f"what ran so far, {len(rows):,} in all, is in {table.path} and {csv}")
         raise stopped
     missed = any(row.missed for row in figures)
     if output.as_json:
         whole = Table(COLUMNS, totals(figures)).records
-        document = {"suite": "recorded", "missed": missed, "rows": rows, "totals": whole, "options": described}
-        print_json({**document, "path": str(output_path), "csv": str(csv_path(output_path))})
+        document = {"suite": "recorded", "missed": missed, "rows": rows, "totals": whole, "options": table.options}
+        print_json({**document, "path": str(table.path), "csv": str(csv)})
     elif not output.quiet:
         _print(figures)
-        print_line(f"every figure is in {output_path}, and as a table in {csv_path(output_path)}")
+        print_line(f"every figure is in {table.path}, and as a table in {csv}")
     return int(missed)
 
 
 def _print(figures: "Sequence[RecordedFigures]") -> None:
-    from hhsim.bench.robustness.recorded_metrics import totals
+    from hhsim.bench.robustness.recorded import totals
 
     ran = [row for row in figures if not row.reason]
     if ran:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -14,10 +14,7 @@ from ..arguments.comma_list import counts, names
 from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
 from ..arguments.options import COUNT
 from ..console import print_notes, print_table
-from .suite import SuiteTable, measuring
-
-if TYPE_CHECKING:
-    from hhsim.bench.speed_error import SpeedErrorOptions
+from .suite import SuiteTable, measuring, quick_or_whole
 
 Row = Mapping[str, Any]
 
@@ -60,16 +57,6 @@ class Configurations(OptionGroup, heading="Configurations"):
     rate: float = shared(options.rate)
     seed: int = shared(options.seed)
 
-    def options(self) -> "SpeedErrorOptions":
-        """Return the options of the library."""
-        from hhsim.bench.speed_error import SpeedErrorOptions
-        from hhsim.solver.qp import ACTIVE_SET
-
-        named = self.given()
-        if self.backends is not None:
-            named["backends"] = tuple(name for name in self.backends if name != ACTIVE_SET)
-        return SpeedErrorOptions.quick(**named) if named.pop("quick") else SpeedErrorOptions(**named)
-
 
 @click.command(cls=GroupedCommand)
 @Configurations.argument("configurations")
@@ -95,13 +82,13 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
       hhsim bench speed-error --surface mesh --method coupled --linearisations 12
       hhsim bench speed-error --out tradeoff.h5 --plot tradeoff.png
     """
-    from hhsim.bench.speed_error import measure
+    from hhsim.bench.speed_error import SpeedErrorOptions, measure
     from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows
     from hhsim.bench.table import rows_of
     from hhsim.render.speed_error_figure import draw_speed_error
     from hhsim.system.picture_path import picture_beside
 
-    run = configurations.options()
+    run = quick_or_whole(SpeedErrorOptions, configurations)
     table = SuiteTable(output, "speed-error", COLUMNS, asdict(run))
     picture = table.picture = picture_beside(table.path, plot)
     others = [] if peers is None else rows_of(peers, "peers")

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hhsim.bench.robustness.random_targets import StressOptions
-    from hhsim.bench.robustness.stress_metrics import StressFigures
+    from hhsim.bench.robustness.stress import StressFigures
 
 SHOWN = (
     words("object"),
@@ -107,9 +107,7 @@ def command(
       hhsim bench stress --method paper --keep failures
       hhsim bench stress bunny --surface spheres,mesh --method coupled
     """
-    from hhsim.bench.robustness.stress import run_stress
-    from hhsim.bench.robustness.stress_measurement import StressCase
-    from hhsim.bench.robustness.stress_metrics import COLUMNS
+    from hhsim.bench.robustness.stress import COLUMNS, StressCase, run_stress
     from hhsim.hand.model import HandModel
     from hhsim.mesh.catalogue import object_names
     from hhsim.solver.method import METHODS, never_penetrates
@@ -172,7 +170,7 @@ def command(
 
 
 def _print(figures: "Sequence[StressFigures]") -> None:
-    from hhsim.bench.robustness.stress_metrics import total
+    from hhsim.bench.robustness.stress import total
     from hhsim.solver.method import never_penetrates
 
     chosen = list(dict.fromkeys((row.method, row.surface) for row in figures))

@@ -49,6 +49,12 @@ class Solvers(OptionGroup, heading="Solver"):
         ]
 
 
+def quick_or_whole(options: Any, settings: OptionGroup) -> Any:
+    """Return the options of a suite of this class: its quick ones with --quick, but for the settings that are given."""
+    named = settings.given()
+    return options.quick(**named) if named.pop("quick") else options(**named)
+
+
 @contextmanager
 def measuring(output: Output, *, lines: bool = False) -> "Iterator[Progress]":
     """Announce compilation and show the progress of the work, unless the output is quiet."""

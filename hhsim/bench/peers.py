@@ -2,19 +2,30 @@
 
 Every method has a hand whose phalanges are capsules, which all engines know. The haptic input of a scene is made once.
 The runs take turns, each repetition in the opposite order of the one before; of each tick the median of the repetitions
-counts; long runs are made once. Errors are those of the first repetition, against the true mesh, by coal.
+counts; long runs are made once. Errors are those of the first repetition, against the true mesh, by coal. The table has
+every run, and every method over its motions and objects.
 """
 
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.figure_columns import figure, mean, metric, worst
-from hhsim.bench.mesh_errors import sampled
-from hhsim.bench.run_errors import NEAR, check_finite, check_scenes, first_hold_tremor, hand_clearance, placed_of
+from hhsim.bench.run_errors import (
+    NEAR,
+    check_finite,
+    check_scenes,
+    first_hold_tremor,
+    hand_clearance,
+    placed_of,
+    sampled,
+)
+from hhsim.bench.speed_error_table import ALL, GAIN, failure_remark, frontier, joined, percentile, summed_rows
+from hhsim.bench.table import columns_of, figure, mean, metric, totals_of, worst
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
@@ -37,6 +48,7 @@ from hhsim.solver.method_names import declared_methods
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
+from hhsim.table.table import Column
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.verify.mesh_distance import HandReferee
@@ -311,3 +323,85 @@ def pushes(record: TickRecord) -> FloatArray:
 
 def _most(values: FloatArray) -> float:
     return float(values.max()) if values.size else np.nan
+
+
+Row = dict[str, Any]
+
+COLUMNS: tuple[Column, ...] = (
+    Column("object", "object; 'all' sums up"),
+    Column("motion", "motion; 'all' sums up"),
+    Column("method", "method"),
+    Column("surface", "surface that a method of ours touches; an engine makes its own, and is judged on the mesh"),
+    Column("ours", "whether it is a method of hhsim's own"),
+    Column("contact_ticks", "ticks with the haptic hand within 1 mm of the mesh or inside; times are of these"),
+    Column("repetitions", "repetitions that the times are the median of; where a row sums up, the fewest"),
+    Column("tick_cpu_p50", "CPU time of a tick in contact, the call from Python included, median", "s"),
+    Column("tick_cpu_p99", "CPU time of a tick in contact, the call from Python included, 99th percentile", "s"),
+    Column("native_cpu_p50", "CPU time of the engine's own step alone in such a tick, median", "s"),
+    Column("native_cpu_p99", "CPU time of the engine's own step alone in such a tick, 99th percentile", "s"),
+    *columns_of(PeerErrors),
+    Column("failed_runs", "runs that could not be done; their figures are missing"),
+    Column("frontier", "whether no other method is both faster and nearer to the mesh: tick_cpu_p50 and mesh_error"),
+    Column(
+        "times_ours", "tick_cpu_p50 over that of our fastest method whose mesh_error is no larger; NaN: there is none"
+    ),
+)
+
+
+def table_rows(runs: Sequence[PeerRun]) -> list[Row]:
+    """Return a row a run, then one for each method and object, then one for each method."""
+    rows = summed_rows(runs, runs, attrgetter("peer"), _row)
+    groups = defaultdict(list)
+    for row in rows:
+        if not row["failed_runs"]:
+            groups[row["object"], row["motion"]].append(row)
+    for group in groups.values():
+        for i in frontier([row["tick_cpu_p50"] for row in group], [row["mesh_error"] for row in group], GAIN):
+            group[i]["frontier"] = True
+        for row in group:
+            as_good = [one["tick_cpu_p50"] for one in group if one["ours"] and one["mesh_error"] <= row["mesh_error"]]
+            if as_good:
+                row["times_ours"] = row["tick_cpu_p50"] / min(as_good)
+    return rows
+
+
+def remarks(runs: Sequence[PeerRun]) -> list[str]:
+    """Return remarks on the table, a sentence each."""
+    return [
+        "every method has the same hand, its phalanges capsules; no contact has friction",
+        "times are CPU times of ticks with the haptic hand within 1 mm of the mesh, the median of the repetitions; "
+        "compare them within this run, not between machines",
+        "a body's distance from the mesh is coal's; off the mesh is a body that the method says is pushed by 0.01 N "
+        "and more",
+        *failure_remark(runs, lambda run: str(run.peer.method)),
+    ]
+
+
+def won_by_others(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows of single scenes in which every method of ours is farther from the mesh or slower than it."""
+    single = [row for row in rows if ALL not in (row["object"], row["motion"]) and not row["ours"]]
+    # times_ours is NaN if none of ours is as near.
+    return [r for r in single if not r["failed_runs"] and not r["times_ours"] >= 1.0 and not np.isnan(r["mesh_error"])]
+
+
+def _row(object_name: str, motion: str, runs: Sequence[PeerRun]) -> Row:
+    peer = runs[0].peer
+    cpu, native = (joined([getattr(run, kind) for run in runs]) for kind in ("tick_cpu", "tick_native"))
+    errors = [run.errors for run in runs if run.errors is not None]
+    return {
+        "object": object_name,
+        "motion": motion,
+        "method": peer.method,
+        "surface": peer.surface if peer.ours else "its own",
+        "ours": peer.ours,
+        "contact_ticks": cpu.size,
+        "repetitions": min(len(run.cpu) for run in runs),
+        "tick_cpu_p50": percentile(cpu, 50.0),
+        "tick_cpu_p99": percentile(cpu, 99.0),
+        "native_cpu_p50": percentile(native, 50.0),
+        "native_cpu_p99": percentile(native, 99.0),
+        **totals_of(PeerErrors, errors),
+        "failed_runs": sum(bool(run.failure) for run in runs),
+        "frontier": False,
+        "times_ours": np.nan,
+    }

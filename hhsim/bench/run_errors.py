@@ -1,26 +1,30 @@
 """Errors of one run of a method: penetration, distance from the true mesh and from the optimum, force variation.
 
-All figures come from the recorded poses and forces, none from the solver's tolerances. The truth is the mesh, measured
-by an independent library; the best pose is the optimum on its triangles.
+All figures come from the recorded poses and forces, none from the solver's tolerances. Contact points are searched on
+the surface of the run; their distances from the true mesh, and the hand's depth in it, are measured by the independent
+library coal (`hhsim.verify.mesh_distance`), which shares no code with the solver. The best pose is the optimum on the
+triangles of the mesh.
 """
 
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.figure_columns import figure, mean, metric, worst
-from hhsim.bench.mesh_errors import MeshReferee, sampled
-from hhsim.errors import HhsimError, InputError, check_known
+from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.bench.table import figure, mean, metric, worst
+from hhsim.errors import HhsimError, InputError, MeshError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
+from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.catalogue import object_names
+from hhsim.mesh.mesh import Mesh
 from hhsim.metrics import metrics
+from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
@@ -28,6 +32,98 @@ from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import best_hands, reference_excess
+from hhsim.verify.mesh_distance import HandReferee
+from hhsim.verify.tree_checks import coal_model, nearest_on
+from hhsim.verify.verify import require_coal
+
+MOST_HANDS = 400
+"""Hands of a run whose depth is measured, 6 to 18 ms each: all that differ in a grasp, two in five in a slide."""
+SAME = 12
+"""Decimals to which equal lengths [m] agree."""
+
+
+class MeshErrors(NamedTuple):
+    """Figures of `RunErrors` that are measured from the mesh."""
+
+    mesh_depth_max: float = np.nan
+    mesh_depth_p95: float = np.nan
+    contact_error_mean: float = np.nan
+    contact_error_max: float = np.nan
+    contact_points: int = 0
+    samples: int = 0
+
+
+def sampled(ticks: IntArray, count: int, also: Sequence[int] = ()) -> IntArray:
+    """Return `count` of some ticks, evenly spread with both ends, or all if there are fewer; and `also`."""
+    spread = ticks[np.linspace(0, ticks.size - 1, min(count, ticks.size)).astype(int)] if ticks.size else ticks
+    return np.unique(np.concatenate([spread, np.array(also, np.int64)]).astype(np.int64))
+
+
+class MeshReferee:
+    """Measures runs against one mesh.
+
+    Args:
+        mesh: World [m].
+        most_hands: Hands of a run whose depth is measured; identical ones count once.
+
+    Raises:
+        InputError: coal is not installed.
+    """
+
+    def __init__(self, mesh: Mesh, most_hands: int = MOST_HANDS) -> None:
+        require_coal()
+        self.most_hands = most_hands
+        self._model = coal_model(mesh)
+        self._depths: HandReferee | None
+        try:
+            self._depths = HandReferee(mesh)
+        except MeshError:
+            self._depths = None
+
+    @property
+    def closed(self) -> bool:
+        """True if the mesh is watertight; otherwise a depth in it is undefined."""
+        return self._depths is not None
+
+    def errors(
+        self, surface: Any, shape: HandShape, placed: PlacedHand, touch: float, contact: IntArray, also: IntArray
+    ) -> MeshErrors:
+        """Measure a run.
+
+        Args:
+            surface: Arrays of the surface of the run, world.
+            placed: Graphic hand of every tick.
+            touch: Largest distance of a body and a piece of the surface that touch [m].
+            contact: Ticks whose contact points are measured, ascending.
+            also: Ticks whose depth is measured in any case.
+        """
+        if contact.size == 0:
+            return MeshErrors()
+        found = find_contact_points(surface, shape, placed, touch, chosen=contact)
+        # A hand at rest touches at the same points over and over.
+        points, times = np.unique(np.round(found.point, SAME), axis=0, return_counts=True)
+        away = nearest_on(self._model, points)[0]
+        mean, most = (float(np.average(away, weights=times)), float(away.max())) if away.size else (np.nan, np.nan)
+        depth = self._depth(shape, placed, np.union1d(contact, also), also)
+        deepest, p95 = (float(depth.max()), float(np.percentile(depth, 95))) if depth.size else (np.nan, np.nan)
+        return MeshErrors(deepest, p95, mean, most, len(points), depth.size)
+
+    def _depth(self, shape: HandShape, placed: PlacedHand, ticks: IntArray, also: IntArray) -> FloatArray:
+        """Depth [m] at the measured ticks; empty for a mesh that is not closed."""
+        if self._depths is None:
+            return np.zeros(0)
+        some = placed.at(ticks)
+        poses = np.concatenate([values.reshape(len(ticks), -1) for values in some], axis=1)
+        _, first, hand = np.unique(np.round(poses, SAME), axis=0, return_index=True, return_inverse=True)
+        hand = hand.ravel()
+        besides = np.flatnonzero(np.isin(ticks, also)).tolist()
+        measured = np.unique(hand[sampled(np.sort(first), self.most_hands, besides)])
+        depth = np.full(len(first), np.nan)
+        # 0 - x and not -x: a free hand has depth 0, not minus 0.
+        depth[measured] = 0.0 - self._depths.clearances(shape, some.at(first[measured]), 0.0).min(axis=1)
+        found: FloatArray = depth[hand][np.isin(hand, measured)]
+        return found
+
 
 NEAR = 1e-3
 """Largest distance of the haptic hand from the mesh in a tick in contact [m]."""
@@ -201,7 +297,7 @@ def run_errors(
     mesh = scene.referee.errors(surface, hand_shape(scene.hand), placed, options.touch, looked, deepest)
     off = np.linalg.norm(placed.ends - scene.optimum.at(window).ends, axis=2).max(axis=1)[contact]
     jump = metrics.posture_jump(scene.haptic_placed.at(window).points, placed.points)
-    whole = ticks == len(scene.contact)
+    whole, closed = ticks == len(scene.contact), scene.referee.closed
     run = RunTicks(
         columns={
             "status": record.status,
@@ -218,11 +314,8 @@ def run_errors(
     held = whole and bool(scene.holds)
     return RunErrors(
         penetration_max=run_figure("penetration_max", run),
-        mesh_depth_max=mesh.depth_max,
-        mesh_depth_p95=mesh.depth_p95,
-        contact_error_mean=mesh.contact_mean,
-        contact_error_max=mesh.contact_max,
-        mesh_error=float(np.maximum(mesh.depth_max, mesh.contact_max)) if scene.referee.closed else mesh.contact_max,
+        **mesh._asdict(),
+        mesh_error=float(np.maximum(mesh.mesh_depth_max, mesh.contact_error_max) if closed else mesh.contact_error_max),
         tracking_excess=_excess(scene, surface, options, record, clearance) if held else np.nan,
         off_optimum_mean=float(off.mean()) if off.size else np.nan,
         off_optimum_max=float(off.max()) if off.size else np.nan,
@@ -237,8 +330,6 @@ def run_errors(
         stuck_ticks=int(run_figure("stuck_ticks", run)),
         lag_ticks=int(run_figure("lag_ticks", run)),
         lag_max=run_figure("lag_max", run),
-        contact_points=mesh.points,
-        samples=mesh.ticks,
     )
 
 

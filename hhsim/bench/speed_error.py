@@ -13,8 +13,17 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.bench.mesh_errors import MOST_HANDS, MeshReferee
-from hhsim.bench.run_errors import ErrorScene, RunErrors, check_finite, check_scenes, digest_of, error_scene, run_errors
+from hhsim.bench.run_errors import (
+    MOST_HANDS,
+    ErrorScene,
+    MeshReferee,
+    RunErrors,
+    check_finite,
+    check_scenes,
+    digest_of,
+    error_scene,
+    run_errors,
+)
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -85,8 +94,8 @@ class SpeedErrorOptions:
         if self.methods is None:
             known = tuple(name for name in METHODS if self.surfaces_of(name))
             object.__setattr__(self, "methods", known)
-        if self.backends is None:
-            object.__setattr__(self, "backends", tuple(available_backends()[1:]))
+        backends = available_backends() if self.backends is None else self.backends
+        object.__setattr__(self, "backends", tuple(name for name in backends if name != ACTIVE_SET))
         check_scenes(self.objects, self.motions)
         check_known("method", self.methods or (), list(METHODS))
         check_known("QP solver", self.backends or (), available_backends())

@@ -3,16 +3,16 @@
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import AnyArray, IntArray
-from hhsim.bench.figure_columns import columns_of, totals_of
 from hhsim.bench.run_errors import RunErrors
-from hhsim.bench.speed_error import NO_LEVEL, Configuration, Run
-from hhsim.bench.table import metric_column
+from hhsim.bench.speed_error import NO_LEVEL, Run
+from hhsim.bench.table import columns_of, metric_column, totals_of
 from hhsim.solver.qp import ACTIVE_SET
 from hhsim.table.table import Column
 
@@ -57,15 +57,8 @@ def table_rows(runs: Sequence[Run]) -> list[Row]:
 
     Runs of a stretch are summed up over all objects only.
     """
-    rows = [_row(run.object_name, run.motion, run.configuration, [run]) for run in runs]
-    by_object: dict[tuple[str, Configuration], list[Run]] = defaultdict(list)
-    by_configuration: dict[Configuration, list[Run]] = defaultdict(list)
-    for run in runs:
-        if not run.configuration.stretch:
-            by_object[run.object_name, run.configuration].append(run)
-        by_configuration[run.configuration].append(run)
-    rows += [_row(name, ALL, configuration, group) for (name, configuration), group in by_object.items()]
-    rows += [_row(ALL, ALL, configuration, group) for configuration, group in by_configuration.items()]
+    whole = [run for run in runs if not run.configuration.stretch]
+    rows = summed_rows(runs, whole, attrgetter("configuration"), _row)
     groups = defaultdict(list)
     for row in rows:
         if not row["stretch"] and not row["failed_runs"]:
@@ -75,6 +68,19 @@ def table_rows(runs: Sequence[Run]) -> list[Row]:
             for i in frontier([row["tick_cpu_p50"] for row in group], [row[error] for row in group], GAIN):
                 group[i][flag] = True
     return rows
+
+
+def summed_rows(
+    runs: Sequence[Any], whole: Sequence[Any], way: Callable[[Any], Any], row: Callable[[str, str, Sequence[Any]], Row]
+) -> list[Row]:
+    """Return a row a run, then one for each way and object of whole runs, then one for each way, of all runs."""
+    groups: dict[tuple[str, Any], list[Any]] = defaultdict(list)
+    for run in whole:
+        groups[run.object_name, way(run)].append(run)
+    for run in runs:
+        groups[ALL, way(run)].append(run)
+    rows = [row(run.object_name, run.motion, [run]) for run in runs]
+    return rows + [row(name, ALL, group) for (name, _), group in groups.items()]
 
 
 def chosen(rows: Iterable[Row], *, stretch: bool = False, **values: Any) -> list[Row]:
@@ -119,7 +125,8 @@ def failure_remark(runs: Sequence[Any], name: Callable[[Any], str]) -> list[str]
     return [f"{len(failed)} of {len(runs)} runs could not be done; the first: {first}" for first in where]
 
 
-def _row(object_name: str, motion: str, configuration: Configuration, runs: Sequence[Run]) -> Row:
+def _row(object_name: str, motion: str, runs: Sequence[Run]) -> Row:
+    configuration = runs[0].configuration
     cpu, wall = (joined([getattr(run, kind) for run in runs]) for kind in ("tick_cpu", "tick_wall"))
     candidates = joined([run.candidates for run in runs])
     work = joined([run.work for run in runs])

@@ -7,7 +7,7 @@ empty cell in CSV.
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -16,10 +16,12 @@ import numpy as np
 
 from hhsim.arrays import AnyArray
 from hhsim.errors import DamagedFileError, InputError, OutputError
+from hhsim.metrics.metrics import statistics
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import put_dataset, sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5
+from hhsim.system.log_histogram import LogHistogram
 from hhsim.system.output_path import check_output_path
 from hhsim.table.table import BARE, Column, Table, stored_unit
 
@@ -210,3 +212,52 @@ def _array(name: str, values: Sequence[Any]) -> AnyArray:
         return np.array([np.nan if value is None else value for value in plain], dtype=np.float64)
     mixed = sorted(kind.__name__ for kind in kinds | ({type(None)} if missing else set()))
     raise ValueError(f"column {name} mixes {' and '.join(mixed)}: give it values of one kind")
+
+
+Total = Callable[[Sequence[Any]], Any]
+
+
+def mean(values: Sequence[float]) -> float:
+    """Return the mean of the values that are not NaN; NaN without any."""
+    return statistics(values).mean
+
+
+def worst(values: Sequence[float]) -> float:
+    """Return the largest of the values that are not NaN; NaN without any."""
+    return statistics(values).max
+
+
+def figure(says: str, unit: str = "", total: Total | None = None, default: Any = MISSING) -> Any:
+    """Return a dataclass field that is a column.
+
+    Args:
+        says: What it is.
+        unit: SI unit.
+        total: Makes one value of those of several runs; None for a figure that does not sum up.
+    """
+    return field(default=default, metadata={"columns": lambda name: [Column(name, says, unit)], "total": total})
+
+
+def metric(total: Total, default: Any = MISSING, of: str = "") -> Any:
+    """Return a dataclass field that is the column of the run metric `of`, or of its own name."""
+    return field(default=default, metadata={"columns": lambda name: [metric_column(of or name, name)], "total": total})
+
+
+def cpu_times(tick: str) -> Any:
+    """Return the field of the CPU times of some ticks, which are three columns."""
+    shares = {"cpu_p50": "median", "cpu_p99": "99th percentile", "cpu_max": "largest"}
+    columns = [Column(name, f"CPU time of {tick}, {share}", "s") for name, share in shares.items()]
+    metadata = {"columns": lambda name: columns, "total": LogHistogram.sum}
+    return field(default_factory=LogHistogram, repr=False, compare=False, metadata=metadata)
+
+
+def columns_of(figures: type) -> tuple[Column, ...]:
+    """Return the columns of the fields of a dataclass, in their order."""
+    declared = (one for one in fields(figures) if one.metadata)
+    return tuple(column for one in declared for column in one.metadata["columns"](one.name))
+
+
+def totals_of(figures: type, runs: Sequence[Any]) -> dict[str, Any]:
+    """Return what several runs sum up to, by the names of the fields that do."""
+    totals = {one.name: one.metadata.get("total") for one in fields(figures)}
+    return {name: total([getattr(run, name) for run in runs]) for name, total in totals.items() if total}

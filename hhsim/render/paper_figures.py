@@ -12,8 +12,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.bench.paper.bench import PaperRuns
 from hhsim.bench.paper.run import SceneRun
-from hhsim.bench.paper.scenarios import CASES
-from hhsim.bench.paper.scene import held_ticks
+from hhsim.bench.paper.scene import CASES, held_ticks
 from hhsim.bench.paper.table import CASE_NAMES
 from hhsim.errors import OutputError
 from hhsim.hand.fingers import FINGERS

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhsim.arrays import IntArray
-from hhsim.bench.mesh_errors import sampled
+from hhsim.bench.run_errors import sampled
 from hhsim.errors import HhsimError
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.mesh.bvh import build_mesh_bvh

@@ -7,8 +7,10 @@ Lengths along x [√J] then mean the same for palm and fingers, and a solver's t
 """
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -172,24 +174,29 @@ def _solve_active_set(problem: QpProblem) -> QpSolution:
     return _checked(problem, QpSolution(work.x[:n] / root, multiplier / norm, QpStatus.OPTIMAL, ACTIVE_SET))
 
 
-def _solve_by_qpsolvers(problem: QpProblem, backend: str) -> QpSolution:
+def qpsolvers_call(backend: str, rows: FloatArray, most: FloatArray) -> Callable[[], Any]:
+    """Return a backend's call that minimises ½ |y|² subject to rows · y <= most."""
     import qpsolvers
     from scipy.sparse import csc_matrix
 
+    identity: Any = np.eye(rows.shape[1])
+    matrix: Any = rows
+    if backend not in qpsolvers.dense_solvers:
+        identity, matrix = csc_matrix(identity), csc_matrix(matrix)
+    problem = qpsolvers.Problem(identity, np.zeros(rows.shape[1]), matrix, most)
+    return partial(qpsolvers.solve_problem, problem, backend, **BACKEND_OPTIONS.get(backend, {}))
+
+
+def _solve_by_qpsolvers(problem: QpProblem, backend: str) -> QpSolution:
     root, unit, norm = problem.conditioned()
     target, rhs = root * problem.target, problem.rhs / norm
     # The target's largest violation is about how far away the solution is: as the unit, it makes tolerances relative.
     length = float(np.max(rhs - unit @ target))
     length = length if length > 0.0 else 1.0
-    identity: Any = np.eye(problem.target.size)
-    rows: Any = -unit
-    if backend not in qpsolvers.dense_solvers:
-        identity, rows = csc_matrix(identity), csc_matrix(rows)
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            built = qpsolvers.Problem(identity, np.zeros(target.size), rows, (unit @ target - rhs) / length)
-            solution = qpsolvers.solve_problem(built, backend, **BACKEND_OPTIONS.get(backend, {}))
+            solution = qpsolvers_call(backend, -unit, (unit @ target - rhs) / length)()
         message = "; ".join(str(warning.message) for warning in caught)
     except Exception as error:  # whatever a foreign solver raises is its answer
         return _refused(problem, backend, f"{type(error).__name__}: {error}")

@@ -10,7 +10,6 @@ from conftest import Run
 
 from hhsim.bench.mesh_size import MeshSizeOptions
 from hhsim.bench.paper.bench import PaperOptions
-from hhsim.bench.paper.scenarios import paper_scenarios
 from hhsim.bench.peers import PeersOptions
 from hhsim.bench.qp.recorded_problems import QpBenchOptions
 from hhsim.bench.robustness.random_targets import StressOptions
@@ -91,11 +90,6 @@ def test_an_unknown_name_is_refused(options: type, field: str, name: str, messag
 def test_impossible_values_are_refused(options: type, values: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         options(**values)
-
-
-def test_an_unknown_figure_of_the_paper_is_refused() -> None:
-    with pytest.raises(UnknownNameError, match="unknown figure '16'"):
-        paper_scenarios(["16"])
 
 
 @pytest.mark.parametrize(("words", "message"), COMMANDS)

@@ -8,8 +8,19 @@ import pytest
 from conftest import Run
 
 from hhsim.bench import peers
-from hhsim.bench.peers import Peer, PeerErrors, PeerRun, PeersOptions, capsule_hand, installed, measure
-from hhsim.bench.peers_table import COLUMNS, remarks, table_rows, won_by_others
+from hhsim.bench.peers import (
+    COLUMNS,
+    Peer,
+    PeerErrors,
+    PeerRun,
+    PeersOptions,
+    capsule_hand,
+    installed,
+    measure,
+    remarks,
+    table_rows,
+    won_by_others,
+)
 from hhsim.bench.speed_error_table import ALL
 from hhsim.bench.table import load_table, rows_of
 from hhsim.errors import InputError

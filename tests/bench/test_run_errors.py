@@ -1,4 +1,4 @@
-"""Errors of runs that were tampered with by known amounts."""
+"""Errors of runs that were tampered with by known amounts, and of hands beside a box at known distances and depths."""
 
 from dataclasses import asdict
 from typing import Any
@@ -6,15 +6,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hhsim.bench.mesh_errors import MeshReferee
-from hhsim.bench.run_errors import NEAR, ErrorScene, error_scene, hand_clearance, placed_of, run_errors
-from hhsim.hand.forward_kinematics import hand_shape
+from hhsim.bench.run_errors import (
+    NEAR,
+    ErrorScene,
+    MeshReferee,
+    error_scene,
+    hand_clearance,
+    placed_of,
+    run_errors,
+    sampled,
+)
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import mesh_clearance
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
@@ -29,20 +39,24 @@ pytest.importorskip("coal", reason="the true mesh is measured with coal: pip ins
 OPTIONS = SolverOptions()
 ON_MESH = SolverOptions(surface="mesh")
 MESH = load_object("cube").mesh
+HAND = HandModel.default()
+SHAPE = hand_shape(HAND)
+TOUCH = 1e-3
+NONE = np.zeros(0, np.int64)
+World = tuple[ErrorScene, TreeArrays, TickRecord]
 
 
 @pytest.fixture(scope="module")
-def world() -> tuple[ErrorScene, TreeArrays, TickRecord]:
+def world() -> World:
     """One finger touches the cube, 200 ticks a second; and the run of the method as it comes."""
-    hand = HandModel.default()
     tree = cached_sphere_tree(MESH, TreeOptions(level=3))
-    scene = make_scene(MESH, tree, hand, load_script("touch"), rate=200.0)
-    errors = error_scene(hand, MeshReferee(MESH), scene.ticks, triangles(), OPTIONS)
+    scene = make_scene(MESH, tree, HAND, load_script("touch"), rate=200.0)
+    errors = error_scene(HAND, MeshReferee(MESH), scene.ticks, triangles(), OPTIONS)
     return errors, tree.arrays(), run(errors, tree.arrays(), OPTIONS)
 
 
-def triangles() -> Any:
-    return contact_surface("mesh", MESH, cached_sphere_tree(MESH, TreeOptions(level=3))).arrays
+def triangles(mesh: Mesh = MESH) -> Any:
+    return contact_surface("mesh", mesh, None).arrays
 
 
 def run(scene: ErrorScene, surface: Any, options: SolverOptions) -> TickRecord:
@@ -56,9 +70,7 @@ def shifted(record: TickRecord, shift: np.ndarray) -> TickRecord:
     return record._replace(position=record.position + shift, joints=record.joints + shift[:, None, None, :])
 
 
-def test_ticks_in_contact_are_those_where_the_haptic_hand_is_near(
-    world: tuple[ErrorScene, TreeArrays, TickRecord],
-) -> None:
+def test_ticks_in_contact_are_those_where_the_haptic_hand_is_near(world: World) -> None:
     scene, *_ = world
     bvh = build_mesh_bvh(MESH.vertices, MESH.faces)
     clearance = mesh_clearance(bvh, hand_shape(scene.hand), scene.haptic_placed)
@@ -71,7 +83,7 @@ def test_ticks_in_contact_are_those_where_the_haptic_hand_is_near(
     ]
 
 
-def test_a_good_run_is_good(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> None:
+def test_a_good_run_is_good(world: World) -> None:
     scene, tree, record = world
     found = run_errors(scene, tree, OPTIONS, record)
     assert found.penetration_max <= 1e-6
@@ -89,9 +101,7 @@ def test_a_good_run_is_good(world: tuple[ErrorScene, TreeArrays, TickRecord]) ->
     assert found.contact_points > 0
 
 
-def test_on_the_mesh_the_contacts_lie_on_it_and_the_pose_is_the_optimum(
-    world: tuple[ErrorScene, TreeArrays, TickRecord],
-) -> None:
+def test_on_the_mesh_the_contacts_lie_on_it_and_the_pose_is_the_optimum(world: World) -> None:
     scene, tree, record = world
     found = run_errors(scene, triangles(), ON_MESH, run(scene, triangles(), ON_MESH))
     spheres = run_errors(scene, tree, OPTIONS, record)
@@ -102,7 +112,7 @@ def test_on_the_mesh_the_contacts_lie_on_it_and_the_pose_is_the_optimum(
     assert abs(found.tracking_excess) < 1e-3
 
 
-def test_a_hand_beside_the_optimum_is_off_by_that_much(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> None:
+def test_a_hand_beside_the_optimum_is_off_by_that_much(world: World) -> None:
     scene, tree, record = world
     best = record._replace(joints=scene.optimum.joints.copy(), position=scene.optimum.position.copy())
     shift = np.tile([0.001, 0.002, 0.002], (len(record.position), 1))
@@ -111,7 +121,7 @@ def test_a_hand_beside_the_optimum_is_off_by_that_much(world: tuple[ErrorScene, 
     assert found.off_optimum_max == pytest.approx(0.003)
 
 
-def test_a_hand_pushed_in_is_as_deep_as_mesh_and_spheres_say(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> None:
+def test_a_hand_pushed_in_is_as_deep_as_mesh_and_spheres_say(world: World) -> None:
     scene, tree, record = world
     hold = scene.holds[0]
     tick = hold.start + 20
@@ -131,7 +141,7 @@ def test_a_hand_pushed_in_is_as_deep_as_mesh_and_spheres_say(world: tuple[ErrorS
     assert np.isfinite(found.tracking_excess)
 
 
-def test_a_hand_that_penetrates_all_the_time_has_no_excess(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> None:
+def test_a_hand_that_penetrates_all_the_time_has_no_excess(world: World) -> None:
     scene, tree, record = world
     inside = record._replace(joints=scene.haptic_placed.joints, position=scene.haptic_placed.position)
     found = run_errors(scene, tree, OPTIONS, inside)
@@ -139,7 +149,7 @@ def test_a_hand_that_penetrates_all_the_time_has_no_excess(world: tuple[ErrorSce
     assert found.penetration_max > 0.005
 
 
-def test_a_hand_that_hovers_is_not_perfect(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> None:
+def test_a_hand_that_hovers_is_not_perfect(world: World) -> None:
     scene, tree, record = world
     away = record.joints[scene.holds[0].start, 1, 3]
     best = record._replace(joints=scene.optimum.joints.copy(), position=scene.optimum.position.copy())
@@ -150,7 +160,7 @@ def test_a_hand_that_hovers_is_not_perfect(world: tuple[ErrorScene, TreeArrays, 
     assert found.off_optimum_mean == pytest.approx(0.01, rel=0.02)
 
 
-def test_status_is_counted(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> None:
+def test_status_is_counted(world: World) -> None:
     scene, tree, record = world
     status, lag = record.status.copy(), record.lag.copy()
     status[3:5] |= STATUS_STUCK
@@ -160,7 +170,7 @@ def test_status_is_counted(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> 
     assert (found.stuck_ticks, found.lag_ticks, found.lag_max) == (2, 5, 0.25)
 
 
-def test_a_stretch_has_no_figures_of_the_hold(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> None:
+def test_a_stretch_has_no_figures_of_the_hold(world: World) -> None:
     scene, tree, record = world
     window = slice(scene.holds[0].start - 10, scene.holds[0].start + 10)
     part = TickRecord(*(values[window] for values in record))  # type: ignore[arg-type]
@@ -172,3 +182,88 @@ def test_a_stretch_has_no_figures_of_the_hold(world: tuple[ErrorScene, TreeArray
     }
     whole = asdict(run_errors(scene, tree, OPTIONS, record))
     assert found["off_optimum_max"] <= whole["off_optimum_max"]
+
+
+def over(heights: list[float]) -> PlacedHand:
+    """A flat hand whose lowest point is so high over the middle of the cube's top [m], at one tick each."""
+    ticks = len(heights)
+    pose = HandConfiguration(
+        np.zeros((ticks, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), np.zeros((ticks, 5, 3)), np.zeros((ticks, 5))
+    )
+    placed = forward_kinematics(HAND, *pose)
+    center = np.concatenate([placed.joints[0].reshape(-1, 3), SHAPE.palm_center])
+    radius = np.concatenate([SHAPE.phalanx_radius.ravel(), SHAPE.palm_radius])
+    lowest = int((center[:, 2] - radius).argmin())
+    top = np.array([0.0, 0.0, float(MESH.bounds[1, 2]) + radius[lowest]])
+    shift = top - center[lowest] + np.array(heights)[:, None] * [0.0, 0.0, 1.0]
+    return PlacedHand(placed.joints + shift[:, None, None], shift, placed.orientation)
+
+
+def ticks(*numbers: int) -> np.ndarray:
+    return np.array(numbers, np.int64)
+
+
+def test_every_contact_point_of_every_tick_is_measured() -> None:
+    placed = over([5e-4, 2e-4, 0.01, 5e-4])
+    found = MeshReferee(MESH).errors(triangles(MESH), SHAPE, placed, TOUCH, ticks(0, 1, 2, 3), NONE)
+    assert found.contact_error_mean == pytest.approx((5e-4 + 2e-4 + 5e-4) / 3.0, abs=1e-12)
+    assert found.contact_error_max == pytest.approx(5e-4, abs=1e-12)
+    assert (found.mesh_depth_max, found.mesh_depth_p95, found.samples) == (0.0, 0.0, 4)
+    alone = [MeshReferee(MESH).errors(triangles(MESH), SHAPE, placed, TOUCH, ticks(i), NONE) for i in (0, 1)]
+    assert found.contact_points == sum(one.contact_points for one in alone), "the last tick is the first one again"
+
+
+def test_a_hand_is_as_deep_as_it_was_pushed_in() -> None:
+    placed = over([-1e-3, -2e-3, 1e-3])
+    found = MeshReferee(MESH).errors(triangles(MESH), SHAPE, placed, TOUCH, ticks(0, 1, 2), NONE)
+    assert found.mesh_depth_max == pytest.approx(2e-3, abs=1e-7)
+    assert found.samples == 3
+
+
+def test_of_more_hands_than_there_is_time_for_some_are_measured_and_those_that_must_be() -> None:
+    heights = [1e-4 * i for i in range(1, 21)]
+    heights[7] = -3e-3
+    placed = over(heights)
+    referee = MeshReferee(MESH, most_hands=4)
+    everything = np.arange(20)
+    some = referee.errors(triangles(MESH), SHAPE, placed, TOUCH, everything, NONE)
+    assert (some.samples, some.mesh_depth_max) == (4, 0.0)
+    deepest = referee.errors(triangles(MESH), SHAPE, placed, TOUCH, everything, ticks(7))
+    assert deepest.samples == 5
+    assert deepest.mesh_depth_max == pytest.approx(3e-3, abs=1e-7)
+    assert some.contact_points == deepest.contact_points
+
+
+def test_the_same_hand_is_measured_once_and_counts_at_every_tick() -> None:
+    found = MeshReferee(MESH, most_hands=2).errors(
+        triangles(MESH), SHAPE, over([-1e-3, 1e-3] * 10), TOUCH, np.arange(20), NONE
+    )
+    assert found.samples == 20
+    assert found.mesh_depth_p95 == pytest.approx(1e-3, abs=1e-7)
+
+
+def test_where_nothing_is_in_contact_nothing_is_known() -> None:
+    found = MeshReferee(MESH).errors(triangles(MESH), SHAPE, over([0.1]), TOUCH, NONE, NONE)
+    assert (found.contact_points, found.samples) == (0, 0)
+    assert np.isnan(found[:4]).all()
+    above = MeshReferee(MESH).errors(triangles(MESH), SHAPE, over([0.1]), TOUCH, ticks(0), NONE)
+    assert (above.mesh_depth_max, above.contact_points, above.samples) == (0.0, 0, 1)
+    assert np.isnan([above.contact_error_mean, above.contact_error_max]).all()
+
+
+def test_nothing_is_deep_in_a_mesh_that_encloses_nothing() -> None:
+    sheet = Mesh(MESH.vertices, MESH.faces[:-1], name="open")
+    referee = MeshReferee(sheet)
+    assert (referee.closed, MeshReferee(MESH).closed) == (False, True)
+    found = referee.errors(triangles(sheet), SHAPE, over([5e-4]), TOUCH, ticks(0), NONE)
+    assert np.isnan([found.mesh_depth_max, found.mesh_depth_p95]).all()
+    assert (found.samples, found.contact_points > 0) == (0, True)
+    assert found.contact_error_max == pytest.approx(5e-4, abs=1e-12)
+
+
+def test_samples_are_spread_over_the_ticks() -> None:
+    many = np.arange(100, 300, 2)
+    assert sampled(many, 5).tolist() == [100, 148, 198, 248, 298]
+    assert sampled(many, 3, [7]).tolist() == [7, 100, 198, 298]
+    assert sampled(many[:2], 5).tolist() == [100, 102]
+    assert sampled(np.zeros(0, np.int64), 5).tolist() == []

@@ -10,11 +10,11 @@ import pytest
 from drawings_alone import leave_charts_undrawn
 from sampled import sampled
 
-from hhsim.bench import mesh_size, peers_table, speed_error_table, threads, trees
+from hhsim.bench import mesh_size, peers, speed_error_table, threads, trees
 from hhsim.bench.manipulation import table as manipulation
 from hhsim.bench.paper import table as paper
 from hhsim.bench.qp import bench as qp
-from hhsim.bench.robustness import hard, recorded_metrics, stress_metrics
+from hhsim.bench.robustness import hard, recorded, stress
 from hhsim.bench.table import BenchTable, load_table, write_table
 from hhsim.report import bench_chart
 from hhsim.report.bench_chart import CHARTS, bench_figure, shown_unit
@@ -24,11 +24,11 @@ from hhsim.table.table import Column, unit_size
 COLUMNS = {
     "paper": paper.ROW_COLUMNS,
     "speed-error": speed_error_table.COLUMNS,
-    "peers": peers_table.COLUMNS,
+    "peers": peers.COLUMNS,
     "hard": hard.COLUMNS,
     "manipulation": manipulation.COLUMNS,
-    "stress": stress_metrics.COLUMNS,
-    "recorded": recorded_metrics.COLUMNS,
+    "stress": stress.COLUMNS,
+    "recorded": recorded.COLUMNS,
     "qp": qp.COLUMNS,
     "mesh-size": mesh_size.COLUMNS,
     "trees": trees.COLUMNS,

@@ -99,10 +99,8 @@ def gripped(pinch: Pinch, *, torsion: float = TORSION, off_center: float = 0.0) 
 def own_outcome(pinch: Pinch) -> PinchOutcome:
     """Return the outcome of a pinch by hhsim."""
     played = gripped(pinch)
-    normal = 0.5 * played.summed(played.normal_force, of_table=False)
     height = played.center[:, 2] - played.center[0, 2]
-    depth = max(0.0, -float(clearance(played, pinch).min()))
-    return pinch.outcome(height, depth, float(normal[pinch.held_from :].mean()))
+    return pinch.outcome(height, max(0.0, -float(clearance(played, pinch).min())))
 
 
 def clearance(played: Played, pinch: Pinch) -> FloatArray:

@@ -24,17 +24,13 @@ class PinchOutcome:
 
     Attributes:
         lifted: True if the block was lifted.
-        hangs: Height of the command over the block [m]; NaN if it was not lifted.
         creep: Change of the block's height in the hold [m]; NaN if it was not lifted.
         depth: Largest depth of a fingertip in the block [m].
-        squeeze: Mean normal force on a fingertip in the hold [N]; NaN if not measured.
     """
 
     lifted: bool
-    hangs: float
     creep: float
     depth: float
-    squeeze: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -108,14 +104,13 @@ class Pinch:
         start = RATE * (self.closing + self.settling)
         return self.lift * minimum_jerk((np.asarray(tick) - start) / (RATE * self.lifting))
 
-    def outcome(self, height: FloatArray, depth: float, squeeze: float = float("nan")) -> PinchOutcome:
+    def outcome(self, height: FloatArray, depth: float) -> PinchOutcome:
         """Return the outcome from the block's height over its start at every tick [m], shape (ticks,)."""
         held = height[self.held_from :]
         lifted = bool(held[0] > LIFTED * self.lift)
         rest = held[min(QUIET, len(held) // 4) :]
         creep = float(np.abs(rest - rest[0]).max()) if lifted else float("nan")
-        hangs = self.lift - float(rest[0]) if lifted else float("nan")
-        return PinchOutcome(lifted, hangs, creep, depth, squeeze)
+        return PinchOutcome(lifted, creep, depth)
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from hhsim.bench.manipulation.gripper import own_outcome
 from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS, mujoco_pinch, mujoco_rest
 from hhsim.bench.manipulation.pinch import Pinch, PinchOutcome, Rest
 from hhsim.errors import InputError, check_known
+from hhsim.system.progress import Progress, silent
 from hhsim.table.table import Column
 
-Progress = Callable[[str, int, int], None]
 Row = Mapping[str, Any]
 
 OURS = "coupled"
@@ -63,13 +63,12 @@ def case_names() -> tuple[str, ...]:
     return (*CASES, PINCH)
 
 
-def measure(options: ManipulationOptions, progress: Progress | None = None) -> list[Row]:
+def measure(options: ManipulationOptions, progress: Progress = silent) -> list[Row]:
     """Play the cases and return the rows of the table."""
     rows: list[Row] = []
     chosen = options.cases or case_names()
     for done, name in enumerate(chosen):
-        if progress is not None:
-            progress(name, done, len(chosen))
+        progress(name, done, len(chosen))
         if name == PINCH:
             rows += pinch_rows(options.held)
         else:

@@ -6,12 +6,12 @@ one thread on the machine at hand; the paper's are of an Intel Core i7-8700, 3.7
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from hhsim.bench.paper.run import SceneRun, at_contacts, play, play_again
-from hhsim.bench.paper.scenarios import paper_scenarios
-from hhsim.bench.paper.scene import Stage, make_stage
+from hhsim.bench.paper.scene import Stage, make_stage, paper_scenarios
 from hhsim.errors import InputError, check_known
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
@@ -62,9 +62,9 @@ class PaperOptions:
             raise InputError("instances and repetitions must be at least 1")
 
     @classmethod
-    def quick(cls) -> "PaperOptions":
-        """Return options for every row from coarse spheres, few instances and one repetition: a test of it."""
-        return cls(level=QUICK_LEVEL, instances=QUICK_INSTANCES, repetitions=1)
+    def quick(cls, **given: Any) -> "PaperOptions":
+        """Return options for every row from coarse spheres, few instances, once, a test of it; but for those given."""
+        return cls(**{"level": QUICK_LEVEL, "instances": QUICK_INSTANCES, "repetitions": 1, **given})
 
     @property
     def whole(self) -> bool:

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.arrays import AnyArray, BoolArray, FloatArray
-from hhsim.bench.paper.scenarios import Scenario
-from hhsim.bench.paper.scene import RATE, Stage, held_ticks, hold_distances, ticks_of
+from hhsim.bench.paper.scene import RATE, Scenario, Stage, held_ticks, hold_distances, ticks_of
 from hhsim.bench.run_errors import digest_of, hand_clearance, placed_of
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration

@@ -1,6 +1,7 @@
-"""Object, hand and motions of a scene of the paper's evaluation.
+"""Scenes of the paper's evaluation: object, hand and motions.
 
-A scene of Fig. 15 has many short motions, each with the hand a little elsewhere; the others have one whole motion.
+Scripts of the catalogue declare the figure and the objects of their motion. A scene of Fig. 15 has many short motions,
+each with the hand a little elsewhere; the others have one whole motion.
 """
 
 import itertools
@@ -12,7 +13,6 @@ from functools import cached_property
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.paper.scenarios import Scenario
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -21,15 +21,70 @@ from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
+from hhsim.mesh.catalogue import object_names
 from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.scene.contact_goals import TOUCHING, touch_distances
 from hhsim.scene.finger_closure import FingerClosure, PlacedCloser, body_distances
-from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.script import Placement, Script
 from hhsim.scene.synthesis import planned, synthesize
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
+
+SLIDING = "sliding"
+"""Stands for a figure: the paper describes sliding on the five simple objects without one."""
+FIGURES = {
+    "11": "one finger, two fingers, five fingers with the palm, on five simple objects",
+    "12": "no finger, one, two, five, two, one, none",
+    SLIDING: "grasp and slide on the five simple objects",
+    "13": "five complex objects, each from several sides",
+    "14": "squeeze, hold and slide on cup and bunny",
+    "15": "single finger, two fingers, five fingers, whole hand on the complex objects: 100 instances each",
+}
+CASES = ("SF", "TF", "FF", "WH")
+"""Cases of Fig. 15: single finger, two fingers, five fingers, whole hand."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One scene of the paper.
+
+    Attributes:
+        figure: Of `FIGURES`.
+        motion: Script of the catalogue.
+        case: Of `CASES` in Fig. 15, else empty.
+        instances: Number of seeded variations of the hand's place.
+    """
+
+    figure: str
+    object_name: str
+    motion: str
+    case: str = ""
+    instances: int = 1
+
+    @property
+    def name(self) -> str:
+        """Object and motion as arguments of `hhsim replay`."""
+        return f"{self.object_name} {self.motion}"
+
+
+def paper_scenarios() -> list[Scenario]:
+    """Return all scenes: in the order of `FIGURES`, then of the objects, then of the motions or cases."""
+    found = [
+        Scenario(use.figure, object_name, motion, use.case, use.instances)
+        for motion in script_names()
+        for use in load_script(motion).paper
+        for object_name in use.objects
+    ]
+    figure_order, object_order = list(FIGURES), object_names()
+
+    def order(scenario: Scenario) -> tuple[int, int, int]:
+        case = CASES.index(scenario.case) if scenario.case in CASES else 0
+        return figure_order.index(scenario.figure), object_order.index(scenario.object_name), case
+
+    return sorted(found, key=order)
+
 
 RATE = 1000.0
 """Tick rate [Hz], as in the paper."""

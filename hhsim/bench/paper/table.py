@@ -10,8 +10,7 @@ import numpy as np
 from hhsim.arrays import AnyArray
 from hhsim.bench.paper.bench import CONTACTS, PaperOptions, PaperRuns, percentile
 from hhsim.bench.paper.run import NOISES, SceneRun
-from hhsim.bench.paper.scenarios import CASES, SLIDING
-from hhsim.bench.paper.scene import held_ticks
+from hhsim.bench.paper.scene import CASES, SLIDING, held_ticks
 from hhsim.bench.table import metric_column
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.mesh.catalogue import object_names

@@ -1,4 +1,4 @@
-"""`hhsim bench qp`: the programs of real ticks, solved by every installed solver.
+"""`hhsim bench qp`: the programs of real ticks, solved by every installed solver, and as a file for qpbenchmark.
 
 Ours solves all of them (`hhsim.bench.qp.recorded_problems`), from nothing and from the guess of the tick, and every
 answer is checked from the program alone (`hhsim.bench.qp.program`). A fair sample of each kind is solved by every
@@ -9,21 +9,100 @@ import importlib.metadata
 import random
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hhsim.bench.qp.backends import WARM, WARM_DAQP, Answer, ProgramSolver, overhead, prepare
-from hhsim.bench.qp.problem_file import written
-from hhsim.bench.qp.program import CERTIFIED_RADIUS, Program, certified_radius, residual, violation
+from hhsim.bench.qp.program import (
+    CERTIFIED_RADIUS,
+    QUICK,
+    WARM,
+    WARM_DAQP,
+    Answer,
+    Program,
+    ProgramSolver,
+    certified_radius,
+    overhead,
+    prepare,
+    residual,
+    violation,
+)
 from hhsim.bench.qp.recorded_problems import QpBenchOptions, harvest
+from hhsim.errors import OutputError
 from hhsim.solver.qp import ACTIVE_SET
+from hhsim.system.input_file import read_input
+from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
 from hhsim.table.table import Column
+
+BATCH = 1000
+"""Programs that are written together."""
+
+
+def check_problem_file(path: Path) -> None:
+    """Check before the work that programs can be written.
+
+    Raises:
+        OutputError: As `hhsim.system.output_path.check_output_path`; a name that does not end in .parquet; or an
+            existing file that is no Parquet file.
+    """
+    if path.suffix != ".parquet":
+        raise OutputError(f"{path} must end in .parquet: the programs go there")
+    check_output_path(path)
+    if path.exists() and read_input(path)[:4] != b"PAR1":
+        raise OutputError(f"{path} exists and is no Parquet file, so it is not replaced: name another")
+
+
+def written(programs: Iterable[Program], path: Path) -> Iterator[Program]:
+    """Yield the programs, and write them to a file that qpbenchmark reads, as its `ParquetTestSet`.
+
+        minimise ½ xᵀ P x + qᵀ x   subject to   G x <= h
+
+    A row is a program: `P` (the identity, in the variables of `hhsim.bench.qp.program`), `q`, `G`, `h` (matrices row
+    by row), `A`, `b`, `lb` and `ub`, which are empty, and `name`: kind, number and scene. The rows are in the order in
+    which a run solves them, so that warm starts can be judged. Further columns, which qpbenchmark ignores: `scene`,
+    `kind`, `tick`, `step` (linearisation of the tick, from 0) and `guess` (rows of G expected to be active).
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    import pyarrow
+    from pyarrow import parquet
+
+    numbers = pyarrow.list_(pyarrow.float64())
+    fields = [(name, numbers) for name in ("P", "q", "G", "h", "A", "b", "lb", "ub")]
+    text, count = pyarrow.string(), pyarrow.int64()
+    order = [("kind", text), ("scene", text), ("tick", count), ("step", count), ("guess", pyarrow.list_(count))]
+    schema = pyarrow.schema([*fields, ("name", text), *order])
+    source = enumerate(programs)
+    try:
+        with parquet.ParquetWriter(path, schema) as file:
+            while batch := list(islice(source, BATCH)):
+                rows = [
+                    {
+                        "P": np.eye(program.variables).ravel(),
+                        "q": -program.target,
+                        "G": -program.matrix.ravel(),
+                        "h": -program.rhs,
+                        "name": f"{program.kind} {number} {program.source}",
+                        "kind": program.kind,
+                        "scene": program.source,
+                        "tick": program.tick,
+                        "step": program.step,
+                        "guess": program.guess,
+                    }
+                    for number, program in batch
+                ]
+                file.write_table(pyarrow.Table.from_pylist(rows, schema=schema))
+                yield from (program for _, program in batch)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error}") from error
+
 
 SAMPLE = 100
 """Number of programs of a kind that every solver solves."""
@@ -139,7 +218,7 @@ def bench_qp(
     """Harvest, solve, check and time; return a row for each kind of program and solver, by the names of `COLUMNS`.
 
     Args:
-        programs: File of the harvested programs, see `hhsim.bench.qp.problem_file`; None for none.
+        programs: File of the harvested programs, see `written`; None for none.
 
     Raises:
         OutputError: The programs cannot be written.
@@ -160,7 +239,7 @@ def bench_qp(
         elif (place := draw.randrange(len(kind.rows))) < SAMPLE:
             kind.sample[place] = program
     others = [*options.solvers(), *([WARM_DAQP] if "daqp" in options.solvers() else [])]
-    python_share = {backend: overhead(backend) for backend in others}
+    python_share = {backend: overhead(backend) if backend in QUICK else 0.0 for backend in others}
     for number, kind in enumerate(kinds.values()):
         _time(kind, python_share, solver)
         progress("timing", number + 1, len(kinds))

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.bench.qp.backends import ProgramSolver
-from hhsim.bench.qp.program import Program
+from hhsim.bench.qp.program import Program, ProgramSolver
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import check_known
 from hhsim.hand.configuration import HandConfiguration

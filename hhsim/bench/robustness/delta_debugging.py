@@ -57,14 +57,7 @@ class Shrunk:
         return int(np.argmax(self.trace.failed))
 
 
-def delta_debug(
-    motion: HandConfiguration,
-    trial: Trial,
-    *,
-    graphic: HandConfiguration | None = None,
-    most_runs: int = MOST_RUNS,
-    most_ticks: int = MOST_TICKS,
-) -> Shrunk:
+def delta_debug(motion: HandConfiguration, trial: Trial, *, graphic: HandConfiguration | None = None) -> Shrunk:
     """Shrink a failing motion.
 
     It cuts off the ticks after the failure, starts later, drops ticks between, holds fingers, abduction, rotation and
@@ -78,7 +71,7 @@ def delta_debug(
     Raises:
         InputError: Neither the motion nor any end of it fails.
     """
-    search = _Search(trial, most_runs, most_ticks)
+    search = _Search(trial)
     whole = replayed(motion)
     best = search.failing(whole)
     if best is None and graphic is not None:
@@ -105,16 +98,14 @@ class _Failing(NamedTuple):
 class _Search:
     """Runs candidates, counts them, and cuts off what follows the failure."""
 
-    def __init__(self, trial: Trial, most_runs: int, most_ticks: int) -> None:
+    def __init__(self, trial: Trial) -> None:
         self._trial = trial
-        self._most_runs = most_runs
-        self._most_ticks = most_ticks
         self.runs = 0
         self.ticks = 0
 
     def failing(self, motion: HandConfiguration) -> _Failing | None:
         """Return the motion up to its first failing tick; None if it does not fail, or a limit is reached."""
-        if motion.ticks == 0 or self.runs >= self._most_runs or self.ticks >= self._most_ticks:
+        if motion.ticks == 0 or self.runs >= MOST_RUNS or self.ticks >= MOST_TICKS:
             return None
         motion = replayed(motion)
         self.runs += 1

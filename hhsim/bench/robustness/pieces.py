@@ -6,7 +6,7 @@ winding number tells inside from outside. No hierarchy, and none of the kernels.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,20 +35,8 @@ class Body(NamedTuple):
         return bool((self.ends[0] == self.ends[1]).all())
 
 
-class Pieces(Protocol):
-    """Convex pieces of an object's surface, world."""
-
-    def near(self, body: Body, limit: float) -> "Pieces":
-        """Return the pieces no farther than `limit` [m], and perhaps some farther ones."""
-
-    def distances(self, places: Sequence[Body]) -> FloatArray:
-        """Return signed distances [m] of a body at P places, and of parts of it, to each piece, shape (P, M).
-
-        The body is clear of the pieces if none is negative; M is a multiple of their number.
-        """
-
-    def least(self, *bodies: Body) -> float:
-        """Return the signed distance of the nearest body [m], negative inside the object; infinite without a piece."""
+Pieces: TypeAlias = "Leaves | Triangles"
+"""Convex pieces of an object's surface, world."""
 
 
 def hand_bodies(shape: HandShape, joints: ArrayLike, position: ArrayLike, orientation: ArrayLike) -> list[Body]:
@@ -103,7 +91,7 @@ class Leaves:
         return Leaves(self._center[chosen], self._radius[chosen])
 
     def distances(self, places: Sequence[Body]) -> FloatArray:
-        """Return one distance a sphere."""
+        """Return signed distances [m] of a body at P places to each sphere, shape (P, N); clear if none is negative."""
         if len(self._radius) == 0:
             return np.zeros((len(places), 0))
         if places[0].is_sphere:
@@ -112,7 +100,7 @@ class Leaves:
         return np.stack([self._of(body) for body in places])
 
     def least(self, *bodies: Body) -> float:
-        """Return the least distance over all spheres."""
+        """Return the signed distance of the nearest body [m], negative inside; infinite without a sphere."""
         return float(min(self._of(body).min(initial=np.inf) for body in bodies))
 
     def _of(self, body: Body) -> FloatArray:
@@ -163,9 +151,10 @@ class Triangles:
         return Triangles(self._corners[self._near(body, limit)], self._closed)
 
     def distances(self, places: Sequence[Body]) -> FloatArray:
-        """Return one distance a triangle for a sphere; for a phalanx also those of the balls at its ends.
+        """Return signed distances [m] of a body at P places to each triangle, shape (P, F); clear if none is negative.
 
-        A phalanx that lies flat touches along a line, and its least distance says nothing of its other end.
+        Of a phalanx also those of the balls at its ends, shape (P, 3 F): one that lies flat touches along a line, and
+        its least distance says nothing of its other end.
         """
         if len(self._corners) == 0:
             return np.zeros((len(places), 0))

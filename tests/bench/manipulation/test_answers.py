@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sampled import sampled
 
 from hhsim.bench.manipulation.answers import CASES, Answer, Lengths, slope
 from hhsim.bench.manipulation.gripper import LENGTHS, REACH, clearance, closed, gripped, gripper, gripper_options
@@ -18,8 +19,8 @@ from hhsim.trees.contact_surface import encloses
 SHORT = Lengths(rest=1.0, held=1.0)
 
 
-@pytest.mark.parametrize("case", ["slope", "tipping", "rest"])
-def test_what_is_quick_to_play_holds(case: str) -> None:
+@pytest.mark.parametrize("case", sampled(CASES, lambda _, case: case in ("slope", "tipping", "rest")))
+def test_what_is_known_holds(case: str) -> None:
     answers = CASES[case](SHORT)
     assert answers and all(answer.holds for answer in answers), [answer for answer in answers if not answer.holds]
 
@@ -79,13 +80,6 @@ def test_what_cannot_be_played_is_refused(named: dict[str, object], error: type[
         ManipulationOptions(**named)  # type: ignore[arg-type]
 
 
-@pytest.mark.soak
-def test_the_slow_ones_hold() -> None:
-    for case in CASES.values():
-        answers = case(SHORT)
-        assert all(answer.holds for answer in answers), [answer for answer in answers if not answer.holds]
-
-
 def test_a_pinch_closes_presses_lifts_eases_and_holds() -> None:
     pinch = Pinch(squeeze=2.0, easing=1.0, eased=0.5, hold=1.0)
     assert pinch.threshold == pytest.approx(0.981)
@@ -100,9 +94,9 @@ def test_an_outcome_says_whether_it_came_along_and_how_it_creeps() -> None:
     height = np.append(np.zeros(pinch.held_from), np.full(1000, 0.029))
     height[-1] += 1e-6
     found = pinch.outcome(height, 0.0)
-    assert found.lifted and found.hangs == pytest.approx(1e-3) and found.creep == pytest.approx(1e-6)
+    assert found.lifted and found.creep == pytest.approx(1e-6)
     left = pinch.outcome(0.5 * height, 0.0)
-    assert not left.lifted and np.isnan(left.creep) and np.isnan(left.hangs)
+    assert not left.lifted and np.isnan(left.creep)
 
 
 def test_the_gripper_has_its_fingers_opposed_and_its_coupling_as_stated() -> None:

@@ -12,8 +12,7 @@ from conftest import Run
 
 from hhsim.bench.paper.bench import PaperOptions, PaperRuns, measure
 from hhsim.bench.paper.run import COUNTS, GLOVE, NOISES, play, play_again
-from hhsim.bench.paper.scenarios import Scenario
-from hhsim.bench.paper.scene import held_ticks, make_stage
+from hhsim.bench.paper.scene import Scenario, held_ticks, make_stage
 from hhsim.bench.paper.table import PaperRow, missed, paper_rows, scene_rows
 from hhsim.bench.table import load_table
 from hhsim.errors import HhsimError

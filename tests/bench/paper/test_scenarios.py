@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from sampled import sampled
 
-from hhsim.bench.paper.scenarios import Scenario, paper_scenarios
-from hhsim.bench.paper.scene import check_holds
+from hhsim.bench.paper.scene import Scenario, check_holds, paper_scenarios
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
@@ -49,7 +48,7 @@ def motion_of(object_name: str, motion: str, level: int) -> Trajectory:
 
 
 def figure(name: str) -> list[Scenario]:
-    return paper_scenarios([name])
+    return [scenario for scenario in paper_scenarios() if scenario.figure == name]
 
 
 def test_figure_11_is_five_objects_and_three_behaviours() -> None:

@@ -14,9 +14,8 @@ from pyarrow import parquet
 from qp_problems import contact_programs, degenerate_set
 
 from hhsim.bench.qp import bench, recorded_problems
-from hhsim.bench.qp.backends import ProgramSolver, overhead, prepare
 from hhsim.bench.qp.bench import Tally, bench_qp, missed_programs
-from hhsim.bench.qp.program import residual
+from hhsim.bench.qp.program import ProgramSolver, overhead, prepare, residual
 from hhsim.bench.qp.recorded_problems import QpBenchOptions, harvest
 from hhsim.bench.table import load_table
 from hhsim.solver.qp import available_backends

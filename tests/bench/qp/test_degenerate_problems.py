@@ -13,9 +13,8 @@ from qp_problems import (
     least_violation,
 )
 
-from hhsim.bench.qp.backends import ProgramSolver
 from hhsim.bench.qp.bench import OWN_LIMIT
-from hhsim.bench.qp.program import CERTIFIED_RADIUS, Program, certified_radius, residual, violation
+from hhsim.bench.qp.program import CERTIFIED_RADIUS, Program, ProgramSolver, certified_radius, residual, violation
 
 COUNT = 20
 SOLVER = ProgramSolver()

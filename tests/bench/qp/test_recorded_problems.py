@@ -8,9 +8,8 @@ from qp_problems import least_violation
 from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, still, straight_line
 
 from hhsim.bench.qp import recorded_problems
-from hhsim.bench.qp.backends import ProgramSolver
 from hhsim.bench.qp.bench import OWN_LIMIT
-from hhsim.bench.qp.program import CERTIFIED_RADIUS, Program, certified_radius, residual
+from hhsim.bench.qp.program import CERTIFIED_RADIUS, Program, ProgramSolver, certified_radius, residual
 from hhsim.bench.qp.recorded_problems import RUNS, QpBenchOptions, harvest, harvest_tick
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel

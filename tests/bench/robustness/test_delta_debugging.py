@@ -15,6 +15,7 @@ from kept_failure import provenance_of, rerun_failure
 from sphere_scenes import bumpy_ball
 from stress_motion import random_targets
 
+from hhsim.bench.robustness import delta_debugging
 from hhsim.bench.robustness.delta_debugging import Trace, Trial, delta_debug
 from hhsim.bench.robustness.failure import Provenance, failure_of, keep_failure, make_trial, penetrates
 from hhsim.bench.robustness.pieces import pieces_of
@@ -119,7 +120,7 @@ def test_a_stretch_that_needs_its_past_is_started_at_the_hand_shown() -> None:
     assert delta_debug(stretch, trial, graphic=graphic).motion.ticks <= 3
 
 
-def test_a_budget_ends_the_search_with_what_fails() -> None:
+def test_a_budget_ends_the_search_with_what_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[int] = []
     inner = in_order(lambda p, q, f, a: p[0] > 0.02, lambda p, q, f, a: p[1] > 0.02)
 
@@ -128,11 +129,14 @@ def test_a_budget_ends_the_search_with_what_fails() -> None:
         return inner(motion)
 
     motion = random_targets(HAND, 400, 6, JUMPS)
-    shrunk = delta_debug(motion, counted, most_runs=5)
+    with monkeypatch.context() as few:
+        few.setattr(delta_debugging, "MOST_RUNS", 5)
+        shrunk = delta_debug(motion, counted)
     assert len(calls) == shrunk.runs == 5
     assert inner(shrunk.motion).failed.any()
     calls.clear()
-    shrunk = delta_debug(motion, counted, most_ticks=500)
+    monkeypatch.setattr(delta_debugging, "MOST_TICKS", 500)
+    shrunk = delta_debug(motion, counted)
     assert sum(calls[:-1]) < 500
     assert inner(shrunk.motion).failed.any()
 

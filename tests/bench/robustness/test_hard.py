@@ -279,7 +279,7 @@ def test_machines_get_every_figure(run: Run) -> None:
 
 @pytest.mark.parametrize(("fault", "code"), [("none", 0), ("penetration", 1), ("exception", 1)])
 def test_a_missed_bar_is_exit_code_1(run: Run, monkeypatch: pytest.MonkeyPatch, fault: str, code: int) -> None:
-    monkeypatch.setattr("hhsim.bench.robustness.cases.INPUT_CASES", (replace(CASE, name="deep-command"),))
+    monkeypatch.setattr("hhsim.bench.robustness.hard.INPUT_CASES", (replace(CASE, name="deep-command"),))
     monkeypatch.setattr(suite, "HandSolver", type("Spoiled", (Faulty,), {"fault": fault}))
     answer = run("bench", "hard", "deep-command", "--method", "coupled")
     assert answer.code == code, answer.err

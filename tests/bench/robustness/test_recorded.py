@@ -14,8 +14,16 @@ from plain_clearance import brute_clearance
 from recording_samples import smooth_recording
 
 from hhsim.bench.robustness import recorded
-from hhsim.bench.robustness.recorded import BenchObject, RecordedOptions, bench_recorded, recording_files
-from hhsim.bench.robustness.recorded_metrics import COLUMNS, RecordedFigures, longest_run, totals
+from hhsim.bench.robustness.recorded import (
+    COLUMNS,
+    BenchObject,
+    RecordedFigures,
+    RecordedOptions,
+    bench_recorded,
+    longest_run,
+    recording_files,
+    totals,
+)
 from hhsim.bench.table import load_table
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration

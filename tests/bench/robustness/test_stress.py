@@ -12,12 +12,19 @@ from sampled import sampled
 from scipy.spatial.transform import Rotation
 from sphere_scenes import bumpy_ball, record_clearance
 
-from hhsim.bench.robustness import stress, stress_measurement
+from hhsim.bench.robustness import stress
 from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.random_targets import StressOptions
-from hhsim.bench.robustness.stress import BLOCK, STRETCH_BLOCKS, run_case, run_stress
-from hhsim.bench.robustness.stress_measurement import StressCase
-from hhsim.bench.robustness.stress_metrics import COLUMNS, StressFigures, total
+from hhsim.bench.robustness.stress import (
+    BLOCK,
+    COLUMNS,
+    STRETCH_BLOCKS,
+    StressCase,
+    StressFigures,
+    run_case,
+    run_stress,
+    total,
+)
 from hhsim.bench.robustness.triangle_objects import coarse_ball_mesh
 from hhsim.bench.table import load_table
 from hhsim.hand.configuration import HandConfiguration
@@ -156,7 +163,7 @@ def test_on_the_mesh_the_figures_are_of_the_mesh(method: str) -> None:
 
 def test_a_mesh_that_the_kernels_and_brute_force_see_differently_is_a_missed_limit() -> None:
     wrong = replace(case(ticks=1000, surface="mesh"), mesh=coarse_ball_mesh().scaled(1.001))
-    measure = stress_measurement.StressMeasure(wrong)
+    measure = stress.StressMeasure(wrong)
     vars(wrong)["pieces"] = case(surface="mesh").pieces
     motion = wrong.targets().take(1000)
     record = wrong.new_solver().run(*motion)
@@ -177,7 +184,7 @@ def test_a_failure_on_the_mesh_is_kept_with_its_surface(tmp_path: Path) -> None:
 
 
 def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stress_measurement, "MOST_STUCK_CHECKED", 40)
+    monkeypatch.setattr(stress, "MOST_STUCK_CHECKED", 40)
 
     def make(made: StressCase) -> HandSolver:
         return Lazy(made.hand, made.surface, made.solver)
@@ -294,7 +301,7 @@ def test_surfaces_have_rows_of_their_own_and_methods_that_take_no_mesh_are_left_
 def test_the_command_tells_a_missed_limit_and_how_to_see_it(
     run: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hhsim.bench.robustness.stress_measurement.HandSolver", Planted)
+    monkeypatch.setattr("hhsim.bench.robustness.stress.HandSolver", Planted)
     words = ("bench", "stress", "cube", "--method", "coupled", "--ticks", "3000", "--level", "2", "--margin", "1.5")
     answer = run(*words, "--quiet")
     assert (answer.code, answer.out, answer.err) == (1, "", "")
