@@ -16,9 +16,9 @@ from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics import contact_error as module
-from hhsim.metrics.contact_error import TouchedObject
+from hhsim.metrics import mesh_penetration as module
 from hhsim.metrics.contact_points import find_contact_points
+from hhsim.metrics.mesh_penetration import TouchedObject
 from hhsim.metrics.run_ticks import PLACED, result_ticks
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.replay import replay_scene

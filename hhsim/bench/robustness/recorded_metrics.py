@@ -9,7 +9,7 @@ import numpy as np
 from hhsim.arrays import BoolArray
 from hhsim.bench.figure_columns import columns_of, cpu_times, figure, mean, metric, totals_of
 from hhsim.bench.robustness.failure import SAFE_DEPTH
-from hhsim.metrics.contact_error import MOST_CONTACT_ERROR
+from hhsim.metrics.mesh_penetration import MOST_CONTACT_ERROR
 from hhsim.solver.method import never_penetrates
 from hhsim.system.log_histogram import CpuTimes, LogHistogram
 from hhsim.table.table import Column
