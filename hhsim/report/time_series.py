@@ -33,7 +33,7 @@ from hhsim.report.figure import (
     run_style,
     time_text,
 )
-from hhsim.report.tick_series import FORCES, ReportColumns, minmax_band, report_columns
+from hhsim.report.ticks import FORCES, ReportColumns, minmax_band, report_columns
 from hhsim.report.worst_ticks import WorstTick, worst_ticks
 from hhsim.result.reader import Result
 from hhsim.scene.motion_catalogue import of_the_paper

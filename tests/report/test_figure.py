@@ -23,13 +23,13 @@ from hhsim.metrics.metrics import tick_statistics
 from hhsim.render.triangle_soup import SKIN, round_cone_surface
 from hhsim.render.viewpoint import View, viewpoint
 from hhsim.report import pictures as report_pictures
-from hhsim.report import tick_series as report_columns
+from hhsim.report import ticks as report_ticks
 from hhsim.report import time_series as report_series
 from hhsim.report.figure import RUN_STYLES, ReportFigure, run_style, time_text
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.pictures import hand_picture, overview_picture, overview_tick
 from hhsim.report.speed_error import MARKS, speed_error_figure
-from hhsim.report.tick_series import minmax_band
+from hhsim.report.ticks import minmax_band
 from hhsim.report.time_series import series_figure
 from hhsim.report.worst_ticks import worst_ticks
 from hhsim.result.reader import Result, load_result
@@ -108,8 +108,8 @@ def test_a_band_holds_every_value_and_no_more(values: list[float], stretches: in
 
 
 def test_columns_are_those_of_the_file_however_they_are_read(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(report_columns, "BLOCK", 37)
-    columns = report_columns.report_columns(result)
+    monkeypatch.setattr(report_ticks, "BLOCK_TICKS", 37)
+    columns = report_ticks.report_columns(result)
     np.testing.assert_array_equal(columns.time, result["time"])
     np.testing.assert_allclose(columns.cpu, 1e-9 * result["duration/total_cpu"], rtol=1e-6)
     np.testing.assert_allclose(columns.force[:, 0], np.linalg.norm(result["force/total"], axis=1), rtol=1e-6)

@@ -31,7 +31,7 @@ from hhsim.replay.summary_table import stored_rows
 from hhsim.report.compare import SEEDED_NOISE, compared
 from hhsim.report.figure import ReportFigure
 from hhsim.report.report import FIGURES, check_report_path, make_report, write_report
-from hhsim.report.tick_table import figure_table, report_ticks
+from hhsim.report.ticks import figure_table, report_ticks
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
