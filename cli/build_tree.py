@@ -134,8 +134,7 @@ def command(
     """
     from hhsim.mesh.mesh import METRES_PER_UNIT
     from hhsim.render.tree_figure import draw_tree
-    from hhsim.system.output_path import check_output_path
-    from hhsim.system.picture_path import check_picture
+    from hhsim.system.output_path import check_output_path, check_picture
     from hhsim.system.thread_pool import usual_threads
     from hhsim.trees.cache import cache_path, kept_sphere_tree
     from hhsim.trees.file import save_tree

@@ -39,7 +39,7 @@ def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
     from hhsim.replay.summary_table import short_table, whole_table
     from hhsim.replay.verdict import verdict
     from hhsim.report.compare import compare, compared
-    from hhsim.report.tick_table import figure_table, report_ticks
+    from hhsim.report.ticks import figure_table, report_ticks
     from hhsim.result.reader import load_result
 
     results = [load_result(path) for path in (base, head)]

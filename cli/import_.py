@@ -245,8 +245,7 @@ def command(
     from hhsim.recordings.registry import read_recording
     from hhsim.recordings.repair import repair
     from hhsim.system.atomic_write import write_atomically
-    from hhsim.system.output_path import check_output_path
-    from hhsim.system.picture_path import check_picture
+    from hhsim.system.output_path import check_output_path, check_picture
 
     output_path = output.path(file.stem or "recording")
     if output_path.exists() and output_path.resolve() == file.resolve():

@@ -1,8 +1,12 @@
 """Charts that are not drawn when they are made: for tests that draw them themselves."""
 
-import pytest
+from collections.abc import Iterator
+from contextlib import contextmanager
 
-from hhsim.report.figure import Drawing, ReportFigure
+import pytest
+from matplotlib.figure import Figure
+
+from hhsim.report.figure import Drawing, ReportFigure, new_figure
 
 CHARTS = ("time_series", "histogram", "speed_error", "pictures", "bench_chart")
 """Modules of the report that make one."""
@@ -16,3 +20,13 @@ def leave_charts_undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """The page's pictures of a chart, which take most of the time, are left out; its drawing is there."""
     for module in CHARTS:
         monkeypatch.setattr(f"hhsim.report.{module}.drawn_figure", undrawn)
+
+
+@contextmanager
+def drawn(chart: ReportFigure | None, width: float, narrow: bool = False) -> Iterator[Figure]:
+    """A chart at a width [inches], with every text in its place."""
+    assert chart is not None and chart.drawing is not None
+    with new_figure(width, chart.drawing.height(width, narrow)) as figure:
+        chart.drawing.draw(figure, narrow)
+        figure.draw_without_rendering()
+        yield figure

@@ -104,7 +104,7 @@ def _read_fingers(context: click.Context, parameter: click.Parameter, value: str
 def _check_picture(context: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
     """Raise, before the work, if a picture cannot be written."""
     if value is not None:
-        from hhsim.system.picture_path import check_picture
+        from hhsim.system.output_path import check_picture
 
         check_picture(value)
     return value

@@ -57,8 +57,8 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
     """
     from hhsim.bench.peers import COLUMNS, PeersOptions, installed, measure, remarks, table_rows, won_by_others
     from hhsim.bench.speed_error_table import ALL
-    from hhsim.render.peers_figure import draw_peers
-    from hhsim.system.picture_path import picture_beside
+    from hhsim.render.speed_error_figure import draw_peers
+    from hhsim.system.output_path import picture_beside
 
     run = quick_or_whole(PeersOptions, settings)
     table = SuiteTable(output, "peers", COLUMNS, asdict(run))

@@ -86,7 +86,7 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
     from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows
     from hhsim.bench.table import rows_of
     from hhsim.render.speed_error_figure import draw_speed_error
-    from hhsim.system.picture_path import picture_beside
+    from hhsim.system.output_path import picture_beside
 
     run = quick_or_whole(SpeedErrorOptions, configurations)
     table = SuiteTable(output, "speed-error", COLUMNS, asdict(run))

@@ -52,8 +52,8 @@ def command(settings: TreesSettings, size: float, time_limits: bool, plot: Path 
       hhsim bench trees --out trees.h5 --plot trees.png --time-limits
     """
     from hhsim.bench.trees import COLUMNS, TreesOptions, measure, missed_bars
-    from hhsim.render.tree_comparison_figure import draw_trees
-    from hhsim.system.picture_path import picture_beside
+    from hhsim.render.tree_figure import draw_trees
+    from hhsim.system.output_path import picture_beside
 
     run = TreesOptions(size=1e-3 * size, **settings.given())
     table = SuiteTable(output, "trees", COLUMNS, asdict(run))

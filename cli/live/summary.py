@@ -109,7 +109,7 @@ def _off_the_mesh(result: "Result") -> float:
     import numpy as np
 
     from hhsim.hand.forward_kinematics import PlacedHand
-    from hhsim.metrics.contact_error import ticks_looked_at
+    from hhsim.metrics.mesh_penetration import ticks_looked_at
     from hhsim.metrics.run_ticks import PLACED, result_ticks
 
     run = result_ticks(result)

@@ -4,7 +4,7 @@ import json
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -51,7 +51,7 @@ def write_baseline(path: Path, scenes: Mapping[str, RecordedScene]) -> None:
         "version": BASELINE_VERSION,
         "hhsim": __version__,
         # A file without times is the same from any machine: what it was made on would only make noise in its history.
-        **({"machine": asdict(info.machine()), "reference_version": REFERENCE_VERSION} if timed else {}),
+        **({"machine": info.machine(), "reference_version": REFERENCE_VERSION} if timed else {}),
         "scenes": {name: _scene_json(scene) for name, scene in scenes.items()},
     }
     text = json.dumps(_rounded(document), indent=1, ensure_ascii=False)

@@ -4,8 +4,7 @@ from collections.abc import Mapping
 
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.run_metric import Figure
-from hhsim.metrics.session_faults import SESSION_FAULTS
-from hhsim.metrics.session_times import SESSION_TIMES
+from hhsim.metrics.session_faults import SESSION_FAULTS, SESSION_TIMES
 from hhsim.replay.limits import default_limits
 from hhsim.submissions.pose_errors import MESH_DEPTH, OFF_BEST, OFF_BEST_MAX
 

@@ -21,6 +21,8 @@ from hhsim.kernels.jit import as_argument
 
 FORCE_FLOOR = 0.01
 """Smallest force with a meaningful rate of change [N]."""
+ENERGY_FLOOR = 1e-9
+"""Smallest coupling energy with a meaningful excess [J]."""
 RIPPLE_BAND = (50.0, 400.0)
 """Band above voluntary motion and tremor, up to where the skin still feels vibration [Hz]."""
 RIPPLE_SPAN = 0.25
@@ -136,17 +138,13 @@ def hand_clearance(
     return palm, finger
 
 
-def force_variation_rate(force: ArrayLike, floor: float = FORCE_FLOOR) -> FloatArray:
+def force_variation_rate(force: ArrayLike) -> FloatArray:
     """One-tick change of the force's size, |‖F_t‖ - ‖F_{t-1}‖| / ‖F_{t-1}‖ [%]: the paper's stability measure.
 
-    Args:
-        force: [N], shape (T, 3), or (T, 5, 3) for the fingers at once.
-        floor: Undefined (NaN) where ‖F_{t-1}‖ is below this [N], and at the first tick.
-
-    Returns:
-        Rates [%], shape (T,), or (T, 5).
+    Of a force (T, 3) [N], or (T, 5, 3) for the fingers at once; shape (T,), or (T, 5). Undefined (NaN) where ‖F_{t-1}‖
+    is below `FORCE_FLOOR`, and at the first tick.
     """
-    return _rate(np.linalg.norm(_vectors(force), axis=-1), floor)
+    return _rate(np.linalg.norm(_vectors(force), axis=-1), FORCE_FLOOR)
 
 
 def component_variation_rate(force: ArrayLike, floor: float = FORCE_FLOOR) -> FloatArray:
@@ -157,25 +155,19 @@ def component_variation_rate(force: ArrayLike, floor: float = FORCE_FLOOR) -> Fl
     return _rate(_vectors(force), floor)
 
 
-def sample_variation_rate(force: ArrayLike, input_seq: ArrayLike, floor: float = FORCE_FLOOR) -> FloatArray:
+def sample_variation_rate(force: ArrayLike, input_seq: ArrayLike) -> FloatArray:
     """Variation rate per new input sample: each tick with a new sample against the one with the sample before.
 
     A glove that sends 100 samples/s leaves nine of ten ticks without news, which a rate per tick counts as still.
-
-    Args:
-        force: [N], shape (T, 3) or (T, 5, 3).
-        input_seq: Number of the sample that each tick used, shape (T,).
-        floor: As in `force_variation_rate`.
-
-    Returns:
-        Rates [%], shape (T,) or (T, 5); NaN at ticks without a new sample and at the first sample.
+    Arrays and NaN are those of `force_variation_rate`, and NaN is at ticks without a new sample too; `input_seq` is the
+    number of the sample that each tick used, shape (T,).
     """
     vectors = _vectors(force)
     sequence = np.asarray(input_seq)
     rate: FloatArray = np.full(vectors.shape[:-1], np.nan)
     if sequence.size:
         new = np.concatenate([[True], sequence[1:] != sequence[:-1]])
-        rate[new] = _rate(np.linalg.norm(vectors[new], axis=-1), floor)
+        rate[new] = _rate(np.linalg.norm(vectors[new], axis=-1), FORCE_FLOOR)
     return rate
 
 
@@ -183,9 +175,8 @@ def force_ripple(force: ArrayLike, rate: float, low: float = RIPPLE_BAND[0], hig
     """RMS [N] of a force (T, 3) of one uninterrupted phase between `low` and `high` [Hz], all components together.
 
     The best straight line is removed from each component, since a hold drifts, and a Hann window keeps slow motion out
-    of
-    the band; its power is divided out, so that a vibration of amplitude A in the band gives A/√2. NaN with fewer than
-    4 · rate / low ticks (80 at 1 kHz) of `rate` [Hz], where the band cannot be told from the trend.
+    of the band; its power is divided out, so that a vibration of amplitude A in the band gives A/√2. NaN with fewer
+    than 4 · rate / low ticks (80 at 1 kHz) of `rate` [Hz], where the band cannot be told from the trend.
     """
     vectors = _vectors(force)
     ticks = vectors.shape[0]
@@ -219,16 +210,16 @@ def worst_force_ripple(force: ArrayLike, rate: float, breaks: BoolArray | None =
     return statistics(found).max
 
 
-def force_step(force: ArrayLike, moving: BoolArray, hold: BoolArray, floor: float = FORCE_FLOOR) -> float:
+def force_step(force: ArrayLike, moving: BoolArray, hold: BoolArray) -> float:
     """Largest one-tick change of the total force (T, 3) [N] while moving, ‖F_t - F_{t-1}‖ over the mean hold force [%].
 
     Each tick of the mask `moving` (T,) is compared with the tick before. NaN where the mean force in the mask `hold` is
-    below `floor` [N], or a phase is empty.
+    below `FORCE_FLOOR`, or a phase is empty.
     """
     vectors = _vectors(force)
     change = np.linalg.norm(np.diff(vectors, axis=0), axis=1)[np.asarray(moving, dtype=bool)[1:]]
     held = np.linalg.norm(vectors[np.asarray(hold, dtype=bool)], axis=1)
-    if change.size == 0 or held.size == 0 or not held.mean() >= floor:
+    if change.size == 0 or held.size == 0 or not held.mean() >= FORCE_FLOOR:
         return np.nan
     return float(100.0 * change.max() / held.mean())
 
@@ -263,25 +254,20 @@ def posture_jump(haptic: ArrayLike, graphic: ArrayLike) -> FloatArray:
     return jump
 
 
-def frozen_decay(force: ArrayLike, limit: float = FROZEN_LIMIT, floor: float = FORCE_FLOOR) -> int | None:
+def frozen_decay(force: ArrayLike) -> int | None:
     """Number of ticks that a force changes after the input has frozen; None if the last tick still changed.
 
-    The least n such that ‖F_t - F_{t-1}‖ <= limit · max(‖F_{t-1}‖, floor) for every t > n; a limit cycle has none, even
-    at
-    a constant size of the force. None for fewer than two ticks, too.
-
-    Args:
-        force: [N], shape (T, 3), from the first tick with frozen input on.
-        limit: Relative change that counts as still.
-        floor: Reference of weaker forces [N].
+    The least n such that ‖F_t - F_{t-1}‖ <= `FROZEN_LIMIT` · max(‖F_{t-1}‖, `FORCE_FLOOR`) for every t > n; a limit
+    cycle has none, even at a constant size of the force. None for fewer than two ticks, too. `force` [N], shape (T, 3),
+    begins with the first tick of frozen input.
     """
     vectors = _vectors(force)
     if vectors.shape[0] < 2:
         return None
-    size = np.maximum(np.linalg.norm(vectors[:-1], axis=1), floor)
+    size = np.maximum(np.linalg.norm(vectors[:-1], axis=1), FORCE_FLOOR)
     change = np.linalg.norm(np.diff(vectors, axis=0), axis=1)
     # Written so that NaN counts as moving.
-    moving = np.flatnonzero(~(change <= limit * size))
+    moving = np.flatnonzero(~(change <= FROZEN_LIMIT * size))
     if moving.size == 0:
         return 0
     last = int(moving[-1]) + 1
@@ -292,8 +278,7 @@ def tracking_energy(haptic: HandConfiguration, graphic: HandConfiguration, stiff
     """Coupling energy ½ (Δp·k_t Δp + Δφ·k_r Δφ + Σ k_θ Δθ²) [J] between graphic and haptic hand, shape (T,).
 
     The objective of every method (virtual coupling of the paper's Eq. 1). Δφ is the rotation vector from graphic to
-    haptic
-    palm, world. `stiffness` is the diagonal of G, shape (21,): 3 k_t [N/m], 3 k_r [N·m/rad], 15 k_θ [N·m/rad].
+    haptic palm, world. `stiffness` is the diagonal of G, shape (21,): 3 k_t [N/m], 3 k_r [N·m/rad], 15 k_θ [N·m/rad].
     """
     diagonal = np.asarray(stiffness, dtype=np.float64)
     if diagonal.shape != (21,):
@@ -305,14 +290,14 @@ def tracking_energy(haptic: HandConfiguration, graphic: HandConfiguration, stiff
     return np.asarray(0.5 * (offset * offset) @ diagonal)
 
 
-def tracking_excess(energy: ArrayLike, reference: ArrayLike, floor: float = 1e-9) -> FloatArray:
+def tracking_excess(energy: ArrayLike, reference: ArrayLike) -> FloatArray:
     """Excess of a method's coupling energy over the reference optimum's, (energy - reference) / reference [-], (T,).
 
-    NaN where the reference is below `floor` [J], that is in free space.
+    NaN where the reference is below `ENERGY_FLOOR`, that is in free space.
     """
     ours, best = np.asarray(energy, dtype=np.float64), np.asarray(reference, dtype=np.float64)
     excess: FloatArray = np.full(ours.shape, np.nan)
-    defined = best >= floor
+    defined = best >= ENERGY_FLOOR
     excess[defined] = (ours[defined] - best[defined]) / best[defined]
     return excess
 

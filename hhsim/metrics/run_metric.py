@@ -1,7 +1,8 @@
 """Figures of a run: name, display, judgement and computation."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from hhsim.metrics.run_ticks import RunTicks
 from hhsim.table.table import shown, stored_unit, unit_size
@@ -69,3 +70,8 @@ class RunMetric(Figure):
     short: str = ""
     free_only: bool = False  # True for a figure of a free object
     unless_zero: bool = False  # True if it has no line where it is 0
+
+
+def placed(first: int, *metrics: RunMetric, **also: Any) -> tuple[RunMetric, ...]:
+    """Return figures in places of the table one after another; `also` holds for each of them."""
+    return tuple(replace(metric, place=place, **also) for place, metric in enumerate(metrics, first))

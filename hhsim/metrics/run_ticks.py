@@ -15,9 +15,9 @@ from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.contact_error import TouchedObject
 from hhsim.metrics.free_run import FreeRun, result_free_run
 from hhsim.metrics.input_hand import InputHand, input_hand, object_depths
+from hhsim.metrics.mesh_penetration import TouchedObject
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK

@@ -1,4 +1,4 @@
-"""Faults of a live session: an early end, logged faults, malformed packets, freed fingers."""
+"""Figures of a live session: its times, and its faults: an early end, malformed packets, freed fingers."""
 
 import json
 import signal
@@ -10,9 +10,32 @@ import numpy as np
 
 from hhsim.errors import InputError
 from hhsim.metrics.run_metric import Figure
+from hhsim.result.miss_cause import WORDS
 from hhsim.result.reader import Result
 from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT
+
+_TIMES = {
+    "wakeup": "wake-up after the deadline",
+    "latency": "sample in to command out",
+    "tick": "the solver's tick, wall",
+}
+_PERCENTILES = {"p50": "p50", "p99": "p99", "p999": "p99.9", "max": "max"}
+
+MISSED_BY: tuple[Figure, ...] = tuple(
+    Figure(f"missed_{cause.name.lower()}", f"missed: {words}") for cause, words in WORDS.items()
+)
+"""Missed ticks by cause; in the /summary of sessions that know them."""
+
+SESSION_TIMES: tuple[Figure, ...] = (
+    Figure("missed", "missed ticks"),
+    *(
+        Figure(f"{name}_{part}", f"{label}, {words}", 1, "µs")
+        for name, label in _TIMES.items()
+        for part, words in _PERCENTILES.items()
+    ),
+)
+"""Figures in the order of the session's table and, in SI units, of its /summary."""
 
 IN_ORDER = frozenset(("duration", "stopped", "SIGINT"))
 """Reasons of an orderly end: the duration, or the user."""

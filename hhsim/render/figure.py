@@ -42,6 +42,13 @@ def legend_mark(label: str, marker: str, color: str, face: str | None = None, si
     )  # fmt: skip
 
 
+def halo(width: float) -> dict[str, Any]:
+    """Return the options of a text with a white rim of this width [pt]."""
+    from matplotlib.patheffects import withStroke
+
+    return {"path_effects": [withStroke(linewidth=width, foreground="white")]}
+
+
 Limits = tuple[float, float]
 
 

@@ -114,7 +114,11 @@ def _forces_over_time(number: str, runs: Sequence[SceneRun]) -> "Figure":
                 axes.plot(values, color=PART_COLORS[label], linewidth=width, label=label)
     force = "normal force at the fingertip" if number == "12" else "contact force on the index finger"
     forces[0].set_ylabel(f"{force} [N]")
-    _legend(figure, forces[0])
+    handles, labels = forces[0].get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="center left", bbox_to_anchor=(0.13, 0.733), ncols=5, fontsize=8, frameon=False,
+        columnspacing=1.0, handlelength=1.4,
+    )  # fmt: skip
     _draw_times(times, runs)
     return figure
 
@@ -155,14 +159,6 @@ def _curves_figure(runs: Sequence[SceneRun]) -> "tuple[Figure, Sequence[Axes], S
             if name:
                 top.text(middle, 1.01, name, transform=top.get_xaxis_transform(), fontsize=8, ha="center", color="0.4")
     return figure, forces, times
-
-
-def _legend(figure: "Figure", axes: "Axes") -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="center left", bbox_to_anchor=(0.13, 0.733), ncols=5, fontsize=8, frameon=False,
-        columnspacing=1.0, handlelength=1.4,
-    )  # fmt: skip
 
 
 def _draw_times(panels: "Sequence[Axes]", runs: Sequence[SceneRun]) -> None:

@@ -19,7 +19,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.run_ticks import HOLD
-from hhsim.render.figure import new_figure, save_figure
+from hhsim.render.figure import halo, new_figure, save_figure
 from hhsim.render.rasterizer import Camera, Layer, blend, frame, look_from, shade
 from hhsim.render.triangle_soup import Surface, arrow_surface, hand_surface, joined, mesh_surface, painted
 from hhsim.render.viewpoint import View
@@ -177,8 +177,6 @@ def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: fl
 
     `pixel` is the size of the picture's pixels, relative to 100 to the inch.
     """
-    from matplotlib.patheffects import withStroke
-
     rows, columns = camera.shape
     scale = rows / camera.height
     apart = np.array([max(40.0, 4.3 * size), max(15.0, 1.4 * size)]) / pixel
@@ -201,7 +199,7 @@ def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: fl
         far = bool(place[1] - first[1] > 12.0 / pixel)
         axes.annotate(
             text, tuple(head) if far else tuple(place), tuple(place), ha="center", va="center", fontsize=size,
-            color=color, path_effects=[withStroke(linewidth=3, foreground="white")],
+            color=color, **halo(3),
             arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.7, "shrinkB": 0.0} if far else None,
         )  # fmt: skip
 

@@ -1,7 +1,7 @@
 """Second run of a result's ticks, from nothing but the file, and comparison of every array: bits, and rounding."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -313,7 +313,7 @@ def _solve(
 
 def _other_makers(result: Result) -> list[str]:
     """Differences of hhsim, method and machine from those of the file: other bits are then expected."""
-    version, machine, packages = __version__, asdict(info.machine()), info.package_versions()
+    version, machine, packages = __version__, info.machine(), info.package_versions()
     pairs = [("hhsim", result.hhsim_version, version)]
     pairs += [(name, result.packages.get(name, ""), packages.get(name, "")) for name in ("numpy", "numba")]
     pairs += [(name, str(result.machine.get(name, "")), str(machine[name])) for name in ("cpu", "system")]

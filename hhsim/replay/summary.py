@@ -15,8 +15,8 @@ from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_START_INSIDE
 from hhsim.metrics import metrics
-from hhsim.metrics.contact_error import MOST_CONTACT_ERROR, TouchedObject
 from hhsim.metrics.free_run import Datasets, FreeRun
+from hhsim.metrics.mesh_penetration import MOST_CONTACT_ERROR, TouchedObject
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import known_figures, needed_columns, tick_figures
 from hhsim.metrics.run_ticks import RunTicks

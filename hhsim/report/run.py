@@ -11,7 +11,7 @@ from hhsim.replay.verdict import MISSED, OK, Verdict, verdict
 from hhsim.report.labels import UNNAMED, result_labels
 from hhsim.report.posed_result import PosedResult, posed_result
 from hhsim.report.provenance import motion_name, object_name
-from hhsim.report.tick_table import figure_table, finger_figures, phase_figures, report_ticks
+from hhsim.report.ticks import figure_table, finger_figures, phase_figures, report_ticks
 from hhsim.result.reader import Result
 
 

@@ -143,7 +143,7 @@ def _off_the_mesh(result: Result, contact: IntArray) -> float:
     placed = PlacedHand(*(np.array([tick[name] for tick in ticks]) for name in ticks[0]))
     off = contact_error(bvh, find_contact_points(scene.surface_arrays, scene.shape, placed, scene.touch).point)
     deepest = float(np.max(np.maximum(0.0, -mesh_clearance(bvh, scene.shape, placed))))
-    return float(np.maximum(deepest, off.max))
+    return float(np.maximum(deepest, off.max())) if len(off) else np.nan
 
 
 def _draw_panel(axes: "Axes", axis: Axis, points: Sequence[SpeedError], width: float) -> None:

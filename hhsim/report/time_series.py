@@ -14,6 +14,7 @@ from hhsim.metrics.free_run import FreeRun, result_free_run
 from hhsim.metrics.run_metric import PAPER_RATE
 from hhsim.metrics.run_ticks import HOLD
 from hhsim.metrics.session_faults import broken_off
+from hhsim.render.figure import halo
 from hhsim.report.figure import (
     BUDGET,
     FINGER_COLORS,
@@ -32,7 +33,7 @@ from hhsim.report.figure import (
     run_style,
     time_text,
 )
-from hhsim.report.tick_series import FORCES, ReportColumns, minmax_band, report_columns
+from hhsim.report.ticks import FORCES, ReportColumns, minmax_band, report_columns
 from hhsim.report.worst_ticks import WorstTick, worst_ticks
 from hhsim.result.reader import Result
 from hhsim.scene.motion_catalogue import of_the_paper
@@ -285,8 +286,6 @@ def _draw_depth(axes: "Axes", runs: Sequence[Run], scale: float) -> None:
 
 
 def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
-    from matplotlib.patheffects import withStroke
-
     gridded(axes)
     _curves(axes, runs, lambda run: run.columns.variation, 0.7)
     axes.set_yscale("symlog", linthresh=0.1, linscale=0.6)
@@ -299,7 +298,7 @@ def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
         axes.annotate(
             f"the paper: {PAPER_VARIATION} %", (0.0, PAPER_VARIATION), (3.0, 2.0),
             xycoords=("axes fraction", "data"), textcoords="offset points", va="bottom", color=SOFT,
-            path_effects=[withStroke(linewidth=2.5, foreground="white")],
+            **halo(2.5),
         )  # fmt: skip
 
 
@@ -331,15 +330,13 @@ def _draw_friction(axes: "Axes", runs: Sequence[Run]) -> None:
 
 def _mark(axes: "Axes", runs: Sequence[Run], kind: str, height: Any, word: str) -> None:
     """Point at a worst tick."""
-    from matplotlib.patheffects import withStroke
-
     for run, worst in ((one, worst) for one in runs for worst in one.worst if worst.kind == kind):
         place = float(_at(run)[worst.tick]), height(run, worst.tick)
         axes.plot(*place, "v", color=INK, markersize=4.0, zorder=6, clip_on=False)
         late = worst.tick > 0.6 * run.columns.ticks
         axes.annotate(
             word, place, (-5.0 if late else 5.0, 1.0), textcoords="offset points", ha="right" if late else "left",
-            va="bottom", color=INK, zorder=6, path_effects=[withStroke(linewidth=2.5, foreground="white")],
+            va="bottom", color=INK, zorder=6, **halo(2.5),
         )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from hhsim.report.run import ReportRun
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
 from hhsim.table.table import Table, number, shown, words
-from hhsim.view.status_text import status_words
+from hhsim.view.scene_log import status_words
 
 WorstKind = Literal["slowest", "deepest", "force-step", "lag"]
 

@@ -8,8 +8,7 @@ from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
-from hhsim.metrics.contact_error import ticks_looked_at
-from hhsim.metrics.mesh_penetration import mesh_clearance
+from hhsim.metrics.mesh_penetration import mesh_clearance, ticks_looked_at
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.metrics.run_metric import Figure
 from hhsim.scene.scene import Scene

@@ -36,9 +36,7 @@ class Estimate:
     """Size and duration of a sweep.
 
     Attributes:
-        cells: Number of cells of the plan.
-        done: Number that finished before.
-        failed: Number that failed before.
+        cells, done, failed: Numbers of cells of the plan, and of those that finished or failed before.
         ticks: Ticks of the cells that are left, in all their runs.
         seconds: Duration of these one after the other, with scenes and files; NaN if none could be tried.
         start_up: Time until a process has loaded code and kernels [s].

@@ -9,7 +9,6 @@ import fcntl
 import json
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -102,7 +101,7 @@ class SweepFolder:
 
     def keep_failure(self, planned: PlannedCell, reason: str) -> None:
         """Write the reason of a cell's failure."""
-        content = {"reason": reason, "machine": asdict(info.machine())}
+        content = {"reason": reason, "machine": info.machine()}
         write_row(self._failure_path(planned), planned.cell, planned.digest, content)
 
     def forget_failure(self, planned: PlannedCell) -> None:

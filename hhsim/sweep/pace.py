@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import asdict
 from typing import Any
 
 from hhsim.sweep.cell import Cell
@@ -12,11 +11,7 @@ from hhsim.system import environment as info
 
 
 class Pace:
-    """Ticks and seconds of cells that were run.
-
-    Attributes:
-        cells: Number of cells.
-    """
+    """Ticks and seconds of cells that were run, and the number of these cells."""
 
     def __init__(self) -> None:
         self.cells = 0
@@ -45,7 +40,7 @@ class Pace:
 
 def pace_of(cells: Iterable[PlannedCell], folder: SweepFolder) -> Pace:
     """Return the pace of those cells that ran on this machine."""
-    pace, here = Pace(), asdict(info.machine())
+    pace, here = Pace(), info.machine()
     for planned in cells:
         row = folder.row(planned)
         if row.get("machine") == here:

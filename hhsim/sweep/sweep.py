@@ -41,15 +41,9 @@ class SweepOptions:
 
 @dataclass(frozen=True)
 class SweepSummary:
-    """Outcome of a sweep.
+    """Outcome of a sweep: numbers of cells of the plan, run by it and done before; those that failed, now or before.
 
-    Attributes:
-        cells: Number of cells of the plan.
-        run: Number of cells done by this sweep.
-        done_before: Number of cells done before.
-        failed: Each cell that failed, now or before, and the reason.
-        ticks: Ticks of this sweep, in all runs.
-        seconds: Duration, with kernels and trees.
+    Each of these has the reason. Ticks are of all runs; the duration [s] is with kernels and trees.
     """
 
     cells: int

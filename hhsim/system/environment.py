@@ -11,7 +11,6 @@ import platform
 import re
 import subprocess
 import time
-from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -23,30 +22,12 @@ UNKNOWN = "unknown"
 DEVELOPMENT_EXTRAS = frozenset({"test", "lint"})
 
 
-@dataclass(frozen=True)
-class Machine:
-    """Properties of the computer that decide how fast a tick is; `cores` are those that this process may use."""
-
-    cpu: str
-    cores: int
-    system: str
-    python: str
-
-
-@dataclass(frozen=True)
-class Revision:
-    """Checkout that hhsim runs from; both fields are "unknown" for an installed package."""
-
-    commit: str
-    dirty: bool | str
-
-
 def collect() -> dict[str, Any]:
     """Describe this process and the machine, as `hhsim info` prints it; `missing` are packages by their extra."""
     return {
         "hhsim": __version__,
-        "revision": asdict(revision()),
-        "machine": asdict(machine()),
+        "revision": revision(),
+        "machine": machine(),
         "clock": _clock(),
         "kernels": _kernels(),
         "packages": package_versions(),
@@ -59,20 +40,20 @@ def file_attributes() -> dict[str, str | bool]:
     source = revision()
     return {
         "hhsim_version": __version__,
-        "git_revision": source.commit,
-        "git_dirty": source.dirty,
+        "git_revision": source["commit"],
+        "git_dirty": source["dirty"],
         "created_utc": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
-        "machine": json.dumps(asdict(machine())),
+        "machine": json.dumps(machine()),
         "packages": json.dumps(package_versions()),
     }
 
 
-def machine() -> Machine:
-    """Describe the computer without naming it."""
+def machine() -> dict[str, str | int]:
+    """Describe what decides how fast a tick is, without naming the computer; `cores` are those of this process."""
     # Affinity of the process: a thread may be pinned to one core (`hhsim.system.own_core`).
     cores = len(os.sched_getaffinity(os.getpid())) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     system = f"{platform.system()} {platform.release()} {platform.machine()}"
-    return Machine(_cpu_name(), cores, system, platform.python_version())
+    return {"cpu": _cpu_name(), "cores": cores, "system": system, "python": platform.python_version()}
 
 
 def package_versions() -> dict[str, str]:
@@ -81,11 +62,12 @@ def package_versions() -> dict[str, str]:
     return {name: version for name, version in installed.items() if version is not None}
 
 
-def revision() -> Revision:
-    """Return the commit of the checkout of this module, and whether its files are modified."""
+def revision() -> dict[str, Any]:
+    """Return the commit of the checkout of this module, and whether it is dirty; "unknown" for an installed package."""
+    unknown = {"commit": UNKNOWN, "dirty": UNKNOWN}
     root = Path(__file__).resolve().parents[2]
     if not ((root / ".git").exists() and (root / "pyproject.toml").is_file()):
-        return Revision(UNKNOWN, UNKNOWN)
+        return unknown
     # Asked again for every file: what is imported from now on is that of the checkout as it is now.
     command = ["git", "-C", str(root), "status", "--porcelain=v2", "--branch", "--untracked-files=no"]
     given = os.environ | {"GIT_OPTIONAL_LOCKS": "0", "LC_ALL": "C"}
@@ -94,11 +76,12 @@ def revision() -> Revision:
             command, capture_output=True, text=True, timeout=10, check=True, env=given, stdin=subprocess.DEVNULL
         ).stdout
     except (OSError, subprocess.SubprocessError):
-        return Revision(UNKNOWN, UNKNOWN)
+        return unknown
     commit = re.search(r"^# branch\.oid ([0-9a-f]+)$", status, re.MULTILINE)
     if commit is None:
-        return Revision(UNKNOWN, UNKNOWN)
-    return Revision(commit.group(1), any(not line.startswith("#") for line in status.strip().splitlines()))
+        return unknown
+    dirty = any(not line.startswith("#") for line in status.strip().splitlines())
+    return {"commit": commit.group(1), "dirty": dirty}
 
 
 def _cpu_name() -> str:

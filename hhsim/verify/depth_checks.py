@@ -3,7 +3,7 @@
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.metrics.contact_error import ticks_looked_at
+from hhsim.metrics.mesh_penetration import ticks_looked_at
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_CLAIMED, NOT_JUDGED, Claim, all_true, difference, judged

@@ -24,7 +24,15 @@ from hhsim.system.progress import Progress, silent
 from hhsim.trees.file import load_tree
 from hhsim.view.blueprint import scene_view, whole_blueprint
 from hhsim.view.plots import LIVE_PLOTS, RESULT_PLOTS
-from hhsim.view.scene_log import APPLICATION, STONE_COLOR, RerunScene, object_surface, rerun_mesh, rerun_spheres
+from hhsim.view.scene_log import (
+    APPLICATION,
+    STONE_COLOR,
+    RerunScene,
+    object_surface,
+    rerun_mesh,
+    rerun_poses,
+    rerun_spheres,
+)
 from hhsim.view.sink import RerunTarget, rerun_stream
 from hhsim.view.viewer import opened, send_ticks, shown_scene
 
@@ -183,10 +191,7 @@ def _send_motion(stream: Any, motion: Trajectory) -> None:
     times = [rr.TimeColumn("tick", sequence=np.arange(len(since))), rr.TimeColumn("time", duration=since)]
     for number, (name, surface) in enumerate(zip(PIECES, piece_surfaces(hand))):
         stream.log(f"world/hand/{name}", rerun_mesh(surface), static=True)
-        columns = rr.Transform3D.columns(
-            translation=poses.translation[:, number].astype(np.float32),
-            quaternion=poses.quaternion[:, number][:, [1, 2, 3, 0]].astype(np.float32),
-        )
+        columns = rerun_poses(poses.translation[:, number], poses.quaternion[:, number])
         stream.send_columns(f"world/hand/{name}", indexes=times, columns=columns, strict=True)
 
 

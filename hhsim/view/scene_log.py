@@ -30,6 +30,7 @@ from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.surface import ContactPoints
 from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.kernels.tick import state
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
@@ -84,6 +85,17 @@ STATE_COLORS: Mapping[str, Mapping[str, tuple[int, int, int]]] = {
     "fingers": {"held where they touch": (70, 110, 75)},
 }
 """Colours of the usual states; rerun colours the others."""
+
+SETTLED = "settled"
+WORDS = (
+    (state.STATUS_CAPACITY_EXCEEDED, "full"),
+    (state.STATUS_STUCK, "stuck"),
+    (state.STATUS_LAG, "lag"),
+    (state.STATUS_INPUT_INVALID, "input held"),
+    (state.STATUS_ABDUCTION_HELD, "abduction held"),
+    (state.STATUS_START_INSIDE, "began inside"),
+)
+"""Words for how a tick ended, the most urgent first."""
 
 SMOOTH_ABOVE = 30_000
 """Triangles of a mesh above which all its edges are drawn smooth."""
@@ -165,16 +177,10 @@ class RerunScene:
         for whose, hand in (("graphic", ticks.graphic), ("haptic", ticks.haptic)):
             poses = piece_poses(self.scene.hand, *hand)
             for k, name in enumerate(PIECES):
-                quaternion = np.empty((len(ticks.tick), 4), np.float32)
-                quaternion[:, :3], quaternion[:, 3] = poses.quaternion[:, k, 1:], poses.quaternion[:, k, 0]
-                translation = poses.translation[:, k].astype(np.float32)
-                columns = rr.Transform3D.columns(translation=translation, quaternion=quaternion)
+                columns = rerun_poses(poses.translation[:, k], poses.quaternion[:, k])
                 self._columns(f"world/{whose}/{name}", times, columns)
         if ticks.moved is not None:
-            turn = np.concatenate([ticks.moved.turn[:, 1:], ticks.moved.turn[:, :1]], axis=1)
-            columns = rr.Transform3D.columns(
-                translation=ticks.moved.shift.astype(np.float32), quaternion=turn.astype(np.float32)
-            )
+            columns = rerun_poses(ticks.moved.shift, ticks.moved.turn)
             for entity in (OBJECT, *([SPHERES] if self.scene.spheres else [])):
                 self._columns(entity, times, columns)
         contacts = self._log_contacts(ticks, times)
@@ -282,6 +288,14 @@ def object_surface(mesh: Mesh) -> Surface:
     return Surface(mesh.vertices, normals, np.tile(STONE, (len(normals), 1)), mesh.faces)
 
 
+def rerun_poses(translation: FloatArray, quaternion: FloatArray) -> Any:
+    """Return poses as rerun takes them: translations [m], shape (T, 3), and unit quaternions w x y z, shape (T, 4)."""
+    import rerun as rr
+
+    turn = np.roll(quaternion, -1, axis=1).astype(np.float32)
+    return rr.Transform3D.columns(translation=translation.astype(np.float32), quaternion=turn)
+
+
 def rerun_spheres(tree: SphereTree) -> Any:
     """Return the leaf spheres of a tree as rerun takes them."""
     import rerun as rr
@@ -300,3 +314,8 @@ def rerun_mesh(surface: Surface, color: tuple[int, int, int, int] | None = None)
         vertex_colors=None if color else np.rint(255.0 * surface.colors).astype(np.uint8),
         albedo_factor=color,
     )
+
+
+def status_words(status: int) -> str:
+    """Return the most urgent of a tick's status bits in words; `SETTLED` where none is set."""
+    return next((words for bit, words in WORDS if status & bit), SETTLED)

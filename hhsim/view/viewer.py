@@ -29,9 +29,8 @@ from hhsim.system.progress import Progress, silent
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.view.blueprint import blueprint
 from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, RESULT_PLOTS, TIME, Plot, ShownTicks, loop_values, shown_ticks
-from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, OBJECT, RerunScene, ShownScene
+from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, OBJECT, RerunScene, ShownScene, status_words
 from hhsim.view.sink import NOTEBOOK, RerunTarget, rerun_stream
-from hhsim.view.status_text import status_words
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb

@@ -1,18 +1,39 @@
-"""The hand against the true mesh: against the hand's own surface, point by point, and against trimesh."""
+"""The hand and its contacts against the true mesh: against its own surface, trimesh, and a ball in closed form."""
+
+import shutil
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
-from sphere_scenes import bumpy_ball
+from sealed_change import changed
+from short_grasp import short_grasp, short_scene
+from stress_motion import random_targets
 
+from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics import mesh_penetration as module
 from hhsim.metrics.contact_points import find_contact_points
-from hhsim.metrics.mesh_penetration import contact_error, mesh_clearance
+from hhsim.metrics.mesh_penetration import TouchedObject, contact_error, mesh_clearance
+from hhsim.metrics.run_ticks import PLACED, result_ticks
+from hhsim.motion.trajectory import Trajectory
 from hhsim.render.triangle_soup import hand_surface
+from hhsim.replay.replay import replay_scene
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.scene import make_scene
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
+from hhsim.trees.sphere_tree import SphereTree
+from hhsim.verify.claim import HOLDS, Claim
+from hhsim.verify.depth_checks import contact_error_claim
+from hhsim.verify.tick_data import JudgedTicks
 
 
 def over(hand: HandModel, height: float, ticks: int = 1) -> PlacedHand:
@@ -63,39 +84,116 @@ def test_a_pose_that_is_not_finite_has_no_depth() -> None:
     assert found[0] == found[2]
 
 
-def test_contact_points_lie_on_the_hand_and_on_the_spheres() -> None:
-    hand, tree = HandModel.default(), bumpy_ball(2000)
-    shape = hand_shape(hand)
-    arrays = tree.arrays()
-    low, high = 0.0, 0.2
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        near = find_contact_points(arrays, shape, over(hand, middle), 0.0).point
-        low, high = (middle, high) if len(near) else (low, middle)
-    placed = over(hand, high, 2)
-    placed.position[1] += 1.0
-    placed.joints[1] += 1.0
-    found = find_contact_points(arrays, shape, placed, 1e-5)
-    touching, away = (found.point[found.tick == tick] for tick in range(2))
-    assert len(touching) >= 1
-    assert len(away) == 0
-    gap = np.linalg.norm(touching[:, None] - tree.leaf_center, axis=2) - tree.leaf_radius
-    assert np.abs(gap.min(axis=1)).max() < 1.1e-5
-
-
-def test_more_points_than_there_is_room_for_first() -> None:
-    hand, tree = HandModel.default(), bumpy_ball(4000)
-    points = find_contact_points(tree.arrays(), hand_shape(hand), over(hand, 0.0), 0.02).point
-    assert len(points) > 4096
-
-
 def test_contact_error_is_the_distance_from_the_mesh() -> None:
     box = trimesh.creation.box((0.1, 0.1, 0.1))
     bvh = build_mesh_bvh(np.array(box.vertices, np.float64), np.array(box.faces, np.int64))
     found = contact_error(bvh, np.array([[0.0, 0.0, 0.051], [0.0, 0.01, 0.048], [0.05, 0.05, 0.05]]))
-    assert found.points == 3
-    assert (found.mean, found.max) == pytest.approx((1e-3, 2e-3))
-    nothing = contact_error(bvh, np.zeros((0, 3)))
-    assert np.isnan(nothing.mean)
-    assert np.isnan(nothing.max)
-    assert nothing.points == 0
+    assert found == pytest.approx([1e-3, 2e-3, 0.0], abs=1e-12)
+    assert contact_error(bvh, np.zeros((0, 3))).shape == (0,)
+
+
+@pytest.fixture(scope="module")
+def grasp(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """A grasp of a coarse tree."""
+    path = tmp_path_factory.mktemp("grasp") / "grasp.h5"
+    summary = replay_scene(short_scene(short_grasp(), "cylinder", 2, "right"), SolverOptions(), path)
+    assert any("off the mesh: 64 spheres (level 2)" in note and "--level 3" in note for note in summary.notes)
+    return load_result(path)
+
+
+def test_it_is_what_trimesh_measures_at_every_contact(grasp: Result) -> None:
+    run = result_ticks(grasp)
+    touched = run.touched
+    assert touched is not None
+    placed = PlacedHand(*(grasp[name] for name in PLACED))
+    contacts = find_contact_points(touched.surface, touched.shape, placed, touched.touch)
+    points = [contacts.point[contacts.tick == tick] for tick in range(grasp.ticks)]
+    surface = trimesh.Trimesh(touched.mesh.vertices, touched.mesh.faces, process=False)
+    closest: Any = trimesh.proximity.closest_point
+    expected = np.full(grasp.ticks, np.nan)
+    for tick in np.flatnonzero([len(found) > 0 for found in points])[::7]:
+        expected[tick] = closest(surface, points[tick])[1].max()
+    looked = np.isfinite(expected)
+    assert looked.sum() > 10
+    np.testing.assert_allclose(run.contact_error[looked], expected[looked], atol=1e-9)
+    assert grasp.summary["contact_error_max"] == np.nanmax(run.contact_error) > 1e-3
+    assert (np.isfinite(run.contact_error) == [len(found) > 0 for found in points]).all()
+
+
+def test_a_finger_on_the_ball_around_a_cube() -> None:
+    """The ball through a cube's corners, touched over the middle of its upper face."""
+    hand = HandModel.default()
+    cube = trimesh.creation.box((0.1, 0.1, 0.1))
+    radius = 0.05 * np.sqrt(3.0)
+    tree = SphereTree(np.zeros((1, 3)), np.array([radius]), np.array([0]), np.array([-1])).arrays()
+    touched = TouchedObject(Mesh(cube.vertices, cube.faces), tree, hand_shape(hand), np.ones(5, bool), 1e-5)
+    joints = np.full((3, 5, 4, 3), 5.0)
+    joints[..., 0] += 0.1 * np.arange(4)
+    tip = hand.radius[1, 3]
+    joints[1:, 1, :, :] = [0.0, 0.0, radius + tip + 0.2]
+    joints[1:, 1, 3] = [0.0, 0.0, radius + tip]
+    away = np.full((3, 3), 9.0)
+    placed = PlacedHand(joints, away, np.tile([1.0, 0.0, 0.0, 0.0], (3, 1)))
+    error = touched.contact_error(placed, np.array([True, True, False]))
+    np.testing.assert_allclose(error, [np.nan, radius - 0.05, np.nan], atol=1e-9)
+    none = TouchedObject(touched.mesh, tree, touched.shape, np.zeros(5, bool), 1e-5)
+    assert np.isnan(none.contact_error(placed, np.ones(3, bool))).all()
+
+
+def test_of_a_long_run_some_ticks_are_looked_at(grasp: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    every = result_ticks(grasp).contact_error
+    monkeypatch.setattr(module, "MOST_TICKS", 10)
+    some = result_ticks(grasp).contact_error
+    looked = np.isfinite(some)
+    assert 0 < looked.sum() <= 10
+    np.testing.assert_array_equal(some[looked], every[looked])
+
+
+def test_a_run_without_contact_has_none(grasp: Result) -> None:
+    run = result_ticks(grasp)
+    assert run.touched is not None
+    placed = PlacedHand(*(grasp[name] for name in PLACED))
+    assert np.isnan(run.touched.contact_error(placed, np.zeros(grasp.ticks, bool))).all()
+
+
+def judged(grasp: Result, folder: Path, figure: float, every: int = 1) -> Claim:
+    """Verdict on another figure than the file's."""
+    pytest.importorskip("coal")
+    path = Path(shutil.copy(grasp.path, folder / "forged.h5"))
+    with changed(path) as file:
+        file["summary"].attrs["contact_error_max"] = figure
+    return contact_error_claim(JudgedTicks(load_result(path), np.arange(0, grasp.ticks, every)))
+
+
+def test_an_understated_figure_is_found(grasp: Result, tmp_path: Path) -> None:
+    true = float(grasp.summary["contact_error_max"])
+    assert judged(grasp, tmp_path, true, 5).verdict == HOLDS
+    assert judged(grasp, tmp_path, 0.9 * true, 5).failed
+    # Of some ticks nobody knows whether the others are as far; of all of them it is too much.
+    assert judged(grasp, tmp_path, 1.08 * true, 5).verdict == HOLDS
+    assert judged(grasp, tmp_path, 1.08 * true).failed
+
+
+def test_of_a_long_run_the_referee_judges_the_ticks_that_the_figure_is_of(
+    grasp: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The farthest contact may be in a tick that nobody looked at; a figure of the others is still no lie."""
+    every = result_ticks(grasp).contact_error
+    monkeypatch.setattr(module, "MOST_TICKS", 4)
+    stated = np.nanmax(result_ticks(grasp).contact_error)
+    assert stated < np.nanmax(every) - 1e-6
+    claim = judged(grasp, tmp_path, stated)
+    assert claim.verdict == HOLDS and claim.checked > 0
+    assert judged(grasp, tmp_path, 0.9 * stated).failed
+
+
+def test_a_hand_that_is_inside_is_not_told_that_the_spheres_are_too_coarse(tmp_path: Path) -> None:
+    motion = random_targets(HandModel.default(), 100, 3, StressOptions(hold=20, bound="none", position_spread=0.04))
+    mesh = load_object("sphere").mesh
+    tree = cached_sphere_tree(mesh, TreeOptions(level=3))
+    trajectory = Trajectory(np.linspace(0.0, 0.099, 100), *motion, name="jumps")
+    scene = make_scene(mesh, tree, HandModel.default(), trajectory)
+    summary = replay_scene(scene, SolverOptions(method="paper"), tmp_path / "inside.h5")
+    figures = summary.attributes()
+    assert figures["penetration_max"] > figures["contact_error_max"] > 2e-3
+    assert not any("too coarse" in note for note in summary.notes)

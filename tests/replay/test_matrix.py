@@ -72,9 +72,7 @@ def rest(result: Result) -> list[int | None]:
     """Ticks after which the force of each hold no longer changes by 1e-6 of itself."""
     force = result["force/total"]
     return [
-        frozen_decay(force[phase.first_tick : phase.last_tick + 1], limit=1e-6)
-        for phase in result.phases
-        if phase.name == "hold"
+        frozen_decay(force[phase.first_tick : phase.last_tick + 1]) for phase in result.phases if phase.name == "hold"
     ]
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drawings_alone import leave_charts_undrawn
+from drawings_alone import drawn, leave_charts_undrawn
 from sampled import sampled
 
 from hhsim.bench import mesh_size, peers, speed_error_table, threads, trees
@@ -18,7 +18,6 @@ from hhsim.bench.robustness import hard, recorded, stress
 from hhsim.bench.table import BenchTable, load_table, write_table
 from hhsim.report import bench_chart
 from hhsim.report.bench_chart import CHARTS, bench_figure, shown_unit
-from hhsim.report.figure import new_figure
 from hhsim.table.table import Column, unit_size
 
 COLUMNS = {
@@ -97,11 +96,7 @@ def test_speed_against_error_tells_surfaces_apart_and_older_tables_have_none(tmp
 @pytest.mark.usefixtures("undrawn")
 def test_numbers_beside_an_axis_of_one_decade_are_plain(tmp_path: Path) -> None:
     rows: list[dict[str, Any]] = [{"threads": n, "total": 4e-6 * n, "case": "S"} for n in (1, 3, 10)]
-    found = bench_figure(table(tmp_path, "threads", THREADS, rows))
-    assert found is not None and found.drawing is not None
-    with new_figure(3.6, found.drawing.height(3.6, True)) as figure:
-        found.drawing.draw(figure, True)
-        figure.draw_without_rendering()
+    with drawn(bench_figure(table(tmp_path, "threads", THREADS, rows)), 3.6, True) as figure:
         (axes,) = figure.axes
         shown = {text.get_text() for text in axes.get_yticklabels(which="both")} - {""}
     assert "20" in shown
@@ -134,11 +129,8 @@ def test_a_title_is_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, title: str, width: float, narrow: bool
 ) -> None:
     monkeypatch.setitem(CHARTS, "threads", replace(CHARTS["threads"], title=title))
-    found = bench_figure(table(tmp_path, "threads", THREADS, [{"threads": 1, "total": 1e-5, "case": "S"}]))
-    assert found is not None and found.drawing is not None
-    with new_figure(width, found.drawing.height(width, narrow)) as figure:
-        found.drawing.draw(figure, narrow)
-        figure.draw_without_rendering()
+    found = table(tmp_path, "threads", THREADS, [{"threads": 1, "total": 1e-5, "case": "S"}])
+    with drawn(bench_figure(found), width, narrow) as figure:
         (text,) = (text for text in figure.axes[0].texts if text.get_fontweight() == "bold")
         assert text.get_text().replace("\n", " ") == title
         box = text.get_window_extent()

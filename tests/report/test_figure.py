@@ -10,7 +10,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 import sealed_change
-from drawings_alone import leave_charts_undrawn
+from drawings_alone import drawn, leave_charts_undrawn
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -23,13 +23,13 @@ from hhsim.metrics.metrics import tick_statistics
 from hhsim.render.triangle_soup import SKIN, round_cone_surface
 from hhsim.render.viewpoint import View, viewpoint
 from hhsim.report import pictures as report_pictures
-from hhsim.report import tick_series as report_columns
+from hhsim.report import ticks as report_ticks
 from hhsim.report import time_series as report_series
-from hhsim.report.figure import RUN_STYLES, ReportFigure, new_figure, run_style, time_text
+from hhsim.report.figure import RUN_STYLES, ReportFigure, run_style, time_text
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.pictures import hand_picture, overview_picture, overview_tick
 from hhsim.report.speed_error import MARKS, speed_error_figure
-from hhsim.report.tick_series import minmax_band
+from hhsim.report.ticks import minmax_band
 from hhsim.report.time_series import series_figure
 from hhsim.report.worst_ticks import worst_ticks
 from hhsim.result.reader import Result, load_result
@@ -108,8 +108,8 @@ def test_a_band_holds_every_value_and_no_more(values: list[float], stretches: in
 
 
 def test_columns_are_those_of_the_file_however_they_are_read(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(report_columns, "BLOCK", 37)
-    columns = report_columns.report_columns(result)
+    monkeypatch.setattr(report_ticks, "BLOCK_TICKS", 37)
+    columns = report_ticks.report_columns(result)
     np.testing.assert_array_equal(columns.time, result["time"])
     np.testing.assert_allclose(columns.cpu, 1e-9 * result["duration/total_cpu"], rtol=1e-6)
     np.testing.assert_allclose(columns.force[:, 0], np.linalg.norm(result["force/total"], axis=1), rtol=1e-6)
@@ -174,10 +174,7 @@ def test_no_two_results_have_one_colour_and_one_mark() -> None:
 def test_an_error_of_rounding_does_not_stretch_the_axis(result: Result) -> None:
     def lowest(excess: float) -> float:
         summary = {**result.summary, "tracking_excess": excess}
-        drawing = speed_error_figure({"A": changed(result, summary=summary)}).drawing
-        assert drawing is not None
-        with new_figure(7.0, drawing.height(7.0, False)) as figure:
-            drawing.draw(figure, False)
+        with drawn(speed_error_figure({"A": changed(result, summary=summary)}), 7.0) as figure:
             return float(figure.axes[2].get_ylim()[0])
 
     assert lowest(1e-13) == lowest(0.0) > 1e-4
@@ -247,10 +244,7 @@ def test_the_view_shows_the_marks() -> None:
 @pytest.mark.parametrize("draw", [series_figure, speed_error_figure])
 def test_the_papers_figures_are_drawn_in_its_scenes_alone(result: Result, draw: Chart) -> None:
     def words(shown: Result) -> set[str]:
-        drawing = draw({"one": shown}).drawing
-        assert drawing is not None
-        with new_figure(6.0, drawing.height(6.0, False)) as figure:
-            drawing.draw(figure, False)
+        with drawn(draw({"one": shown}), 6.0) as figure:
             return {text.get_text() for axes in figure.axes for text in axes.texts}
 
     known = changed(result, scene={**result.scene, "object": "bunny", "trajectory": "grasp"})
@@ -321,11 +315,7 @@ def test_a_legend_of_long_names_keeps_off_the_title_and_within_the_figure(
     result: Result, chart: Chart, width: float, narrow: bool
 ) -> None:
     labels = [f"{letter}: nasty_bunny_94_components hand_of_the_second_session coupled, 72 Hz" for letter in "ABCD"]
-    drawing = chart(dict.fromkeys(labels, result)).drawing
-    assert drawing is not None
-    with new_figure(width, drawing.height(width, narrow)) as figure:
-        drawing.draw(figure, narrow)
-        figure.draw_without_rendering()
+    with drawn(chart(dict.fromkeys(labels, result)), width, narrow) as figure:
         placed = [legend for axes in figure.axes if (legend := axes.get_legend())] + figure.legends
         assert all(each.get_window_extent().y0 >= each.axes.get_window_extent().y1 for each in placed if each.axes)
         boxes = [legend.get_window_extent() for legend in placed]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drawings_alone import leave_charts_undrawn
+from drawings_alone import drawn, leave_charts_undrawn
 from matplotlib.text import Text
 from PIL import Image
 from sampled import sampled
@@ -18,7 +18,7 @@ from short_grasp import short_result
 from hhsim.bench.table import write_table
 from hhsim.errors import InputError, OutputError
 from hhsim.report import speed_error
-from hhsim.report.figure import DPI, PAGE_INCHES, ReportFigure, new_figure
+from hhsim.report.figure import DPI, PAGE_INCHES, ReportFigure
 from hhsim.report.figure_file import FIGURES, make_figure, parse_width, write_figure
 from hhsim.table.table import Column
 
@@ -126,12 +126,7 @@ def test_labels_of_many_results_keep_apart_and_within_the_figure(
         return speed_error.SpeedError(label, time, time, 0.27 * time, time, 1e3 * time, of_paper=True)
 
     monkeypatch.setattr(speed_error, "_measured", measured)
-    drawing = make_figure([path] * count, "speed-error").drawing
-    assert drawing is not None
-    narrow = inches < 6.4
-    with new_figure(inches, drawing.height(inches, narrow)) as figure:
-        drawing.draw(figure, narrow)
-        figure.draw_without_rendering()
+    with drawn(make_figure([path] * count, "speed-error"), inches, narrow=inches < 6.4) as figure:
         texts = [text for text in figure.findobj(Text) if isinstance(text, Text) and text.get_visible()]
         boxes = [(text.get_text(), text.get_window_extent()) for text in texts if text.get_text()]
         assert sum(name == "1 ms" for name, _ in boxes) == 3

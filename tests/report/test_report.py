@@ -31,7 +31,7 @@ from hhsim.replay.summary_table import stored_rows
 from hhsim.report.compare import SEEDED_NOISE, compared
 from hhsim.report.figure import ReportFigure
 from hhsim.report.report import FIGURES, check_report_path, make_report, write_report
-from hhsim.report.tick_table import figure_table, report_ticks
+from hhsim.report.ticks import figure_table, report_ticks
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
@@ -92,6 +92,20 @@ def changed(path: Path, folder: Path, change: Change, name: str = "") -> Path:
     with sealed_change.changed(copy) as file:
         change(file)
     return copy
+
+
+def stating(**figures: float) -> Change:
+    """Other figures in a result's summary."""
+    return lambda file: file["summary"].attrs.update(figures)
+
+
+def in_scene(**others: Any) -> Change:
+    """Other words in the description of a result's scene."""
+
+    def change(file: h5py.File) -> None:
+        file.attrs["scene"] = json.dumps({**json.loads(file.attrs["scene"]), **others})
+
+    return change
 
 
 def page_of(*paths: Path) -> Page:
@@ -201,15 +215,13 @@ def test_each_finger_has_its_forces(coupled: Path, dots: None) -> None:
 
 
 def test_the_verdict_is_by_the_default_limits(coupled: Path, tmp_path: Path, dots: None) -> None:
-    def still(file: h5py.File) -> None:
-        file["summary"].attrs.update(dict.fromkeys(LIMITED, 0.0))
+    still = dict.fromkeys(LIMITED, 0.0)
 
     def deep(file: h5py.File) -> None:
-        still(file)
         sink(file)
-        file["summary"].attrs["stuck_ticks"] = 3
+        stating(**still, stuck_ticks=3)(file)
 
-    good = make_report((changed(coupled, tmp_path, still),))
+    good = make_report((changed(coupled, tmp_path, stating(**still)),))
     assert good.runs[0].verdict.word == "within limits"
     assert "stays out of the object's spheres" in good.verdict_lines()[0]
     bad = make_report((changed(coupled, tmp_path, deep),))
@@ -222,21 +234,14 @@ def test_the_verdict_is_by_the_default_limits(coupled: Path, tmp_path: Path, dot
 
 
 def test_a_missed_limit_without_a_column_stands_below_the_verdict(coupled: Path, tmp_path: Path, dots: None) -> None:
-    def lag(file: h5py.File) -> None:
-        file["summary"].attrs.update(lag_ticks=93.0, lag_max=0.05, stuck_ticks=2.0)
-
-    page = page_of(changed(coupled, tmp_path, lag))
+    page = page_of(changed(coupled, tmp_path, stating(lag_ticks=93.0, lag_max=0.05, stuck_ticks=2.0)))
     heading, row = page.rows("Key figures")
     assert row[heading.index("verdict")].endswith("ticks with lag 93")
     assert row[heading.index("stuck ticks")] == "2"
 
 
 def test_the_papers_figures_stand_beside_its_scenes(coupled: Path, tmp_path: Path, dots: None) -> None:
-    def of_the_paper(file: h5py.File) -> None:
-        scene = json.loads(file.attrs["scene"])
-        file.attrs["scene"] = json.dumps({**scene, "object": "bunny", "trajectory": "grasp"})
-
-    known = changed(coupled, tmp_path, of_the_paper)
+    known = changed(coupled, tmp_path, in_scene(object="bunny", trajectory="grasp"))
     assert page_of(known).rows("Figures,")[0][-1] == "paper"
     assert page_of(known, known).rows("Figures side by side")[0][-1] == "paper"
 
@@ -271,11 +276,9 @@ def test_depth_is_that_of_the_poses_whatever_the_file_says(coupled: Path, tmp_pa
 def test_figures_that_are_not_those_of_the_ticks_are_named_at_the_top(
     coupled: Path, tmp_path: Path, dots: None
 ) -> None:
-    def flatter(file: h5py.File) -> None:
-        file["summary"].attrs["force_contact_mean"] *= 0.5
-
     stated = load_result(coupled).summary["force_contact_mean"]
-    report = make_report((coupled, changed(coupled, tmp_path, flatter, "flattered.h5")))
+    flattered = changed(coupled, tmp_path, stating(force_contact_mean=0.5 * stated), "flattered.h5")
+    report = make_report((coupled, flattered))
     assert [run.misstated for run in report.runs] == [
         "",
         f"The file says force in contact, mean {0.5 * stated:.2f} where its ticks give {stated:.2f} N. "
@@ -286,9 +289,7 @@ def test_figures_that_are_not_those_of_the_ticks_are_named_at_the_top(
 
 
 def test_periods_without_a_tick_are_told_at_the_top(coupled: Path, tmp_path: Path, dots: None) -> None:
-    def late(file: h5py.File) -> None:
-        file["summary"].attrs.update({**dict.fromkeys(LIMITED, 0.0), "missed": 1606})
-
+    late = stating(**dict.fromkeys(LIMITED, 0.0), missed=1606)
     (run,) = make_report((changed(coupled, tmp_path, late),)).runs
     assert run.verdict.word == "ticks missed"
     assert "1,606 periods of the session had no tick at all" in " ".join(run.verdict.sentences)
@@ -340,9 +341,7 @@ def test_two_methods_on_one_scene_are_compared(coupled: Path, progressive: Path,
 def test_a_difference_within_noise_is_not_called_better(
     coupled: Path, tmp_path: Path, dots: None, name: str, factor: float, word: str
 ) -> None:
-    def faster(file: h5py.File) -> None:
-        file["summary"].attrs[name] *= factor
-
+    faster = stating(**{name: factor * load_result(coupled).summary[name]})
     report = make_report((coupled, changed(coupled, tmp_path, faster)))
     one, other = ({row.name: row for row in run.rows}[name] for run in report.runs)
     assert compared(one, other, report.comparisons[0]).word == word
@@ -355,10 +354,7 @@ def test_a_difference_within_noise_is_not_called_better(
 def test_an_energy_below_the_optimum_is_as_wrong_as_one_above(
     coupled: Path, tmp_path: Path, dots: None, ours: float, others: float, word: str
 ) -> None:
-    def excess(value: float) -> Change:
-        return lambda file: file["summary"].attrs.update({"tracking_excess": value})
-
-    paths = (changed(coupled, tmp_path, excess(v), f"{i}.h5") for i, v in enumerate((ours, others)))
+    paths = (changed(coupled, tmp_path, stating(tracking_excess=v), f"{i}.h5") for i, v in enumerate((ours, others)))
     report = make_report(tuple(paths))
     one, other = ({row.name: row for row in run.rows}["tracking_excess"] for run in report.runs)
     assert compared(one, other, report.comparisons[0]).word == word
@@ -387,22 +383,10 @@ def test_another_scene_or_another_machine_is_not_compared(coupled: Path, tmp_pat
     assert any(text.startswith("cpu: ") for text in report.comparisons[0].around)
 
 
-def in_scene(**others: Any) -> Change:
-    """Other words in the description of a result's scene."""
-
-    def change(file: h5py.File) -> None:
-        file.attrs["scene"] = json.dumps({**json.loads(file.attrs["scene"]), **others})
-
-    return change
-
-
 def test_what_differs_is_told_by_names_and_in_units(
     coupled: Path, progressive: Path, tmp_path: Path, dots: None
 ) -> None:
-    def thinner(file: h5py.File) -> None:
-        scene = json.loads(file.attrs["scene"])
-        in_scene(solver={**scene["solver"], "margin": 5e-4})(file)
-
+    thinner = in_scene(solver={**load_result(coupled).scene["solver"], "margin": 5e-4})
     door = changed(coupled, tmp_path, in_scene(object_name="door", object_mesh="0" * 64, unit="mm"), "door.h5")
     pushed = changed(coupled, tmp_path, in_scene(motion="push"), "push.h5")
     thin = changed(coupled, tmp_path, thinner, "thin.h5")
@@ -421,9 +405,7 @@ def test_the_title_names_scenes_or_methods(coupled: Path, progressive: Path, tmp
 
 
 def test_the_key_figures_say_which_variation_it_is(coupled: Path, tmp_path: Path, dots: None) -> None:
-    def steady(file: h5py.File) -> None:
-        file["summary"].attrs["force_variation_tremor"] = np.nan
-
+    steady = stating(force_variation_tremor=np.nan)
     assert "variation, trembling [%]" in page_of(coupled).rows("Key figures")[0]
     assert "variation in contact [%]" in page_of(changed(coupled, tmp_path, steady)).rows("Key figures")[0]
 
@@ -525,12 +507,8 @@ def test_a_motion_without_phases_is_one_line(coupled: Path, tmp_path: Path, dots
 def test_names_that_are_markup_are_shown_as_they_are(coupled: Path, tmp_path: Path, dots: None) -> None:
     nasty = '"><script>alert(1)</script>&\x00'
 
-    def change(file: h5py.File) -> None:
-        scene = json.loads(file.attrs["scene"])
-        scene |= {"object": nasty, "object_name": nasty, "motion": nasty, "object_repairs": [nasty]}
-        file.attrs["scene"] = json.dumps(scene)
-
-    page = page_of(changed(coupled, tmp_path, change, "a'b&c.h5"))
+    named = in_scene(object=nasty, object_name=nasty, motion=nasty, object_repairs=[nasty])
+    page = page_of(changed(coupled, tmp_path, named, "a'b&c.h5"))
     shown = NO_TEXT.sub("\N{REPLACEMENT CHARACTER}", nasty)
     assert not page.all("script")
     assert page.one("title").text.startswith(shown)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drawings_alone import leave_charts_undrawn
+from drawings_alone import drawn, leave_charts_undrawn
 from live_rings import BEGAN, FACTS, PERIOD, make_setup, numbered_samples, solved_ticks
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -18,7 +18,7 @@ from hhsim.live.loop.loop import loop_options
 from hhsim.live.session.recorder import LOOP_DIED
 from hhsim.live.session.writer import SessionWriter
 from hhsim.metrics.session_faults import recorded_faults
-from hhsim.report.figure import ReportFigure, new_figure
+from hhsim.report.figure import ReportFigure
 from hhsim.report.report import make_report
 from hhsim.report.time_series import series_figure
 from hhsim.result.reader import Result, load_result
@@ -99,17 +99,15 @@ def test_what_each_finger_was_told_is_drawn_with_marks_at_faults(killed: Result,
         figure = series_figure({"session": result})
         assert "Six panels" in figure.alt
         assert "a stiffness of up to 0.50. At 0.300 s: fault." in figure.alt
-        assert figure.drawing is not None
-        with new_figure(7.0, figure.drawing.height(7.0, False)) as drawn:
-            figure.drawing.draw(drawn, False)
-            told = drawn.axes[-1]
+        with drawn(figure, 7.0) as chart:
+            told = chart.axes[-1]
             curves = {str(line.get_label()): np.asarray(line.get_ydata()) for line in told.lines}
             for finger, name in enumerate(FINGERS):
                 np.testing.assert_allclose(curves[name], result["live/tick/command_stiffness"][:, finger], rtol=1e-6)
             assert curves[FINGERS[4]].max() == pytest.approx(0.5)
-            for place in drawn.axes:
+            for place in chart.axes:
                 np.testing.assert_allclose(marks(place), [1e-3 * tick for tick, _ in expected], atol=1e-9)
-            words = [text.get_text() for text in drawn.axes[0].texts]
+            words = [text.get_text() for text in chart.axes[0].texts]
             assert [word for word in words if word in ("fault", "ended")] == [word for _, word in reversed(expected)]
 
 
@@ -117,12 +115,9 @@ def test_beside_a_replay_a_session_has_one_curve_of_the_stiffest_finger(killed: 
     replayed = short_result(tmp_path / "short.h5")
     alone = series_figure({"A": replayed})
     assert "Five panels" in alone.alt and "stiffness" not in alone.alt + alone.caption
-    figure = series_figure({"A": replayed, "B": killed})
-    assert figure.drawing is not None
-    with new_figure(3.6, figure.drawing.height(3.6, True)) as drawn:
-        figure.drawing.draw(drawn, True)
+    with drawn(series_figure({"A": replayed, "B": killed}), 3.6, True) as chart:
         # The others are where phases of the replay begin.
-        (curve,) = (line for line in drawn.axes[-1].lines if len(np.asarray(line.get_ydata())) == killed.ticks)
+        (curve,) = (line for line in chart.axes[-1].lines if len(np.asarray(line.get_ydata())) == killed.ticks)
         np.testing.assert_allclose(
             np.asarray(curve.get_ydata()), killed["live/tick/command_stiffness"].max(axis=1), rtol=1e-6
         )

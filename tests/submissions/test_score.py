@@ -18,7 +18,7 @@ from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.verdict import verdict
-from hhsim.report.tick_table import figure_table, report_ticks
+from hhsim.report.ticks import figure_table, report_ticks
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, find_method

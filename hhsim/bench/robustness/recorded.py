@@ -26,7 +26,7 @@ from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.contact_error import MOST_CONTACT_ERROR, MOST_TICKS, TouchedObject
+from hhsim.metrics.mesh_penetration import MOST_CONTACT_ERROR, MOST_TICKS, TouchedObject
 from hhsim.metrics.metrics import contact_force_step, force_variation_rate, sample_variation_rate, statistics
 from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
 from hhsim.scene.motion_catalogue import RECORDING_SUFFIXES, imported_suffixes, load_recorded

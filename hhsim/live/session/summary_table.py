@@ -5,7 +5,7 @@ from typing import Any
 
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.run_metric import Figure
-from hhsim.metrics.session_times import MISSED_BY, SESSION_TIMES
+from hhsim.metrics.session_faults import MISSED_BY, SESSION_TIMES
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.result.safety import WORDS, Safety
 

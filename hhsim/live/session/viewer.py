@@ -32,9 +32,8 @@ from hhsim.live.shared_memory import RingReader
 from hhsim.result.safety import why_free_or_held
 from hhsim.view.blueprint import blueprint
 from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, ShownTicks, loop_values, shown_ticks
-from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, RerunScene, ShownScene
+from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, RerunScene, ShownScene, status_words
 from hhsim.view.sink import parse_target, rerun_stream
-from hhsim.view.status_text import status_words
 
 if TYPE_CHECKING:
     import rerun as rr

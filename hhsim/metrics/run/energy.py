@@ -19,13 +19,10 @@ def energy_gains(run: RunTicks) -> FloatArray:
     """Energy gained in each tick [J], shape (T,), negative for a loss; NaN where the tick before is not known.
 
     With the object's kinetic and potential energy K and P and the energy U of the springs between user's hand h and
-    shown
-    hand g, it is K(t) - K(t-1) + P(t) - P(t-1) + U(h(t), g(t)) - U(h(t), g(t-1)), less three terms. Both U have the
-    user's
-    hand of t, so the work of its motion is left out. Subtracted are the work of finger abduction, which has no spring,
-    by
-    the contacts' moments about its axes; the clearance ε, by which a contact may push bodies apart in a tick, times the
-    normal forces; and the rounding of poses: `ROUNDING` times m |v| / Δt, m g and the springs' force.
+    shown hand g, it is K(t) - K(t-1) + P(t) - P(t-1) + U(h(t), g(t)) - U(h(t), g(t-1)), less three terms. Both U have
+    the user's hand of t, so the work of its motion is left out. Subtracted are the work of finger abduction, which has
+    no spring, by the contacts' moments about its axes; the clearance ε, by which a contact may push bodies apart in a
+    tick, times the normal forces; and the rounding of poses: `ROUNDING` times m |v| / Δt, m g and the springs' force.
     """
     free = run.free
     assert free is not None

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from hhsim.metrics.metrics import FORCE_FLOOR, Statistics, contact_force_step, force_ripple, force_step, statistics
-from hhsim.metrics.run_metric import Figure, Judged, RunMetric
+from hhsim.metrics.run_metric import Figure, Judged, RunMetric, placed
 from hhsim.metrics.run_ticks import RunTicks
 
 TOTAL, VARIATION, TOUCHING = "force/total", "force_variation_rate", "contacts/touching"
@@ -36,11 +36,11 @@ def _step_share(run: RunTicks) -> float:
     return 100.0 * _step(run) / mean if mean >= FORCE_FLOOR else math.nan
 
 
-METRICS = (
+IN_CONTACT = placed(
+    36,
     RunMetric(
         *("force_contact_mean", "force in contact, mean", 2, "N"),
         less_is_better=False,
-        place=36,
         needs=(TOTAL, TOUCHING),
         compute=lambda run: _in_contact(run).mean,
         short="force",
@@ -48,13 +48,11 @@ METRICS = (
     RunMetric(
         *("force_contact_max", "force in contact, largest", 2, "N"),
         less_is_better=False,
-        place=37,
         needs=(TOTAL, TOUCHING),
         compute=lambda run: _in_contact(run).max,
     ),
     RunMetric(
         *("force_contact_step", "largest force step in contact", 3, "N"),
-        place=38,
         needs=(TOTAL, TOUCHING),
         compute=_step,
         per_tick=True,
@@ -63,15 +61,16 @@ METRICS = (
     ),
     RunMetric(
         *("force_contact_step_share", "largest force step in contact, of the mean", 1, "%"),
-        place=39,
         needs=(TOTAL, TOUCHING),
         compute=_step_share,
         per_tick=True,
         judged=Judged(rounding=1e-6),
     ),
+)
+METRICS = IN_CONTACT + placed(
+    39,
     RunMetric(
         *("force_variation_contact", "force variation in contact, mean", 4, "%"),
-        place=39,
         needs=(VARIATION, TOTAL, TOUCHING),
         compute=lambda run: statistics(run[VARIATION], run.touch).mean,
         per_tick=True,
@@ -81,13 +80,11 @@ METRICS = (
     RunMetric(
         *("force_hold_mean", "force in the hold, mean", 2, "N"),
         less_is_better=False,
-        place=40,
         needs=(TOTAL,),
         compute=lambda run: statistics(np.linalg.norm(run[TOTAL], axis=1), run.hold).mean,
     ),
     RunMetric(
         *("force_variation_hold", "force variation in the hold, frozen input", 6, "%"),
-        place=41,
         needs=(VARIATION,),
         compute=lambda run: _variation(run).mean,
         per_tick=True,
@@ -98,7 +95,6 @@ METRICS = (
     RunMetric(
         *("force_variation_hold_std", "force variation in the hold, std", 4, "%"),
         paper="0.32",
-        place=42,
         needs=(VARIATION,),
         compute=lambda run: _variation(run).std,
         per_tick=True,
@@ -108,7 +104,6 @@ METRICS = (
     RunMetric(
         *(TREMBLING, "force variation in the hold, trembling hand, mean", 4, "%"),
         paper="0.18",
-        place=43,
         needs=(TOTAL,),
         own_run=ANOTHER_RUN,
         per_tick=True,
@@ -118,21 +113,18 @@ METRICS = (
     RunMetric(
         *("force_variation_tremor_std", "force variation in the hold, trembling hand, std", 4, "%"),
         paper="0.32",
-        place=44,
         needs=(TOTAL,),
         own_run=ANOTHER_RUN,
         per_tick=True,
     ),
     RunMetric(
         *("force_ripple_hold", "force ripple in the hold, 50 to 400 Hz", 5, "N"),
-        place=45,
         needs=(TOTAL,),
         compute=_ripple,
         judged=Judged(rounding=1e-9, limit=1e-3),
     ),
     RunMetric(
         *("force_step", "largest force step while moving", 1, "% of hold"),
-        place=46,
         needs=(TOTAL,),
         compute=lambda run: force_step(run[TOTAL], ~run.hold, run.hold),
         judged=Judged(rounding=1e-6, limit=20.0),

@@ -7,7 +7,7 @@ import numpy as np
 
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics.free_run import FreeRun
-from hhsim.metrics.run_metric import Judged, RunMetric
+from hhsim.metrics.run_metric import Judged, RunMetric, placed
 from hhsim.metrics.run_ticks import RunTicks
 
 ROUNDING = 1e-9
@@ -77,47 +77,36 @@ def _friction_residual(run: RunTicks, share: float) -> float:
     return float(np.percentile(found, share)) if found.size else 0.0
 
 
-METRICS = (
+METRICS = placed(
+    40,
     RunMetric(
         *("object_raised", "object raised, max", 2, "mm"),
         less_is_better=False,
-        place=40,
-        free_only=True,
         short="object_raised",
         compute=lambda run: _free(run).raised,
     ),
     RunMetric(
         *("object_slip", "slip of a finger on the object, in all", 3, "mm"),
-        place=41,
-        free_only=True,
         short="object_slip",
         compute=_slip,
     ),
     RunMetric(
         *("object_creep", "creep of the held object, max", 3, "µm/s"),
-        place=42,
-        free_only=True,
         short="object_creep",
         compute=_creep,
     ),
     RunMetric(
         *("object_momentum", "object's momentum less the forces on it, max", 6, "N"),
-        place=43,
         needs=("status",),
-        free_only=True,
         compute=_momentum,
     ),
     RunMetric(
         *("cone_outside", "contacts outside their friction cone", 3, "%"),
-        place=44,
-        free_only=True,
         compute=_outside_cone,
         judged=Judged(limit=0.0),
     ),
     RunMetric(
         *("table_depth_max", "object in the table, max", 3, "µm"),
-        place=45,
-        free_only=True,
         short="table_depth",
         compute=lambda run: max(0.0, -float(_free(run)["object/table_distance"].min())),
         judged=Judged(limit=1e-6),
@@ -125,10 +114,9 @@ METRICS = (
     *(
         RunMetric(
             *(f"friction_residual_{name}", f"friction is off the slip by, {name}", 3, "µm"),
-            place=place,
-            free_only=True,
             compute=partial(_friction_residual, share=share),
         )
-        for place, name, share in ((46, "p50", 50.0), (47, "p99", 99.0), (48, "max", 100.0))
+        for name, share in (("p50", 50.0), ("p99", 99.0), ("max", 100.0))
     ),
+    free_only=True,
 )

@@ -1,14 +1,15 @@
-"""Depth of the user's hand, and its distance from the shown one."""
+"""Depth of the user's hand, and its distance from the shown one, in the hold against the nearest possible too."""
 
 from collections.abc import Callable
 
 import numpy as np
 
-from hhsim.metrics.metrics import statistics
+from hhsim.metrics.metrics import palm_distance_mm, statistics
 from hhsim.metrics.run_metric import Judged, RunMetric
 from hhsim.metrics.run_ticks import PLACED, TOUCHING, RunTicks
 
 HAPTIC = tuple(f"haptic/{name}" for name in ("position", "orientation", "flexion", "abduction"))
+USER, SHOWN = "haptic/position", "graphic/position"
 LABELS = {"palm": "palm", "joint": "joints"}
 NEEDS = (*HAPTIC, *PLACED, TOUCHING)
 
@@ -49,5 +50,20 @@ METRICS = (
         compute=_of_input("free"),
         # `penalty`, whose hand has a mass, is up to 1.3 mm behind a grasping hand; 20 ticks of a frozen one are 4 mm.
         judged=Judged(rounding=1e-6, limit=5e-3, promise="follows_input"),
+    ),
+    RunMetric(
+        *("tracking_excess", "coupling energy over the local optimum", 3, "%"),
+        # Below the optimum of the hands that stay outside is a hand that is inside.
+        signed=True,
+        place=50,
+        own_run="is against an optimum that only a solver can find",
+        judged=Judged(rounding=1e-6, limit=1.0, promise="nearest_to_user"),
+    ),
+    RunMetric(
+        *("tracking_palm", "palm off the user's in the hold, mean", 2, "mm"),
+        place=51,
+        needs=(USER, SHOWN),
+        compute=lambda run: 1e-3 * statistics(palm_distance_mm(run[USER], run[SHOWN]), run.hold).mean,
+        judged=Judged(rounding=1e-9, limit=0.02),
     ),
 )

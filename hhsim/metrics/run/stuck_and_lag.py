@@ -3,7 +3,7 @@
 import numpy as np
 
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
-from hhsim.metrics.run_metric import Judged, RunMetric
+from hhsim.metrics.run_metric import Judged, RunMetric, placed
 
 MOST_STUCK = 0.5
 """Largest share of stuck ticks of a run whose hand follows."""
@@ -14,10 +14,10 @@ def is_mostly_stuck(stuck: float, ticks: int) -> bool:
     return stuck > MOST_STUCK * ticks
 
 
-METRICS = (
+METRICS = placed(
+    70,
     RunMetric(
         *("stuck_ticks", "stuck ticks"),
-        place=70,
         short="stuck",
         needs=("status",),
         compute=lambda run: float(np.count_nonzero(run["status"] & STATUS_STUCK)),
@@ -25,7 +25,6 @@ METRICS = (
     ),
     RunMetric(
         *("lag_ticks", "ticks with lag"),
-        place=71,
         short="lag",
         needs=("status",),
         compute=lambda run: float(np.count_nonzero(run["status"] & STATUS_LAG)),
@@ -33,7 +32,6 @@ METRICS = (
     ),
     RunMetric(
         *("lag_max", "lag, max", 2, "mm"),
-        place=72,
         unless_zero=True,
         needs=("lag",),
         compute=lambda run: run["lag"].max(initial=0.0),

@@ -3,7 +3,7 @@
 import math
 
 from hhsim.arrays import AnyArray
-from hhsim.metrics.run_metric import RunMetric
+from hhsim.metrics.run_metric import RunMetric, placed
 from hhsim.metrics.run_ticks import RunTicks
 
 NODES, PAIRS = "work/node_tests", "work/pair_tests"
@@ -17,42 +17,37 @@ def _tests(run: RunTicks) -> float:
     return _mean(run[NODES] + run[PAIRS])
 
 
-METRICS = (
+METRICS = placed(
+    60,
     RunMetric(
         *("fingers_modelled", "fingers modelled, of 5"),
         less_is_better=False,
-        place=60,
         compute=lambda run: run.fingers,
     ),
     RunMetric(
         *("bodies_near", "bodies near the object in contact, of 16", 1),
         less_is_better=False,
-        place=61,
         needs=("work/bodies", "contacts/candidates"),
         compute=lambda run: _mean(run["work/bodies"][run.contact]),
     ),
     RunMetric(
         *("rows_max", "contacts in a program, most"),
         less_is_better=False,
-        place=62,
         needs=("work/rows",),
         compute=lambda run: run["work/rows"].max(initial=0),
     ),
     RunMetric(
         *("tests_mean", "distances computed a tick, mean"),
-        place=63,
         needs=(NODES, PAIRS),
         compute=_tests,
     ),
     RunMetric(
         *("tests_share", "share of all pairs of body and sphere", 3, "%"),
-        place=64,
         needs=(NODES, PAIRS),
         compute=lambda run: 100.0 * _tests(run) / run.all_pairs if run.all_pairs else math.nan,
     ),
     RunMetric(
         *("work_mean", "work a tick, mean", 0, "units"),
-        place=65,
         needs=("work/units",),
         compute=lambda run: _mean(run["work/units"]),
     ),
