@@ -1,4 +1,7 @@
-"""Ticks of an object that moves, driven or free: solved and measured as it sees them, written in the world."""
+"""Ticks of an object, still, driven or free: solved and measured as it sees them, written in the world."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -7,44 +10,53 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion_product
 from hhsim.kernels.free.record import STICKS, ObjectRecord
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
-from hhsim.motion.trajectory import TickInput
 from hhsim.result.object_frame import in_the_world
 from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS
 
+if TYPE_CHECKING:
+    from hhsim.scene.scene import Scene
+    from hhsim.solver.hand_solver import HandSolver
 
-def driven_block(block: dict[str, AnyArray], driven: TickInput | None, part: slice) -> dict[str, AnyArray]:
-    """Return a block of columns, given as the object sees it, in the world.
 
-    `part` are its ticks; `driven` is the motion in the world, None where the object stands still.
+class StillFrame:
+    """Frame of an object that stands still in some ticks, which is the world's.
+
+    Attributes:
+        haptic: Haptic hand as the object sees it at the end of each tick.
     """
-    if driven is None or driven.object_motion is None:
+
+    def __init__(self, haptic: HandConfiguration) -> None:
+        self.haptic = haptic
+
+    def world(self, block: dict[str, AnyArray]) -> dict[str, AnyArray]:
+        """Return a block of columns, given as the object sees it, in the world."""
         return block
-    motion = driven.object_motion
-    moved = motion.at(part).since(motion.position[0], motion.orientation[0])
-    # The recorded hand to the bit, and not there and back.
-    return _world(block, moved, HandConfiguration.of(driven).at(part), motion.at(part))
+
+    def contacts(self, first: int) -> dict[str, AnyArray]:
+        """Return the rows of /contact, none unless the object is free; the first tick has the number `first`."""
+        return {}
 
 
-def moved_by(ticks: ObjectRecord) -> RigidMotion:
-    """Return the motion of a free object from before the first tick to the end of each."""
-    return RigidMotion(ticks.turn, ticks.shift)
+class MovingFrame(StillFrame):
+    """Frame of an object that moves; `haptic` is in the world, and `pose` is the object's in each tick."""
+
+    def __init__(self, haptic: HandConfiguration, moved: RigidMotion, pose: ObjectMotion) -> None:
+        position, orientation = moved.seen_points(haptic.position), moved.seen_orientations(haptic.orientation)
+        super().__init__(haptic._replace(position=position, orientation=orientation))
+        self._moved, self._given, self._pose = moved, haptic, pose
+
+    def world(self, block: dict[str, AnyArray]) -> dict[str, AnyArray]:
+        """See `StillFrame.world`."""
+        return {
+            **in_the_world(block, self._moved),
+            # The given hand to the bit, and not there and back.
+            **{f"haptic/{name}": values for name, values in self._given._asdict().items()},
+            **{column.name: values for column, values in zip(OBJECT_COLUMNS, self._pose, strict=True)},
+        }
 
 
-def as_seen(haptic: HandConfiguration, ticks: ObjectRecord) -> HandConfiguration:
-    """Return the haptic hand as the free object sees it at the end of each tick."""
-    moved = moved_by(ticks)
-    position, orientation = moved.seen_points(haptic.position), moved.seen_orientations(haptic.orientation)
-    return haptic._replace(position=position, orientation=orientation)
-
-
-def free_block(
-    block: dict[str, AnyArray],
-    haptic: HandConfiguration,
-    ticks: ObjectRecord,
-    position: AnyArray,
-    orientation: AnyArray,
-) -> dict[str, AnyArray]:
-    """Return a block of columns, given as the free object sees it at the end of each tick, in the world.
+class FreeFrame(MovingFrame):
+    """Frame of a free object.
 
     Args:
         haptic: Haptic hand, world.
@@ -52,23 +64,44 @@ def free_block(
         position, orientation: Origin (3,) [m] and orientation (4,) of the object's own frame before the first tick,
             world.
     """
-    moved, count = moved_by(ticks), len(ticks.turn)
-    pose = ObjectMotion(
-        moved.points(np.broadcast_to(np.asarray(position, np.float64), (count, 3))),
-        quaternion_product(moved.turn, np.broadcast_to(np.asarray(orientation, np.float64), (count, 4))),
-    )
-    fields = ticks._asdict()
-    return _world(block, moved, haptic, pose) | {column.name: column.taken(fields) for column in FREE_COLUMNS}
+
+    def __init__(
+        self, haptic: HandConfiguration, ticks: ObjectRecord, position: AnyArray, orientation: AnyArray
+    ) -> None:
+        moved, count = moved_by(ticks), len(ticks.turn)
+        pose = ObjectMotion(
+            moved.points(np.broadcast_to(np.asarray(position, np.float64), (count, 3))),
+            quaternion_product(moved.turn, np.broadcast_to(np.asarray(orientation, np.float64), (count, 4))),
+        )
+        super().__init__(haptic, moved, pose)
+        self._ticks = ticks
+
+    def world(self, block: dict[str, AnyArray]) -> dict[str, AnyArray]:
+        """See `StillFrame.world`."""
+        fields = self._ticks._asdict()
+        return super().world(block) | {column.name: column.taken(fields) for column in FREE_COLUMNS}
+
+    def contacts(self, first: int) -> dict[str, AnyArray]:
+        """See `StillFrame.contacts`."""
+        return contact_rows(self._ticks, first)
 
 
-def _world(
-    block: dict[str, AnyArray], moved: RigidMotion, haptic: HandConfiguration, pose: ObjectMotion
-) -> dict[str, AnyArray]:
-    return {
-        **in_the_world(block, moved),
-        **{f"haptic/{name}": values for name, values in haptic._asdict().items()},
-        **{column.name: values for column, values in zip(OBJECT_COLUMNS, pose, strict=True)},
-    }
+def scene_frames(scene: "Scene", solver: "HandSolver") -> Callable[[slice], StillFrame]:
+    """Return what makes the frame of some ticks of a scene, once the solver has run them."""
+    given = HandConfiguration.of(scene.driven or scene.ticks)
+    if scene.free is not None:
+        pose = scene.trajectory.object_position, scene.trajectory.object_orientation
+        return lambda part: FreeFrame(given.at(part), solver.object_ticks, *pose)
+    if scene.driven is None or scene.driven.object_motion is None:
+        return lambda part: StillFrame(given.at(part))
+    motion = scene.driven.object_motion
+    first = motion.position[0], motion.orientation[0]
+    return lambda part: MovingFrame(given.at(part), motion.at(part).since(*first), motion.at(part))
+
+
+def moved_by(ticks: ObjectRecord) -> RigidMotion:
+    """Return the motion of a free object from before the first tick to the end of each."""
+    return RigidMotion(ticks.turn, ticks.shift)
 
 
 def contact_rows(ticks: ObjectRecord, first: int) -> dict[str, AnyArray]:

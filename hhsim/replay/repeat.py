@@ -13,11 +13,9 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
-from hhsim.motion.object_motion import RigidMotion
-from hhsim.replay.moving_object import as_seen, contact_rows, free_block
+from hhsim.replay.moving_object import FreeFrame, MovingFrame, StillFrame
 from hhsim.replay.stored_scene import require_whole, stored_free, stored_hand, stored_options, stored_surface
 from hhsim.replay.tick_columns import TickColumns
-from hhsim.result.object_frame import as_object_sees, in_the_world
 from hhsim.result.reader import Result
 from hhsim.result.schema import CONTACT, CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS, TICK_COLUMNS, Column
 from hhsim.solver.compile import warm_up
@@ -214,16 +212,15 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
                 progress("ticks", done, total)
             stored = {name: values[: total - done] for name, values in stored.items()}
             here = slice(done, done + len(stored["time"]))
-            moved = result.moved_since_first(here) if result.driven and free is None else None
-            haptic = _seen(stored, moved)
-            record, ticks = _solve(solver, haptic, live=result.live is not None, free=free is not None)
-            seen = haptic if ticks is None else as_seen(haptic, ticks)
-            block = columns.block(stored["time"], stored["input_seq"], seen, record)
+            haptic = HandConfiguration(*(stored[f"haptic/{name}"] for name in HandConfiguration._fields))
+            frame = StillFrame(haptic)
+            if result.driven and free is None:
+                frame = MovingFrame(haptic, result.moved_since_first(here), result.object_motion(here))
+            record, ticks = _solve(solver, frame.haptic, live=result.live is not None, free=free is not None)
             if ticks is not None:
-                block = free_block(block, haptic, ticks, *(result.static[f"object/{name}"] for name in POSE))
-                _compare_contacts(result, here, contact_rows(ticks, done), contacts)
-            elif moved is not None:
-                block = in_the_world(block, moved)
+                frame = FreeFrame(haptic, ticks, *(result.static[f"object/{name}"] for name in POSE))
+                _compare_contacts(result, here, frame.contacts(done), contacts)
+            block = frame.world(columns.block(stored["time"], stored["input_seq"], frame.haptic, record))
             for array in ticks_arrays:
                 array.add(stored[array.name], block[array.name])
             done += len(stored["time"])
@@ -243,14 +240,6 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
         expected = "the bits should be the same" if result.method in METHODS else outside
         notes += makers or [f"hhsim, packages, processor and system are those of the file: {expected}"]
     return RunAgain(result.path, result.complete, total, result.ticks, arrays, tuple(notes), bool(makers))
-
-
-def _seen(stored: dict[str, AnyArray], moved: RigidMotion | None) -> HandConfiguration:
-    names = {name: f"haptic/{name}" for name in HandConfiguration._fields}
-    given = {name: stored[dataset] for name, dataset in names.items()}
-    if moved is not None:
-        given = {name: as_object_sees(names[name], values, moved) for name, values in given.items()}
-    return HandConfiguration(**given)
 
 
 def _compare_contacts(

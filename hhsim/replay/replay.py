@@ -11,20 +11,18 @@ import numpy as np
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.replay.moving_object import as_seen, contact_rows, driven_block, free_block
+from hhsim.replay.moving_object import scene_frames
 from hhsim.replay.stored_scene import describe_scene, static_arrays
 from hhsim.replay.summary import ReplaySummary, summarise, summarised_columns
 from hhsim.replay.tick_columns import KeptColumns, TickColumns
 from hhsim.result.reader import CHUNK_TICKS
 from hhsim.result.schema import CONTACT, CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS
 from hhsim.result.writer import ResultWriter
-from hhsim.scene.free_object import LAW
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.known_methods import find_method
-from hhsim.solver.method import METHODS
+from hhsim.solver.method import METHODS, Method
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.trees.contact_surface import contact_surface
@@ -72,20 +70,19 @@ def replay_scene(
     solver = HandSolver(scene.hand, surface, options, free)
     ticks, total = scene.ticks, scene.ticks.tick_count
     motion = scene.trajectory
-    pose = motion.object_position, motion.object_orientation
-    static = static_arrays(scene.mesh, scene.tree, scene.hand, *pose)
+    static = static_arrays(scene.mesh, scene.tree, scene.hand, motion.object_position, motion.object_orientation)
     described = {
         **scene.description,
         **(description or {}),
         "rate": ticks.rate,
         "motion": motion.name,
         "motion_source": motion.source,
-        **_of_outside_method(options),
-        **({} if free is None else {"free": free.to_json(), "friction_law": LAW}),
-        **describe_scene(scene.mesh, scene.tree, scene.hand, options, static, free=free is not None),
+        **_of_outside_method(options.method, solver.method),
+        **describe_scene(scene.mesh, scene.tree, scene.hand, options, static, free),
     }
-    series, kept, names = KeptColumns(), KeptColumns(), summarised_columns()
+    series, kept = KeptColumns(summarised_columns()), KeptColumns(OF_FREE_OBJECT if free else ())
     columns = TickColumns(surface.arrays, scene.hand, options)
+    frame_of = scene_frames(scene, solver)
     moves: dict[str, Any] = {"driven": scene.driven is not None, "free": free is not None}
     with ResultWriter(
         Path(output_path), scene=described, static=static, phases=ticks.phases, command=command, **moves
@@ -97,20 +94,15 @@ def replay_scene(
                 if progress is not None:
                     progress("ticks", first, total)
                 part = slice(first, min(first + CHUNK_TICKS, total))
-                haptic = HandConfiguration.of(ticks).at(part)
-                record = solver.run(*haptic)
+                record = solver.run(*HandConfiguration.of(ticks).at(part))
                 if not np.isfinite(record.joints).all():
                     raise HhsimError(f"the graphic hand is not finite after tick {first}: please report the command")
-                if free is None:
-                    block = columns.block(ticks.time[part], ticks.input_seq[part], haptic, record)
-                    writer.append(driven_block(block, scene.driven, part))
-                else:
-                    moved = solver.object_ticks
-                    block = columns.block(ticks.time[part], ticks.input_seq[part], as_seen(haptic, moved), record)
-                    whole, contacts = free_block(block, haptic, moved, *pose), contact_rows(moved, first)
-                    writer.append(whole, {CONTACT: contacts})
-                    kept.keep(whole | {f"{CONTACT}/{name}": rows for name, rows in contacts.items()}, OF_FREE_OBJECT)
-                series.keep(block, names)
+                frame = frame_of(part)
+                block = columns.block(ticks.time[part], ticks.input_seq[part], frame.haptic, record)
+                whole, contacts = frame.world(block), frame.contacts(first)
+                writer.append(whole, {CONTACT: contacts})
+                kept.keep(whole | {f"{CONTACT}/{name}": rows for name, rows in contacts.items()})
+                series.keep(block)
                 check_interrupt()
         if progress is not None:
             progress("ticks", total, total)
@@ -119,9 +111,8 @@ def replay_scene(
     return summary.at(path)
 
 
-def _of_outside_method(options: SolverOptions) -> dict[str, Any]:
-    if options.method in METHODS:
+def _of_outside_method(name: str, method: Method) -> dict[str, Any]:
+    if name in METHODS:
         return {}
-    method = find_method(options.method)
     known = {"gives": sorted(method.gives), "promises": sorted(method.promises)}
     return {**known, "method_source": method.source} if method.source else known

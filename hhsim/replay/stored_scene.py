@@ -15,7 +15,7 @@ from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
 from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS, result_hand
-from hhsim.scene.free_object import FreeObject
+from hhsim.scene.free_object import LAW, FreeObject
 from hhsim.scene.scene import all_pairs
 from hhsim.solver.options import UNLIMITED, SolverOptions, Stiffness
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
@@ -57,11 +57,11 @@ def describe_scene(
     hand: HandModel,
     options: SolverOptions,
     static: Mapping[str, AnyArray],
-    *,
-    free: bool = False,
+    free: FreeObject | None = None,
 ) -> dict[str, Any]:
     """Return the description of a scene for the result's file as plain values; `static` is of `static_arrays`."""
     return {
+        **({} if free is None else {"free": free.to_json(), "friction_law": LAW}),
         "solver": options.to_json(),
         "hand": {
             "side": hand.side,

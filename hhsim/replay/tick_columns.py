@@ -17,15 +17,15 @@ from hhsim.solver.options import SolverOptions
 
 
 class KeptColumns:
-    """Datasets kept block by block, such as those that the table of a run needs."""
+    """Named datasets kept block by block, such as those that the table of a run needs."""
 
-    def __init__(self) -> None:
-        self._blocks: dict[str, list[AnyArray]] = {}
+    def __init__(self, names: Iterable[str]) -> None:
+        self._blocks: dict[str, list[AnyArray]] = {name: [] for name in names}
 
-    def keep(self, block: Mapping[str, AnyArray], names: Iterable[str]) -> None:
-        """Keep the named datasets of the next block."""
-        for name in names:
-            self._blocks.setdefault(name, []).append(block[name])
+    def keep(self, block: Mapping[str, AnyArray]) -> None:
+        """Keep the datasets of the next block."""
+        for name, blocks in self._blocks.items():
+            blocks.append(block[name])
 
     def __getitem__(self, name: str) -> AnyArray:
         blocks = self._blocks[name]

@@ -7,19 +7,16 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.penetration import clearances
 from hhsim.kernels.free.block import FreeBlock
 from hhsim.kernels.free.record import ObjectRecord
-from hhsim.kernels.hand.hand_shape import HandShape
-from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.jit import JIT_ENABLED, as_argument
-from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.free_engine import FreeEngine
+from hhsim.solver.free_place import clearance, retreat
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.linearising_engine import LinearisingEngine
 from hhsim.solver.method import Engine
@@ -49,14 +46,10 @@ class HandSolver:
     def __init__(self, hand: HandModel, surface: Any, options: SolverOptions, free: FreeObject | None = None) -> None:
         self.options = options
         self.workspace = TickWorkspace(hand, surface, options)
-        self.engine: Engine
-        if free is None:
-            method = find_method(options.method)
-            if method.missing:
-                raise InputError(f"method {options.method} {method.missing}")
-            self.engine = method.engine(self.workspace)
-        else:
-            self.engine = FreeEngine(self.workspace, free)
+        self.method = find_method(options.method)
+        if free is None and self.method.missing:
+            raise InputError(f"method {options.method} {self.method.missing}")
+        self.engine: Engine = self.method.engine(self.workspace) if free is None else FreeEngine(self.workspace, free)
         self._started = False
 
     def __repr__(self) -> str:
@@ -132,9 +125,9 @@ class HandSolver:
             pose.abduction[:] = first[3]
         for name in HapticBlock._fields:
             haptic_pose[name][:] = pose[name]
-        inside = self._clearance() < 0.0
+        inside = clearance(workspace) < 0.0
         if inside:
-            self._retreat()
+            retreat(workspace)
         self.engine.begin()
         if not inside:
             return 0
@@ -164,7 +157,7 @@ class HandSolver:
             Address of the machine code and its arguments; the address is 0 where Python takes part in every tick.
         """
         options, workspace = self.options, self.workspace
-        if JIT_ENABLED and options.qp == "active-set" and find_method(options.method).compiled:
+        if JIT_ENABLED and options.qp == "active-set" and self.method.compiled:
             engine: Any = self.engine
             if object_ticks is not None:
                 block: tuple[int, FreeBlock] = engine.block(haptic, record, object_ticks)
@@ -196,45 +189,3 @@ class HandSolver:
         state.decoupling.is_suspended = False
         self.engine.begin()
         self._started = True
-
-    def _clearance(self) -> float:
-        """Signed distance [m] of the graphic hand to the object's surface, up to ten times the margin.
-
-        The tick's own lists are not made for a hand deep inside.
-        """
-        workspace = self.workspace
-        pose = workspace.states[0].pose
-        joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
-        rotation = np.empty((3, 3))
-        quaternion_to_matrix(np.array(pose.orientation), rotation)
-        hand, palm, finger = workspace.hand, np.empty(1), np.empty((1, FINGER_COUNT))
-        shape = HandShape(hand.radius, np.column_stack([hand.palm_x, hand.palm_y, hand.palm_z]), hand.palm_radius)
-        placed = (np.ascontiguousarray(joints)[None], np.array(pose.position)[None], rotation[None])
-        clearances(workspace.surface, shape, *placed, 10.0 * self.options.margin, palm, finger)
-        used = self.options.modelled()[:PALM_BODY:PHALANX_COUNT]
-        return float(min(palm[0], finger[0, used].min(initial=np.inf)))
-
-    def _retreat(self) -> None:
-        """Shift the hand by the least distance that frees it, over 26 directions and the one away from the object."""
-        workspace = self.workspace
-        pose = workspace.states[0].pose
-        origin = pose.position.copy()
-        directions = [np.array(d) - 1.0 for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]
-        joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
-        away = joints.reshape(-1, 3).mean(axis=0) - workspace.center()
-        if np.linalg.norm(away) > 0.0:
-            directions.insert(0, away)
-        step = self.options.margin
-        best = np.inf
-        nearest = origin
-        for direction in directions:
-            unit = direction / np.linalg.norm(direction)
-            shift = 0.0
-            while shift < best:
-                pose.position[:] = origin + shift * unit
-                clearance = self._clearance()
-                if clearance >= step:
-                    best, nearest = shift, pose.position.copy()
-                    break
-                shift += max(step, -clearance)
-        pose.position[:] = nearest

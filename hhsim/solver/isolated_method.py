@@ -177,7 +177,6 @@ _waiting: dict[str, IsolatedMethod] = {}
 def isolated_facts(name: str) -> dict[str, Any]:
     """Return the facts of a method's class, asked in a process of its own; see `IsolatedMethod.facts`."""
     _waiting[name] = IsolatedMethod(name)
-    """Processes that have stated their facts, for the first engine of each method."""
     return _waiting[name].facts
 
 

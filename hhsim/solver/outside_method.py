@@ -230,7 +230,6 @@ class OutsideEngine:
         record.status[i] = 0 if good else STATUS_INPUT_INVALID
         record.duration_total[i], record.duration_cpu[i] = wall, cpu
         record.duration[i, NATIVE] = answer.native_ns
-        """Index of the method's own time among the durations of a tick: the optimisation of the whole hand."""
         record.fingertip_normal[i] = np.nan
         if self.forces:
             record.phalanx[i] = answer.phalanx_force

@@ -28,18 +28,20 @@ def best_hands(hand: HandModel, mesh_surface: Any, options: SolverOptions, hapti
     Raises:
         HhsimError: More pairs than the solver holds: the optimum on this mesh cannot be had.
     """
-    converged = replace(
+    on_mesh = _converged(options, surface="mesh", skin=BY_SURFACE, touch=BY_SURFACE)
+    return HandSolver(hand, mesh_surface, on_mesh).run(*haptic)
+
+
+def _converged(options: SolverOptions, **changed: Any) -> SolverOptions:
+    return replace(
         options,
         method="coupled",
-        surface="mesh",
-        skin=BY_SURFACE,
-        touch=BY_SURFACE,
         qp="active-set",
         linearisations=REFERENCE_LINEARISATIONS,
         budget=UNLIMITED,
         step_tolerance=REFERENCE_STEP_TOLERANCE,
+        **changed,
     )
-    return HandSolver(hand, mesh_surface, converged).run(*haptic)
 
 
 def reference_excess(
@@ -60,18 +62,7 @@ def reference_excess(
         options: Options of the method; stiffness and lengths are kept.
         haptic, graphic: Hands at every tick.
     """
-    solver = HandSolver(
-        hand,
-        surface,
-        replace(
-            options,
-            method="coupled",
-            qp="active-set",
-            linearisations=REFERENCE_LINEARISATIONS,
-            budget=UNLIMITED,
-            step_tolerance=REFERENCE_STEP_TOLERANCE,
-        ),
-    )
+    solver = HandSolver(hand, surface, _converged(options))
     diagonal = options.stiffness.diagonal()
     found, wanted = graphic.at(ticks), haptic.at(ticks)
     best = found.copy()

@@ -2,18 +2,15 @@
 
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import h5py
 import pytest
+from conftest import Run
 from sealed_change import changed
 from short_grasp import short_result
 
 from hhsim.result.writer import state_repeats
-
-Run = Callable[..., Any]
 
 
 @pytest.fixture(scope="module")

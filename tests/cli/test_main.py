@@ -11,12 +11,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import click
 import pytest
+from conftest import Run
 
 import hhsim
 from hhsim.errors import InputError
@@ -28,9 +27,6 @@ from hhsim.trees.sph_format import load_sph
 entry = importlib.import_module(POINT.module)
 COMMANDS: dict[str, str] = entry.COMMANDS
 HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
-
-
-Run = Callable[..., Any]
 
 
 def test_help_imports_nothing_that_is_slow() -> None:

@@ -9,11 +9,10 @@ from typing import Any
 import click
 import pytest
 from command_lines import parse
+from conftest import Run
 
 from hhsim.errors import HhsimError
 from hhsim.hand.fingers import FINGERS
-
-Run = Callable[..., Any]
 
 reference: Callable[[], str] = importlib.import_module("hhsim.cli.reference").reference
 COMMANDS: dict[str, Any] = {found.path: found for found in importlib.import_module("hhsim.cli.reference").commands()}

@@ -6,13 +6,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from conftest import Run
 from sampled import sampled
 from short_grasp import short_grasp_text
 
@@ -21,8 +20,6 @@ from hhsim.result.schema import TICK_COLUMNS
 from hhsim.system.checksummed_file import seal_holds
 
 pytestmark = pytest.mark.slow
-
-Run = Callable[..., Any]
 MAIN = "from hhsim.cli.main import main; main()"
 
 

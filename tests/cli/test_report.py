@@ -3,11 +3,11 @@
 import base64
 import json
 import shlex
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import pytest
+from conftest import Run
 from drawings_alone import leave_charts_undrawn
 from report_reader import Page, read_page
 from short_grasp import short_grasp_text, short_result
@@ -16,8 +16,6 @@ from hhsim.errors import InputError
 from hhsim.report.run import report_runs
 from hhsim.report.sections import result_tables
 from hhsim.result.reader import load_result
-
-Run = Callable[..., Any]
 
 
 @pytest.fixture(autouse=True)

@@ -1,15 +1,13 @@
 """`hhsim replay RESULT` as users meet it."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import h5py
 import pytest
+from conftest import Run
 from sealed_change import changed
 
-Run = Callable[..., Any]
 SHORT = 'title = "s"\n[[phase]]\nname = "approach"\nduration = 0.03\n[[phase]]\nname = "grasp"\nduration = 0.05\n'
 
 

@@ -2,17 +2,16 @@
 
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import Run
 from sweep_plans import PLAN, write_plan
 
 from hhsim.sweep import sweep as module
 from hhsim.sweep.cell_run import CellEnd, CellTask, run_cell
-
-Run = Callable[..., Any]
 
 
 @pytest.fixture

@@ -1,19 +1,16 @@
 """Sphere trees from files, as users meet them: `build-tree --from` and `replay --tree`."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Run
 from short_grasp import short_grasp_text
 
 from hhsim.result.reader import load_result
 from hhsim.trees.file import load_tree
 from hhsim.trees.sph_format import save_sph
-
-Run = Callable[..., Any]
 
 
 @pytest.fixture

@@ -1,14 +1,11 @@
 """`hhsim view` and `hhsim replay --rerun` as users meet them."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
+from conftest import Run
 from short_grasp import short_grasp_text
-
-Run = Callable[..., Any]
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.motion.object_motion import RigidMotion
-from hhsim.replay.moving_object import as_seen, contact_rows, free_block, moved_by
+from hhsim.replay.moving_object import FreeFrame, StillFrame, contact_rows, moved_by
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.solver.options import SolverOptions
 
@@ -42,11 +42,8 @@ class SessionColumns:
         haptic = HandConfiguration(*(records[f"haptic_{name}"] for name in HandConfiguration._fields))
         record = TickRecord(*(np.ascontiguousarray(records[name]) for name in TickRecord._fields))
         time = 1e-9 * (records["time_ns"] - began_ns)
-        if not self._free:
-            return self._columns.block(time, records["input_seq"], haptic, record)
-        ticks = object_ticks(records)
-        block = self._columns.block(time, records["input_seq"], as_seen(haptic, ticks), record)
-        return free_block(block, haptic, ticks, *self._pose)
+        frame = FreeFrame(haptic, object_ticks(records), *self._pose) if self._free else StillFrame(haptic)
+        return frame.world(self._columns.block(time, records["input_seq"], frame.haptic, record))
 
     def contacts(self, first: int, records: Records) -> Columns:
         """Build the rows of /contact of these ticks; `first` is the number of their first row in /tick."""

@@ -30,7 +30,6 @@ from hhsim.result.schema import (
     sample_columns,
 )
 from hhsim.result.writer import ResultWriter
-from hhsim.scene.free_object import LAW
 from hhsim.solver.options import SolverOptions
 
 RINGS = ("ticks", "samples", "events")
@@ -70,8 +69,7 @@ class SessionWriter:
             "rate": setup.rate,
             "duration": setup.duration,
             "device": setup.device.kind,
-            **({} if free is None else {"free": free.to_json(), "friction_law": LAW}),
-            **describe_scene(setup.mesh, setup.tree, setup.hand, options, static, free=free is not None),
+            **describe_scene(setup.mesh, setup.tree, setup.hand, options, static, free),
         }
         header: dict[str, str | int] = {
             "device": as_text(device),

@@ -1,0 +1,48 @@
+"""Distance of the graphic hand to the object, and the nearest free place of a hand inside of it."""
+
+import numpy as np
+
+from hhsim.hand.forward_kinematics import hand_shape
+from hhsim.kernels.contact.penetration import clearances
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.solver.workspace import TickWorkspace
+
+
+def clearance(workspace: TickWorkspace) -> float:
+    """Signed distance [m] of the graphic hand to the object's surface, up to ten times the margin.
+
+    The tick's own lists are not made for a hand deep inside.
+    """
+    pose, options = workspace.states[0].pose, workspace.options
+    joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
+    rotation = np.empty((3, 3))
+    quaternion_to_matrix(np.array(pose.orientation), rotation)
+    palm, finger, shape = np.empty(1), np.empty((1, FINGER_COUNT)), hand_shape(workspace.model)
+    placed = (np.ascontiguousarray(joints)[None], np.array(pose.position)[None], rotation[None])
+    clearances(workspace.surface, shape, *placed, 10.0 * options.margin, palm, finger)
+    used = options.modelled()[:PALM_BODY:PHALANX_COUNT]
+    return float(min(palm[0], finger[0, used].min(initial=np.inf)))
+
+
+def retreat(workspace: TickWorkspace) -> None:
+    """Shift the hand by the least distance that frees it, over 26 directions and the one away from the object."""
+    pose, step = workspace.states[0].pose, workspace.options.margin
+    origin = pose.position.copy()
+    directions = [np.array(d) - 1.0 for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]
+    joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
+    away = joints.reshape(-1, 3).mean(axis=0) - workspace.center()
+    if np.linalg.norm(away) > 0.0:
+        directions.insert(0, away)
+    best, nearest = np.inf, origin
+    for direction in directions:
+        unit = direction / np.linalg.norm(direction)
+        shift = 0.0
+        while shift < best:
+            pose.position[:] = origin + shift * unit
+            distance = clearance(workspace)
+            if distance >= step:
+                best, nearest = shift, pose.position.copy()
+                break
+            shift += max(step, -distance)
+    pose.position[:] = nearest
