@@ -70,8 +70,8 @@ def test_an_outline_is_where_the_round_cone_ends(length: float, thick: float, sh
     a = np.array([0.01, -0.02])
     b = a + length * np.array([np.cos(heading), np.sin(heading)])
     outline = round_cone_outline(a, b, thick, share * thick)
-    corners, *ends = (np.pad(points, [(0, 0)] * (points.ndim - 1) + [(0, 1)]) for points in (outline[::7], a, b))
-    assert np.abs(to_cone(corners, *ends, thick, share * thick)).max() < 1e-9
+    corners, first, last = (np.pad(points, [(0, 0)] * (points.ndim - 1) + [(0, 1)]) for points in (outline[::7], a, b))
+    assert np.abs(to_cone(corners, first, last, thick, share * thick)).max() < 1e-9
 
 
 @pytest.mark.parametrize("finger", range(5))
