@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
+from hhsim.kernels.clock import sleep_until
 from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss
 from hhsim.kernels.live.deadlines import NOTHING, due_time, next_deadline, woken
 from hhsim.kernels.live.loop import wake_driver
 from hhsim.kernels.live.tick import begin_tick, command_tick, count_work, look_for_stop, publish_tick, waiting_since
-from hhsim.kernels.timed_wait import sleep_until
 from hhsim.live.device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup

@@ -109,3 +109,10 @@ def along_axes(cones: Cones, distance: Callable[[FloatArray], FloatArray]) -> Fl
         best = np.minimum(best, np.minimum(left, right))
         low, high = np.where(left > right, first, low), np.where(left > right, high, second)
     return np.asarray(best)
+
+
+def to_cone(points: FloatArray, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float) -> FloatArray:
+    """Signed distances [m] of points, shape (n, 3), to one round cone."""
+    parts = (a, b, np.array(radius_a), np.array(radius_b))
+    cones = Cones(*(np.repeat(part[None], len(points), axis=0) for part in parts))
+    return along_axes(cones, lambda x: np.asarray(np.linalg.norm(x - points, axis=-1)))

@@ -1,4 +1,4 @@
-"""Clocks that a kernel can read, so that a block of ticks in one compiled call is timed tick by tick."""
+"""Clocks that a kernel can read, so that a block of ticks in one compiled call is timed tick by tick, and waits."""
 
 import time
 from collections.abc import Callable
@@ -13,17 +13,80 @@ from hhsim.kernels.jit import JIT_ENABLED, as_int64, jit
 
 CLOCK_MONOTONIC = 1
 CLOCK_THREAD_CPU = 3
+_TIMER_ABSTIME = 1
+_POLLIN = 1
+_SECOND = 1_000_000_000
+
+
+def call_c(builder: Any, name: str, result: Any, *arguments: Any) -> Any:
+    """Insert a call of a C function whose parameters have the types of the arguments."""
+    kind = ir.FunctionType(result, [argument.type for argument in arguments])
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), arguments)
 
 
 def _clock_gettime(typing: Any, clock: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        integer = ir.IntType(64)
+        integer, number = ir.IntType(64), ir.IntType(32)
         now = cgutils.alloca_once(builder, ir.ArrayType(integer, 2))
-        kind = ir.FunctionType(ir.IntType(32), (ir.IntType(32), now.type))
-        function = cgutils.get_or_insert_function(builder.module, kind, "clock_gettime")
-        builder.call(function, (builder.trunc(arguments[0], ir.IntType(32)), now))
+        call_c(builder, "clock_gettime", number, builder.trunc(arguments[0], number), now)
         seconds, rest = (builder.load(cgutils.gep_inbounds(builder, now, 0, i)) for i in range(2))
-        return builder.add(builder.mul(seconds, integer(1_000_000_000)), rest)
+        return builder.add(builder.mul(seconds, integer(_SECOND)), rest)
+
+    return types.int64(types.int64), generate
+
+
+def _clock_nanosleep(typing: Any, time_ns: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        integer, number = ir.IntType(64), ir.IntType(32)
+        until = _timespec(builder, arguments[0])
+        clock, flags = number(CLOCK_MONOTONIC), number(_TIMER_ABSTIME)
+        answer = call_c(builder, "clock_nanosleep", number, clock, flags, until, until.type(None))
+        return builder.sext(answer, integer)
+
+    return types.int64(types.int64), generate
+
+
+def _timespec(builder: Any, time_ns: Any) -> Any:
+    """Make a struct timespec on the stack."""
+    integer = ir.IntType(64)
+    spec = cgutils.alloca_once(builder, ir.ArrayType(integer, 2))
+    for i, part in enumerate((builder.sdiv, builder.srem)):
+        builder.store(part(time_ns, integer(_SECOND)), cgutils.gep_inbounds(builder, spec, 0, i))
+    return spec
+
+
+def _ppoll(typing: Any, descriptor: Any, timeout_ns: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        integer, number, short = ir.IntType(64), ir.IntType(32), ir.IntType(16)
+        # struct pollfd: descriptor, requested events, returned events.
+        request = cgutils.alloca_once(builder, ir.LiteralStructType((number, short, short)))
+        for i, value in enumerate((builder.trunc(arguments[0], number), short(_POLLIN), short(0))):
+            builder.store(value, cgutils.gep_inbounds(builder, request, 0, i))
+        timeout = _timespec(builder, arguments[1])
+        no_signals = ir.IntType(8).as_pointer()(None)
+        answer = call_c(builder, "ppoll", number, request, integer(1), timeout, no_signals)
+        return builder.sext(answer, integer)
+
+    return types.int64(types.int64, types.int64), generate
+
+
+def _on_event(builder: Any, name: str, descriptor: Any) -> Any:
+    """Read the counter of an eventfd, or write 1 to it."""
+    word = ir.IntType(64)
+    count = cgutils.alloca_once_value(builder, word(1))
+    return call_c(builder, name, word, builder.trunc(descriptor, ir.IntType(32)), count, word(8))
+
+
+def _read_event(typing: Any, descriptor: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return _on_event(builder, "read", arguments[0])
+
+    return types.int64(types.int64), generate
+
+
+def _write_event(typing: Any, descriptor: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return _on_event(builder, "write", arguments[0])
 
     return types.int64(types.int64), generate
 
@@ -31,11 +94,30 @@ def _clock_gettime(typing: Any, clock: Any) -> Any:
 if JIT_ENABLED:
     # A ctypes function pointer makes a kernel uncacheable; an external symbol does not.
     _read = cast(Callable[[int], int], intrinsic(_clock_gettime))
+    _sleep = cast(Callable[[int], int], intrinsic(_clock_nanosleep))
+    _poll = cast(Callable[[int, int], int], intrinsic(_ppoll))
+    _clear = cast(Callable[[int], int], intrinsic(_read_event))
+    send_event = cast(Callable[[int], int], intrinsic(_write_event))
 
 else:
 
     def _read(clock: int) -> int:
         return time.clock_gettime_ns(clock)
+
+    def _sleep(time_ns: int) -> int:
+        time.sleep(max(0.0, 1e-9 * (time_ns - time.monotonic_ns())))
+        return 0
+
+    def _poll(descriptor: int, timeout_ns: int) -> int:
+        time.sleep(1e-9 * timeout_ns)
+        return 0
+
+    def _clear(descriptor: int) -> int:
+        return -1
+
+    def send_event(descriptor: int) -> int:
+        """Wake who waits for an eventfd; return the system's answer."""
+        return 0
 
 
 @jit
@@ -54,3 +136,22 @@ def cpu_ns(clock: int) -> int:
 def thread_cpu_ns() -> int:
     """Return the CPU time of the calling thread [ns]."""
     return _read(as_int64(CLOCK_THREAD_CPU))
+
+
+@jit
+def sleep_until(time_ns: int) -> int:
+    """Sleep until CLOCK_MONOTONIC is `time_ns` or a signal arrives; return 0, or the system's error."""
+    return _sleep(time_ns)
+
+
+@jit
+def await_event(descriptor: int, time_ns: int) -> int:
+    """Sleep until an event arrives, CLOCK_MONOTONIC is `time_ns`, or a signal arrives; a past time only polls.
+
+    The descriptor is a non-blocking eventfd. Returns 1 if the event arrived, which is then taken, else 0 or the
+    system's -1.
+    """
+    arrived = _poll(descriptor, max(0, time_ns - monotonic_ns()))
+    if arrived > 0:
+        _clear(descriptor)
+    return arrived

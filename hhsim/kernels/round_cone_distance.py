@@ -60,22 +60,6 @@ def round_cone_parameter(
     return min(max((t - h * tan_slope) * inverse_length, 0.0), 1.0)
 
 
-@jit
-def sphere_round_cone_distance(
-    center: Array, radius: float, a: Array, b: Array, radius_a: float, radius_b: float
-) -> tuple[float, float]:
-    """Compute signed distance [m] and axis parameter s of a sphere and a round cone (radius_a >= radius_b)."""
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    length = math.sqrt(ux * ux + uy * uy + uz * uz)
-    tan_slope, inverse_length = cone_slope(length, radius_a, radius_b)
-    ux, uy, uz = ux * inverse_length, uy * inverse_length, uz * inverse_length
-    dx, dy, dz = center[0] - a[0], center[1] - a[1], center[2] - a[2]
-    s = round_cone_parameter(dx, dy, dz, ux, uy, uz, tan_slope, inverse_length)
-    qx, qy, qz = dx - s * length * ux, dy - s * length * uy, dz - s * length * uz
-    distance = math.sqrt(qx * qx + qy * qy + qz * qz) - (radius_a - s * (radius_a - radius_b)) - radius
-    return distance, s
-
-
 class Spheres(NamedTuple):
     """Centres and radii [m], each of shape (n,)."""
 

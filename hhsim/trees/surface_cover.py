@@ -8,9 +8,16 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.cover.greedy_cover import assign, covering_radius, greedy_cover, longest_edges, owner_cost
+from hhsim.kernels.cover.greedy_cover import (
+    assign,
+    covering_radius,
+    greedy_cover,
+    longest_edges,
+    owner_cost,
+    spare_spheres,
+)
 from hhsim.kernels.cover.micro_triangle import MicroTriangles, cut_mesh, edges_for, halve
-from hhsim.kernels.cover.refine import group_by_owner, move_spheres, removal_cost, spare_spheres
+from hhsim.kernels.cover.sphere_descent import move_spheres
 from hhsim.kernels.kd_tree import subtrees
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals
 from hhsim.system.progress import Progress, silent
@@ -117,9 +124,8 @@ class _Cover:
 
     def refine(self, share: float) -> None:
         """Halve the micro-triangles that cost more than `share` of the worst: they decide the cost of their spheres."""
-        longest, own = np.empty(len(self.owner)), np.empty(len(self.depth))
+        longest, own = np.empty(len(self.owner)), self._largest(self.cost)
         longest_edges(self.micro.corner, longest)
-        removal_cost(self.owner, self.cost, own)
         # A sphere that no other one can stand in for costs infinitely much; between two of those there is no number.
         with np.errstate(invalid="ignore"):
             high = float(np.quantile(own, _HIGH))
@@ -141,16 +147,22 @@ class _Cover:
         self.workers.each(move, ranges(len(self.depth), _SHARES))
 
     def _groups(self) -> tuple[IntArray, IntArray]:
-        first, order = np.empty(len(self.depth) + 1, np.int64), np.empty(len(self.owner), np.int64)
-        group_by_owner(self.owner, first, order)
-        return first, order
+        """Return micro-triangles in the order of their spheres, and where each sphere's begin and the last's end."""
+        order = np.argsort(self.owner, kind="stable")
+        return np.searchsorted(self.owner, np.arange(len(self.depth) + 1), sorter=order), order
+
+    def _largest(self, cost: FloatArray) -> FloatArray:
+        """Return the largest of these costs among the micro-triangles of each sphere [m]; −inf if it has none."""
+        largest = np.full(len(self.depth), -np.inf)
+        np.maximum.at(largest, self.owner, cost)
+        return largest
 
     def remove(self, spheres: int) -> None:
         """Remove the most dispensable spheres until there are `spheres`."""
         while len(self.depth) > spheres:
             first, order = self._groups()
-            cost = np.empty(len(self.depth))
-            removal_cost(self.owner, self.second_cost, cost)
+            # Without a sphere the cover costs what its micro-triangles cost under their second ones.
+            cost = self._largest(self.second_cost)
             spared = np.empty(len(self.depth), np.bool_)
             spare_spheres(
                 np.argsort(cost, kind="stable"), first, order, self.second_owner, len(self.depth) - spheres, spared
@@ -170,8 +182,7 @@ class _Cover:
 
     def handicap(self) -> None:
         """Assign so that costly spheres have less to cover, and cheap ones more."""
-        own = np.empty(len(self.depth))
-        removal_cost(self.owner, self.cost, own)
+        own = self._largest(self.cost)
         most = float(own.max())
         deeper = self.depth + _HANDICAP * np.clip(most - own, 0.0, _SLACK * most)
         self.assign(deeper)

@@ -1,12 +1,14 @@
-"""The kernels' clocks are the system's: their readings fall between those of the standard library."""
+"""The kernels' clocks are the system's: their readings fall between those of the standard library; waits by them."""
 
+import errno
+import os
 import threading
 import time
 from collections.abc import Callable
 
 import pytest
 
-from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
+from hhsim.kernels.clock import await_event, monotonic_ns, sleep_until, thread_cpu_ns
 
 
 @pytest.mark.parametrize(
@@ -29,3 +31,27 @@ def test_the_cpu_clock_is_the_calling_threads_own() -> None:
     thread.start()
     thread.join()
     assert 0 <= readings[0] < thread_cpu_ns()
+
+
+def test_a_time_that_is_none_is_refused() -> None:
+    assert sleep_until(time.monotonic_ns() - 1) == 0
+    assert sleep_until(-(2**40)) == errno.EINVAL
+
+
+def test_an_event_ends_a_sleep_and_is_taken() -> None:
+    event = os.eventfd(0, os.EFD_NONBLOCK)
+    try:
+        hour = time.monotonic_ns() + 3_600 * 10**9
+        os.eventfd_write(event, 1)
+        os.eventfd_write(event, 1)
+        assert await_event(event, hour) == 1
+        until = time.monotonic_ns() + 1_050_000_000  # seconds, and what is left
+        assert await_event(event, until) == 0, "both are taken"
+        assert time.monotonic_ns() >= until
+        threading.Timer(0.05, os.eventfd_write, (event, 1)).start()
+        assert await_event(event, hour) == 1
+        assert await_event(event, time.monotonic_ns() - 10**9) == 0, "it is looked, and not slept"
+        os.eventfd_write(event, 1)
+        assert await_event(event, time.monotonic_ns() - 10**9) == 1
+    finally:
+        os.close(event)

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mesh_oracle import Cones
 
 from hhsim.arrays import FloatArray
 from hhsim.kernels.round_cone_distance import (
-    RoundCone,
     Spheres,
     cone_slope,
     round_cone_distances,
     sphere_pair_distances,
-    sphere_round_cone_distance,
 )
 
 Scene = tuple[FloatArray, float, FloatArray, FloatArray, float, float]
@@ -44,8 +43,19 @@ def brute_force(
 def kernel(
     center: FloatArray, radius: float, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
 ) -> tuple[float, float]:
-    distance, s = sphere_round_cone_distance(center, radius, a, b, radius_a, radius_b)
-    return float(distance), float(s)
+    distance, s = distances(center[None], np.array([radius]), a, b, radius_a, radius_b)
+    return float(distance[0]), float(s[0])
+
+
+def distances(
+    center: FloatArray, radius: FloatArray, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
+) -> tuple[FloatArray, FloatArray]:
+    cone = Cones(a[None], b[None], np.array([radius_a]), np.array([radius_b])).kernel(0)
+    out, count = np.full((2, len(radius) + 3), np.nan), len(radius)
+    x, y, z = np.ascontiguousarray(center.T)
+    round_cone_distances(Spheres(x, y, z, radius), count, cone, out[0], out[1])
+    assert np.isnan(out[:, count:]).all()
+    return out[0, :count], out[1, :count]
 
 
 def size(*parts: FloatArray | float) -> float:
@@ -171,31 +181,14 @@ def test_distance_is_convex_and_changes_no_faster_than_the_sphere_moves(scene: S
     assert middle <= 0.5 * (here + there) + 1e-9
 
 
-@given(st.integers(0, 2**32 - 1), st.sampled_from(["cone", "capsule", "sphere", "needle"]))
+@given(scenes(), st.integers(0, 40), st.integers(0, 2**32 - 1))
 @settings(max_examples=60)
-def test_vector_kernel_is_the_scalar_kernel(seed: int, kind: str) -> None:
+def test_many_spheres_on_the_vector_unit_are_each_alone(scene: Scene, count: int, seed: int) -> None:
     random = np.random.default_rng(seed)
-    count = int(random.integers(0, 40))
-    center, radius = random.uniform(-1.0, 1.0, (count + 3, 3)), random.uniform(0.0, 0.3, count + 3)
-    a, b, radius_a, radius_b = random.uniform(-1.0, 1.0, 3), random.uniform(-1.0, 1.0, 3), 0.3, 0.2
-    if kind == "capsule":
-        radius_b = radius_a
-    elif kind == "sphere":
-        b = a.copy()
-    elif kind == "needle":
-        radius_b = radius_a / 1000.0
-    length = float(np.linalg.norm(b - a))
-    tangent, inverse = cone_slope(length, radius_a, radius_b)
-    direction = (b - a) * inverse
-    distance_out, parameter_out = np.full(count + 3, np.nan), np.full(count + 3, np.nan)
-    x, y, z = (np.ascontiguousarray(center[:, i]) for i in range(3))
-    cone = RoundCone._make(map(float, (*a, *direction, length, tangent, inverse, radius_a, radius_a - radius_b)))
-    round_cone_distances(Spheres(x, y, z, radius), count, cone, distance_out, parameter_out)
+    center, radius = random.uniform(-1.0, 1.0, (count, 3)), random.uniform(0.0, 0.3, count)
+    together = np.array(distances(center, radius, *scene[2:])).T
     for i in range(count):
-        distance, s = kernel(center[i], float(radius[i]), a, b, radius_a, radius_b)
-        assert distance_out[i] == pytest.approx(distance, abs=1e-14)
-        assert parameter_out[i] == pytest.approx(s, abs=1e-13)
-    assert np.isnan(distance_out[count:]).all()
+        np.testing.assert_allclose(together[i], kernel(center[i], float(radius[i]), *scene[2:]), rtol=0.0, atol=1e-13)
 
 
 @given(st.integers(0, 2**32 - 1))

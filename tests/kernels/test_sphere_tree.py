@@ -10,7 +10,7 @@ from mesh_oracle import Cones
 from sphere_scenes import sphere_tree
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.kernels.round_cone_distance import sphere_round_cone_distance
+from hhsim.kernels.round_cone_distance import Spheres, round_cone_distances
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone, nearest_leaf_round_cone
 
 ROUNDING = 1e-12
@@ -34,9 +34,10 @@ def ball(center: FloatArray, radius: float) -> Cones:
 
 def distances(tree: TreeArrays, cone: Cones) -> FloatArray:
     """Signed distance [m] to every leaf."""
-    leaves = np.stack([tree.x, tree.y, tree.z, tree.radius], axis=1)[tree.leaf_start :]
-    ends = [values[0] for values in cone]
-    return np.array([sphere_round_cone_distance(leaf[:3].copy(), leaf[3], *ends)[0] for leaf in leaves])
+    leaves = Spheres(*(values[tree.leaf_start :] for values in (tree.x, tree.y, tree.z, tree.radius)))
+    distance, parameter = np.empty((2, len(leaves.x)))
+    round_cone_distances(leaves, len(distance), cone.kernel(0), distance, parameter)
+    return distance
 
 
 def gather(tree: TreeArrays, cone: Cones, margin: float, room: int) -> tuple[int, float, int, IntArray]:

@@ -4,10 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_oracle import to_cone
 from short_grasp import short_grasp, short_result
 
-from hhsim.kernels.jit import as_argument
-from hhsim.kernels.round_cone_distance import sphere_round_cone_distance
 from hhsim.render import replay_figure
 from hhsim.render.rasterizer import frame, look_from
 from hhsim.render.replay_figure import PhalanxForce, arrow, draw_replay, label, phalanx_forces, shown_tick
@@ -31,9 +30,8 @@ def test_each_force_begins_where_its_phalanx_touches(result: Result) -> None:
     for force in forces:
         finger = ("thumb", "index", "middle", "ring", "little").index(force.name.split(",")[0])
         k = ("proximal", "middle", "distal").index(force.name.split(", ")[1])
-        ends, radii = as_argument(joints[finger, k : k + 2]), result.static["hand/phalanx_radius"][finger, k : k + 2]
-        on_phalanx, _ = sphere_round_cone_distance(force.contact, 0.0, ends[0], ends[1], radii[0], radii[1])
-        assert abs(on_phalanx) < 1e-3
+        ends, radii = joints[finger, k : k + 2], result.static["hand/phalanx_radius"][finger, k : k + 2]
+        assert abs(to_cone(force.contact[None], *ends, *radii)[0]) < 1e-3
         assert min(np.linalg.norm(force.contact - center) - radius for center, radius in spheres) < 2e-3
     total = np.sum([force.force for force in forces], axis=0)
     np.testing.assert_allclose(total, result["force/phalanx"][shown_tick(result)].sum(axis=(0, 1)), atol=0.15)

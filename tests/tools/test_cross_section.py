@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mesh_oracle import to_cone
 
 from hhsim.hand.model import HandModel
-from hhsim.kernels.round_cone_distance import sphere_round_cone_distance
 from tools.cross_section import Plane, cut_mesh, cut_spheres, finger_plane, round_cone_outline
 from tools.shapes.generators import cube, sphere
 
@@ -70,11 +70,8 @@ def test_an_outline_is_where_the_round_cone_ends(length: float, thick: float, sh
     a = np.array([0.01, -0.02])
     b = a + length * np.array([np.cos(heading), np.sin(heading)])
     outline = round_cone_outline(a, b, thick, share * thick)
-    for corner in outline[::7]:
-        distance, _ = sphere_round_cone_distance(
-            np.array([*corner, 0.0]), 0.0, np.array([*a, 0.0]), np.array([*b, 0.0]), thick, share * thick
-        )
-        assert abs(distance) < 1e-9
+    corners, first, last = (np.pad(points, [(0, 0)] * (points.ndim - 1) + [(0, 1)]) for points in (outline[::7], a, b))
+    assert np.abs(to_cone(corners, first, last, thick, share * thick)).max() < 1e-9
 
 
 @pytest.mark.parametrize("finger", range(5))

@@ -9,6 +9,7 @@ the largest cost over the micro-triangles, each under its best sphere, bounds th
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hhsim.kernels.cover.inscribed_sphere import far_corner2, place_sphere
 from hhsim.kernels.cover.micro_triangle import MicroTriangles
@@ -279,3 +280,29 @@ def longest_edges(corner: Array, longest_out: Array) -> None:
     """Compute the longest edge [m] of each triangle, shape (M, 9)."""
     for i in range(corner.shape[0]):
         longest_out[i] = math.sqrt(longest_edge(triangle_at(corner, i))[1])
+
+
+@jit_allocating
+def spare_spheres(
+    candidates: Indices, first: Indices, order: Indices, second_owner: Indices, most: int, spared_out: NDArray[np.bool_]
+) -> int:
+    """Mark at most `most` spheres to remove, such that no micro-triangle loses both its best and its second.
+
+    Candidates are in order of preference; first and order are as of `sphere_descent.move_spheres`. Returns the number
+    of spheres.
+    """
+    needed = np.zeros(spared_out.shape[0], np.bool_)
+    spared_out[:] = False
+    count = 0
+    for j in candidates:
+        if count >= most:
+            break
+        possible = not needed[j]
+        for k in range(first[j], first[j + 1]):
+            possible = possible and not spared_out[second_owner[order[k]]]
+        if possible:
+            for k in range(first[j], first[j + 1]):
+                needed[second_owner[order[k]]] = True
+            spared_out[j] = True
+            count += 1
+    return count

@@ -1,6 +1,6 @@
-"""Descent of one sphere to where the micro-triangles that it has to cover cost it less.
+"""Descent of spheres, each to where the micro-triangles that it has to cover cost it less.
 
-Its cost as a function of its centre c is (distance of the farthest corner) − depth(c). Both terms have kinks where good
+The cost as a function of its centre c is (distance of the farthest corner) − depth(c). Both terms have kinks where good
 spheres lie: several corners equally far, several places of the surface equally near (the medial axis). So both are
 modelled by cuts, planes that touch them: the corners and the nearest places found so far. Each step goes to the minimum
 of the model plus a proximal term (a bundle method: Lemaréchal, 1975; Kiwiel, 1990), found in its dual, whose variables
@@ -15,6 +15,7 @@ import numpy as np
 from hhsim.kernels.cover.inscribed_sphere import depth_at
 from hhsim.kernels.cover.micro_triangle import MicroTriangles
 from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_allocating, jit_inline
+from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh
 
 _FAR = 10
@@ -233,3 +234,32 @@ def descend_sphere(
             step *= 0.6
     center[0], center[1], center[2] = x, y, z
     return cost, depth, max(step, 1e-3 * far), good
+
+
+@jit_allocating
+def move_spheres(
+    bvh: MeshBvh,
+    micro: MicroTriangles,
+    first: Indices,
+    order: Indices,
+    trials: int,
+    center: Array,
+    depth: Array,
+    step: Array,
+) -> int:
+    """Move every sphere that has micro-triangles by at most `trials` steps; in place.
+
+    Those of sphere j are order[first[j]:first[j + 1]]. Centres, depths and step lengths are in metres; a new sphere's
+    step is not positive. Returns the number of good steps.
+    """
+    stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
+    work = np.empty((WORK, 8))
+    total = 0
+    for j in range(depth.shape[0]):
+        begin, end = first[j], first[j + 1]
+        if begin < end:
+            _, depth[j], step[j], good = descend_sphere(
+                bvh, micro, order[begin:end], trials, step[j], center[j], work, stack, stack_distance2
+            )
+            total += good
+    return total

@@ -6,10 +6,10 @@ from typing import Any, cast
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from hhsim.kernels.clock import call_c
 from hhsim.kernels.jit import JIT_ENABLED, Record, jit
 
 Bytes = NDArray[np.uint8]
@@ -46,12 +46,10 @@ MISSES = np.dtype(
 
 def _pread(typing: Any, descriptor: Any, text: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        word, number = ir.IntType(64), ir.IntType(32)
+        word = ir.IntType(64)
         array = context.make_array(signature.args[1])(context, builder, arguments[1])
-        pointer = builder.bitcast(array.data, ir.IntType(8).as_pointer())
-        kind = ir.FunctionType(word, (number, pointer.type, word, word))
-        function = cgutils.get_or_insert_function(builder.module, kind, "pread")
-        return builder.call(function, (builder.trunc(arguments[0], number), pointer, array.nitems, word(0)))
+        file = builder.trunc(arguments[0], ir.IntType(32))
+        return call_c(builder, "pread", word, file, array.data, array.nitems, word(0))
 
     return types.int64(types.int64, text), generate
 

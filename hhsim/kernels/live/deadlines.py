@@ -7,9 +7,8 @@ there is one tick a period.
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.clock import monotonic_ns
+from hhsim.kernels.clock import monotonic_ns, sleep_until
 from hhsim.kernels.jit import Record, jit
-from hhsim.kernels.timed_wait import sleep_until
 
 PASSED = -1
 """Delay of a deadline that could not be slept for."""

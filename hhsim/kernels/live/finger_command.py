@@ -128,11 +128,8 @@ def update_command(
 ) -> int:
     """Compute the command of a tick, and return `safety`, with SOLVER_FAILED for an angle or force that is not finite.
 
-    Args:
-        flexion, orientation: Graphic hand's flexion [rad], shape (5, 3), and palm (w, x, y, z), world.
-        phalanx: Force on each phalanx [N], shape (5, 3, 3), world.
-        safety: Bits of the tick; any of them frees all fingers.
-        kept_free: 1 for fingers that must stay free, shape (5,).
+    Takes the graphic hand's flexion [rad], shape (5, 3), the force on each phalanx [N], shape (5, 3, 3), world, the
+    palm's (w, x, y, z), world, the tick's bits, any of which frees all fingers, and 1 for those kept free, shape (5,).
     """
     if not _measure(commander, flexion, phalanx):
         commander.force[:] = 0.0

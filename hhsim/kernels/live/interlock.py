@@ -46,14 +46,9 @@ def judge(
 ) -> int:
     """Compute the bits of a tick before it is solved; a bit stands as long as its reason does.
 
-    Args:
-        interlock: Record of `INTERLOCK`.
-        now, sample_ns, pose_ns: Present time, and those of sample and pose in use, -1 before the first.
-        usable: True if the newest sample can be used.
-        missed: Periods missed right before this tick, and one more if it began late, without a sleep.
-        watchdog_ns: Watchdog's last sign of life, 0 before the first; it is `armed` if it can reach the glove.
-        lost: True if the glove is gone.
-        stopping: True in the last ticks.
+    Sample and pose in use came at `sample_ns` and `pose_ns`, -1 before the first; the newest sample may be unusable.
+    `missed` counts the periods right before this tick, and one more if it began late, without a sleep. The watchdog's
+    last sign of life is 0 before the first; it is `armed` if it can reach the glove, which may be `lost`.
     """
     bits = interlock.always
     if sample_ns < 0 or pose_ns < 0:

@@ -4,13 +4,12 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, Union, cast
 
 import numpy as np
-from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
+from hhsim.kernels.clock import await_event, monotonic_ns, send_event, sleep_until, thread_cpu_ns
 from hhsim.kernels.jit import JIT_ENABLED, jit
 from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss, read_run_delay, read_steal
 from hhsim.kernels.live.deadlines import begin_periods, due_time, next_deadline, woken
@@ -24,7 +23,6 @@ from hhsim.kernels.live.tick import (
     publish_tick,
     waiting_since,
 )
-from hhsim.kernels.timed_wait import await_event, sleep_until
 
 if TYPE_CHECKING:
     from hhsim.kernels.free.block import FreeBlock
@@ -39,21 +37,13 @@ Block: TypeAlias = Union["TickBlock", "FreeBlock"]
 
 
 class SystemFiles(NamedTuple):
-    """System files of the loop.
+    """System files of the loop."""
 
-    Attributes:
-        descriptors: File descriptors of schedstat, /proc/stat, and the events that wake the driver and the loop; -1 for
-            none, shape (4,).
-        line, lines: Buffers for the text of the first two.
-        allowed: True for processors whose steal counts, by their numbers.
-        step: Unit of the steal counter, shape (1,) [ns].
-    """
-
-    descriptors: NDArray[np.int64]
-    line: Bytes
+    descriptors: NDArray[np.int64]  # of schedstat, /proc/stat, the driver's and the loop's event; -1 for none, (4,)
+    line: Bytes  # buffers for the text of the first two
     lines: Bytes
-    allowed: NDArray[np.bool_]
-    step: NDArray[np.int64]
+    allowed: NDArray[np.bool_]  # processors whose steal counts, by their numbers
+    step: NDArray[np.int64]  # unit of the steal counter [ns], (1,)
 
 
 def _call_block(typing: Any, address: Any, block: Any) -> Any:
@@ -68,29 +58,14 @@ def _call_block(typing: Any, address: Any, block: Any) -> Any:
     return types.int64(types.int64, block), generate
 
 
-def _write_event(typing: Any, descriptor: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        word, number = ir.IntType(64), ir.IntType(32)
-        one = cgutils.alloca_once_value(builder, word(1))
-        kind = ir.FunctionType(word, (number, one.type, word))
-        function = cgutils.get_or_insert_function(builder.module, kind, "write")
-        return builder.call(function, (builder.trunc(arguments[0], number), one, word(8)))
-
-    return types.int64(types.int64), generate
-
-
 if JIT_ENABLED:
     # Called by its address: a tick is the very code that a replay runs, compiled once.
     _run_block = cast(Callable[[int, Block], int], intrinsic(_call_block))
-    _wake = cast(Callable[[int], int], intrinsic(_write_event))
 
 else:
 
     def _run_block(address: int, block: Block) -> int:
         return address
-
-    def _wake(descriptor: int) -> int:
-        return 0
 
 
 @jit
@@ -100,7 +75,7 @@ def wake_driver(live: LiveArrays, descriptor: int, now: int) -> None:
     news = loop.arrived_ns >= 0 or loop.safety != loop.told
     if descriptor >= 0 and (news or now - loop.woken_ns >= loop.wake_ns):
         loop.woken_ns = now
-        _wake(descriptor)
+        send_event(descriptor)
 
 
 @jit

@@ -217,12 +217,7 @@ def _look_for_stuck(watch: Record, notes: Record, now: int) -> None:
 def use_sample(watch: Record, notes: Record, sample: Record, flexion_out: Array, abduction_out: Array) -> bool:
     """Judge a sample (`hhsim.live.device.GLOVE_SAMPLE`), set `watch.free` and write its plausible, finite angles.
 
-    Args:
-        flexion_out: [rad], shape (5, 3).
-        abduction_out: [rad], shape (5,).
-
-    Returns:
-        False if the sample is unusable and nothing was written.
+    Flexion [rad] has the shape (5, 3), abduction (5,). False if the sample is unusable and nothing was written.
     """
     for finger in range(FINGER_COUNT):
         for k in range(3):

@@ -4,9 +4,11 @@ The processes of a session share records without a lock: the command, and the pa
 version that is odd while they are being written.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.jit import Indices, as_int64, jit
@@ -17,7 +19,6 @@ from hhsim.kernels.live.interlock import DEVICE_LOST, DRY_RUN, NOT_FINITE, OVERR
 from hhsim.kernels.live.notes import BEGAN_INSIDE, DRIVER_SILENT, FULL, LONG_TICK, MISSED, REFUSED, SAFETY_CHANGED, note
 from hhsim.kernels.live.phase import count_phase, deadline_shift
 from hhsim.kernels.live.plausibility import use_sample
-from hhsim.kernels.live.tick_times import count_time
 from hhsim.kernels.parallel.atomic import fetch_add, load_acquire, store_release
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, STATUS_START_INSIDE, WORK_TOUCHING
 
@@ -68,21 +69,9 @@ Until the first tick of the shown hand the user's hand is kept as it was, so tha
 
 
 class LiveArrays(NamedTuple):
-    """Arrays that a tick of the loop reads and writes: records of shape (1,) but for the rings.
+    """Arrays that a tick of the loop reads and writes: records of shape (1,) but for the rings."""
 
-    Attributes:
-        loop, deadlines, phase, interlock, commander, watch, misses, notes: Records of the types of those
-            names in `hhsim.kernels.live`.
-        refused: A glove's unusable sample.
-        status: Session's record of `hhsim.live.ipc.status.LIVE_STATUS`.
-        row: Record of the tick.
-        ticks, ticks_written: Ring of these records, and the number written to it.
-        samples, samples_written: Ring of the glove's samples, and the number written to it.
-        wakeups, latencies, works: Bins of counted times.
-        largest: Largest of each, shape (3,).
-    """
-
-    loop: Any
+    loop: Any  # this and the next seven: of the types of those names in `hhsim.kernels.live`
     deadlines: Any
     phase: Any
     interlock: Any
@@ -90,17 +79,17 @@ class LiveArrays(NamedTuple):
     watch: Any
     misses: Any
     notes: Any
-    refused: Any
-    status: Any
-    row: Any
-    ticks: Any
+    refused: Any  # a glove's unusable sample
+    status: Any  # the session's, of `hhsim.live.ipc.status.LIVE_STATUS`
+    row: Any  # of the tick
+    ticks: Any  # ring of such rows
     ticks_written: Indices
-    samples: Any
+    samples: Any  # ring of the glove's samples
     samples_written: Indices
-    wakeups: Indices
+    wakeups: Indices  # bins of counted times, as the next two
     latencies: Indices
     works: Indices
-    largest: Indices
+    largest: Indices  # of each, (3,)
 
 
 @jit
@@ -327,6 +316,14 @@ def _publish(live: LiveArrays) -> None:
     written = live.ticks_written[0]
     live.ticks[written % live.ticks.shape[0]] = row
     store_release(live.ticks_written, as_int64(0), written + 1)
+
+
+@jit
+def count_time(counts: NDArray[np.int64], largest: NDArray[np.int64], ratio: float, time_ns: int) -> None:
+    """Count a time [ns], at least 1, in the bins of a `hhsim.system.log_histogram.LogHistogram` of this ratio."""
+    place = int(math.log(max(float(time_ns), 1.0)) / math.log(ratio))
+    counts[min(place, counts.shape[0] - 1)] += 1
+    largest[0] = max(largest[0], time_ns)
 
 
 @jit

@@ -13,6 +13,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from hhsim.kernels.clock import call_c
 from hhsim.kernels.jit import JIT_ENABLED, Indices, jit_inline
 
 WORD_BYTES = 8
@@ -62,20 +63,20 @@ def _pause(typing: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         name = PAUSES.get(platform.machine())
         if name is not None:
-            void = ir.FunctionType(ir.VoidType(), ())
-            builder.call(cgutils.get_or_insert_function(builder.module, void, name), ())
+            call_c(builder, name, ir.VoidType())
         return context.get_dummy_value()
 
     return types.void(), generate
 
 
 if JIT_ENABLED:
+    # Python too calls the first two, by the kernels below.
     _load = cast(Callable[[Indices, int], int], intrinsic(_load_acquire))
     _store = cast(Callable[[Indices, int, int], None], intrinsic(_store_release))
-    _add = cast(Callable[[Indices, int, int], int], intrinsic(_fetch_add))
-    _exchange = cast(Callable[[Indices, int, int, int], bool], intrinsic(_compare_exchange))
-    _wait = cast(Callable[[], None], intrinsic(_pause))
-    _yield_processor = types.ExternalFunction("sched_yield", types.int32())
+    fetch_add = cast(Callable[[Indices, int, int], int], intrinsic(_fetch_add))
+    compare_exchange = cast(Callable[[Indices, int, int, int], bool], intrinsic(_compare_exchange))
+    pause = cast(Callable[[], None], intrinsic(_pause))
+    yield_processor = types.ExternalFunction("sched_yield", types.int32())
 
 else:
 
@@ -85,21 +86,24 @@ else:
     def _store(array: Indices, index: int, value: int) -> None:
         array[index] = value
 
-    def _add(array: Indices, index: int, value: int) -> int:
+    def fetch_add(array: Indices, index: int, value: int) -> int:
+        """Add to array[index]; return the value before."""
         before = int(array[index])
         array[index] = before + value
         return before
 
-    def _exchange(array: Indices, index: int, expected: int, value: int) -> bool:
+    def compare_exchange(array: Indices, index: int, expected: int, value: int) -> bool:
+        """Set array[index] if it is `expected`; return True if it was."""
         if array[index] != expected:
             return False
         array[index] = value
         return True
 
-    def _wait() -> None:
-        pass
+    def pause() -> None:
+        """Execute the processor's instruction for a waiting loop."""
 
-    def _yield_processor() -> int:
+    def yield_processor() -> int:
+        """Yield the processor to another ready thread; return 0."""
         return 0
 
 
@@ -113,27 +117,3 @@ def load_acquire(array: Indices, index: int) -> int:
 def store_release(array: Indices, index: int, value: int) -> None:
     """Set array[index]; all that was written before is seen by its readers."""
     _store(array, index, value)
-
-
-@jit_inline
-def fetch_add(array: Indices, index: int, value: int) -> int:
-    """Add to array[index]; return the value before."""
-    return _add(array, index, value)
-
-
-@jit_inline
-def compare_exchange(array: Indices, index: int, expected: int, value: int) -> bool:
-    """Set array[index] if it is `expected`; return True if it was."""
-    return _exchange(array, index, expected, value)
-
-
-@jit_inline
-def pause() -> None:
-    """Execute the processor's instruction for a waiting loop."""
-    _wait()
-
-
-@jit_inline
-def yield_processor() -> None:
-    """Yield the processor to another ready thread."""
-    _yield_processor()

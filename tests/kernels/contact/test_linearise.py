@@ -9,6 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from sphere_scenes import PALM, brute_pairs, set_pose, still
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, limit_start
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.solver.workspace import tick_state
@@ -81,20 +82,23 @@ def test_relaxed_rows_allow_standing_still_wherever_nothing_penetrates(seed: int
     np.testing.assert_array_equal(relaxed[~near], strict[~near])
 
 
+def about_limits(seed: int, beyond: float) -> tuple[np.random.Generator, Any, FloatArray, FloatArray, FloatArray]:
+    """A hand, its flexion [rad], and where each joint may go: one beyond its limits by no more than it is."""
+    random, state = np.random.default_rng(seed), tick_state(ROOT**2)[0]
+    flexion = random.uniform(RIGHT.flexion_min - beyond, RIGHT.flexion_max + beyond)
+    set_pose(RIGHT, state.pose, still(1, np.zeros(3), flexion=flexion))
+    return random, state, flexion, np.minimum(flexion, RIGHT.flexion_min), np.maximum(flexion, RIGHT.flexion_max)
+
+
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.4]))
 @settings(max_examples=40)
 def test_limit_rows_say_what_the_limits_say(seed: int, beyond: float) -> None:
-    random = np.random.default_rng(seed)
-    state = tick_state(ROOT**2)[0]
-    flexion = random.uniform(RIGHT.flexion_min - beyond, RIGHT.flexion_max + beyond)
-    set_pose(RIGHT, state.pose, still(1, np.zeros(3), flexion=flexion))
+    random, state, flexion, low, high = about_limits(seed, beyond)
     state.contacts.start[:] = 0
     state.problem.common[:] = np.nan
     state.problem.block[:] = np.nan
     build_rows(RIGHT.arrays(), state.pose, state.contacts, 5e-7, False, state.problem)
     assert limit_start(state.contacts, 5) == LIMIT_ROWS
-    # A joint within its limits stays there; one beyond goes no further.
-    low, high = np.minimum(flexion, RIGHT.flexion_min), np.maximum(flexion, RIGHT.flexion_max)
     step = random.normal(0.0, 1.0, (5, 3))
     reached = flexion + step
     for f in range(5):
@@ -109,16 +113,12 @@ def test_limit_rows_say_what_the_limits_say(seed: int, beyond: float) -> None:
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.4]))
 @settings(max_examples=40)
 def test_a_clamped_step_is_the_nearest_within_the_limits(seed: int, beyond: float) -> None:
-    random = np.random.default_rng(seed)
-    state = tick_state(ROOT**2)[0]
-    flexion = random.uniform(RIGHT.flexion_min - beyond, RIGHT.flexion_max + beyond)
-    set_pose(RIGHT, state.pose, still(1, np.zeros(3), flexion=flexion))
+    random, state, flexion, low, high = about_limits(seed, beyond)
     wanted = random.normal(0.0, 1.0, DOF)
     step = wanted.copy()
     for finger in range(5):
         clamp_to_limits(RIGHT.arrays(), state.pose, finger, step)
     np.testing.assert_array_equal(step[:6], wanted[:6])
-    low, high = np.minimum(flexion, RIGHT.flexion_min), np.maximum(flexion, RIGHT.flexion_max)
     reached = np.clip(flexion + wanted[6:].reshape(5, 3), low, high)
     np.testing.assert_allclose(flexion + step[6:].reshape(5, 3), reached, atol=1e-15)
 

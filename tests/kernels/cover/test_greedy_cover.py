@@ -1,17 +1,28 @@
 """Greedy cover, assignment, radii and certificate, each against brute force or dense sampling."""
 
 from collections.abc import Iterable
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.cover.certify import certify_cover
-from hhsim.kernels.cover.greedy_cover import assign, covering_radius, greedy_cover, longest_edges, owner_cost
+from hhsim.kernels.cover.greedy_cover import (
+    assign,
+    covering_radius,
+    greedy_cover,
+    longest_edges,
+    owner_cost,
+    spare_spheres,
+)
 from hhsim.kernels.cover.micro_triangle import cut_mesh, edges_for
 from hhsim.kernels.cover.sampled_error import exposed, union_distance
+from hhsim.kernels.cover.sphere_descent import move_spheres
 from hhsim.kernels.kd_tree import subtrees
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
 from hhsim.trees.error import sample_mesh
@@ -33,15 +44,15 @@ def far_corner(corner: FloatArray, center: FloatArray) -> FloatArray:
 class Case:
     """A greedy cover and all that it was made from."""
 
-    def __init__(self, shape: trimesh.Trimesh) -> None:
+    def __init__(self, shape: trimesh.Trimesh, spheres: int = SPHERES, pieces: int = 24 * SPHERES) -> None:
         self.vertices, self.faces = np.array(shape.vertices, float), np.array(shape.faces, np.int64)
         self.corner = self.vertices[self.faces].reshape(-1, 9)
         self.bvh = build_mesh_bvh(self.vertices, self.faces)
-        edge = edges_for(self.corner, np.ones(len(self.corner)), 24 * SPHERES)
+        edge = edges_for(self.corner, np.ones(len(self.corner)), pieces)
         self.micro = cut_mesh(self.corner, face_normals(self.vertices, self.faces), edge)
-        self.center, self.depth = np.empty((SPHERES, 3)), np.empty(SPHERES)
+        self.center, self.depth = np.empty((spheres, 3)), np.empty(spheres)
         self.owner, self.cost = np.empty(len(self.micro.corner), np.int64), np.empty(len(self.micro.corner))
-        count = self.place(0, SPHERES)
+        count = self.place(0, spheres)
         self.center, self.depth = self.center[:count], self.depth[:count]
         self.radius = np.empty(count)
         covering_radius(self.micro, self.center, self.owner, self.radius)
@@ -205,3 +216,42 @@ def test_exposed_is_brute_force() -> None:
     distance[np.arange(2000), owner] = np.inf
     assert np.array_equal(free, distance.min(axis=1) >= 0.0)
     assert free.any() and not free.all()
+
+
+def groups(owner: IntArray, spheres: int) -> tuple[IntArray, IntArray]:
+    order = np.argsort(owner, kind="stable")
+    return np.searchsorted(owner, np.arange(spheres + 1), sorter=order), order
+
+
+def test_moved_balls_cost_less() -> None:
+    spheres = 30
+    case = Case(SHAPES["torus"], spheres, 3000)
+    bvh, micro, center, depth, owner, cost = case.bvh, case.micro, case.center, case.depth, case.owner, case.cost
+    step, second, second_cost = np.zeros(spheres), np.empty_like(owner), np.empty_like(cost)
+    worst = [cost.max()]
+    for _ in range(10):
+        first, order = groups(owner, spheres)
+        assert move_spheres(bvh, micro, first, order, 6, center, depth, step) > 0
+        assert depth == pytest.approx(-mesh_signed_distance(bvh, center), abs=1e-15)
+        assert (depth > 0.0).all() and (step[first[1:] > first[:-1]] > 0.0).all()
+        assign(micro, 0, center, depth, owner, cost, second, second_cost)
+        worst.append(cost.max())
+    assert all(after <= before * (1.0 + 1e-9) for before, after in pairwise(worst))
+    assert worst[-1] < 0.75 * worst[0]
+
+
+@settings(max_examples=80)
+@given(st.integers(2, 12), st.integers(1, 60), st.integers(0, 2**31), st.integers(1, 12))
+def test_spared_balls_are_not_missed(spheres: int, count: int, seed: int, most: int) -> None:
+    rng = np.random.default_rng(seed)
+    owner = rng.integers(spheres, size=count)
+    second = (owner + rng.integers(1, spheres, size=count)) % spheres
+    (first, order), spared = groups(owner, spheres), np.empty(spheres, np.bool_)
+    candidates = rng.permutation(spheres)[: rng.integers(spheres + 1)]
+    chosen = spare_spheres(candidates, first, order, second, most, spared)
+    assert spared.sum() == chosen <= most
+    assert set(np.flatnonzero(spared)) <= set(candidates.tolist())
+    lost = spared[owner]
+    assert not spared[second[lost]].any()
+    assert (chosen > 0) == (len(candidates) > 0)
+    assert len(candidates) == 0 or spared[candidates[0]]

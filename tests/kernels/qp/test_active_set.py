@@ -186,17 +186,6 @@ def test_grouped_rows_stand_for_their_dense_matrix(solver: str, m: int) -> None:
         np.testing.assert_allclose(outcome.x, expected, atol=1e-11 if solver == "quadprog" else 1e-6)
 
 
-def test_grouped_and_dense_layout_agree_row_by_row() -> None:
-    rng = np.random.default_rng(8)
-    for _ in range(50):
-        rows, target = grouped_set(rng, 80)
-        used = used_rows(rows)
-        grouped = solve_rows(rows, target)
-        dense = solve_dense(rows.matrix[used], rows.rhs[used], target)
-        np.testing.assert_allclose(grouped.x, dense.x, atol=1e-11)
-        np.testing.assert_allclose(grouped.multiplier[used], dense.multiplier, atol=1e-10)
-
-
 def test_no_rows_leaves_the_target() -> None:
     target = np.array([1.0, -2.0, 3.0])
     outcome = solve_dense(np.zeros((0, 3)), np.zeros(0), target)

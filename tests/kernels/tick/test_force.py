@@ -251,22 +251,14 @@ def nearest_on_hand(
     return normal, middle - radius * normal
 
 
-def test_without_contact_there_is_no_force() -> None:
-    for force in ("kkt", "paper"):
-        solver = HandSolver(RIGHT, BALL.arrays(), SolverOptions(force=force))
-        record = solver.run(*still(3, [0.0, 0.0, 0.3]))
-        for values in (record.phalanx, record.total, record.fingertip_normal, record.palm_wrench):
-            np.testing.assert_allclose(values, 0.0, atol=1e-9)
-
-
-def test_forces_end_with_the_contact() -> None:
+def test_forces_begin_and_end_with_the_contact() -> None:
     goal = still(1, OVER_THE_BALL - [0.0, 0.0, 0.006], flexion=CURL)
     away = still(1, OVER_THE_BALL + [0.0, 0.0, 0.1], flexion=np.zeros((5, 3)))
     for force in ("kkt", "paper"):
         solver = HandSolver(RIGHT, BALL.arrays(), SolverOptions(force=force))
-        solver.run(*straight_line(away, goal, 200))
-        record = solver.run(*straight_line(goal, away, 200))
-        assert np.linalg.norm(record.total[0]) > 1.0
-        np.testing.assert_allclose(record.total[-1], 0.0, atol=1e-9)
-        np.testing.assert_allclose(record.phalanx[-1], 0.0, atol=1e-9)
-        np.testing.assert_allclose(record.fingertip_normal[-1], 0.0, atol=1e-9)
+        before = solver.run(*straight_line(away, goal, 200))
+        after = solver.run(*straight_line(goal, away, 200))
+        assert np.linalg.norm(after.total[0]) > 1.0
+        for record, tick in ((before, 0), (after, -1)):
+            for values in (record.phalanx, record.total, record.fingertip_normal, record.palm_wrench):
+                np.testing.assert_allclose(values[tick], 0.0, atol=1e-9)

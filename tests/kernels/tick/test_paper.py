@@ -151,18 +151,6 @@ def test_a_tick_is_one_linearisation_unless_more_are_asked_for() -> None:
     assert (paper(RIGHT, BALL, grasp(50, 10), linearisations=3).work[:, WORK_LINEARISATIONS] == 3).all()
 
 
-@pytest.mark.parametrize("force", ["paper", "kkt"])
-def test_the_same_input_gives_the_same_bytes_in_blocks_of_any_size(force: str) -> None:
-    motion = random_targets(RIGHT, 300, 3, sweep=True)
-    whole = paper(RIGHT, BALL, motion, force=force)
-    for size in (300, 7):
-        solver = HandSolver(RIGHT, BALL.arrays(), SolverOptions(method="paper", force=force))
-        blocks = [solver.run(*motion.part(first, first + size)) for first in range(0, 300, size)]
-        for name in set(whole._fields) - TIMINGS:
-            joined = np.concatenate([getattr(block, name) for block in blocks])
-            assert joined.tobytes() == getattr(whole, name).tobytes(), (name, size)
-
-
 def test_a_hand_in_free_space_is_the_haptic_hand() -> None:
     far = sphere_tree(np.array([[5.0, 0.0, 0.0]]), np.array([0.01]))
     motion = random_targets(RIGHT, 200, 4, hold=1, sweep=True)

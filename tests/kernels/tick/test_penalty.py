@@ -16,7 +16,6 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
 from hhsim.kernels.tick.penalty import LIMIT_WEIGHT
 from hhsim.kernels.tick.state import (
-    STATUS_INPUT_INVALID,
     STATUS_START_INSIDE,
     WORK_CANDIDATES,
     WORK_QP_ITERATIONS,
@@ -230,26 +229,6 @@ def test_a_hand_too_deep_for_the_arrays_is_pushed_by_its_deepest_pairs() -> None
     assert record.work[:, WORK_CANDIDATES].max() > 2048
     for values in record:
         assert np.isfinite(values).all()
-
-
-def test_the_same_input_gives_the_same_bytes_in_blocks_of_any_size() -> None:
-    motion = random_targets(HAND, 300, 7, sweep=True)
-    whole = solver_of(BALL).run(*motion)
-    solver = solver_of(BALL)
-    parts = [solver.run(*motion.part(first, last)) for first, last in ((0, 1), (1, 150), (150, 300))]
-    for name in whole._fields:
-        if not name.startswith("duration"):
-            again = np.concatenate([getattr(part, name) for part in parts])
-            assert again.tobytes() == getattr(whole, name).tobytes(), name
-
-
-def test_input_that_is_not_finite_is_held() -> None:
-    motion = onto_the_ball(20)
-    bad = motion._replace(position=motion.position.copy())
-    bad.position[205:208, 1] = np.nan
-    fine, found = (solver_of(BALL).run(*values) for values in (motion, bad))
-    np.testing.assert_array_equal(np.flatnonzero(found.status & STATUS_INPUT_INVALID), [205, 206, 207])
-    np.testing.assert_array_equal(found.joints, fine.joints)
 
 
 def test_a_joint_is_shown_at_its_limit_and_passes_the_force_on() -> None:

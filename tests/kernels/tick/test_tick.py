@@ -101,7 +101,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", (*METHODS, "penalty"))
 @pytest.mark.parametrize("name", BAD)
 def test_input_that_is_not_finite_is_held(name: str, method: str) -> None:
     channel, index, value = BAD[name]

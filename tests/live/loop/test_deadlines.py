@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from live_scripted import WAKING_NS, Deadlines, FakeClock
 
 from hhsim.kernels.live.deadlines import EARLIEST, NOTHING
-from hhsim.kernels.live.tick_times import count_time
+from hhsim.kernels.live.tick import count_time
 from hhsim.live.loop.loop import time_summary
 from hhsim.system.log_histogram import LogHistogram
 
