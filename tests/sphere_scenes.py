@@ -191,7 +191,7 @@ def prepared(solver: HandSolver, motion: Motion, tick: int, relaxed: bool = Fals
     state.program.is_relaxed = relaxed
     hand, surface = solver.workspace.hand, solver.workspace.surface
     # Whole lists, as a tick has them made where its step goes beyond those that wait.
-    state.candidates.leeway = 0.0
+    state.candidates.allowed_deficit = 0.0
     evaluate(hand, state.pose, surface, options.margin, options.margin, options.skin, state.candidates, state.work)
     return int(build_program(hand, surface, options, state))
 

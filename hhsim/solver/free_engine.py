@@ -80,7 +80,7 @@ class FreeEngine:
         state, plain = self.states[0], workspace.states[0]
         for name in ("modelled", "stiffness"):
             state[name][:] = plain[name]
-        state.candidates.fresh[:] = plain.candidates.fresh
+        state.candidates.gathered_slack[:] = plain.candidates.gathered_slack
         state.candidates.nearest[:] = np.inf
         state.problem.inverse_root[:] = plain.problem.inverse_root
         state.free_problem.inverse_root[:] = plain.problem.inverse_root

@@ -125,7 +125,7 @@ def tick_state(stiffness: FloatArray, modelled: BoolArray | None = None, surface
         pose.orientation[0] = 1.0
         pose.rotation[:] = np.eye(3)
     state.modelled[:] = True if modelled is None else modelled
-    state.candidates.fresh[:] = np.where(state.modelled == 1, -np.inf, np.inf)
+    state.candidates.gathered_slack[:] = np.where(state.modelled == 1, -np.inf, np.inf)
     state.candidates.nearest[:] = np.inf
     state.problem.inverse_root[:] = 1.0 / np.sqrt(stiffness)
     state.stiffness[:] = stiffness

@@ -75,23 +75,23 @@ def _point(hand: HandArrays, pose: Record, body: int, i: int) -> tuple[float, fl
 def follow_motion(hand: HandArrays, pose: Record, candidates: Record) -> None:
     """Reduce the slack of each body by its distance from where it was gathered."""
     for body in range(BODY_COUNT):
-        fresh, before = candidates.fresh[body], candidates.slack[body]
-        candidates.pace[body] = np.inf
-        if not -np.inf < fresh < np.inf:
-            candidates.slack[body] = fresh
+        gathered, before = candidates.gathered_slack[body], candidates.slack[body]
+        candidates.slack_change[body] = np.inf
+        if not -np.inf < gathered < np.inf:
+            candidates.slack[body] = gathered
             continue
         most = 0.0
         for i in range(2 if body < PALM_BODY else BOX_CORNERS):
             x, y, z = _point(hand, pose, body, i)
             anchor = candidates.anchor[body, i]
             most = max(most, (x - anchor[0]) ** 2 + (y - anchor[1]) ** 2 + (z - anchor[2]) ** 2)
-        candidates.slack[body] = fresh - math.sqrt(most)
-        candidates.pace[body] = abs(candidates.slack[body] - before)
+        candidates.slack[body] = gathered - math.sqrt(most)
+        candidates.slack_change[body] = abs(candidates.slack[body] - before)
 
 
 @jit
 def _set_anchor(hand: HandArrays, pose: Record, body: int, candidates: Record) -> None:
-    candidates.fresh[body] = candidates.slack[body]
+    candidates.gathered_slack[body] = candidates.slack[body]
     for i in range(2 if body < PALM_BODY else BOX_CORNERS):
         x, y, z = _point(hand, pose, body, i)
         anchor = candidates.anchor[body, i]
@@ -115,20 +115,20 @@ def choose_gathers(needed: float, margin: float, skin: float, candidates: Record
     has gathered already gathers nothing ahead of need.
     """
     candidates.needed = needed
-    must = needed - candidates.leeway
+    must = needed - candidates.allowed_deficit
     soonest, least = -1, np.inf
     stale, longest = -1, LONG
     for body in range(BODY_COUNT):
         # Far from the object a long step leaves little slack, which would bound the next one; a walk there is cheap.
-        slack, fresh = candidates.slack[body], candidates.fresh[body]
-        due = slack < must or (fresh > FAR * (margin + skin) and slack < 0.5 * fresh)
+        slack, gathered = candidates.slack[body], candidates.gathered_slack[body]
+        due = slack < must or (gathered > FAR * (margin + skin) and slack < 0.5 * gathered)
         candidates.due[body] = 1 if due else 0
-        moved, count = fresh - slack, candidates.count[body]
+        moved, count = gathered - slack, candidates.count[body]
         if due:
             least, longest = -np.inf, np.inf
-        elif slack < least and moved > 0.0 and slack < needed + AHEAD * min(skin, fresh - needed):
+        elif slack < least and moved > 0.0 and slack < needed + AHEAD * min(skin, gathered - needed):
             soonest, least = body, slack
-        elif count > longest and moved > STALE * needed and LASTS * candidates.pace[body] < STALE * needed:
+        elif count > longest and moved > STALE * needed and LASTS * candidates.slack_change[body] < STALE * needed:
             stale, longest = body, count
     if work[COUNT_GATHERS] > 0:
         return
@@ -165,7 +165,7 @@ def evaluate_range(
             _set_anchor(hand, pose, body, candidates)
         else:
             # The others continue, so that the outcome does not depend on the order.
-            candidates.fresh[body] = -np.inf
+            candidates.gathered_slack[body] = -np.inf
             status = FULL
     for body in range(first, last):
         if candidates.count[body] == 0:
@@ -207,8 +207,9 @@ def evaluate(
 ) -> int:
     """Compute the distances of all near pairs at `pose`, whose kinematics are up to date; return 0, or FULL.
 
-    Bodies whose slack is used up are gathered. Every pair up to `needed` [m], less `candidates.leeway`, is known;
-    `margin` is the most that is ever needed [m], and `skin` [m] is added to it so that lists last for several ticks.
+    Bodies whose slack is used up are gathered. Every pair up to `needed` [m], less the candidates' `allowed_deficit`, is
+    known; `margin` is the most that is ever needed [m], and `skin` [m] is added to it so that lists last for several
+    ticks.
     Node tests, pair tests and gathers are counted in `work`.
     """
     follow_motion(hand, pose, candidates)

@@ -17,13 +17,13 @@ from hhsim.kernels.round_cone_distance import RoundCone
 SHARED_CANDIDATES = [
     ("count", np.int64, (BODY_COUNT,)),  # pairs of each body, or those measured
     ("slack", np.float64, (BODY_COUNT,)),  # least distance of a piece not listed [m]; -inf: to be gathered
-    ("fresh", np.float64, (BODY_COUNT,)),  # slack when it was gathered [m]; -inf before, inf if it never is
-    ("pace", np.float64, (BODY_COUNT,)),  # change of the slack since the last evaluation [m]
+    ("gathered_slack", np.float64, (BODY_COUNT,)),  # slack when it was gathered [m]; -inf before, inf if it never is
+    ("slack_change", np.float64, (BODY_COUNT,)),  # change of the slack since the last evaluation [m]
     ("anchor", np.float64, (BODY_COUNT, BOX_CORNERS, 3)),  # ends of its axis, or corners of the palm's box then [m]
     ("nearest", np.float64, (BODY_COUNT,)),  # least signed distance, infinite without a pair [m]
     ("due", np.int64, (BODY_COUNT,)),  # 1 to gather now, 2 ahead of need, else 0
     ("needed", np.float64),  # slack that no body should have less of now [m]
-    ("leeway", np.float64),  # slack missing before a body must be gathered: it bounds the step then [m]
+    ("allowed_deficit", np.float64),  # slack missing before a body must be gathered: it bounds the step then [m]
 ]
 """Fields of the candidates of every surface, besides two of its own size for a walk, int64: `scratch` and `stack`."""
 

@@ -65,6 +65,6 @@ def next_tier(tier: int, depth: float, moved: float, needed: float, least: float
 
 
 @jit_inline
-def moved_since(fresh: float, slack: float) -> float:
-    """Compute how far a body has moved at most [m] since its slack was `fresh`; infinite where that is infinite."""
-    return fresh - slack if fresh < np.inf else np.inf
+def moved_since(gathered: float, slack: float) -> float:
+    """Compute how far a body has moved at most [m] since its slack was `gathered`; infinite where that is infinite."""
+    return gathered - slack if gathered < np.inf else np.inf

@@ -58,12 +58,12 @@ from hhsim.kernels.triangle import Triangle, closest_on_triangle, triangle_at
 PALM_SPHERES = 1024
 PROBES = PALM_BODY + PALM_SPHERES
 """Number of bodies with lists of their own: the phalanges, then the palm's spheres."""
-PHALANX_ROOM = 4088
-PALM_ROOM = 32768
-ROOM = PALM_BODY * PHALANX_ROOM + PALM_ROOM
+PHALANX_CAPACITY = 4088
+PALM_CAPACITY = 32768
+CAPACITY = PALM_BODY * PHALANX_CAPACITY + PALM_CAPACITY
 """Most faces near a phalanx, near the palm, and in all; as many edges, as many vertices. Odd numbers of cache lines,
 see `CONTACT_ROWS`."""
-FOUND_ROOM = 4 * PHALANX_ROOM
+FOUND_CAPACITY = 4 * PHALANX_CAPACITY
 """Most faces whose spheres are near a probe: more than faces that are near, if they are small."""
 LINE = 8
 """Values in a cache line."""
@@ -89,15 +89,15 @@ SOON = 0.7
 AHEAD_SPHERES = 2
 """Number of the palm's spheres that a tick with nothing else to gather gathers ahead of need: of those whose slack
 exceeds what is needed by less than this share of the way to the reach."""
-PACE = 2.5
+REACH_RATIO = 2.5
 """Least reach of a list as a multiple of what is needed, so that a fast hand's lasts for some ticks too."""
-CROWD = 512
-SHARES = (1.0, 0.3, 0.1, 0.03, 0.01)
+LONG_LIST = 512
+SKIN_SHARES = (1.0, 0.3, 0.1, 0.03, 0.01)
 """With more features than this within the reach of a probe, the next share of the way from what is needed to that reach
 is tried, so that gathering is fast however fine the mesh is."""
-CROWD_FACES = 2 * CROWD
+MOST_FACES = 2 * LONG_LIST
 """Largest number of faces whose spheres are near for which the walk goes on to its end."""
-LAST_SHARES = (0.25, 0.06, 0.015)
+NEEDED_SHARES = (0.25, 0.06, 0.015)
 """Shares of what is needed, tried if even that does not fit; the steps are then as short."""
 KINDS = 3
 """Faces, edges, vertices."""
@@ -108,18 +108,22 @@ FLAT = np.inf
 
 CANDIDATES = np.dtype(
     [
-        ("face", np.int64, (ROOM,)),  # features near the probes, by index in `MeshFeatures`
-        ("edge", np.int64, (ROOM,)),
-        ("vertex", np.int64, (ROOM,)),
-        ("face_distance", np.float64, (ROOM,)),  # signed distances [m]
-        ("edge_distance", np.float64, (ROOM,)),
-        ("vertex_distance", np.float64, (ROOM,)),
-        ("face_plane", np.float64, (FACE_FIELDS, ROOM)),  # copies of the features, field by field
-        ("edge_line", np.float64, (EDGE_FIELDS, ROOM)),
-        ("vertex_point", np.float64, (3, ROOM)),
-        ("edge_end", np.float64, (ROOM,)),  # signed distance of the nearer end of a phalanx that is over the edge [m]
-        ("edge_parameter", np.float64, (ROOM,)),  # s of the witness on the axis [m]
-        ("vertex_parameter", np.float64, (ROOM,)),
+        ("face", np.int64, (CAPACITY,)),  # features near the probes, by index in `MeshFeatures`
+        ("edge", np.int64, (CAPACITY,)),
+        ("vertex", np.int64, (CAPACITY,)),
+        ("face_distance", np.float64, (CAPACITY,)),  # signed distances [m]
+        ("edge_distance", np.float64, (CAPACITY,)),
+        ("vertex_distance", np.float64, (CAPACITY,)),
+        ("face_plane", np.float64, (FACE_FIELDS, CAPACITY)),  # copies of the features, field by field
+        ("edge_line", np.float64, (EDGE_FIELDS, CAPACITY)),
+        ("vertex_point", np.float64, (3, CAPACITY)),
+        (
+            "edge_end",
+            np.float64,
+            (CAPACITY,),
+        ),  # signed distance of the nearer end of a phalanx that is over the edge [m]
+        ("edge_parameter", np.float64, (CAPACITY,)),  # s of the witness on the axis [m]
+        ("vertex_parameter", np.float64, (CAPACITY,)),
         ("faces", np.int64, (PROBES,)),  # number of features of each probe
         ("edges", np.int64, (PROBES,)),
         ("vertices", np.int64, (PROBES,)),
@@ -127,12 +131,12 @@ CANDIDATES = np.dtype(
         ("tier_depth", np.float64, (PROBES,)),  # depth of a tier [m]
         ("measured", np.int64, (PROBES, KINDS)),  # number of features measured: the first ones
         ("own", np.float64, (PROBES,)),  # slack of each probe when it was gathered [m]
-        ("spare", np.float64, (PROBES,)),  # slack of each of the palm's spheres beyond that of the palm [m]
+        ("extra_slack", np.float64, (PROBES,)),  # slack of each of the palm's spheres beyond that of the palm [m]
         ("least", np.float64, (PROBES,)),  # least distance of each probe [m]
-        ("share", np.int64, (PROBES,)),  # index in `SHARES` of each probe's last gathering
+        ("skin_share", np.int64, (PROBES,)),  # index in `SKIN_SHARES` of each probe's last gathering
         ("near", np.float64, (PROBES, BRANCHING)),  # workspace of a walk, as the last two
         *SHARED_CANDIDATES,
-        ("scratch", np.int64, (FOUND_ROOM + 2 * OWNED,)),
+        ("scratch", np.int64, (FOUND_CAPACITY + 2 * OWNED,)),
         ("stack", np.int64, (STACK_SIZE,)),
     ],
     align=True,
@@ -149,15 +153,15 @@ class Probe(NamedTuple):
 
 
 @jit_inline
-def _palm_room(hand: HandArrays) -> int:
-    return LINE * ((min(PHALANX_ROOM, PALM_ROOM // hand.palm_radius.shape[0]) // LINE - 1) | 1)
+def _palm_capacity(hand: HandArrays) -> int:
+    return LINE * ((min(PHALANX_CAPACITY, PALM_CAPACITY // hand.palm_radius.shape[0]) // LINE - 1) | 1)
 
 
 @jit_inline
 def _start(hand: HandArrays, probe: int) -> int:
     if probe < PALM_BODY:
-        return probe * PHALANX_ROOM
-    return PALM_BODY * PHALANX_ROOM + (probe - PALM_BODY) * _palm_room(hand)
+        return probe * PHALANX_CAPACITY
+    return PALM_BODY * PHALANX_CAPACITY + (probe - PALM_BODY) * _palm_capacity(hand)
 
 
 @jit_inline
@@ -188,14 +192,14 @@ def _measured_count(candidates: Record, which: int) -> int:
 def _list_features(
     mesh: MeshFeatures,
     probe: Probe,
-    room: int,
+    capacity: int,
     most_faces: int,
     reach: float,
     candidates: Record,
     walk: Walk,
     work: Indices,
 ) -> float:
-    """List the features of a probe; return its slack [m], a negative infinity if there is no room."""
+    """List the features of a probe; return its slack [m], a negative infinity if they do not fit."""
     which, cone, start = probe
     far = _pair_count(candidates, which) == 0 and candidates.own[which] > reach
     look_out = LOOK_OUT * reach if far else reach
@@ -229,7 +233,7 @@ def _list_features(
             if triangle > reach:
                 slack = min(slack, triangle)
                 continue
-            if faces >= start + room:
+            if faces >= start + capacity:
                 return -np.inf
             listed = inside <= reach
             face_out[faces], face_near[faces] = face, inside
@@ -248,7 +252,7 @@ def _list_features(
             prefetch(mesh.vertex, batch_vertices[i], VERTEX_BYTES)
             prefetch(mesh.spoke, spoke_start[batch_vertices[i]], SPOKE_BYTES)
         for i in range(own_edges):
-            if edges >= start + room:
+            if edges >= start + capacity:
                 return -np.inf
             edge = batch_edges[i]
             near = edge_bound(mesh, edge, cone, tolerance, reach)
@@ -257,7 +261,7 @@ def _list_features(
             edges += 1 if listed else 0
             slack = min(slack, np.inf if listed else near)
         for i in range(own_vertices):
-            if vertices >= start + room:
+            if vertices >= start + capacity:
                 return -np.inf
             vertex = batch_vertices[i]
             near = vertex_bound(mesh, vertex, cone, tolerance)
@@ -317,21 +321,21 @@ def _gather_probe(
 ) -> float:
     """List the features of a probe as far as they fit; return its slack [m], a negative infinity if none do."""
     probe = _probe(hand, pose, which)
-    room = PHALANX_ROOM if which < PALM_BODY else _palm_room(hand)
-    needed, last = candidates.needed, len(SHARES) - 1
-    reach = max(reach, PACE * needed)
+    capacity = PHALANX_CAPACITY if which < PALM_BODY else _palm_capacity(hand)
+    needed, last = candidates.needed, len(SKIN_SHARES) - 1
+    reach = max(reach, REACH_RATIO * needed)
     slack = -np.inf
-    for k in range(candidates.share[which], len(SHARES) + len(LAST_SHARES)):
+    for k in range(candidates.skin_share[which], len(SKIN_SHARES) + len(NEEDED_SHARES)):
         if k <= last:
-            least = needed + SHARES[k] * max(reach - needed, 0.0)
+            least = needed + SKIN_SHARES[k] * max(reach - needed, 0.0)
         else:
-            least = LAST_SHARES[k - len(SHARES)] * needed
-        most, most_faces = (min(CROWD, room), CROWD_FACES) if k < last else (room, FOUND_ROOM)
+            least = NEEDED_SHARES[k - len(SKIN_SHARES)] * needed
+        most, most_faces = (min(LONG_LIST, capacity), MOST_FACES) if k < last else (capacity, FOUND_CAPACITY)
         slack = _list_features(mesh, probe, most, most_faces, least, candidates, walk, work)
         if slack > -np.inf:
             # After a short list the reach may be longer the next time.
-            few = 8 * _pair_count(candidates, which) < CROWD
-            candidates.share[which] = max(k - 1, 0) if few else k
+            few = 8 * _pair_count(candidates, which) < LONG_LIST
+            candidates.skin_share[which] = max(k - 1, 0) if few else k
             candidates.own[which] = slack
             break
     return slack
@@ -361,9 +365,9 @@ def _gather(
     spheres = hand.palm_radius.shape[0]
     if spheres > PALM_SPHERES:
         return False
-    palm, spare, used = hand.palm_group, candidates.spare, candidates.slack[PALM_BODY]
+    palm, extra, used = hand.palm_group, candidates.extra_slack, candidates.slack[PALM_BODY]
     needed = candidates.needed
-    must = needed - candidates.leeway
+    must = needed - candidates.allowed_deficit
     soon = needed + SOON * (reach - needed)
     ahead = AHEAD_SPHERES if candidates.due[PALM_BODY] == 2 else 0
     total = 0
@@ -372,7 +376,7 @@ def _gather(
         first, last = PALM_BODY + hand.palm_group_start[group], PALM_BODY + hand.palm_group_start[group + 1]
         due, listed = 0, 0
         for which in range(first, last):
-            due += 0 if used + spare[which] > (soon if ahead > 0 else must) else 1
+            due += 0 if used + extra[which] > (soon if ahead > 0 else must) else 1
             listed += _pair_count(candidates, which)
         if due > 1 and listed == 0:
             # If the sphere around a group is near nothing, nor is any of them; the walk ends at the first face.
@@ -383,9 +387,9 @@ def _gather(
             work[COUNT_NODE_TESTS] += tests
             if count == 0:
                 for which in range(first, last):
-                    spare[which] = max(used + spare[which], clearance) - used
+                    extra[which] = max(used + extra[which], clearance) - used
         for which in range(first, last):
-            own = used + spare[which]
+            own = used + extra[which]
             if not own > (soon if ahead > 0 else must):
                 ahead -= 1 if own > must else 0
                 own = _gather_probe(mesh, hand, pose, which, reach, candidates, walk, work)
@@ -393,11 +397,11 @@ def _gather(
                     # Slacks of spheres gathered anew and before are relative to different references.
                     candidates.slack[PALM_BODY] = -np.inf
                     return False
-            spare[which] = own
+            extra[which] = own
             slack = min(slack, own)
             total += _pair_count(candidates, which)
     for which in range(PALM_BODY, PALM_BODY + spheres):
-        spare[which] = spare[which] - slack if spare[which] < np.inf else np.inf
+        extra[which] = extra[which] - slack if extra[which] < np.inf else np.inf
     candidates.count[PALM_BODY] = total
     candidates.slack[PALM_BODY] = slack
     return True
@@ -453,7 +457,7 @@ def _measure(mesh: MeshFeatures, hand: HandArrays, pose: Record, body: int, cand
         candidates.least[which] = np.inf
         if _pair_count(candidates, which) > 0:
             candidates.least[which] = _measure_probe(
-                mesh, hand, pose, which, candidates, slack + candidates.spare[which]
+                mesh, hand, pose, which, candidates, slack + candidates.extra_slack[which]
             )
             count += _measured_count(candidates, which)
             least = min(least, candidates.least[which])
@@ -735,7 +739,7 @@ def _record(
 
 @jit
 def _contact(triangle: Triangle, cone: RoundCone, s: float, limit: float, row: int, pairs_out: ContactPoints) -> int:
-    """Write the pair of a triangle and the ball at s of the axis; return the row after it, -1 if there is no room."""
+    """Write the pair of a triangle and the ball at s of the axis; return the row after it, -1 if they do not fit."""
     x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
     px, py, pz, square, _ = closest_on_triangle(x, y, z, triangle)
     radius, away = cone.radius - cone.drop * cone.inverse_length * s, math.sqrt(square)

@@ -47,8 +47,8 @@ LISTS = PALM_BODY + PALM_SLOTS
 """Number of lists of pairs: of the phalanges, then of the palm's slots, each with its own stretch of the arrays."""
 NODES = 1 << 32
 """More than the nodes of any tree: sphere and node of a palm pair are one integer while its slot is gathered."""
-CROWD = 1024
-SHARES = (1.0, 0.5, 0.25, 0.0)
+LONG_LIST = 1024
+SKIN_SHARES = (1.0, 0.5, 0.25, 0.0)
 """With more pairs of a slot than this within the reach, those up to the next share of the way from what is needed to
 that reach are listed: long lists take long to measure. From the last share but one there may be as many as fit: a list
 that reaches no further than what is needed is used up by the next tick."""
@@ -79,9 +79,9 @@ CANDIDATES = np.dtype(
         ("tier_depth", np.float64, (LISTS,)),  # depth of a tier [m]
         ("measured", np.int64, (LISTS,)),  # number of pairs measured: the first ones
         ("palm_own", np.float64, (PALM_SLOTS,)),  # slack of each slot when it was gathered [m]
-        ("palm_spare", np.float64, (PALM_SLOTS,)),  # slack of each slot beyond that of the palm [m]
+        ("palm_extra_slack", np.float64, (PALM_SLOTS,)),  # slack of each slot beyond that of the palm [m]
         ("palm_least", np.float64, (PALM_SLOTS,)),  # least distance of each slot [m]
-        ("palm_share", np.int64, (PALM_SLOTS,)),  # index in `SHARES` of each slot's last gathering
+        ("palm_skin_share", np.int64, (PALM_SLOTS,)),  # index in `SKIN_SHARES` of each slot's last gathering
         *SHARED_CANDIDATES,
         ("scratch", np.int64, (PHALANX_PAIRS,)),  # workspace of a walk, as the next
         ("stack", np.int64, (STACK_SIZE,)),
@@ -143,12 +143,12 @@ def _gather_slot(
     pose: Record,
     slot: int,
     reach: float,
-    room: int,
+    capacity: int,
     candidates: Record,
     walk: Walk,
     work: Indices,
 ) -> float:
-    """List the pairs of a slot; return its slack [m], a negative infinity if there is no room."""
+    """List the pairs of a slot; return its slack [m], a negative infinity if they do not fit."""
     spheres, start = hand.palm_radius.shape[0], slot * SLOT_PAIRS
     near, pair = candidates.palm_distance[start : start + SLOT_PAIRS], candidates.palm_leaf[start : start + SLOT_PAIRS]
     total, slack = as_int64(0), np.inf
@@ -158,7 +158,7 @@ def _gather_slot(
         count, clearance, tests = gather_round_cone(tree, cone, reach, walk.stack, walk.scratch)
         work[COUNT_NODE_TESTS] += tests
         slack = min(slack, clearance)
-        if count < 0 or total + count > room:
+        if count < 0 or total + count > capacity:
             return -np.inf
         _leaf_distances(tree, cone, walk.scratch, count, near[total:])
         for i in range(count):
@@ -173,37 +173,41 @@ def _gather_palm(
     tree: TreeArrays, hand: HandArrays, pose: Record, reach: float, candidates: Record, walk: Walk, work: Indices
 ) -> bool:
     """Gather the slots that need it, or that soonest will; far from the object, where a walk is cheap, all."""
-    spare, used, needed = candidates.palm_spare, candidates.slack[PALM_BODY], candidates.needed - candidates.leeway
-    least, share = min(candidates.needed, reach), candidates.palm_share
+    extra, used, needed = (
+        candidates.palm_extra_slack,
+        candidates.slack[PALM_BODY],
+        candidates.needed - candidates.allowed_deficit,
+    )
+    least, share = min(candidates.needed, reach), candidates.palm_skin_share
     soonest = as_int64(-1)
     if candidates.due[PALM_BODY] == 2:
         soonest = as_int64(0)
         for slot in range(PALM_SLOTS):
-            soonest = slot if spare[slot] < spare[soonest] else soonest
+            soonest = slot if extra[slot] < extra[soonest] else soonest
     every = soonest < 0 and used >= needed
     total = 0
     slack = np.inf
     for slot in range(PALM_SLOTS):
-        own = used + spare[slot]
+        own = used + extra[slot]
         if every or slot == soonest or not own >= needed:
             own = -np.inf
-            for k in range(share[slot], len(SHARES)):
-                room = CROWD if k < len(SHARES) - 2 else SLOT_PAIRS
-                limit = least + SHARES[k] * (reach - least)
-                own = _gather_slot(tree, hand, pose, slot, limit, room, candidates, walk, work)
+            for k in range(share[slot], len(SKIN_SHARES)):
+                capacity = LONG_LIST if k < len(SKIN_SHARES) - 2 else SLOT_PAIRS
+                limit = least + SKIN_SHARES[k] * (reach - least)
+                own = _gather_slot(tree, hand, pose, slot, limit, capacity, candidates, walk, work)
                 if own > -np.inf:
-                    share[slot] = max(k - 1, 0) if FEW * _listed(candidates, PALM_BODY + slot) <= CROWD else k
+                    share[slot] = max(k - 1, 0) if FEW * _listed(candidates, PALM_BODY + slot) <= LONG_LIST else k
                     candidates.palm_own[slot] = own
                     break
             if own == -np.inf:
                 # Slacks of slots gathered anew and before are relative to different references.
                 candidates.slack[PALM_BODY] = -np.inf
                 return False
-        spare[slot] = own
+        extra[slot] = own
         slack = min(slack, own)
         total += _listed(candidates, PALM_BODY + slot)
     for slot in range(PALM_SLOTS):
-        spare[slot] = spare[slot] - slack if spare[slot] < np.inf else np.inf
+        extra[slot] = extra[slot] - slack if extra[slot] < np.inf else np.inf
     candidates.count[PALM_BODY] = total
     candidates.slack[PALM_BODY] = slack
     return True
@@ -251,7 +255,7 @@ def _measure_phalanx(hand: HandArrays, pose: Record, body: int, candidates: Reco
     cone = phalanx_cone(hand, pose.joints[:], pose.direction[:], body // PHALANX_COUNT, body % PHALANX_COUNT)
     x, y, z, radius = candidates.x[body], candidates.y[body], candidates.z[body], candidates.radius[body]
     distance, parameter = candidates.distance[body], candidates.parameter[body]
-    moved = moved_since(candidates.fresh[body], candidates.slack[body])
+    moved = moved_since(candidates.gathered_slack[body], candidates.slack[body])
     first, tier, least = as_int64(0), as_int64(0), np.inf
     while True:
         after = next_tier(tier, candidates.tier_depth[body], moved, candidates.needed, least)
@@ -299,7 +303,7 @@ def _measure(tree: TreeArrays, hand: HandArrays, pose: Record, body: int, candid
         return _measure_phalanx(hand, pose, body, candidates)
     least, count = np.inf, as_int64(0)
     for slot in range(PALM_SLOTS):
-        slack = candidates.slack[PALM_BODY] + candidates.palm_spare[slot]
+        slack = candidates.slack[PALM_BODY] + candidates.palm_extra_slack[slot]
         least = min(least, _measure_slot(pose, slot, slack, candidates))
         count += candidates.measured[PALM_BODY + slot]
     candidates.count[PALM_BODY] = count

@@ -47,7 +47,7 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
     needed = max(options.listed, max(state.trust.reach, usual_reach(options, state)))
     # A reach exceeds the step that is expected. Lists that vouch for that step may wait for a tick that makes no other;
     # where the step turns out longer, `complete_lists` gathers them.
-    candidates.leeway = needed - max(options.listed, needed / REACH_PACE)
+    candidates.allowed_deficit = needed - max(options.listed, needed / REACH_PACE)
     if state.thread_team.members > 1 and worth_sharing(hand, needed, margin, skin, state):
         status = evaluate_in_parallel(hand, surface, margin, skin, state)
     else:
@@ -99,6 +99,6 @@ def rebuild_candidates(hand: HandArrays, surface: Any, options: TickOptions, sta
     copy_configuration(state.pose, state.prediction.start)
     for body in range(BODY_COUNT):
         # A body that the scene does not use is never due for a walk and never near.
-        state.candidates.fresh[body] = -np.inf if state.modelled[body] == 1 else np.inf
+        state.candidates.gathered_slack[body] = -np.inf if state.modelled[body] == 1 else np.inf
         state.candidates.count[body] = 0
     return evaluate_pose(hand, surface, options, state)

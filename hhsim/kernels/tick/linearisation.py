@@ -125,7 +125,7 @@ def complete_lists(hand: HandArrays, surface: Any, options: TickOptions, state: 
         beyond = beyond or (state.modelled[body] == 1 and slack < reach and motion[body] > slack - options.offset)
     if not beyond:
         return False
-    candidates.leeway = 0.0
+    candidates.allowed_deficit = 0.0
     skin, work = options.skin, state.work
     if evaluate(hand, state.pose, surface, candidates.needed, options.margin, skin, candidates, work) != 0:
         state.progress.is_full = True

@@ -212,7 +212,7 @@ def test_records_are_ordered_palm_first_then_finger_by_finger() -> None:
     for _ in range(20):
         tree = cloud(random, 400)
         set_pose(RIGHT, state.pose, random_hand(random, RIGHT, 0.05))
-        state.candidates.fresh[:] = -np.inf
+        state.candidates.gathered_slack[:] = -np.inf
         detect(state, RIGHT, tree, 5e-3, 0.0)
         start, body = state.contacts.start, state.contacts.body
         assert (body[: start[1]] == PALM).all()
@@ -266,7 +266,7 @@ def test_more_pairs_than_there_is_room_for_are_reported() -> None:
     below = np.array([0.0, 0.0, 1e-3 + 5e-4])
     places = [JOINTS[f, 3] - below - [0.0, 0.0, RIGHT.radius[f, 3]] for f in (1, 3)]
     two = sphere_tree(np.repeat(places, half, axis=0), np.full(2 * half, 1e-3))
-    state.candidates.fresh[:] = -np.inf
+    state.candidates.gathered_slack[:] = -np.inf
     assert evaluate(arrays, state.pose, two.arrays(), 1e-3, 1e-3, 0.0, state.candidates, state.work) == 0
     assert find_contacts(two.arrays(), arrays, state.pose, state.candidates, 1e-3, state.contacts) == FULL
 
@@ -314,7 +314,7 @@ def test_a_crowd_at_the_palm_is_listed_less_far_and_not_anew_in_every_tick() -> 
         assert state.work[COUNT_GATHERS] == 0, count
     # Where the crowd is gone, a list reaches as far as it can again.
     for count in (100, 100, 100):
-        state.candidates.fresh[:] = -np.inf
+        state.candidates.gathered_slack[:] = -np.inf
         last = seen(count, state, np.zeros(3))
     assert last > margin + skin
 

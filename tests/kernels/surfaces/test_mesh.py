@@ -30,7 +30,7 @@ from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, li
 from hhsim.kernels.mesh.features import ALONG, MeshFeatures
 from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
-from hhsim.kernels.surfaces.mesh import CROWD, NEAR_CONE, PHALANX_ROOM, SHARES, _into_cone
+from hhsim.kernels.surfaces.mesh import LONG_LIST, NEAR_CONE, PHALANX_CAPACITY, SKIN_SHARES, _into_cone
 from hhsim.kernels.tick.curvature import curvature_product
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
@@ -249,16 +249,16 @@ def listed_at(mesh: MeshFeatures, needed: float) -> tuple[Any, int]:
 
 def test_a_crowd_of_triangles_is_listed_less_far_and_the_nearest_is_still_among_them() -> None:
     candidates, listed = listed_at(fitted_sheet(2e-4, 1e-4, 2.0), 2e-4)
-    assert candidates.share[INDEX_MIDDLE] > 0
-    assert 0 < listed <= 3 * CROWD
+    assert candidates.skin_share[INDEX_MIDDLE] > 0
+    assert 0 < listed <= 3 * LONG_LIST
     assert 2e-4 <= candidates.slack[INDEX_MIDDLE] < MARGIN + SKIN
 
 
 def test_more_triangles_than_there_is_room_for_make_the_steps_short_and_no_error() -> None:
     # A plane that a finger lies flat on, in squares of 0.1 mm: ten thousand within a quarter of what is needed.
     candidates, listed = listed_at(fitted_sheet(1e-4, 1e-5, 0.0), 1e-3)
-    assert candidates.share[INDEX_MIDDLE] >= len(SHARES)
-    assert 0 < listed <= 3 * PHALANX_ROOM
+    assert candidates.skin_share[INDEX_MIDDLE] >= len(SKIN_SHARES)
+    assert 0 < listed <= 3 * PHALANX_CAPACITY
     assert 1e-5 <= candidates.slack[INDEX_MIDDLE] < 1e-3
 
 
