@@ -207,10 +207,9 @@ def evaluate(
 ) -> int:
     """Compute the distances of all near pairs at `pose`, whose kinematics are up to date; return 0, or FULL.
 
-    Bodies whose slack is used up are gathered. Every pair up to `needed` [m], less the candidates' `allowed_deficit`, is
-    known; `margin` is the most that is ever needed [m], and `skin` [m] is added to it so that lists last for several
-    ticks.
-    Node tests, pair tests and gathers are counted in `work`.
+    Bodies whose slack is used up are gathered. Every pair up to `needed` [m] is known, less the candidates'
+    `allowed_deficit`; `margin` is the most that is ever needed [m], and `skin` [m] is added to it so that lists last
+    for several ticks. Node tests, pair tests and gathers are counted in `work`.
     """
     follow_motion(hand, pose, candidates)
     choose_gathers(needed, margin, skin, candidates, work[:])
