@@ -64,7 +64,7 @@ JUDGED = 8
 
 
 @jit
-def _no_clipping(hand: Any, options: Any, only_leave: bool, state: Any) -> float:
+def _no_clipping(hand: Any, options: Any, only_restore: bool, state: Any) -> float:
     return WHOLE_TARGET
 
 
@@ -75,7 +75,7 @@ def _no_prediction(method: Any, hand: Any, surface: Any, state: Any) -> None:
 
 
 @jit
-def _never_only_leaves(options: Any, state: Any, done: int) -> bool:
+def _never_only_restores(options: Any, state: Any, done: int) -> bool:
     return False
 
 
@@ -99,7 +99,7 @@ def _without_holding(method: Any, hand: Any, surface: Any, state: Any) -> bool:
         state.program.is_relaxed = True
         state.program.is_coupled = True
         return True
-    if state.progress.is_untested:
+    if state.progress.differs_from_safe:
         state.progress.failed_steps = 0
         restoration.take_back(state)
         state.trust.radius *= restoration.TRUST_DECAY
@@ -187,7 +187,7 @@ SAFEGUARDS = (
     Safeguard(
         "stalled",
         "palm and fingers share a program after a tick without progress",
-        {"is_stalled:Progressive": _not_stalled},
+        {"energy_stalled:Progressive": _not_stalled},
     ),
     Safeguard(
         "suspension", "palm and fingers share a program after they failed apart", {"suspend_decoupling": _no_suspension}
@@ -195,7 +195,7 @@ SAFEGUARDS = (
     Safeguard("clip", "a far target is brought nearer", {"clip_target": _no_clipping, "_clip_target": _no_clipping}),
     Safeguard("clip-clear", "a hand with its clearance goes a part of a step", {"CLEAR": np.inf}),
     Safeguard("free-share", "a tick ends at the free share of a step that penetrates", {"FREE_SHARE": 0.0}),
-    Safeguard("only-leaves", "the last step of a tick only leaves the object", {"only_leaves": _never_only_leaves}),
+    Safeguard("only-restores", "a last step only leaves the object", {"only_restores": _never_only_restores}),
     Safeguard("recovery", "a program without solution is made easier", _of_hand("recover", _no_recovery)),
     Safeguard("take-back", "of it: going back with a smaller trust radius", _of_hand("recover", _only_relax)),
     Safeguard("hold-abduction", "of it: keeping the abduction", _of_hand("recover", _without_holding)),
@@ -203,7 +203,7 @@ SAFEGUARDS = (
     Safeguard(
         "strained",
         "forces of a palm that yielded come from a program of their own",
-        {"is_strained:Progressive": _not_strained},
+        {"palm_yielded:Progressive": _not_strained},
     ),
     Safeguard(
         "settled-forces",

@@ -4,9 +4,10 @@
 arrays. *Evaluation* computes the signed distances of all gathered pairs on the vector unit, every time the hand moves.
 
 No pair is missed. When a body is gathered, every other piece is at least `clearance` away. No point of the body then
-moves further than an end of its axis, or a corner of a box around the palm: points between are means of them. So every
+moves farther than an end of its axis, or a corner of a box around the palm: points between are means of them. So every
 other piece is still at least slack = clearance - that distance away. A body is gathered anew before its slack falls
-below the margin that the next step may use up; hence all pairs within the margin are gathered, at every step.
+below what the next step needs, less an allowed deficit; a step that is longer than the slack gathers it first, or is
+cut short.
 """
 
 import math

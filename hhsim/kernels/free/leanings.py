@@ -69,7 +69,7 @@ def _spread_evenly(body: Record, problem: Record, friction: Record, loaded: Reco
     for k in range(loaded.count):
         row, size = loaded.row[k], loaded.multiplier[k]
         i = problem.owner[row]
-        if i < 0 or friction.rubs[i] == 0:
+        if i < 0 or friction.has_friction[i] == 0:
             continue
         block = own_columns(friction.body[i])
         for j in range(COMMON):

@@ -26,7 +26,7 @@ from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 
 ROUNDS = 6
-"""Most solutions of a tick's first program with one Γ after another; then Γ stands, and what is left is convex."""
+"""Most solutions of each of a tick's first two programs with one Γ after another; then Γ stands: the rest is convex."""
 CONVERGES = 0.5
 """A round that leaves more than this share of what Γ was off before is the last one."""
 SEARCH = 20
@@ -45,8 +45,8 @@ SETTLED_SHARE = 1e-3
 """A Γ that is off by no more than this share of the clearance and this one of it is left: so far a contact floats."""
 AT_REST = 1e-11
 """An object that would move by no more than this in a tick [m], as in the tick before, and touches something, does not:
-it is the tolerance of a program, and what moves so slowly would go on for ever. What comes to rest makes its last way
-first, or it would for ever be pushed to where it then stood short of."""
+it is the tolerance of a program, and what moves so slowly would go on for ever. The tick before counts, so that the
+last correction of its pose is still made."""
 
 LOADED = np.dtype(
     [
@@ -132,7 +132,7 @@ def _read(body: Record, problem: Record, friction: Record, loaded: Record, qp: Q
                 friction.cone[owner] += multiplier
     bearings = as_int64(0)
     for i in range(friction.count):
-        if friction.rubs[i] == 1 and friction.plain[i] + friction.cone[i] > 0.0:
+        if friction.has_friction[i] == 1 and friction.plain[i] + friction.cone[i] > 0.0:
             friction.bearing[bearings] = i
             bearings += 1
     friction.bearings = bearings
@@ -142,13 +142,13 @@ def _read(body: Record, problem: Record, friction: Record, loaded: Record, qp: Q
 def _is_settled(pose: Record, body: Record, offset: float, problem: Record, friction: Record) -> bool:
     # Whether every contact that bears a force has de Saxcé's Γ and rubs against its slip with all of its load.
     settled = True
-    problem.astray = 0.0
+    problem.gamma_error = 0.0
     for j in range(FREE_DOF):
         problem.whole[j] = problem.total[j] + problem.delta[j]
     for f in range(FINGER_COUNT):
         problem.whole_abduction[f] = problem.abduction_total[f] + problem.abduction_step[f]
     for i in range(friction.count):
-        if friction.rubs[i] == 0:
+        if friction.has_friction[i] == 0:
             continue
         slip = measure_slip(pose, body, problem.whole[:], problem.whole_abduction[:], friction, i)
         friction.length[i] = slip
@@ -161,7 +161,7 @@ def _is_settled(pose: Record, body: Record, offset: float, problem: Record, fric
         for j in range(3):
             square += (friction.slip[i, j] - shift * friction.along[i, 0, j]) ** 2
         off = math.sqrt(square)
-        problem.astray = max(problem.astray, off)
+        problem.gamma_error = max(problem.gamma_error, off)
         if off > SETTLED * offset + SETTLED_SHARE * slip or friction.plain[i] > NO_LOAD * load:
             settled = False
     return settled
@@ -188,7 +188,7 @@ def _hold(offset: float, friction: Record, leanings: Record, held: Record) -> No
     # the slip itself, or what is left of one would move what sticks to and fro.
     count = as_int64(0)
     for i in range(friction.count):
-        if friction.rubs[i] == 0:
+        if friction.has_friction[i] == 0:
             continue
         load = friction.plain[i] + friction.cone[i]
         held.key[count] = TABLE_KEYS - friction.key[i] if friction.body[i] == ON_TABLE else friction.key[i]
@@ -292,10 +292,10 @@ def solve_free(options: TickOptions, rounds: int, clipped: bool, state: Record, 
             if seeks:
                 coulomb.failures = 0
             break
-        worse = seeks and problem.astray > best
-        seeks = seeks and i < rounds - 1 and problem.astray <= CONVERGES * best and step.iterations < SEARCH
+        worse = seeks and problem.gamma_error > best
+        seeks = seeks and i < rounds - 1 and problem.gamma_error <= CONVERGES * best and step.iterations < SEARCH
         if seeks:
-            best = problem.astray
+            best = problem.gamma_error
             _next_slips(floats, state, qp)
         elif worse:
             _end_search(friction, loaded, coulomb)
@@ -315,7 +315,7 @@ def solve_free(options: TickOptions, rounds: int, clipped: bool, state: Record, 
             for j in range(friction.count):
                 friction.shift[j] = 0.0
         for j in range(friction.count):
-            if friction.rubs[j] == 1:
+            if friction.has_friction[j] == 1:
                 contact_rows(pose, body, offset, relaxed, j, friction.row[j], problem, friction)
         guessed = loaded.count
         for j in range(guessed):

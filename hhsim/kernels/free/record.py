@@ -163,7 +163,7 @@ def find_borne(
         x, y, z = x - along * n[0], y - along * n[1], z - along * n[2]
         borne.slip[i] = math.sqrt(x * x + y * y + z * z)
         place = borne.contact[i]
-        if place < 0 or friction.rubs[place] == 0:
+        if place < 0 or friction.has_friction[place] == 0:
             of = borne.body[i]
             turn = relative_turn(pose, body, problem.abduction_total[:], problem.total[:], of, n[0], n[1], n[2])
             spin = torsion_radius(body, of) * turn

@@ -93,7 +93,7 @@ FREE_PROBLEM = np.dtype(
         ("whole", np.float64, (FREE_DOF,)),  # the tick's step with the program's
         ("whole_abduction", np.float64, (FINGER_COUNT,)),
         ("solutions", np.int64),  # of programs in this tick
-        ("astray", np.float64),  # the most by which Γ e_1 is off the slip of a contact that bears a force [m]
+        ("gamma_error", np.float64),  # the most by which Γ e_1 is off the slip of a contact that bears a force [m]
     ],
     align=True,
 )
@@ -106,7 +106,11 @@ FRICTION = np.dtype(
         ("contact", np.int64, (FRICTIONS,)),  # its contact record, or the number of the point of the hull
         ("body", np.int64, (FRICTIONS,)),  # of the hand, or ON_TABLE
         ("key", np.int64, (FRICTIONS,)),
-        ("rubs", np.int64, (FRICTIONS,)),  # 1 where it has rows of friction; contacts of the table may have none
+        (
+            "has_friction",
+            np.int64,
+            (FRICTIONS,),
+        ),  # 1 where it has rows of friction, 0 for some of the table
         ("point", np.float64, (FRICTIONS, 3)),  # [m], object's frame
         ("normal", np.float64, (FRICTIONS, 3)),  # out of the object, of the table into it; object's frame
         ("along", np.float64, (FRICTIONS, DIRECTIONS, 3)),  # parts of e_1 to e_3 along the surface, object's frame
@@ -432,7 +436,7 @@ def find_frictions(
             friction.contact[count] = i
             friction.body[count] = contacts.body[i]
             friction.key[count] = contacts.key[i]
-            friction.rubs[count] = 1
+            friction.has_friction[count] = 1
             friction.distance[count] = distance[i]
             for j in range(3):
                 friction.point[count, j] = contacts.point[j, i]
@@ -458,7 +462,7 @@ def find_frictions(
         rx, ry, rz = p[0] - body.center[0], p[1] - body.center[1], p[2] - body.center[2]
         x, y, z = step[0] + wy * rz - wz * ry, step[1] + wz * rx - wx * rz, step[2] + wx * ry - wy * rx
         lands = friction.distance[i] + min(0.0, x * n[0] + y * n[1] + z * n[2]) <= close
-        friction.rubs[i] = 1 if lands and body.table_friction > 0.0 else 0
+        friction.has_friction[i] = 1 if lands and body.table_friction > 0.0 else 0
 
 
 @jit
@@ -549,7 +553,7 @@ def begin_frictions(
     """
     for i in range(friction.count):
         friction.shift[i] = 0.0
-        if friction.rubs[i] == 0:
+        if friction.has_friction[i] == 0:
             continue
         measure_slip(pose, body, problem.total[:], problem.abduction_total[:], friction, i)
         friction.start_spin[i] = friction.spin[i]
@@ -609,7 +613,7 @@ def friction_rows(
     for i in range(friction.of_hand, friction.count):
         n = friction.normal[i]
         rhs = offset - friction.distance[i]
-        if friction.rubs[i] == 1:
+        if friction.has_friction[i] == 1:
             rhs -= STANDS_BACK * offset
         if relaxed and friction.distance[i] >= 0.0:
             rhs = min(rhs, 0.0)
@@ -618,7 +622,7 @@ def friction_rows(
         problem.owner[row] = i
         problem.kind[row] = 0
         row += 1
-        if friction.rubs[i] == 1:
+        if friction.has_friction[i] == 1:
             row = contact_rows(pose, body, offset, relaxed, i, row, problem, friction)
     stop[TABLE_GROUP] = row
     for i in range(friction.of_hand):

@@ -233,7 +233,7 @@ def keep_slips(friction: Record, loaded: Record, work: Record) -> None:
 def return_to_slips(friction: Record, loaded: Record, work: Record) -> None:
     """Return to what was kept."""
     for i in range(friction.count):
-        if friction.rubs[i] == 1:
+        if friction.has_friction[i] == 1:
             friction.shift[i] = work.shift[i]
             orient(friction, i, work.along[i, 0], work.along[i, 1], work.along[i, 2], work.about[i])
     loaded.count = work.rows

@@ -55,7 +55,7 @@ from hhsim.kernels.tick.evaluation import (
 from hhsim.kernels.tick.force import hand_forces
 from hhsim.kernels.tick.linearisation import count_linearisation, find_program_contacts
 from hhsim.kernels.tick.method import (
-    UNFIT,
+    OVERFLOW,
     advance,
     begin_motion,
     finish_tick,
@@ -64,7 +64,7 @@ from hhsim.kernels.tick.method import (
     solve_linearisation,
 )
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.restoration import TRUST_DECAY, only_leaves, take_back
+from hhsim.kernels.tick.restoration import TRUST_DECAY, only_restores, take_back
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, WORK_LINEARISATIONS, WORK_TOUCHING
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
 from hhsim.kernels.tick.step_length import WHOLE_TARGET, allowed_fraction
@@ -77,7 +77,7 @@ from hhsim.kernels.tick.tick import (
 
 CLOSE = 20.0
 FLOATS = 2.0
-"""A contact up to so many offsets apart, and this many residuals of the tick before, has friction."""
+"""Contacts up to CLOSE offsets, plus FLOATS times the residual of Γ of the tick before, have rows of friction."""
 SEARCHED = 2
 """Programs of a tick in which Γ and directions are sought; in the later ones they stand."""
 
@@ -165,7 +165,7 @@ def _solve(method: Free, count: int, clipped: bool, state: Record, qp: QpWork) -
         for j in range(6, DOF):
             problem.delta[6 + j] = problem.hand_target[j]
         state.loaded.count = 0
-        problem.astray = 0.0
+        problem.gamma_error = 0.0
         take_step(state.pose, state.body, problem, state.step.delta[:])
         return OPTIMAL
     return _solve_rows(method, clipped, state, qp)
@@ -209,7 +209,7 @@ def _recover(method: Free, hand: HandArrays, surface: Any, state: Record) -> boo
 
 
 @jit_once
-def _clip_target(hand: HandArrays, method: Free, only_leave: bool, state: Record) -> float:
+def _clip_target(hand: HandArrays, method: Free, only_restore: bool, state: Record) -> float:
     """Bring a far target nearer, see `kernels.tick.step_length.clip_target`.
 
     The motions of hand and object are shortened alike: a hand that was short of its motion past the object alone would
@@ -219,7 +219,7 @@ def _clip_target(hand: HandArrays, method: Free, only_leave: bool, state: Record
     options, problem = method.options, state.free_problem
     copy_values(problem.abduction_step[:], state.problem.abduction_step[:])
     fraction, longest = allowed_fraction(hand, options, state)
-    if only_leave:
+    if only_restore:
         fraction = 0.0
     elif fraction >= 0.5:
         return WHOLE_TARGET
@@ -243,15 +243,15 @@ def _clip_target(hand: HandArrays, method: Free, only_leave: bool, state: Record
 def _solve_linearisation(
     method: Free, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork
 ) -> tuple[int, float]:
-    count, unclipped = _prepare(hand, method, surface, state), WHOLE_TARGET
+    count, full_motion = _prepare(hand, method, surface, state), WHOLE_TARGET
     if count < 0:
-        return as_int64(UNFIT), unclipped
+        return as_int64(OVERFLOW), full_motion
     status = _solve(method, count, as_bool(False), state, qp)
     if status == OPTIMAL and count > 0:
-        unclipped = _clip_target(hand, method, only_leaves(method.options, state, done), state)
-        if unclipped != WHOLE_TARGET:
+        full_motion = _clip_target(hand, method, only_restores(method.options, state, done), state)
+        if full_motion != WHOLE_TARGET:
             status = _solve(method, count, as_bool(True), state, qp)
-    return status, unclipped
+    return status, full_motion
 
 
 @jit
@@ -305,13 +305,13 @@ def _keep(table: float, state: Record) -> None:
     state.table_distance = table
     copy_values(problem.total[:], state.body_safe_total[:])
     copy_values(problem.abduction_total[:], state.body_safe_abduction[:])
-    state.tried.residual = problem.astray
+    state.tried.residual = problem.gamma_error
     copy_borne(state.tried, state.borne)
 
 
 @advance.of(Free)
 @jit
-def _advance(method: Free, hand: HandArrays, surface: Any, unclipped: float, state: Record) -> bool:
+def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, state: Record) -> bool:
     """Make the step as far as the pairs at hand vouch for, and judge it by the true distances and the table's."""
     began = monotonic_ns()
     options, step, problem, progress = method.options, state.step, state.free_problem, state.progress
@@ -321,22 +321,22 @@ def _advance(method: Free, hand: HandArrays, surface: Any, unclipped: float, sta
     fraction, longest = allowed_fraction(hand, options, state)
     _move_both(hand, fraction, state)
     foreseen = max(REACH_FLOOR * options.step_tolerance, longest)
-    update_reach(options, fraction, longest, unclipped, foreseen, state)
+    update_reach(options, fraction, longest, full_motion, foreseen, state)
     fits = evaluate_pose(hand, surface, options, state)
     table, lowest = _table(method, state)
     if table < 0.0:
         keep_entry(lowest, state.friction)
     done = False
     if not fits:
-        progress.lag = max(unclipped, longest) - fraction * longest
+        progress.lag = max(full_motion, longest) - fraction * longest
         done = True
     elif least_distance(state.candidates) >= 0.0 and table >= 0.0:
         _keep(table, state)
-        done = accept(options, fraction, longest, unclipped, state)
+        done = accept(options, fraction, longest, full_motion, state)
     else:
         # Were this the tick's last step it would be taken back, and nothing of it made.
         progress.failed_steps += 1
-        progress.lag = max(unclipped, longest)
+        progress.lag = max(full_motion, longest)
         if progress.failed_steps > MOST_FAILED_STEPS:
             _take_back(state)
             state.trust.radius *= TRUST_DECAY
@@ -351,13 +351,13 @@ def _finish_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp
     """Return to the last poses without penetration, take the velocities and the forces; returns status bits."""
     began = monotonic_ns()
     options, progress, borne = method.options, state.progress, state.borne
-    cut_short, is_full = is_budget_spent(options, state), progress.is_full
-    if progress.failed_steps > 0 or is_full:
+    cut_short, pairs_overflow = is_budget_spent(options, state), progress.pairs_overflow
+    if progress.failed_steps > 0 or pairs_overflow:
         _take_back(state)
-        is_full = not evaluate_pose(hand, surface, options, state) or is_full
+        pairs_overflow = not evaluate_pose(hand, surface, options, state) or pairs_overflow
     _see_haptic(hand, state)
     status = tick_status(cut_short, as_bool(False), state)
-    if is_full:
+    if pairs_overflow:
         status |= STATUS_CAPACITY_EXCEEDED
     if progress.is_accepted:
         take_velocity(state.body)

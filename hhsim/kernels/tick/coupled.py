@@ -12,7 +12,7 @@ from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
 from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
-from hhsim.kernels.tick.method import Coupled, is_stalled, is_strained, solve_program
+from hhsim.kernels.tick.method import Coupled, energy_stalled, palm_yielded, solve_program
 from hhsim.kernels.tick.second_order import Lagrangian, correct_for_curvature
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_PALM, guess_rows
 
@@ -100,13 +100,13 @@ def solve_coupled(method: Coupled, state: Record, qp: QpWork) -> int:
     return status
 
 
-@is_stalled.of(Coupled)
+@energy_stalled.of(Coupled)
 @jit
-def _is_stalled(method: Coupled, state: Record) -> bool:
+def _energy_stalled(method: Coupled, state: Record) -> bool:
     return False
 
 
-@is_strained.of(Coupled)
+@palm_yielded.of(Coupled)
 @jit
 def _is_strained(method: Coupled, state: Record) -> bool:
     return False

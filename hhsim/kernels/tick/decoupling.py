@@ -11,7 +11,7 @@ from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.hand.pose import farthest_joint
 from hhsim.kernels.jit import Record, jit, jit_once
 from hhsim.kernels.rotation import rotation_vector_between
-from hhsim.kernels.tick.method import Progressive, is_stalled
+from hhsim.kernels.tick.method import Progressive, energy_stalled
 from hhsim.kernels.tick.options import TickOptions
 
 SUSPENSION_MARGINS = 10.0
@@ -52,9 +52,9 @@ def coupling_energy(pose: Record, state: Record) -> float:
     return 0.5 * total
 
 
-@is_stalled.of(Progressive)
+@energy_stalled.of(Progressive)
 @jit
-def _is_stalled(method: Progressive, state: Record) -> bool:
+def _energy_stalled(method: Progressive, state: Record) -> bool:
     if state.program.is_coupled:
         return False
     return coupling_energy(state.pose, state) > PROGRESS * coupling_energy(state.prediction.start, state)

@@ -52,7 +52,7 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
         status = evaluate_in_parallel(hand, surface, margin, skin, state)
     else:
         status = evaluate(hand, pose, surface, needed, margin, skin, candidates, state.work)
-    state.progress.is_full = status != 0
+    state.progress.pairs_overflow = status != 0
     return status == 0
 
 

@@ -128,6 +128,6 @@ def complete_lists(hand: HandArrays, surface: Any, options: TickOptions, state: 
     candidates.allowed_deficit = 0.0
     skin, work = options.skin, state.work
     if evaluate(hand, state.pose, surface, candidates.needed, options.margin, skin, candidates, work) != 0:
-        state.progress.is_full = True
+        state.progress.pairs_overflow = True
         return False
     return True

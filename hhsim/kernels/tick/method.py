@@ -24,7 +24,7 @@ class Progressive(NamedTuple):
     options: TickOptions
 
 
-UNFIT = -1
+OVERFLOW = -1
 """Status of a linearisation whose contacts do not fit into the arrays; the others are those of `qp.active_set`."""
 
 
@@ -64,7 +64,7 @@ def recover(method: Any, hand: HandArrays, surface: Any, state: Record) -> bool:
 
 
 @generic
-def advance(method: Any, hand: HandArrays, surface: Any, unclipped: float, state: Record) -> bool:
+def advance(method: Any, hand: HandArrays, surface: Any, full_motion: float, state: Record) -> bool:
     """Make the step as far as the pairs at hand vouch for, and judge it; returns whether the tick is done."""
 
 
@@ -74,10 +74,10 @@ def finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
 
 
 @generic
-def is_stalled(method: Any, state: Record) -> bool:
+def energy_stalled(method: Any, state: Record) -> bool:
     """Return whether the programs apart of a tick that lags have made no progress, see `kernels.tick.decoupling`."""
 
 
 @generic
-def is_strained(method: Any, state: Record) -> bool:
+def palm_yielded(method: Any, state: Record) -> bool:
     """Return whether the last program's multipliers are no forces, so that a program of what touches gives them."""

@@ -2,7 +2,7 @@
 
 A hand that slides needs two linearisations from where it stands, and one from where it is going, since the step from
 there is short and its contacts are the right ones. Nothing is accepted by a prediction: a tick that finds no step from
-there returns to where it began. No decision depends on what the lists of pairs hold.
+there returns to where it began. No decision depends on how old the lists of pairs are: neither do the bits.
 """
 
 from typing import Any
@@ -70,11 +70,11 @@ def predict_pose(method: Any, hand: HandArrays, surface: Any, state: Record) -> 
     if not options.step_tolerance < longest <= reach:
         return
     complete_lists(hand, surface, options, state)
-    if progress.is_full:
+    if progress.pairs_overflow:
         return
     prediction.is_predicted = True
     move(state.pose, state.step.delta, state.problem.abduction_step, 1.0)
-    progress.is_untested = True
+    progress.differs_from_safe = True
     progress.path += longest
     state.trust.reach = min(state.trust.reach, max(REACH_FLOOR * options.step_tolerance, UNFORESEEN * longest))
     evaluate_pose(hand, surface, options, state)

@@ -22,7 +22,7 @@ from hhsim.kernels.parallel.thread_team import NOTHING, TASK_FINGERS, await_done
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
 from hhsim.kernels.tick.coupled import solve_coupled
-from hhsim.kernels.tick.method import Coupled, Progressive, is_strained, solve_program
+from hhsim.kernels.tick.method import Coupled, Progressive, palm_yielded, solve_program
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.second_order import CORRECTION_WORK, Lagrangian, correct_for_curvature
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows
@@ -342,9 +342,9 @@ def solve_progressive(method: Progressive, state: Record, qp: QpWork) -> int:
             return OPTIMAL
 
 
-@is_strained.of(Progressive)
+@palm_yielded.of(Progressive)
 @jit
-def _is_strained(method: Progressive, state: Record) -> bool:
+def _palm_yielded(method: Progressive, state: Record) -> bool:
     # A palm that has yielded to a finger stands at the edge of what the finger's own program allows, and there that
     # program's multipliers grow without bound.
     return state.progressive.variables > 6

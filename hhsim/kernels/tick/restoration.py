@@ -15,14 +15,14 @@ TRUST_DECAY = 0.25
 LEAST_TRUST = 1e-6
 """Share of the margin, or of a step, that is not worth a step."""
 FREE_SHARE = 0.8
-"""Share that is made of the part of a step whose second order is estimated to use up the clearance."""
+"""Factor of the share of a step whose second-order term is estimated to equal the clearance."""
 
 
 @jit
 def take_back(state: Record) -> None:
     """Return to the last configuration without penetration."""
     copy_configuration(state.safe, state.pose)
-    state.progress.is_untested = False
+    state.progress.differs_from_safe = False
 
 
 @jit
@@ -78,7 +78,7 @@ def ease_program(method: Any, hand: HandArrays, surface: Any, state: Record) -> 
         program.is_relaxed = True
         program.is_coupled = True
         return True
-    if progress.is_untested:
+    if progress.differs_from_safe:
         if not state.prediction.is_predicted:
             state.trust.radius *= TRUST_DECAY
         state.prediction.is_predicted = False
@@ -92,13 +92,13 @@ def ease_program(method: Any, hand: HandArrays, surface: Any, state: Record) -> 
 
 
 @jit
-def only_leaves(options: TickOptions, state: Record, done: int) -> bool:
+def only_restores(options: TickOptions, state: Record, done: int) -> bool:
     """Return whether the tick's next step, its last, only leaves the object.
 
     Where an axis lies along an edge its nearest place runs along it as it turns, and each step that goes on towards
-    the user brings as much penetration as it mends. A tick that has taken steps back for that, and stands inside
-    before its last linearisation, has come somewhere by the step that leaves the object and does no more. A hand that
-    is faster than its few linearisations would else be left behind.
+    the user brings as much penetration as it mends. A tick whose trust radius is reduced for that, and whose pose is
+    inside the object before its last linearisation, makes a pure restoration step, with the target 0. Without it a hand
+    that is faster than its few linearisations is left behind.
 
     Args:
         done: Linearisations of this tick so far.

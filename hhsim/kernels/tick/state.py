@@ -80,8 +80,8 @@ PREDICTION = np.dtype(
 
 TRUST = np.dtype(
     [
-        ("radius", np.float64),  # what steps that had to be taken back have left of the margin [m]
-        ("reach", np.float64),  # what the last steps let expect [m]; at most the margin
+        ("radius", np.float64),  # the margin, less what rejected steps took off it [m]
+        ("reach", np.float64),  # expected length of the next step [m]; at most the margin
     ],
     align=True,
 )
@@ -90,9 +90,9 @@ TRUST = np.dtype(
 PROGRESS = np.dtype(
     [
         ("is_accepted", np.bool_),  # a step has been accepted in this tick
-        ("is_full", np.bool_),  # the pairs at the present configuration do not fit into the arrays
+        ("pairs_overflow", np.bool_),  # the pairs at the present configuration do not fit into the arrays
         # the hand has moved from its last safe configuration, and the present one is not accepted
-        ("is_untested", np.bool_),
+        ("differs_from_safe", np.bool_),
         # a tick has accepted no step, or a part of one, and the hand has not arrived since
         ("is_unfinished", np.bool_),
         ("failed_steps", np.int64),  # steps in a row that ended inside the object
@@ -107,7 +107,7 @@ PROGRESS = np.dtype(
 
 PROGRAM = np.dtype(
     [
-        ("is_relaxed", np.bool_),  # contacts nearer than the offset may stay as near as they are
+        ("is_relaxed", np.bool_),  # the clearance is waived: nearer contacts may stay as near as they are
         ("holds_abduction", np.bool_),  # the abduction stays as it is
         ("is_coupled", np.bool_),  # palm and fingers are solved in one program, whatever the method
     ],

@@ -12,7 +12,7 @@ LEAST_SHARE = 0.05
 """Least share of a step that such a hand goes; below it the target is brought nearer."""
 
 WHOLE_TARGET = -1.0
-"""Stands for the motion of the unclipped step where the program has the true target."""
+"""Stands for the motion of the whole step where the program has the true target."""
 
 
 @jit
@@ -44,7 +44,7 @@ def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> t
 
 
 @jit_once
-def clip_target(hand: HandArrays, options: TickOptions, only_leave: bool, state: Record) -> float:
+def clip_target(hand: HandArrays, options: TickOptions, only_restore: bool, state: Record) -> float:
     """Bring a far target nearer where less than half of the step is vouched for and it has a clearance to mend.
 
     Shortening a step also shortens what it does to mend a penetration or to keep a clearance; a program with a nearer
@@ -53,13 +53,13 @@ def clip_target(hand: HandArrays, options: TickOptions, only_leave: bool, state:
     held it would creep by hundredths of what the pairs at hand vouch for.
 
     Args:
-        only_leave: The target is brought to where the hand is: the step only leaves the object.
+        only_restore: The target is brought to where the hand is: the step only leaves the object.
 
     Returns:
-        The motion of the unclipped step [m], where the program is to be solved anew, else `WHOLE_TARGET`.
+        The motion of the whole step [m], where the program is to be solved anew, else `WHOLE_TARGET`.
     """
     fraction, longest = allowed_fraction(hand, options, state)
-    if only_leave:
+    if only_restore:
         fraction = 0.0
     elif fraction >= (LEAST_SHARE if least_distance(state.candidates) >= CLEAR * options.offset else 0.5):
         return WHOLE_TARGET

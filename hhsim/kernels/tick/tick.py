@@ -1,26 +1,30 @@
 """One tick: from the last graphic hand and the new haptic hand to the new graphic hand and its forces (paper, Fig. 3).
 
-     1  safe ← pose;  pose ← pose moved on as in the last tick, in contact                       begin_motion
-     2  at most 12 times, after the first only within the work budget:                           converge
-     3      find the contacts within ρ = min(reach, trust radius);  drop those that others imply build_program
-     4      δ ← the step of the quadratic program, corrected to second order                     solve_program
-     5      where the lists of pairs do not reach as far as δ: complete them, and go to 3        complete_lists
-     6      where too little of δ is vouched for: scale the target by it, and solve again        clip_target
-     7      where there is no solution: relax and solve all fingers with the palm, or return
-                to safe with a quarter of the radius, or hold the abduction, and go to 2         recover
-     8      t ← the share of δ in which no body moves farther than its pairs vouch for           allowed_fraction
-     9      pose ← pose + t δ;  reach ← what t δ lets expect                                     advance
-    10      where no true distance is negative:  safe ← pose;
-                end if t = 1, the target is whole, and δ is short or met no contact              accept
-    11      else, where pose was predicted:  pose ← safe                                         forget_prediction
-    12      else, the fourth time in a row:  pose ← safe + the free share of the first step;
-                trust radius ← a quarter                                                         take_free_share
-    13  where pose is not safe:  the same as in 12;  without an accepted step, and until the
-            hand has arrived, the next tick goes on with this one's radius and relaxations       finish_tick
-    14  forces ← multipliers of the last accepted step; of a program of what touches, where
-            the tick lags or the palm has yielded                                                settle_forces
+     1  safe ← pose;  radius and flags ← those of an unfinished tick, else the margin and none; begin_tick
+            in steady contact:  pose ← pose moved on by the last tick's displacement            begin_motion
+     2  at most 12 times, after the first only within the work budget:                          converge
+     3      rows ← contacts within ρ = min(reach, radius), less those that others imply         build_program
+     4      δ ← the step of the quadratic program, corrected to second order                    solve_program
+     5      if δ exceeds the slack of a list of pairs:  gather it, and do 3 and 4 once more     complete_lists
+     6      if t of line 8 is below 0.5 (0.05 where all distances are at least 0.8 ε):          clip_target
+                scale the target by t, to 0 in the last attempt of a tick without a step; do 4  only_restores
+     7      if there is no solution:  waive ε, and solve palm and fingers together;  else
+                pose ← safe, radius ← radius / 4;  else hold the abduction;  else end.  Go to 2 recover
+     8      t ← the largest t ≤ 1 with t · bound_b(δ) ≤ r_b for every body b                    allowed_fraction
+     9      pose ← pose + t δ;  reach ← by the length of t δ                                    advance
+    10      if no true distance is negative:  safe ← pose;
+                end if t = 1, the target is whole, and δ is short or met no contact             accept
+    11      else if no step was accepted since pose was moved on in 1:  pose ← safe             forget_prediction
+    12      else linearise at this pose;  the fourth time in a row:  pose ← safe + the free
+                share of the first such step, if it is free;  radius ← radius / 4               take_free_share
+    13  if pose is not safe:  pose ← safe, + that share if no step was accepted;  where none
+            was, or only a share:  the next ticks keep radius and flags until nothing lags      finish_tick
+    14  forces ← multipliers of the last accepted step;  where the tick lags, or the palm has
+            yielded:  those of a program of the contacts that are near pose                     settle_forces
 
-A pose becomes the safe one by its true distances alone, and a tick ends at a safe one: see docs/methods.md.
+Flags are: ε waived, palm and fingers together, abduction held. What a body may move (line 8) is the smaller one of the
+slack of its list of pairs, and of ρ where one of its pairs is within ρ, else of its least distance. A pose becomes the
+safe one by its true distances alone, and a tick ends at a safe one: see docs/methods.md.
 """
 
 from typing import Any
@@ -47,15 +51,15 @@ from hhsim.kernels.tick.evaluation import (
 from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
 from hhsim.kernels.tick.linearisation import build_program, complete_lists
 from hhsim.kernels.tick.method import (
-    UNFIT,
+    OVERFLOW,
     Coupled,
     Progressive,
     advance,
     begin_motion,
+    energy_stalled,
     finish_tick,
-    is_stalled,
-    is_strained,
     may_end,
+    palm_yielded,
     recover,
     solve_linearisation,
     solve_program,
@@ -63,7 +67,7 @@ from hhsim.kernels.tick.method import (
 )
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.prediction import forget_prediction, judge_last_tick
-from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY, keep_first_step, only_leaves, take_free_share
+from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY, keep_first_step, only_restores, take_free_share
 from hhsim.kernels.tick.settled_forces import settle_forces
 from hhsim.kernels.tick.state import (
     STATUS_ABDUCTION_HELD,
@@ -112,12 +116,12 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     """Reset what belongs to one tick; the present configuration, evaluated and free of penetration, is the safe one."""
     progress = state.progress
     copy_configuration(state.pose, state.safe)
-    progress.is_untested = False
+    progress.differs_from_safe = False
     state.decoupling.is_suspended = stays_suspended(options, state)
     _carry_over_trust(options, state)
     state.progressive.variables = 6
     progress.is_accepted = False
-    progress.is_full = False
+    progress.pairs_overflow = False
     progress.failed_steps = 0
     state.first_step.free_share = 0.0
     state.step.duration[:] = 0
@@ -133,7 +137,7 @@ def begin_tick(options: TickOptions, state: Record) -> None:
 @may_end.of(Progressive)
 @jit
 def hand_may_end(method: Any, state: Record) -> bool:
-    """Return True: the hand stays where it is."""
+    """Return True: `safe` can be shown at any time."""
     return True
 
 
@@ -143,12 +147,12 @@ def hand_may_end(method: Any, state: Record) -> bool:
 def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork) -> tuple[int, float]:
     """Solve a program of whole lists of pairs, whose target is near enough for its step."""
     options, work = method.options, state.work
-    units, status, unclipped = work[WORK_UNITS], as_int64(OPTIMAL), WHOLE_TARGET
+    units, status, full_motion = work[WORK_UNITS], as_int64(OPTIMAL), WHOLE_TARGET
     contacts = as_int64(0)
     for attempt in range(2):
         contacts = build_program(hand, surface, options, state)
         if contacts < 0:
-            return as_int64(UNFIT), unclipped
+            return as_int64(OVERFLOW), full_motion
         if contacts > 0:
             status = solve_program(method, state, qp)
         if status != OPTIMAL or attempt == 1 or not complete_lists(hand, surface, options, state):
@@ -156,35 +160,35 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
         # Of a program that is built anew only what was walked and solved for counts.
         work[WORK_UNITS] = units
         work[WORK_LINEARISATIONS] -= 1
-    if state.progress.is_full:
-        return as_int64(UNFIT), unclipped
+    if state.progress.pairs_overflow:
+        return as_int64(OVERFLOW), full_motion
     if status == OPTIMAL and contacts > 0:
-        unclipped = clip_target(hand, options, only_leaves(options, state, done), state)
-        if unclipped != WHOLE_TARGET:
+        full_motion = clip_target(hand, options, only_restores(options, state, done), state)
+        if full_motion != WHOLE_TARGET:
             status = solve_program(method, state, qp)
-    return status, unclipped
+    return status, full_motion
 
 
 @jit
-def accept(options: TickOptions, fraction: float, longest: float, unclipped: float, state: Record) -> bool:
+def accept(options: TickOptions, fraction: float, longest: float, full_motion: float, state: Record) -> bool:
     """Let the present configuration be the safe one; returns whether the tick is done.
 
     Args:
         fraction: Share of the program's step that led here.
         longest: Motion of the whole step [m].
-        unclipped: Motion of the step with the true target [m], or `WHOLE_TARGET`.
+        full_motion: Motion of the step with the true target [m], or `WHOLE_TARGET`.
     """
     progress = state.progress
     copy_configuration(state.pose, state.safe)
-    progress.is_untested = False
+    progress.differs_from_safe = False
     copy_active(state.warm, state.active)
     progress.is_accepted = True
     state.prediction.is_predicted = False
     progress.failed_steps = 0
     unhindered = state.contacts.start[FINGER_COUNT + 1] == 0
-    is_whole = fraction == 1.0 and unclipped == WHOLE_TARGET
+    is_whole = fraction == 1.0 and full_motion == WHOLE_TARGET
     done = is_whole and (unhindered or longest <= options.step_tolerance)
-    progress.lag = max(unclipped, longest) - fraction * longest
+    progress.lag = max(full_motion, longest) - fraction * longest
     if done:
         progress.lag = 0.0
     elif progress.lag == 0.0:
@@ -195,19 +199,19 @@ def accept(options: TickOptions, fraction: float, longest: float, unclipped: flo
 
 @jit
 def update_reach(
-    options: TickOptions, fraction: float, longest: float, unclipped: float, foreseen: float, state: Record
+    options: TickOptions, fraction: float, longest: float, full_motion: float, foreseen: float, state: Record
 ) -> None:
     """Add a step to the path, and set the reach of the next one.
 
     Args:
-        fraction, longest, unclipped: As of `accept`.
+        fraction, longest, full_motion: As of `accept`.
         foreseen: Reach after a whole step [m].
     """
     progress, trust = state.progress, state.trust
     for body in range(BODY_COUNT):
-        progress.is_untested = progress.is_untested or fraction * progress.motion[body] > 0.0
+        progress.differs_from_safe = progress.differs_from_safe or fraction * progress.motion[body] > 0.0
     progress.path += fraction * longest
-    if fraction < 1.0 or unclipped != WHOLE_TARGET:
+    if fraction < 1.0 or full_motion != WHOLE_TARGET:
         trust.reach = min(options.margin, REACH_GROWTH * trust.reach)
     else:
         # What a whole step leaves to go is of second order: its contacts are near ones.
@@ -217,7 +221,7 @@ def update_reach(
 @advance.of(Coupled)
 @advance.of(Progressive)
 @jit_inline
-def advance_hand(method: Any, hand: HandArrays, surface: Any, unclipped: float, state: Record) -> bool:
+def advance_hand(method: Any, hand: HandArrays, surface: Any, full_motion: float, state: Record) -> bool:
     """Make the step as far as the pairs at hand vouch for, and judge it by the true distances."""
     began = monotonic_ns()
     options, step, progress = method.options, state.step, state.progress
@@ -231,17 +235,17 @@ def advance_hand(method: Any, hand: HandArrays, surface: Any, unclipped: float, 
     move(state.pose, step.delta, state.problem.abduction_step, fraction)
     # The next step may be the longer one, where contacts change; cut short by the reach, it would make that grow again.
     foreseen = REACH_FLOOR * max(options.step_tolerance, longest)
-    update_reach(options, fraction, longest, unclipped, foreseen, state)
+    update_reach(options, fraction, longest, full_motion, foreseen, state)
     done = False
     if not evaluate_pose(hand, surface, options, state):
         done = True
     elif least_distance(state.candidates) >= 0.0:
-        done = accept(options, fraction, longest, unclipped, state)
+        done = accept(options, fraction, longest, full_motion, state)
     elif forget_prediction(hand, surface, options, state):
-        done = progress.is_full
+        done = progress.pairs_overflow
     else:
         if progress.failed_steps == 0:
-            progress.lag = max(unclipped, longest)
+            progress.lag = max(full_motion, longest)
             keep_first_step(options, fraction, clearance, -least_distance(state.candidates), state)
         progress.failed_steps += 1
         if progress.failed_steps > MOST_FAILED_STEPS:
@@ -250,7 +254,7 @@ def advance_hand(method: Any, hand: HandArrays, surface: Any, unclipped: float, 
             take_free_share(hand, surface, options, state)
             progress.failed_steps = 0
             state.trust.radius *= TRUST_DECAY
-            done = progress.is_full
+            done = progress.pairs_overflow
     step.duration[DURATION_DETECT] += monotonic_ns() - began
     return done
 
@@ -288,25 +292,25 @@ def finish_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
     began = monotonic_ns()
     options, progress = method.options, state.progress
     cut_short = is_budget_spent(options, state)
-    is_full, made_part = progress.is_full, False
-    if progress.is_untested:
-        if progress.is_accepted or is_full:
+    pairs_overflow, made_part = progress.pairs_overflow, False
+    if progress.differs_from_safe:
+        if progress.is_accepted or pairs_overflow:
             state.first_step.free_share = 0.0
         made_part = take_free_share(hand, surface, options, state)
-        is_full = is_full or progress.is_full
+        pairs_overflow = pairs_overflow or progress.pairs_overflow
     if made_part:
         # What is not free in one program may be in several.
         state.trust.radius = max(TRUST_DECAY, state.first_step.free_share) * min(state.trust.reach, state.trust.radius)
     status = tick_status(cut_short, made_part, state)
-    if progress.is_accepted and status & STATUS_LAG and is_stalled(method, state):
+    if progress.is_accepted and status & STATUS_LAG and energy_stalled(method, state):
         suspend_decoupling(state)
-    if is_full:
+    if pairs_overflow:
         status |= STATUS_CAPACITY_EXCEEDED
     _, state.work[WORK_TOUCHING] = pairs_near(surface, hand, state.candidates, options.touch)
     detected = monotonic_ns()
     if options.force_model == FORCE_PAPER:
         find_contacts(surface, hand, state.pose, state.candidates, options.touch, state.contacts)
-    elif status & STATUS_LAG or is_strained(method, state):
+    elif status & STATUS_LAG or palm_yielded(method, state):
         settle_forces(hand, surface, options, state, qp)
     hand_forces(options, state)
     end_work(state)
@@ -328,16 +332,16 @@ def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpW
         if done > 0 and may_end(method, state) and spent_units(state) >= options.budget:
             break
         # With lists that are not whole a program could miss a pair.
-        solved, unclipped = as_int64(UNFIT), WHOLE_TARGET
-        if not progress.is_full:
-            solved, unclipped = solve_linearisation(method, hand, surface, done, state, qp)
-        if solved == UNFIT:
+        solved, full_motion = as_int64(OVERFLOW), WHOLE_TARGET
+        if not progress.pairs_overflow:
+            solved, full_motion = solve_linearisation(method, hand, surface, done, state, qp)
+        if solved == OVERFLOW:
             status |= STATUS_CAPACITY_EXCEEDED
             break
         if solved != OPTIMAL:
             if recover(method, hand, surface, state):
                 continue
             break
-        if advance(method, hand, surface, unclipped, state):
+        if advance(method, hand, surface, full_motion, state):
             break
     return status | finish_tick(method, hand, surface, state, qp)
