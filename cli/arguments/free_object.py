@@ -71,13 +71,14 @@ class FreeChoice(OptionGroup, heading="Free object"):
         if "mass" in given and "density" in given:
             raise click.UsageError("--mass and --density exclude each other: one follows from the other")
         if given.pop("free"):
+            from hhsim.scene.script import Script
             from hhsim.solver.free_engine import require_free
 
             require_free(solver)
             name = "" if motion is None else motion.name
             if getattr(motion, "object_motion", None) is not None:
                 raise click.UsageError(f"'{name}' holds how its object moves, so it cannot be free{way_out}")
-            if getattr(motion, "carries", False):
+            if isinstance(motion, Script) and motion.has("carry"):
                 raise click.UsageError(f"'{name}' says how its object moves, so it cannot be free: lift is for that")
         elif given:
             name = next(iter(given)).replace("_", "-")

@@ -14,7 +14,7 @@ from hhsim.system.settings_file import Settings, Version, a_list, between, check
 FINGERS = ("thumb", "index")
 READERS = (
     *("gate.suite", "gate.baseline", "hand.model", "recordings.column_map", "recordings.dexmo_regression"),
-    *("scene.demonstration", "scene.object_pose", "scene.object_regions", "scene.script", "scene.stored_pose"),
+    *("scene.contact_goals", "scene.demonstration", "scene.script"),
     *("sweep.cell", "sweep.plan"),
 )
 """Modules that declare settings."""
