@@ -30,7 +30,7 @@ def harvest(solver: HandSolver, haptic: HandConfiguration, ticks: range) -> Iter
         if state.loaded.count and not state.program.is_relaxed:
             program = last_program(solver)
             # The tick itself says by how much its friction is off the way of the slip, which the program's Γ does not.
-            if max(program.gamma_error, float(state.free_problem.gamma_error)) <= FLOATS:
+            if max(program.astray, float(state.free_problem.gamma_error)) <= FLOATS:
                 yield program
 
 
