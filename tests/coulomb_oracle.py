@@ -52,7 +52,7 @@ def last_program(solver: Any) -> CoulombProgram:
         whole, begun = np.zeros((PARTS, FREE_DOF)), np.zeros(DIRECTIONS)
         borne = np.array([load[row], *np.zeros(DIRECTIONS)])
         whole[0], needed = dense[row], float(problem.rhs[row])
-        if owner >= 0 and friction.rubs[owner]:
+        if owner >= 0 and friction.has_friction[owner]:
             needed += STANDS_BACK * solver.options.offset
             of = {owners[r][1]: r for r in owners if owners[r][0] == owner and owners[r][1] > 0}
             for e in range(DIRECTIONS):
@@ -66,7 +66,7 @@ def last_program(solver: Any) -> CoulombProgram:
         gap.append(needed)
         start.append(begun)
         multiplier.append(borne)
-        if owner >= 0 and friction.rubs[owner] and borne[0] > 0.0:
+        if owner >= 0 and friction.has_friction[owner] and borne[0] > 0.0:
             slip = begun + whole[1:] @ _scaled(state)
             astray = max(astray, abs(float(np.linalg.norm(slip)) - float(friction.shift[owner])))
     target = np.array(problem.target)
