@@ -16,10 +16,9 @@ from .console import print_json, progress
 @click.argument("out", metavar="FILE.csv", type=options.FILE)
 @names(
     "--columns",
-    "columns",
     "Datasets of /tick, such as time,force/total, and of a session live/tick/latency; all for every one. Default: the "
     "usual.",
-)
+)("columns")
 @options.json
 @options.quiet
 def command(result: Path, out: Path, columns: tuple[str, ...] | None, as_json: bool, quiet: bool) -> None:

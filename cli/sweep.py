@@ -9,6 +9,7 @@ from hhsim.system.counted import counted
 from hhsim.table.table import Table
 
 from .arguments import options
+from .arguments.option_group import OptionGroup, option
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
@@ -18,44 +19,36 @@ if TYPE_CHECKING:
 MOST_FAILURES = 20
 
 
+class SweepSettings(OptionGroup):
+    """Folder of a sweep, and how its cells are run."""
+
+    out: Path | None = options.file(
+        "FOLDER",
+        "Folder of the results; cells that are done there are not run again. Default: results/ and the plan's name.",
+    )
+    jobs: int | None = option(
+        type=options.JOBS,
+        metavar="N",
+        help="Cells at a time, in processes of this machine. Default: one for each physical core.",
+    )
+    scheduler: str = option(
+        metavar="ADDRESS",
+        default="",
+        help="Run the cells on a Dask cluster: tcp://host:8786, or local for one of --jobs processes.",
+    )
+    dry_run: bool = option(
+        is_flag=True, help="Count the cells, try some, and estimate how long all take; write nothing."
+    )
+    retry_failed: bool = option(is_flag=True, help="Run failed cells again; without it their reasons are shown.")
+    summary_only: bool = option(is_flag=True, help="Keep a row of figures for each cell, and not its ticks.")
+
+
 @click.command()
 @click.argument("plan", metavar="PLAN", type=options.FILE)
-@click.option(
-    "--out",
-    type=options.FILE,
-    metavar="FOLDER",
-    help="Folder of the results; cells that are done there are not run again. Default: results/ and the plan's name.",
-)
-@click.option(
-    "--jobs",
-    type=options.JOBS,
-    metavar="N",
-    help="Cells at a time, in processes of this machine. Default: one for each physical core.",
-)
-@click.option(
-    "--scheduler",
-    metavar="ADDRESS",
-    default="",
-    help="Run the cells on a Dask cluster: tcp://host:8786, or local for one of --jobs processes.",
-)
-@click.option(
-    "--dry-run", is_flag=True, help="Count the cells, try some, and estimate how long all take; write nothing."
-)
-@click.option("--retry-failed", is_flag=True, help="Run failed cells again; without it their reasons are shown.")
-@click.option("--summary-only", is_flag=True, help="Keep a row of figures for each cell, and not its ticks.")
+@SweepSettings.argument("settings")
 @options.json
 @options.quiet
-def command(
-    plan: Path,
-    out: Path | None,
-    jobs: int | None,
-    scheduler: str,
-    dry_run: bool,
-    retry_failed: bool,
-    summary_only: bool,
-    as_json: bool,
-    quiet: bool,
-) -> int:
+def command(plan: Path, settings: SweepSettings, as_json: bool, quiet: bool) -> int:
     """Replay all that a plan names, each with each, and resume.
 
     PLAN is a TOML file of objects, motions, methods, surfaces and sets of options (docs/sweeps.md). Each cell is what
@@ -76,19 +69,19 @@ def command(
     from hhsim.sweep.sweep import SweepOptions, run_sweep
     from hhsim.system.output_path import RESULTS
 
-    chosen = SweepOptions(jobs or 0, scheduler, retry_failed, not summary_only)
+    chosen = SweepOptions(settings.jobs or 0, settings.scheduler, settings.retry_failed, not settings.summary_only)
     with progress(quiet=quiet, lines=True) as report:
         report("reading the plan", 0, 1)
         read = load_plan(plan)
-        folder = SweepFolder(out or RESULTS / read.name)
+        folder = SweepFolder(settings.out or RESULTS / read.name)
         if not quiet and not as_json:
             print_notes(read.notes)
         announce_compilation(quiet=quiet)
-        if dry_run:
+        if settings.dry_run:
             found = estimate(read, folder, chosen.workers, report)
         else:
             ended = run_sweep(read, folder, chosen, report)
-    if dry_run:
+    if settings.dry_run:
         _print_estimate(found, chosen.workers, as_json=as_json)
         return 0
     if as_json:

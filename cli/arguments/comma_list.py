@@ -6,25 +6,24 @@ from typing import Any
 
 import click
 
-Decorator = Callable[[Any], Any]
+from .option_group import option
+
 DIGITS = 20
 """Digits from which on a whole number is refused unread."""
 Reader = Callable[[click.Context, click.Parameter, str | None], tuple[float, ...] | None]
 
 
-def names(option: str, parameter: str, help: str, **more: Any) -> Decorator:
-    """Return an option such as --object bunny,cube: a tuple of distinct names in their order, None if not given.
+def names(flag: str, help: str, **more: Any) -> Any:
+    """Declare an option such as --object bunny,cube as a field of a group: distinct names in their order, or None.
 
-    The option may be given again instead.
+    The option may be given again instead. For a command alone, the declaration is called with the argument's name.
     """
-    return click.option(option, parameter, callback=_read_names, multiple=True, metavar="NAMES", help=help, **more)
+    return option(flag, callback=_read_names, multiple=True, metavar="NAMES", help=help, **more)
 
 
-def counts(option: str, parameter: str, help: str, most: int) -> Decorator:
-    """Return an option such as --level 3,4: as `names`, of whole numbers from 1 to `most`."""
-    return click.option(
-        option, parameter, callback=partial(_read_counts, most), multiple=True, metavar="NUMBERS", help=help
-    )
+def counts(flag: str, help: str, most: int) -> Any:
+    """Declare an option such as --level 3,4 as a field of a group: as `names`, of whole numbers from 1 to `most`."""
+    return option(flag, callback=partial(_read_counts, most), multiple=True, metavar="NUMBERS", help=help)
 
 
 def number_list(*meanings: str, ranges: Sequence[tuple[float, float]]) -> Reader:

@@ -10,7 +10,7 @@ from hhsim.system.counted import counted
 from hhsim.table.table import Table, number, words
 
 from ..arguments.comma_list import names
-from ..arguments.option_group import OptionGroup, option, shared
+from ..arguments.option_group import OptionGroup, option
 from ..arguments.options import Number, Output
 from ..console import print_notes, print_table
 from .suite import SuiteTable, measuring, quick_or_whole
@@ -23,12 +23,8 @@ SECONDS = Number(1.0, 1e6)
 class ManipulationSettings(OptionGroup):
     """Cases and durations."""
 
-    cases: tuple[str, ...] | None = shared(
-        names(
-            "--case",
-            "cases",
-            "Cases: slope, rolling, flight, tipping, thresholds, torsion, held, rest, pinch. Default: all.",
-        )
+    cases: tuple[str, ...] | None = names(
+        "--case", "Cases: slope, rolling, flight, tipping, thresholds, torsion, held, rest, pinch. Default: all."
     )
     quick: bool = option(is_flag=True, help="A rest of 10 s and holds of 5 s.")
     rest: float | None = option(type=SECONDS, metavar="S", help="How long a block rests on a table. Default: 600.")

@@ -7,7 +7,7 @@ import click
 from hhsim.table.table import Table, number, words
 
 from ..arguments.comma_list import counts
-from ..arguments.option_group import OptionGroup, option, shared
+from ..arguments.option_group import OptionGroup, option
 from ..arguments.options import Output
 from ..console import print_notes, print_table
 from .suite import SuiteTable, measuring
@@ -17,8 +17,8 @@ class MeshSizeSettings(OptionGroup):
     """Object and subdivisions."""
 
     object_name: str = option("--object", metavar="NAME", default="bunny", help="Object of the catalogue.")
-    subdivisions: tuple[int, ...] | None = shared(
-        counts("--subdivisions", "subdivisions", "How often each triangle becomes four. Default: 2,4.", 6)
+    subdivisions: tuple[int, ...] | None = counts(
+        "--subdivisions", "How often each triangle becomes four. Default: 2,4.", 6
     )
 
 

@@ -27,10 +27,8 @@ SHOWN_UNITS = {"s": ("µs", 1), "m": ("µm", 3), "%": ("%", 3), "1": ("", 0)}
 class PaperSettings(OptionGroup):
     """Methods, objects and repetitions."""
 
-    methods: tuple[str, ...] | None = shared(
-        names("--method", "methods", "Methods. Default: paper,progressive,coupled.")
-    )
-    objects: tuple[str, ...] | None = shared(names("--object", "objects", "Only these objects. Default: all ten."))
+    methods: tuple[str, ...] | None = names("--method", "Methods. Default: paper,progressive,coupled.")
+    objects: tuple[str, ...] | None = names("--object", "Only these objects. Default: all ten.")
     quick: bool = option(is_flag=True, help="Every row, from coarse spheres, 3 instances and one repetition.")
     instances: int | None = option(type=COUNT, metavar="N", help="Instances of each case of Fig. 15. Default: 100.")
     repetitions: int | None = option(type=COUNT, metavar="N", help="Repetitions of every run. Default: 3.")

@@ -18,16 +18,10 @@ from .suite import SuiteTable, measuring, quick_or_whole
 class PeersSettings(OptionGroup):
     """Objects, motions and methods, each with each."""
 
-    objects: tuple[str, ...] | None = shared(
-        names("--object", "objects", "Objects. Default: bunny,teapot,cube,sphere.")
-    )
-    motions: tuple[str, ...] | None = shared(names("--motion", "motions", "Motions. Default: grasp,slide,whole-hand."))
-    methods: tuple[str, ...] | None = shared(
-        names(
-            "--method",
-            "methods",
-            "Methods, of hhsim or from outside. Default: coupled, penalty, and every engine that is installed.",
-        )
+    objects: tuple[str, ...] | None = names("--object", "Objects. Default: bunny,teapot,cube,sphere.")
+    motions: tuple[str, ...] | None = names("--motion", "Motions. Default: grasp,slide,whole-hand.")
+    methods: tuple[str, ...] | None = names(
+        "--method", "Methods, of hhsim or from outside. Default: coupled, penalty, and every engine that is installed."
     )
     quick: bool = option(is_flag=True, help="The bunny grasped, once.")
     repetitions: int | None = option(

@@ -9,17 +9,26 @@ from hhsim.table.table import Table, number, words
 
 from ..arguments import options
 from ..arguments.comma_list import names
+from ..arguments.option_group import OptionGroup, option
 from ..console import print_notes, print_table
 from .suite import SuiteTable, measuring
 
 
+class QpSettings(OptionGroup):
+    """Programs, where they are from, and solvers."""
+
+    problems: int = option(type=options.COUNT, default=100_000, metavar="N", help="Programs of real ticks to take.")
+    objects: tuple[str, ...] | None = names(
+        "--object", "Objects of the ticks. Default: sphere,cube,rock,cup,teapot,bunny."
+    )
+    motions: tuple[str, ...] | None = names(
+        "--motion", "Motions of the ticks; random: random targets. Default: grasp,pinch,whole-hand,slide,random."
+    )
+    backends: tuple[str, ...] | None = names("--qp", "QP solvers beside ours. Default: all that are installed.")
+
+
 @click.command()
-@click.option("--problems", type=options.COUNT, default=100_000, metavar="N", help="Programs of real ticks to take.")
-@names("--object", "objects", "Objects of the ticks. Default: sphere,cube,rock,cup,teapot,bunny.")
-@names(
-    "--motion", "motions", "Motions of the ticks; random: random targets. Default: grasp,pinch,whole-hand,slide,random."
-)
-@names("--qp", "backends", "QP solvers beside ours. Default: all that are installed.")
+@QpSettings.argument("settings")
 @click.option(
     "--programs",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -28,15 +37,7 @@ from .suite import SuiteTable, measuring
 )
 @options.seed
 @options.Output.argument("output")
-def command(
-    problems: int,
-    objects: tuple[str, ...] | None,
-    motions: tuple[str, ...] | None,
-    backends: tuple[str, ...] | None,
-    programs: Path | None,
-    seed: int,
-    output: options.Output,
-) -> int:
+def command(settings: QpSettings, programs: Path | None, seed: int, output: options.Output) -> int:
     """Solve the programs of real ticks by every solver at hand.
 
     Our solver solves all of them, taken from replays and random targets, from nothing and from the guess that the tick
@@ -52,11 +53,9 @@ def command(
     from dataclasses import asdict
 
     from hhsim.bench.qp.bench import COLUMNS, bench_qp, check_problem_file, missed_programs, solver_versions
-    from hhsim.bench.qp.recorded_problems import MOTIONS, OBJECTS, QpBenchOptions
+    from hhsim.bench.qp.recorded_problems import QpBenchOptions
 
-    chosen = QpBenchOptions(
-        problems=problems, objects=objects or OBJECTS, motions=motions or MOTIONS, backends=backends, seed=seed
-    )
+    chosen = QpBenchOptions(**settings.given(), seed=seed)
     if programs is not None:
         check_problem_file(programs)
     table = SuiteTable(output, "qp", COLUMNS, asdict(chosen))

@@ -10,7 +10,6 @@ from hhsim.table.table import Table, number, words
 from ..arguments import options
 from ..arguments.comma_list import names
 from ..arguments.object_argument import MeshSize, complete_object
-from ..arguments.option_group import shared
 from ..console import print_json, print_line, print_table
 from .suite import Solvers, SuiteTable, measuring
 
@@ -54,16 +53,13 @@ class RecordedMotion(options.Sampling):
 class RecordedSolvers(Solvers):
     """Solvers; the safe ones if none is named."""
 
-    methods: tuple[str, ...] | None = shared(names("--method", "methods", "Methods. Default: coupled,progressive."))
+    methods: tuple[str, ...] | None = names("--method", "Methods. Default: coupled,progressive.")
 
 
 @click.command()
 @click.argument("recordings", metavar="FOLDER|FILE...", nargs=-1, required=True, type=options.FILE)
-@names(
-    "--object",
-    "objects",
-    "Objects: names (hhsim objects) or mesh files. Default: bunny,cup.",
-    shell_complete=complete_object,
+@names("--object", "Objects: names (hhsim objects) or mesh files. Default: bunny,cup.", shell_complete=complete_object)(
+    "objects"
 )
 @RecordedSolvers.argument("solvers")
 @RecordedMotion.argument("motion")

@@ -22,35 +22,20 @@ Row = Mapping[str, Any]
 class Configurations(OptionGroup, heading="Configurations"):
     """Configurations and scenes, each with each."""
 
-    objects: tuple[str, ...] | None = shared(names("--object", "objects", "Objects. Default: bunny,teapot,cube."))
-    motions: tuple[str, ...] | None = shared(
-        names("--motion", "motions", "Motions. Default: grasp,pinch,whole-hand,slide.")
+    objects: tuple[str, ...] | None = names("--object", "Objects. Default: bunny,teapot,cube.")
+    motions: tuple[str, ...] | None = names("--motion", "Motions. Default: grasp,pinch,whole-hand,slide.")
+    methods: tuple[str, ...] | None = names("--method", "Methods. Default: all.")
+    surfaces: tuple[str, ...] | None = names(
+        "--surface", "What of the object the hand touches; paper and penalty take spheres alone. Default: spheres,mesh."
     )
-    methods: tuple[str, ...] | None = shared(names("--method", "methods", "Methods. Default: all."))
-    surfaces: tuple[str, ...] | None = shared(
-        names(
-            "--surface",
-            "surfaces",
-            "What of the object the hand touches; paper and penalty take spheres alone. Default: spheres,mesh.",
-        )
+    levels: tuple[int, ...] | None = counts("--level", "Levels of the sphere tree. Default: 2,3,4,5.", 5)
+    linearisations: tuple[int, ...] | None = counts(
+        "--linearisations",
+        "Most linearisations in a tick. Default: 1,2,3,12; of method paper 1,2,3; of penalty 12.",
+        1_000_000,
     )
-    levels: tuple[int, ...] | None = shared(
-        counts("--level", "levels", "Levels of the sphere tree. Default: 2,3,4,5.", 5)
-    )
-    linearisations: tuple[int, ...] | None = shared(
-        counts(
-            "--linearisations",
-            "linearisations",
-            "Most linearisations in a tick. Default: 1,2,3,12; of method paper 1,2,3; of penalty 12.",
-            1_000_000,
-        )
-    )
-    backends: tuple[str, ...] | None = shared(
-        names(
-            "--qp",
-            "backends",
-            "QP solvers beside ours, on a stretch of each object's first motion. Default: all that are installed.",
-        )
+    backends: tuple[str, ...] | None = names(
+        "--qp", "QP solvers beside ours, on a stretch of each object's first motion. Default: all that are installed."
     )
     quick: bool = option(is_flag=True, help="About a minute: the bunny, grasp and slide, levels 3 to 5, our QP solver.")
     repetitions: int = option(type=COUNT, default=3, metavar="N", help="Repetitions of every run.")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..arguments.comma_list import names
-from ..arguments.option_group import OptionGroup, shared
+from ..arguments.option_group import OptionGroup
 from ..arguments.options import Output
 from ..console import announce_compilation, print_json, progress
 
@@ -19,16 +19,10 @@ if TYPE_CHECKING:
 class Solvers(OptionGroup, heading="Solver"):
     """Methods and surfaces, each with each."""
 
-    methods: tuple[str, ...] | None = shared(
-        names("--method", "methods", "Methods. Default: all that take the surface.")
-    )
-    surfaces: tuple[str, ...] | None = shared(
-        names(
-            "--surface",
-            "surfaces",
-            "What of the objects the hand touches: spheres (of the tree), mesh (its triangles), or both. "
-            "Default: spheres.",
-        )
+    methods: tuple[str, ...] | None = names("--method", "Methods. Default: all that take the surface.")
+    surfaces: tuple[str, ...] | None = names(
+        "--surface",
+        "What of the objects the hand touches: spheres (of the tree), mesh (its triangles), or both. Default: spheres.",
     )
 
     def options(self, usual: Sequence[str], **options: Any) -> "list[SolverOptions]":

@@ -7,7 +7,7 @@ import click
 from hhsim.table.table import Table, number, words
 
 from ..arguments.comma_list import counts, names
-from ..arguments.option_group import OptionGroup, option, shared
+from ..arguments.option_group import OptionGroup, option
 from ..arguments.options import COUNT, Output
 from ..console import print_notes, print_table
 from .suite import SuiteTable, measuring
@@ -16,8 +16,8 @@ from .suite import SuiteTable, measuring
 class ThreadsSettings(OptionGroup):
     """Objects, numbers of threads, and repetitions."""
 
-    objects: tuple[str, ...] | None = shared(names("--object", "objects", "Objects. Default: cup,bunny."))
-    threads: tuple[int, ...] | None = shared(counts("--threads", "threads", "Numbers of threads. Default: 1,2.", 6))
+    objects: tuple[str, ...] | None = names("--object", "Objects. Default: cup,bunny.")
+    threads: tuple[int, ...] | None = counts("--threads", "Numbers of threads. Default: 1,2.", 6)
     instances: int = option(type=COUNT, default=100, metavar="N", help="Ticks in contact of each row.")
     rounds: int = option(type=COUNT, default=9, metavar="N", help="Replays of each row.")
 

@@ -17,12 +17,10 @@ from .suite import SuiteTable, measuring
 class TreesSettings(OptionGroup):
     """Objects and sizes of the trees."""
 
-    objects: tuple[str, ...] | None = shared(
-        names("--object", "objects", "Objects. Default: bunny,teapot,cube,hexagonal-prism,cylinder,cup.")
+    objects: tuple[str, ...] | None = names(
+        "--object", "Objects. Default: bunny,teapot,cube,hexagonal-prism,cylinder,cup."
     )
-    spheres: tuple[int, ...] | None = shared(
-        counts("--spheres", "spheres", "Most leaves of the trees. Default: 64,512,4096.", 32_768)
-    )
+    spheres: tuple[int, ...] | None = counts("--spheres", "Most leaves of the trees. Default: 64,512,4096.", 32_768)
     seed: int = shared(options.seed)
 
 
