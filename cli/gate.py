@@ -11,7 +11,7 @@ from hhsim.errors import HhsimError, InputError
 from hhsim.table.table import Table
 
 from .arguments import options
-from .arguments.option_group import OptionGroup, option
+from .arguments.option_group import OptionGroup, option, shared
 from .arguments.options import FILE, file
 from .console import announce_compilation, print_json, print_notes, print_table, progress
 from .run_again import names_a_result
@@ -48,25 +48,22 @@ class Comparison(OptionGroup):
     )
 
 
+class GateOutput(OptionGroup):
+    """Files for CI systems, and amount of output."""
+
+    markdown: Path | None = file("FILE", "Write a summary in Markdown.")
+    step_summary: bool = option(is_flag=True, help=f"Append the summary to the file that ${STEP_SUMMARY} names.")
+    junit: Path | None = file("FILE", "Write JUnit XML.")
+    whole: bool = option("--all", is_flag=True, help="Print every figure; without it what changed or was missed.")
+    as_json: bool = shared(options.json)
+    quiet: bool = shared(options.quiet)
+
+
 @click.command()
 @click.argument("target", metavar="[RESULT|SUITE]", required=False, type=FILE)
 @Comparison.argument("comparison")
-@click.option("--markdown", type=FILE, metavar="FILE", help="Write a summary in Markdown.")
-@click.option("--step-summary", is_flag=True, help=f"Append the summary to the file that ${STEP_SUMMARY} names.")
-@click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML.")
-@click.option("--all", "whole", is_flag=True, help="Print every figure; without it what changed or was missed.")
-@options.json
-@options.quiet
-def command(
-    target: Path | None,
-    comparison: Comparison,
-    markdown: Path | None,
-    step_summary: bool,
-    junit: Path | None,
-    whole: bool,
-    as_json: bool,
-    quiet: bool,
-) -> int:
+@GateOutput.argument("output")
+def command(target: Path | None, comparison: Comparison, output: GateOutput) -> int:
     """Judge a change for CI: errors, work and time, yes or no.
 
     SUITE is a TOML file of scenes and limits; without it, hhsim-gate.toml of the current folder, else the one that
@@ -91,14 +88,14 @@ def command(
     from hhsim.gate.gate import refused_report
     from hhsim.system.output_path import check_output_path
 
-    summary = os.environ.get(STEP_SUMMARY)
-    if step_summary and not summary:
+    summary = os.environ.get(STEP_SUMMARY) if output.step_summary else None
+    if output.step_summary and not summary:
         raise InputError(f"--step-summary: ${STEP_SUMMARY} is not set; outside of GitHub Actions, use --markdown FILE")
-    outputs = markdown, Path(summary) if step_summary and summary else None, junit
-    for path in (comparison.write_baseline, markdown, junit):
+    files = output.markdown, Path(summary) if summary else None, output.junit
+    for path in (comparison.write_baseline, output.markdown, output.junit):
         if path is not None:
             check_output_path(path)
-    announce_compilation(quiet=quiet)
+    announce_compilation(quiet=output.quiet)
     if target is not None and names_a_result(target):
         if any((comparison.base_python, comparison.base_folder, comparison.write_baseline)):
             raise click.UsageError(
@@ -108,13 +105,13 @@ def command(
     else:
         if comparison.suite is not None:
             raise click.UsageError("--suite is for a RESULT: a suite is run by its name, hhsim gate SUITE")
-        judge = partial(_judge_suite, target, comparison, quiet=quiet)
+        judge = partial(_judge_suite, target, comparison, quiet=output.quiet)
     try:
         report = judge()
     except HhsimError as error:
-        _write(refused_report("hhsim gate" if target is None else str(target), str(error)), *outputs)
+        _write(refused_report("hhsim gate" if target is None else str(target), str(error)), *files)
         raise
-    _write(report, *outputs)
+    _write(report, *files)
     written = comparison.write_baseline
     if written is not None and report.recorded:
         from hhsim.gate.baseline import write_baseline
@@ -122,7 +119,7 @@ def command(
         write_baseline(written, report.recorded)
     elif written is not None:
         print_notes([f"not every scene ran, so {written} is not written"], prefix="gate")
-    _print(report, written if report.recorded else None, whole=whole, as_json=as_json, quiet=quiet)
+    _print(report, written if report.recorded else None, output)
     return report.exit_code
 
 
@@ -189,25 +186,25 @@ def _write(report: "GateReport", markdown: Path | None, summary: Path | None, ju
         write_atomically(junit, as_junit(report))
 
 
-def _print(report: "GateReport", written: Path | None, *, whole: bool, as_json: bool, quiet: bool) -> None:
+def _print(report: "GateReport", written: Path | None, output: GateOutput) -> None:
     from hhsim.gate.report import COLUMNS, headline, left_out, not_judged, reasons, worth_showing
     from hhsim.gate.time_comparison import NOT_COMPARABLE
     from hhsim.gate.verdict import REFUSED
 
     print_notes(report.refused, prefix="error")
-    if as_json:
+    if output.as_json:
         print_json({**report.to_json(), "baseline_written": str(written) if written else None})
-    elif quiet:
+    elif output.quiet:
         failing = [row for row in report.rows if not row.passed or row.verdict == NOT_COMPARABLE]
         print_notes(reasons(failing), prefix="gate")
     else:
-        shown = list(report.rows) if whole else worth_showing(report)
+        shown = list(report.rows) if output.whole else worth_showing(report)
         if shown:
             print_table(Table(COLUMNS, shown, report.source))
         told = [row for row in shown if row.verdict != REFUSED]
         for line in (*reasons(told), *not_judged(report), *report.notes):
             print(f"note: {line}")
-        if not whole and (rest := left_out(report)):
+        if not output.whole and (rest := left_out(report)):
             print(f"{report.source}: {rest} (--all shows them)")
         print(headline(report))
         if written is not None:

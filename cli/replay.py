@@ -335,12 +335,12 @@ def _print(summary: "ReplaySummary", *, whole: bool) -> None:
 def _state_repeats(runs: "Sequence[ReplaySummary]") -> dict[str, Any]:
     """Store the times over several runs in the file of the last one, and return them for the JSON document."""
     from hhsim.replay.repeated_times import repeated_document
-    from hhsim.result.writer import state_repeats
+    from hhsim.result.writer import state
 
     repeated = repeated_document(runs)
     path = runs[-1].path
     assert path is not None
-    state_repeats(path, repeated)
+    state(path, "repeated", repeated)
     return {"repeated": repeated}
 
 

@@ -258,21 +258,10 @@ class ResultWriter:
         return size
 
 
-def state_repeats(path: Path, repeated: Mapping[str, Any]) -> None:
-    """Store the spread of the times over several runs in a complete result, and seal it anew.
-
-    Args:
-        path: The result, of the last run.
-        repeated: `runs`, how many, and `times`: mean and std by the name of the figure, SI or %.
-
-    Raises:
-        OutputError: The file cannot be written.
-    """
-    state(path, "repeated", repeated)
-
-
 def state(path: Path, name: str, document: Mapping[str, Any]) -> None:
     """Add a JSON document as attribute `name` to a complete result, and seal it anew.
+
+    Of several runs, `repeated` has `runs`, how many, and `times`: mean and std by the name of the figure, SI or %.
 
     Raises:
         OutputError: The file cannot be written.

@@ -16,7 +16,7 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.repeated_times import repeated_document
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
-from hhsim.result.writer import state_repeats
+from hhsim.result.writer import state
 from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.described_scene import described_scene
 from hhsim.scene.motion_catalogue import resolve_trajectory, trajectory_names
@@ -116,7 +116,7 @@ def _run(task: CellTask) -> tuple[int, float]:
         result = f"{task.digest}.h5" if task.keeps_result else None
         if result is not None:
             if repeated:
-                state_repeats(partial, repeated)
+                state(partial, "repeated", repeated)
             partial.replace(folder / result)
     finally:
         partial.unlink(missing_ok=True)

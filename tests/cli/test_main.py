@@ -58,19 +58,12 @@ def test_the_version_is_that_of_the_package(run: Run) -> None:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_explains_itself(run: Run, name: str, repository: Path) -> None:
+def test_every_command_explains_itself(name: str, repository: Path) -> None:
     context = click.Context(entry.hhsim)
     command = entry.hhsim.get_command(context, name)
     assert command is not None
     assert command.get_short_help_str(limit=200) == COMMANDS[name]
-    answer = run(name, "--help")
-    assert answer.code == 0
-    assert "Example" in answer.out
-    assert f"  hhsim {name}" in answer.out
     assert f"hhsim {name}" in (repository / "README.md").read_text(encoding="utf-8")
-    for parameter in command.params:
-        if isinstance(parameter, click.Option):
-            assert parameter.help, f"{name} {parameter.opts[0]} has no help"
 
 
 def test_the_reference_page_is_what_the_commands_say(repository: Path) -> None:

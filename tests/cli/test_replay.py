@@ -30,8 +30,8 @@ def short(tmp_path: Path) -> Path:
     return path
 
 
-def hhsim(folder: Path, *arguments: str, prelude: str = "") -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", f"{prelude}\n{MAIN}", *arguments]
+def hhsim(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", MAIN, *arguments]
     return subprocess.run(command, capture_output=True, text=True, cwd=folder, stdin=subprocess.DEVNULL)
 
 
@@ -266,20 +266,6 @@ def has_ticks(path: Path) -> bool:
             return all(len(file["tick"][column.name]) > 0 for column in TICK_COLUMNS)
     except (OSError, KeyError):
         return False
-
-
-@pytest.mark.soak  # `result/test_reader.py` fills the disk of a writer every time
-def test_a_full_disk_keeps_the_ticks_before_it(tmp_path: Path) -> None:
-    (tmp_path / "long.toml").write_text(LONG)
-    prelude = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (6_000_000, 6_000_000))"
-    run = hhsim(tmp_path, "replay", "cube", "long.toml", "--level", "2", "--out", "run.h5", prelude=prelude)
-    assert run.returncode == 2, run.stderr
-    result = load_result(tmp_path / "run.h5")
-    assert not result.complete
-    assert result.ticks > 0
-    line = run.stderr.splitlines()[-1]
-    assert line.startswith("hhsim: error: cannot write run.h5: ")
-    assert line.endswith(f"the {result.ticks:,} ticks so far are in run.h5 (complete = 0)")
 
 
 def test_progress_shows_on_a_terminal_only(run: Run, short: Path, monkeypatch: pytest.MonkeyPatch) -> None:

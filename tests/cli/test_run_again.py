@@ -103,11 +103,3 @@ def test_a_file_that_is_no_result_is_told_what_it_is(run: Run, tmp_path: Path) -
         "trajectory, give an object first: hhsim replay OBJECT FILE)\n"
     )
     assert run("replay", "gone.h5").err == "hhsim: error: gone.h5: no such file; expected a result (.h5)\n"
-
-
-def test_an_older_result_says_why_not(run: Run, result: Path) -> None:
-    with changed(result) as file:
-        file.attrs["schema_version"] = 2
-    answer = run("replay", "run.h5")
-    assert answer.code == 2
-    assert answer.err.endswith("run.h5 is a result of schema 2; this hhsim reads schema 3 alone: make it anew\n")

@@ -8,23 +8,11 @@ from conftest import Run
 
 from hhsim.bench.table import load_table
 
-SMALL = (
-    *("bench", "speed-error", "--object", "cube", "--motion", "touch", "--method", "coupled,progressive"),
-    *(
-        "--surface",
-        "spheres",
-        "--level",
-        "2",
-        "--linearisations",
-        "12",
-        "--qp",
-        "active-set",
-        "--repetitions",
-        "1",
-        "--rate",
-        "33",
-    ),
+COMMAND = (
+    "bench speed-error --object cube --motion touch --method coupled,progressive --surface spheres --level 2 "
+    "--linearisations 12 --qp active-set --repetitions 1 --rate 33"
 )
+SMALL = COMMAND.split()
 
 
 def test_it_prints_tables_and_writes_three_files(run: Run, tmp_path: Path) -> None:
