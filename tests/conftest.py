@@ -5,6 +5,7 @@ import contextlib
 import gc
 import importlib
 import importlib.metadata
+import io
 import os
 import signal
 import sys
@@ -119,6 +120,13 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real data at {folder}: set HHSIM_SHARED_DATA to the folder that holds meshes/ and recordings/")
     return folder
+
+
+class Terminal(io.StringIO):
+    """What is shown in a terminal."""
+
+    def isatty(self) -> bool:
+        return True
 
 
 class Answer(NamedTuple):

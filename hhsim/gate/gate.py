@@ -101,13 +101,10 @@ def gate_suite(
     """Run and judge every scene of a suite; bad input, such as an unknown object, becomes a row.
 
     Args:
-        suite: The suite.
-        head: The judged side.
         base: Side to compare with, run in the same job.
         baseline: Recorded one; where both are given, counters are compared with this one, times with `base`.
         timed: Judge times, by the base and by limits.
         record_times: Take times of head for a baseline, even where nothing is compared.
-        progress: Called with a label, the scenes done and their number.
     """
     gate = _SuiteGate(suite, head, base, baseline, timed, record_times)
     rows: list[GateRow] = []
@@ -144,7 +141,6 @@ def gate_result(
     Times are not compared, since only runs in turn can be.
 
     Args:
-        result: The judged result.
         suite: Suite with the limits; None: the default ones, except those that the method does not promise to hold.
         base: Result or baseline to compare with.
         timed: Judge times that the suite limits.

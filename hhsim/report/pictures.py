@@ -41,6 +41,7 @@ MARGIN = 0.06
 DOT = "#212126"
 BAR = 0.02
 """Length of the bar that shows the scale [m]."""
+HANDS = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
 CUT = "The object is larger than the picture, and cut at its edge."
 
 
@@ -153,8 +154,7 @@ def hand_picture(
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         _show(axes, _see_through(moment, camera), moment, camera, why=True, size=SMALL_TEXT)
         png = png_bytes(figure)
-    caption = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
-    caption += f" {CUT}" if moment.cut else ""
+    caption = f"{HANDS} {CUT}" if moment.cut else HANDS
     size = round(PICTURE[0] * DPI), round(PICTURE[1] * DPI)
     return ReportFigure(f"tick-{tick}", f"Tick {tick:,}", caption, moment.sentence, png, *size)
 

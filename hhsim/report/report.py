@@ -14,7 +14,7 @@ from hhsim.report.bench_chart import bench_section
 from hhsim.report.compare import Comparison, compare
 from hhsim.report.figure import Album, PageFigure
 from hhsim.report.histogram import histogram_figure
-from hhsim.report.pictures import CUT, held_picture, overview_picture, overview_view
+from hhsim.report.pictures import CUT, HANDS, held_picture, overview_picture, overview_view
 from hhsim.report.provenance import motion_name, object_name
 from hhsim.report.run import ReportRun, report_runs
 from hhsim.report.sections import result_tables
@@ -39,7 +39,6 @@ FIGURES = (
     ("ticks", "How long a tick takes", histogram_figure),
     ("speed-error", "Speed against error", speed_error_figure),
 )
-HANDS = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
 CUT_OBJECT = "An object that is much larger than the hand is cut at a clean edge near it."
 
 

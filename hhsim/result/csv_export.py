@@ -42,7 +42,6 @@ def export_ticks(
         path: The table; an existing one is replaced when the new one is complete.
         columns: Names of datasets of /tick, of `SIZES` or, of a session, of live/tick; or `all`. None for the usual
             ones.
-        progress: Called with a label, the ticks done and their number.
 
     Raises:
         UnknownNameError: No such dataset.

@@ -64,7 +64,6 @@ def estimate(plan: SweepPlan, folder: SweepFolder, workers: int = 1, progress: P
     """Count the cells, and estimate the duration of those left from the most similar ones that were run.
 
     Args:
-        plan: The plan.
         folder: Folder of the sweep; it need not exist.
         workers: Processes, each of which opens a scene once for all its cells.
     """

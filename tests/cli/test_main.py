@@ -3,7 +3,6 @@
 import errno
 import importlib
 import importlib.metadata
-import io
 import json
 import os
 import re
@@ -15,7 +14,7 @@ from pathlib import Path
 
 import click
 import pytest
-from conftest import Run
+from conftest import Run, Terminal
 
 import hhsim
 from hhsim.errors import InputError
@@ -302,10 +301,6 @@ def test_a_bar_has_a_label_from_the_start_and_says_that_kernels_are_compiled(mon
     from hhsim.kernels.jit import jit
 
     console = importlib.import_module("hhsim.cli.console")
-
-    class Terminal(io.StringIO):
-        def isatty(self) -> bool:
-            return True
 
     @click.command()
     def command() -> None:

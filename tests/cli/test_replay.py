@@ -1,6 +1,5 @@
 """`hhsim replay` as users meet it: what it prints, what it writes, and what it leaves behind when it is stopped."""
 
-import io
 import json
 import signal
 import subprocess
@@ -11,7 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from conftest import Run
+from conftest import Run, Terminal
 from sampled import sampled
 from short_grasp import short_grasp_text
 
@@ -276,13 +275,6 @@ def test_progress_shows_on_a_terminal_only(run: Run, short: Path, monkeypatch: p
     answer = run(*command)
     assert "ticks" in terminal.getvalue()
     assert json.loads(answer.out)["ticks"] == 200
-
-
-class Terminal(io.StringIO):
-    """What is shown in a terminal."""
-
-    def isatty(self) -> bool:
-        return True
 
 
 def test_a_recording_of_a_bare_hand_gets_its_object_placed(run: Run, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from file_faults import forge_scene
 from gate_scene import SUITE, write_suite
 from sealed_change import changed
 
@@ -70,9 +71,7 @@ def figures(stored: Path) -> RunFigures:
 
 def change_scene(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
     with changed(path) as file:
-        scene = json.loads(file.attrs["scene"])
-        change(scene)
-        file.attrs["scene"] = json.dumps(scene)
+        forge_scene(file, change)
 
 
 def missed(report: GateReport) -> list[str]:

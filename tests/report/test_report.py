@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pytest
 import sealed_change
+from file_faults import of_scene
 from report_reader import Page, read_page
 from short_grasp import short_grasp, short_scene
 
@@ -101,11 +102,7 @@ def stating(**figures: float) -> Change:
 
 def in_scene(**others: Any) -> Change:
     """Other words in the description of a result's scene."""
-
-    def change(file: h5py.File) -> None:
-        file.attrs["scene"] = json.dumps({**json.loads(file.attrs["scene"]), **others})
-
-    return change
+    return of_scene("other words", lambda scene: scene.update(others))
 
 
 def page_of(*paths: Path) -> Page:

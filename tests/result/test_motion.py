@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from file_faults import Fault, at, attribute
 from live_rings import CHANNELS, ended, make_setup, numbered_samples, pour, solved_ticks
 from sealed_change import changed
 from sphere_scenes import bumpy_ball
@@ -156,28 +157,22 @@ def test_a_result_that_was_cut_short_is_a_motion_as_far_as_it_goes(session: Path
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
-        ("old", "is a result of schema 2; this hhsim reads schema 3 alone: make it anew"),
-        ("new", "was written by a newer hhsim (schema 5; this one reads 4): upgrade hhsim"),
-        ("bad", "a session without a good sample of the glove: it holds no motion"),
-        ("empty", "a session without a tick: where the palm was is not known"),
-        ("lacking", "a damaged result"),
-        ("nan", "position has 3 NaN or infinite values"),
+        (
+            attribute("old", "/", "schema_version", lambda _: 2),
+            "is a result of schema 2; this hhsim reads schema 3 alone",
+        ),
+        (attribute("new", "/", "schema_version", lambda _: 5), "written by a newer hhsim (schema 5; this one reads 4)"),
+        (at("bad", "live/sample/good", slice(None), np.zeros_like), "a session without a good sample of the glove"),
+        (lambda file: file["live/tick/deadline"].resize(0, axis=0), "a session without a tick: where the palm was"),
+        (lambda file: file.__delitem__("live/sample/abduction"), "a damaged result"),
+        (at("nan", "tick/haptic/position", 300, lambda x: np.nan * x), "position has 3 NaN or infinite values"),
     ],
 )
-def test_what_holds_no_motion_is_told_in_one_line(session: Path, tmp_path: Path, spoil: str, says: str) -> None:
+def test_what_holds_no_motion_is_told_in_one_line(session: Path, tmp_path: Path, spoil: Fault, says: str) -> None:
     path = tmp_path / "spoiled.h5"
     path.write_bytes(session.read_bytes())
     with changed(path) as file:
-        if spoil in ("old", "new"):
-            file.attrs["schema_version"] = 2 if spoil == "old" else 5
-        elif spoil == "bad":
-            file["live/sample/good"][:] = 0
-        elif spoil == "empty":
-            file["live/tick/deadline"].resize(0, axis=0)
-        elif spoil == "lacking":
-            del file["live/sample/abduction"]
-        else:
-            file["tick/haptic/position"][300] = np.nan
+        spoil(file)
     with pytest.raises(TrajectoryError) as caught:
         motion_in(path)
     message = str(caught.value)

@@ -1,13 +1,13 @@
 """Tables in terminals of any width: no number is broken, columns go, rows turn into cards."""
 
 import importlib
-import io
 import itertools
 import re
 import sys
 from typing import Any
 
 import pytest
+from conftest import Terminal
 
 from hhsim.table import terminal as layout
 from hhsim.table.table import Table
@@ -19,13 +19,6 @@ ROWS = [
     ("force variation in the hold, trembling hand, mean", "1,234.0570", "% of hold", "310 to ≈ 1,000"),
     ("stuck ticks", "0", "", ""),
 ]
-
-
-class Terminal(io.StringIO):
-    """What is shown in a terminal."""
-
-    def isatty(self) -> bool:
-        return True
 
 
 def shown(monkeypatch: pytest.MonkeyPatch, width: int, table: Table, **more: Any) -> str:
