@@ -13,7 +13,7 @@ from hhsim.ranges import RANGES
 from hhsim.system.counted import counted
 from hhsim.table.table import Table, number, words
 
-from .arguments import options, rerun_option
+from .arguments import options
 from .arguments.comma_list import number_list
 from .arguments.free_object import FreeChoice
 from .arguments.object_argument import MeshFile, complete_object
@@ -214,7 +214,12 @@ class ReplayOutput(options.Output):
 @MeshFile.argument("mesh_file")
 @ReplayOutput.argument("output")
 @options.seed
-@rerun_option.rerun
+@click.option(
+    "--rerun",
+    callback=options.read_target,
+    metavar=options.RERUN_METAVAR,
+    help="Show the replay in rerun: open a viewer, write a file, or send to an open viewer at HOST:PORT.",
+)
 def command(
     object_: str,
     trajectory: str,

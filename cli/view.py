@@ -9,7 +9,6 @@ import click
 from hhsim.system.counted import counted
 
 from .arguments import options
-from .arguments.rerun_option import METAVAR, read_target
 from .console import announce_compilation, print_json, print_notes, progress
 
 if TYPE_CHECKING:
@@ -23,8 +22,8 @@ SLOW, PIXELS = 1.0, 640
 @click.option(
     "--rerun",
     "target",
-    callback=read_target,
-    metavar=METAVAR,
+    callback=options.read_target,
+    metavar=options.RERUN_METAVAR,
     help="Open a viewer, write a file, or send to an open viewer. Default: spawn, or none with --video.",
 )
 @click.option(

@@ -1,7 +1,7 @@
 """Options that several commands share."""
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 from click.shell_completion import CompletionItem
@@ -12,6 +12,9 @@ from hhsim.solver.method import METHODS
 from hhsim.solver.surface import SURFACES
 
 from .option_group import OptionGroup, option, shared
+
+if TYPE_CHECKING:
+    from hhsim.view.sink import RerunTarget
 
 FILE = click.Path(path_type=Path)
 MOST_COUNT = 1_000_000_000
@@ -110,6 +113,18 @@ def _check_picture(context: click.Context, parameter: click.Parameter, value: Pa
     return value
 
 
+def read_target(context: click.Context, parameter: click.Parameter, value: str | None) -> "RerunTarget | None":
+    """Read `spawn`, FILE.rrd, `connect` or `connect=URL` of --rerun, and check at once that it can work."""
+    if value is None:
+        return None
+    from hhsim.view.sink import check_target, parse_target
+
+    target = parse_target(value)
+    check_target(target)
+    return target
+
+
+RERUN_METAVAR = "spawn|FILE.rrd|connect[=URL]"
 seed = click.option(
     "--seed", type=click.IntRange(0, 2**63 - 1), metavar="N", default=0, help="Seed of everything random."
 )

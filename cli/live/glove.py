@@ -16,7 +16,6 @@ from ..arguments.comma_list import number_list, one_or_five
 from ..arguments.free_object import FreeChoice
 from ..arguments.object_argument import MeshFile, complete_object
 from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
-from ..arguments.rerun_option import METAVAR, read_target
 from ..arguments.tree_choice import TreeChoice
 from ..console import announce_compilation, print_json, print_notes, progress
 from ..replay import complete_trajectory
@@ -36,7 +35,7 @@ USUAL_MOTION, USUAL_FREE_MOTION = "grasp", "lift"
 
 def check_rerun(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
     """Check at once that viewer or file can be used; the viewer's process parses the option again."""
-    read_target(context, parameter, value)
+    options.read_target(context, parameter, value)
     return value
 
 
@@ -186,7 +185,7 @@ class SessionSettings(OptionGroup, heading="Session"):
     no_record: bool = option(is_flag=True, help="Record nothing.")
     rerun: str | None = option(
         callback=check_rerun,
-        metavar=METAVAR,
+        metavar=options.RERUN_METAVAR,
         help="Show the hand live in the rerun viewer: open one, write a file for one, or send to one that is open, at "
         "HOST:PORT.",
     )

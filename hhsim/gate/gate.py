@@ -8,8 +8,7 @@ from typing import Any
 from hhsim.errors import InputError
 from hhsim.gate.baseline import Baseline, RecordedScene
 from hhsim.gate.input_hash import differences
-from hhsim.gate.limits import SESSION_DEFAULTS, without_times
-from hhsim.gate.metrics import RunFigures, run_figures
+from hhsim.gate.metrics import SESSION_DEFAULTS, RunFigures, run_figures, without_times
 from hhsim.gate.run import RunFailed, Side, Step, interleaved_times, times_beside_reference
 from hhsim.gate.suite import REPLAY, SESSION, SUBMISSION, GateScene, GateSuite, default_suite
 from hhsim.gate.time_comparison import NOT_COMPARABLE

@@ -1,10 +1,10 @@
-"""Figures that the gate takes from a result: errors, work counters, time, and inputs.
+"""Figures that the gate takes from a result and that a suite can limit: errors, work counters, time, and inputs.
 
 Errors are computed anew from the stored poses and forces where no solver is needed, so that a stale summary does not
 pass.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -12,19 +12,25 @@ import numpy as np
 
 from hhsim.arrays import AnyArray
 from hhsim.gate.input_hash import RunInputs, run_inputs
-from hhsim.gate.limits import OF_SESSIONS, OF_SUBMISSIONS
 from hhsim.hand.fingers import FINGERS
 from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import judged_metrics, known_figures, run_metrics
 from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
 from hhsim.metrics.run_metric import Figure, RunMetric
 from hhsim.metrics.run_ticks import RunTicks, result_ticks
-from hhsim.metrics.session_faults import ended_before_its_time, first_mishap, recorded_faults
-from hhsim.replay.limits import stored_promises
+from hhsim.metrics.session_faults import (
+    SESSION_FAULTS,
+    SESSION_TIMES,
+    ended_before_its_time,
+    first_mishap,
+    recorded_faults,
+)
+from hhsim.replay.limits import default_limits, stored_promises
 from hhsim.replay.stored_scene import stored_surface
 from hhsim.result.reader import Result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.method import EVERYTHING, WORK
+from hhsim.submissions.pose_errors import MESH_DEPTH, OFF_BEST, OFF_BEST_MAX
 
 COUNTERS: dict[str, tuple[str, Figure]] = {
     "node_tests": ("work/node_tests", Figure("node_tests", "tree nodes tested")),
@@ -42,6 +48,29 @@ UNITS_OF_WORK = "work/units"
 NEVER_UNDEFINED = ("force/total", "graphic/position")
 """Datasets that a sound run has in every tick."""
 
+OF_SESSIONS = frozenset(figure.name for figure in (*SESSION_TIMES, *SESSION_FAULTS))
+"""Figures of recorded sessions only."""
+OF_SUBMISSIONS = frozenset(figure.name for figure in (MESH_DEPTH, OFF_BEST, OFF_BEST_MAX))
+"""Figures of submissions only."""
+OF_MISHAPS = ("ended_early", "faults")
+"""Figures of a session whose cause its file states in words."""
+SESSION_DEFAULTS = {fault.name: fault.limit for fault in SESSION_FAULTS}
+"""Default limits of a session."""
+OUTSIDE_DEFAULTS = {"free_off_max": default_limits(("follows_input",))["free_off_max"]}
+"""Default limits of a replay by a method from outside, which does not report stuck ticks."""
+
+
+def limitable() -> dict[str, Figure]:
+    """Return every figure that can have a limit, by name."""
+    more = (*SESSION_TIMES, *SESSION_FAULTS, MESH_DEPTH, OFF_BEST, OFF_BEST_MAX)
+    return {**run_metrics(), **{figure.name: figure for figure in more}}
+
+
+def without_times(limits: Mapping[str, float]) -> dict[str, float]:
+    """Return the limits without those of times, which depend on the machine."""
+    times = {name for name, metric in run_metrics().items() if metric.noise} | {time.name for time in SESSION_TIMES}
+    return {name: limit for name, limit in limits.items() if name not in times}
+
 
 @dataclass(frozen=True)
 class RunFigures:
@@ -52,7 +81,7 @@ class RunFigures:
     errors: dict[str, float]
     counters: dict[str, int]  # figures of `COUNTERS` that its method gives
     cpu_p50: float  # median CPU time of its ticks in contact, of all ticks without contact [s]
-    # figures of `hhsim.gate.limits.limitable` judged only by a suite's limits, SI or %; NaN where undefined
+    # figures of `limitable` judged only by a suite's limits, SI or %; NaN where undefined
     others: dict[str, float] = field(default_factory=dict)
     mostly_stuck: bool = False  # True if more than half of its ticks are stuck, which no suite allows
     promises: frozenset[str] = frozenset()  # promises of its method, of `hhsim.solver.method.PROMISES`

@@ -8,8 +8,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, field, structs
 
 from hhsim.errors import InputError, UnknownNameError, check_known
-from hhsim.gate.limits import OF_SESSIONS, OF_SUBMISSIONS, OUTSIDE_DEFAULTS, SESSION_DEFAULTS, limitable
-from hhsim.gate.metrics import COUNTERS
+from hhsim.gate.metrics import COUNTERS, OF_SESSIONS, OF_SUBMISSIONS, OUTSIDE_DEFAULTS, SESSION_DEFAULTS, limitable
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.solver.method import METHODS
 from hhsim.solver.method_names import ISOLATED, method_names

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hhsim.gate.input_hash import differences, new_options
-from hhsim.gate.limits import OF_MISHAPS, limitable
-from hhsim.gate.metrics import COUNTERS, RunFigures
+from hhsim.gate.metrics import COUNTERS, OF_MISHAPS, RunFigures, limitable
 from hhsim.gate.time_comparison import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE, compare_times
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import judged_metrics
