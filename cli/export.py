@@ -7,18 +7,21 @@ import click
 from hhsim.system.counted import counted
 
 from .arguments import options
-from .arguments.comma_list import names
+from .arguments.comma_list import read_names
 from .console import print_json, progress
 
 
 @click.command()
 @click.argument("result", type=options.FILE)
 @click.argument("out", metavar="FILE.csv", type=options.FILE)
-@names(
+@click.option(
     "--columns",
-    "Datasets of /tick, such as time,force/total, and of a session live/tick/latency; all for every one. Default: the "
+    callback=read_names,
+    multiple=True,
+    metavar="NAMES",
+    help="Datasets of /tick, such as time,force/total, and of a session live/tick/latency; all for every one. Default: the "
     "usual.",
-)("columns")
+)
 @options.json
 @options.quiet
 def command(result: Path, out: Path, columns: tuple[str, ...] | None, as_json: bool, quiet: bool) -> None:

@@ -13,12 +13,12 @@ DIGITS = 20
 Reader = Callable[[click.Context, click.Parameter, str | None], tuple[float, ...] | None]
 
 
-def names(flag: str, help: str, **more: Any) -> Any:
+def names(flag: str, help: str) -> Any:
     """Declare an option such as --object bunny,cube as a field of a group: distinct names in their order, or None.
 
-    The option may be given again instead. For a command alone, the declaration is called with the argument's name.
+    The option may be given again instead.
     """
-    return option(flag, callback=_read_names, multiple=True, metavar="NAMES", help=help, **more)
+    return option(flag, callback=read_names, multiple=True, metavar="NAMES", help=help)
 
 
 def counts(flag: str, help: str, most: int) -> Any:
@@ -62,7 +62,8 @@ def _numbers(value: str) -> tuple[float, ...]:
         return ()
 
 
-def _read_names(context: click.Context, parameter: click.Parameter, value: Sequence[str]) -> tuple[str, ...] | None:
+def read_names(context: click.Context, parameter: click.Parameter, value: Sequence[str]) -> tuple[str, ...] | None:
+    """Read names with commas between: the callback of an option that may be given again."""
     parts = _parts(value)
     if not all(parts):
         raise click.BadParameter(f"'{','.join(value)}', expected names with commas between", context, parameter)

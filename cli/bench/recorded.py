@@ -8,7 +8,7 @@ import click
 from hhsim.table.table import Table, number, words
 
 from ..arguments import options
-from ..arguments.comma_list import names
+from ..arguments.comma_list import names, read_names
 from ..arguments.object_argument import MeshSize, complete_object
 from ..console import print_json, print_line, print_table
 from .suite import Solvers, SuiteTable, measuring
@@ -58,8 +58,14 @@ class RecordedSolvers(Solvers):
 
 @click.command()
 @click.argument("recordings", metavar="FOLDER|FILE...", nargs=-1, required=True, type=options.FILE)
-@names("--object", "Objects: names (hhsim objects) or mesh files. Default: bunny,cup.", shell_complete=complete_object)(
-    "objects"
+@click.option(
+    "--object",
+    "objects",
+    callback=read_names,
+    multiple=True,
+    metavar="NAMES",
+    help="Objects: names (hhsim objects) or mesh files. Default: bunny,cup.",
+    shell_complete=complete_object,
 )
 @RecordedSolvers.argument("solvers")
 @RecordedMotion.argument("motion")
