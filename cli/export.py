@@ -19,8 +19,8 @@ from .console import print_json, progress
     callback=read_names,
     multiple=True,
     metavar="NAMES",
-    help="Datasets of /tick, such as time,force/total, and of a session live/tick/latency; all for every one. Default: the "
-    "usual.",
+    help="Datasets of /tick, such as time,force/total, and of a session live/tick/latency; all for every one. Default: "
+    "the usual.",
 )
 @options.json
 @options.quiet
