@@ -4,9 +4,10 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from sphere_scenes import Motion, cloud, random_hand, set_pose
+from sphere_scenes import cloud, random_hand, set_pose
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import evaluate, find_contacts
 from hhsim.kernels.hand.kinematics import DOF
@@ -19,10 +20,10 @@ LEFT = HandModel.default("left")
 ROOT = np.sqrt(Stiffness().diagonal())
 
 
-def moved(at: Motion, step: FloatArray, abduction_step: FloatArray | None = None) -> Motion:
+def moved(at: HandConfiguration, step: FloatArray, abduction_step: FloatArray | None = None) -> HandConfiguration:
     """A configuration after (δp, δφ, δθ), the rotation from the left, and a change of the abduction."""
     turned = Rotation.from_rotvec(step[3:6]) * Rotation.from_quat(at.orientation[0], scalar_first=True)
-    return Motion(
+    return HandConfiguration(
         at.position + step[:3],
         turned.as_quat(scalar_first=True)[None],
         at.flexion + step[6:].reshape(1, 5, 3),
@@ -30,7 +31,7 @@ def moved(at: Motion, step: FloatArray, abduction_step: FloatArray | None = None
     )
 
 
-def scene(seed: int) -> tuple[HandModel, SphereTree, Motion, Any]:
+def scene(seed: int) -> tuple[HandModel, SphereTree, HandConfiguration, Any]:
     """A hand among spheres, its contacts found; some penetrate, as in the middle of a tick."""
     random = np.random.default_rng(seed)
     hand = RIGHT if seed % 2 else LEFT

@@ -4,9 +4,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sphere_scenes import Motion, bumpy_ball, prepared
+from sphere_scenes import bumpy_ball, prepared
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.solver.hand_solver import HandSolver
@@ -18,7 +19,7 @@ TREE = bumpy_ball(600)
 TICKS = 480
 
 
-def harvest(method: str, motion: Motion, every: int) -> Any:
+def harvest(method: str, motion: HandConfiguration, every: int) -> Any:
     """A solver standing before every `every`-th tick of a motion at which pairs are near, its first program prepared.
 
     Without a budget, so that the programs are the same whatever work is said to cost.

@@ -9,10 +9,11 @@ from contact_scenes import moved
 from mesh_oracle import Cones
 from sampled import sampled
 from scipy.spatial.transform import Rotation
-from sphere_scenes import Motion, palm_spheres, set_pose
+from sphere_scenes import palm_spheres, set_pose
 from triangle_soups import SOUPS, indexed, least_distance, plane_normals, soup, touching_cone, unit, winding
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import evaluate
 from hhsim.kernels.hand.kinematics import DOF, PALM_BODY
@@ -74,16 +75,16 @@ def test_the_least_over_features_is_the_least_over_triangles(kind: str, first: i
     assert judged > POSES
 
 
-def bodies(at: Motion) -> list[tuple[FloatArray, FloatArray]]:
+def bodies(at: HandConfiguration) -> list[tuple[FloatArray, FloatArray]]:
     """Ends and radii of the phalanges, then of the palm's spheres."""
-    joints = HAND.joints(*(values[0] for values in at))
+    joints = HAND.joints(*at.at(0))
     palm = palm_spheres(HAND.palm_tree.leaf_center, at.position[:1], at.orientation[:1])[0]
     phalanges = [(joints[f, k : k + 2], HAND.radius[f, k : k + 2]) for f in range(5) for k in range(3)]
     spheres = [(np.stack([p, p]), np.array([r, r])) for p, r in zip(palm, HAND.palm_tree.leaf_radius)]
     return phalanges + spheres
 
 
-def distances(at: Motion, triangles: FloatArray, normals: FloatArray) -> FloatArray:
+def distances(at: HandConfiguration, triangles: FloatArray, normals: FloatArray) -> FloatArray:
     """Of each phalanx and of the palm [m], shape (16,)."""
     each = [least_distance(ends, radius, triangles, normals) for ends, radius in bodies(at)]
     return np.array([*each[:PALM_BODY], min(each[PALM_BODY:])])
@@ -98,14 +99,14 @@ def test_lists_that_last_hold_the_nearest_triangle_of_every_body(kind: str, seed
     mesh, closed = features_of(triangles)
     state: Any = tick_state(np.ones(DOF), surface=SURFACES["mesh"])[0]
     orientation = Rotation.random(1, rng=random).as_quat(scalar_first=True)
-    at = Motion(
+    at = HandConfiguration(
         np.zeros((1, 3)),
         orientation,
         random.uniform(HAND.flexion_min, HAND.flexion_max, (1, 5, 3)),
         random.uniform(HAND.abduction_min, HAND.abduction_max, (1, 5)),
     )
 
-    def is_outside(motion: Motion, clearance: float) -> bool:
+    def is_outside(motion: HandConfiguration, clearance: float) -> bool:
         around = closed and winding(triangles, motion.position[0]) > 0.5
         return bool(not around and distances(motion, triangles, normals).min() > clearance)
 

@@ -7,11 +7,12 @@ import pytest
 from contact_scenes import RIGHT, ROOT, moved, pair_of, row_matrix, scene
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from sphere_scenes import PALM, brute_pairs, set_pose, still
+from sphere_scenes import PALM, brute_pairs, set_pose
 
 from hhsim.arrays import FloatArray
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, limit_start
 from hhsim.kernels.hand.kinematics import DOF
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.workspace import tick_state
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -86,7 +87,7 @@ def about_limits(seed: int, beyond: float) -> tuple[np.random.Generator, Any, Fl
     """A hand, its flexion [rad], and where each joint may go: one beyond its limits by no more than it is."""
     random, state = np.random.default_rng(seed), tick_state(ROOT**2)[0]
     flexion = random.uniform(RIGHT.flexion_min - beyond, RIGHT.flexion_max + beyond)
-    set_pose(RIGHT, state.pose, still(1, np.zeros(3), flexion=flexion))
+    set_pose(RIGHT, state.pose, still(np.zeros(3), flexion=flexion))
     return random, state, flexion, np.minimum(flexion, RIGHT.flexion_min), np.maximum(flexion, RIGHT.flexion_max)
 
 

@@ -7,13 +7,15 @@ import pytest
 from contact_scenes import RIGHT, ROOT, row_matrix
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sphere_scenes import PALM, Motion, brute_pairs, bumpy_ball, set_pose, sphere_tree, still
+from sphere_scenes import PALM, brute_pairs, bumpy_ball, set_pose, sphere_tree
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.contact.detection import CONTACT_ROWS, evaluate, find_contacts
 from hhsim.kernels.contact.linearise import build_rows
 from hhsim.kernels.contact.redundant_contacts import FEWEST, drop_redundant_contacts
 from hhsim.kernels.hand.kinematics import motion_bounds
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.workspace import tick_state
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -22,7 +24,7 @@ OFFSET = 5e-7
 FIELDS = ("body", "key", "distance", "hand_radius", "object_radius", "slides")
 
 
-def in_contact(tree: SphereTree, at: Motion, reach: float) -> Any:
+def in_contact(tree: SphereTree, at: HandConfiguration, reach: float) -> Any:
     state = tick_state(ROOT**2)[0]
     set_pose(RIGHT, state.pose, at)
     arrays = RIGHT.arrays()
@@ -31,7 +33,7 @@ def in_contact(tree: SphereTree, at: Motion, reach: float) -> Any:
     return state
 
 
-def on_a_patch(seed: int, leaves: int) -> tuple[SphereTree, Motion]:
+def on_a_patch(seed: int, leaves: int) -> tuple[SphereTree, HandConfiguration]:
     """A hand that lies on a ball of overlapping spheres, less than half a millimetre off it."""
     random = np.random.default_rng(seed)
     tree = bumpy_ball(leaves)
@@ -40,12 +42,12 @@ def on_a_patch(seed: int, leaves: int) -> tuple[SphereTree, Motion]:
     low, high = 0.0, 0.2
     for _ in range(40):
         height = 0.5 * (low + high)
-        at = still(1, [0.0, along, height], flexion=flexion)
+        at = still([0.0, along, height], flexion=flexion)
         if brute_pairs(RIGHT, tree.leaf_center, tree.leaf_radius, at).min() > gap:
             high = height
         else:
             low = height
-    return tree, still(1, [0.0, along, high], flexion=flexion)
+    return tree, still([0.0, along, high], flexion=flexion)
 
 
 def rows(state: Any) -> tuple[FloatArray, FloatArray, list[int]]:
@@ -123,8 +125,8 @@ def test_patches_of_many_spheres_lose_most_of_their_rows_and_keep_their_nearest(
 
 @pytest.mark.parametrize("copies", [FEWEST, 500])
 def test_of_duplicates_one_is_left(copies: int) -> None:
-    at = still(1, [0.0, 0.0, 0.0])
-    joints = RIGHT.joints(*(values[0] for values in at))
+    at = still([0.0, 0.0, 0.0])
+    joints = RIGHT.joints(*at.at(0))
     below = joints[1, 3] - [0.0, 0.0, RIGHT.radius[1, 3] + 5e-3 + 1e-4]
     tree = sphere_tree(np.repeat(below[None], copies, axis=0), np.full(copies, 5e-3))
     state = in_contact(tree, at, REACH)

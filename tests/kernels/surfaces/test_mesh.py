@@ -16,10 +16,11 @@ from mesh_oracle import Cones, along_axes, from_triangles
 from numpy.typing import NDArray
 from sampled import sampled
 from scipy.spatial.transform import Rotation
-from sphere_scenes import PALM, Motion, palm_spheres, pose_of, prepared, random_hand, set_pose, still
+from sphere_scenes import PALM, palm_spheres, pose_of, prepared, random_hand, set_pose
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_GATHERS, evaluate, find_contacts
@@ -36,6 +37,7 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.features import mesh_features
 from hhsim.metrics.mesh_penetration import mesh_clearance
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.qp import QpProblem, QpStatus, solve
@@ -81,7 +83,7 @@ def under_the_finger(place: FloatArray, faces: Any, *, closed: bool = False) -> 
 def finger_rows(mesh: MeshFeatures) -> dict[str, FloatArray]:
     """Rows of the middle phalanx of the index of a straight hand at the origin; points in the frame of its axis."""
     state = new_state()
-    set_pose(HAND, state.pose, still(1, np.zeros(3)))
+    set_pose(HAND, state.pose, still(np.zeros(3)))
     assert evaluate(ARRAYS, state.pose, mesh, MARGIN, MARGIN, SKIN, state.candidates, state.work) == 0
     assert find_contacts(mesh, ARRAYS, state.pose, state.candidates, MARGIN, state.contacts) == 0
     contacts = state.contacts
@@ -238,7 +240,7 @@ def fitted_sheet(square: float, gap: float, away: float) -> MeshFeatures:
 
 def listed_at(mesh: MeshFeatures, needed: float) -> tuple[Any, int]:
     """The lists of the straight hand, and how many features the middle phalanx of the index has."""
-    state, straight = new_state(), still(1, np.zeros(3))
+    state, straight = new_state(), still(np.zeros(3))
     set_pose(HAND, state.pose, straight)
     assert evaluate(ARRAYS, state.pose, mesh, needed, MARGIN, SKIN, state.candidates, state.work) == 0
     candidates, middle = state.candidates, INDEX_MIDDLE
@@ -274,9 +276,9 @@ def _least_of_all(mesh: MeshFeatures, cone: RoundCone) -> float:
     return least
 
 
-def bodies(motion: Motion, tick: int = 0) -> Cones:
+def bodies(motion: HandConfiguration, tick: int = 0) -> Cones:
     """The phalanges, then the palm's spheres."""
-    joints = HAND.joints(*(values[tick] for values in motion))
+    joints = HAND.joints(*motion.at(tick))
     palm = palm_spheres(HAND.palm_tree.leaf_center, motion.position[tick][None], motion.orientation[tick][None])[0]
     radius = HAND.palm_tree.leaf_radius
     return Cones(
@@ -316,7 +318,7 @@ CLOSED: dict[str, Callable[[], tuple[FloatArray, IntArray]]] = {
 OPEN: dict[str, Callable[[], tuple[FloatArray, IntArray]]] = {"sheet": sheet, "soup": soup}
 
 
-def least_by_search(motion: Motion, triangles: FloatArray, tick: int = 0) -> FloatArray:
+def least_by_search(motion: HandConfiguration, triangles: FloatArray, tick: int = 0) -> FloatArray:
     """Distance [m] of each body to the nearest of a few triangles, shape (15 + palm's spheres,)."""
     cones = bodies(motion, tick)
     count = len(triangles)
@@ -326,7 +328,7 @@ def least_by_search(motion: Motion, triangles: FloatArray, tick: int = 0) -> Flo
     return np.asarray(np.concatenate([phalanges, palm]).min(axis=1))
 
 
-def placed(motion: Motion) -> PlacedHand:
+def placed(motion: HandConfiguration) -> PlacedHand:
     return forward_kinematics(HAND, *motion)
 
 
@@ -344,7 +346,7 @@ def test_lists_hold_the_nearest_feature_of_every_body_wherever_the_hand_goes(nam
         way = random.normal(size=3)
         way /= np.linalg.norm(way)
 
-        def clearance(motion: Motion) -> float:
+        def clearance(motion: HandConfiguration) -> float:
             return soup_clearance(motion, mesh) if bvh is None else float(mesh_clearance(bvh, SHAPE, placed(motion))[0])
 
         low, high = 0.0, 0.3
@@ -386,7 +388,7 @@ def test_lists_hold_the_nearest_feature_of_every_body_wherever_the_hand_goes(nam
     assert gathers < 0.9 * judged * BODY_COUNT, "the lists never last"
 
 
-def soup_clearance(motion: Motion, mesh: MeshFeatures) -> float:
+def soup_clearance(motion: HandConfiguration, mesh: MeshFeatures) -> float:
     """By the distance of a body to all triangles, which has its own test."""
     cones = bodies(motion)
     return float(min(cone_distance(mesh, cones.kernel(i), 0.05, STACK) for i in range(len(cones.a))))
@@ -429,7 +431,7 @@ def test_open_meshes_by_search_over_their_triangles(name: str) -> None:
     mesh, _ = mesh_features(vertices, faces, closed=False)
     random = np.random.default_rng(2)
     for _ in range(3):
-        motion = still(1, random.normal(0.0, 0.06, 3), Rotation.random(rng=random).as_quat(scalar_first=True))
+        motion = still(random.normal(0.0, 0.06, 3), Rotation.random(rng=random).as_quat(scalar_first=True))
         cones, expected = bodies(motion), least_by_search(motion, vertices[faces])
         for i in range(len(cones.a)):
             found = cone_distance(mesh, cones.kernel(i), np.inf, STACK)
@@ -462,7 +464,7 @@ def test_no_hand_enters_a_mesh_or_gets_stuck_at_it(name: str, method: str, ticks
             shown = PlacedHand(record.joints, record.position, record.orientation)
             clearance = mesh_clearance(bvh, SHAPE, shown, 1e-3)
         else:
-            went = Motion(record.position, record.orientation, record.flexion, record.abduction)
+            went = HandConfiguration.of(record)
             clearance = np.array([soup_clearance(went.part(i, i + 1), mesh) for i in range(0, 2000, 10)])
             for i in range(0, 2000, 100):
                 assert least_by_search(went, vertices[faces], i).min() > 0.0
@@ -497,7 +499,7 @@ class Border(NamedTuple):
     share: float  # of the axis
 
 
-def row_distance(mesh: MeshFeatures, key: int, at: Motion, border: Border | None = None) -> float:
+def row_distance(mesh: MeshFeatures, key: int, at: HandConfiguration, border: Border | None = None) -> float:
     """Distance [m] of what a row is about, from the pose alone: a plane, a line, a point against a body or its end."""
     count = len(mesh.face), len(mesh.edge)
     part, rest = divmod(key, 3 * (sum(count) + len(mesh.vertex)))
@@ -523,7 +525,7 @@ def row_distance(mesh: MeshFeatures, key: int, at: Motion, border: Border | None
     return float(vertex_distance(mesh.vertex, feature - count[1], cones.kernel(part))[0])
 
 
-def border_of(mesh: MeshFeatures, contacts: Any, row: int, at: Motion) -> Border | None:
+def border_of(mesh: MeshFeatures, contacts: Any, row: int, at: HandConfiguration) -> Border | None:
     """What a row of an edge or a corner stands for, by its record; None where that is itself, or the axis slides."""
     count = len(mesh.face), len(mesh.edge)
     part, rest = divmod(int(contacts.key[row]), 3 * (sum(count) + len(mesh.vertex)))
@@ -595,10 +597,10 @@ class Rows(NamedTuple):
     kept: NDArray[np.bool_]
 
 
-def all_rows(mesh: MeshFeatures, at: Motion, margin: float) -> Rows:
+def all_rows(mesh: MeshFeatures, at: HandConfiguration, margin: float) -> Rows:
     """A row for every face, edge and vertex near each body whose witness lies on it, for every end of a phalanx too."""
     cones, faces, edges = bodies(at), len(mesh.face), len(mesh.edge)
-    joints = HAND.joints(*(values[0] for values in at))
+    joints = HAND.joints(*at.at(0))
     state = new_state()
     set_pose(HAND, state.pose, at)
     key, distance, matrix, kept = [], [], [], []
@@ -693,7 +695,9 @@ def all_rows(mesh: MeshFeatures, at: Motion, margin: float) -> Rows:
     return Rows(key, np.array(distance), np.array(matrix).reshape(-1, DOF), np.array(kept, dtype=bool))
 
 
-def program(rows: Rows, chosen: NDArray[np.bool_], at: Motion, target: FloatArray, options: SolverOptions) -> QpProblem:
+def program(
+    rows: Rows, chosen: NDArray[np.bool_], at: HandConfiguration, target: FloatArray, options: SolverOptions
+) -> QpProblem:
     """The program of a linearisation with some of the rows, and the joints' limits."""
     flexion = at.flexion[0].ravel()
     free = np.eye(DOF)[6:]
@@ -721,7 +725,7 @@ def harvest(name: str, seed: int, ticks: int, every: int) -> Harvest:
     mesh, _ = mesh_features(vertices, faces, closed=name != "soup")
     options = SolverOptions(surface="mesh", budget=UNLIMITED)
     solver = HandSolver(HAND, mesh, options)
-    motion = Motion(*RandomTargets(HAND, seed, StressOptions(sweep=False)).take(ticks + every))
+    motion = HandConfiguration(*RandomTargets(HAND, seed, StressOptions(sweep=False)).take(ticks + every))
     programs = same = ghosts = 0
     for first in range(0, ticks, every):
         solver.run(*motion.part(first, first + every))

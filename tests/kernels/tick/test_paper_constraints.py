@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from paper_frustum import frustum_excess, frustum_of
 from scipy.spatial.transform import Rotation
-from sphere_scenes import Motion, cloud, set_pose
+from sphere_scenes import cloud, set_pose
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
@@ -33,12 +34,12 @@ ACCURACY = 1e-8
 """Rounding of a squared distance of 0.1 m over the step; rows are compared as squared distances [m², m²/rad]."""
 
 
-def scene(seed: int, angles: FloatArray) -> tuple[HandModel, SphereTree, Motion, Any, Any]:
+def scene(seed: int, angles: FloatArray) -> tuple[HandModel, SphereTree, HandConfiguration, Any, Any]:
     """A hand at these Euler angles among spheres, its pairs detected; some penetrate, as in the paper's method."""
     random = np.random.default_rng(seed)
     hand = RIGHT if seed % 2 else LEFT
     tree = cloud(random, 150, spread=0.1)
-    at = Motion(
+    at = HandConfiguration(
         random.normal(0.0, 0.03, (1, 3)),
         Rotation.from_euler("xyz", angles[None]).as_quat(scalar_first=True),
         random.uniform(hand.flexion_min, hand.flexion_max, (1, 5, 3)),

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from paper_frustum import Frustum, frustum_excess, frustum_of
-from sphere_scenes import Motion, cloud, palm_spheres, random_hand, set_pose
+from sphere_scenes import cloud, palm_spheres, random_hand, set_pose
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
 from hhsim.kernels.tick.paper import PAPER_STATE
@@ -35,7 +36,7 @@ def range_excess(cone: Frustum, k: FloatArray, radius: FloatArray, tip: bool, cl
     return np.maximum(low - k, k - high) * length
 
 
-def scene(seed: int, closed: bool) -> tuple[HandModel, SphereTree, Motion, Any, Any]:
+def scene(seed: int, closed: bool) -> tuple[HandModel, SphereTree, HandConfiguration, Any, Any]:
     random = np.random.default_rng(seed)
     hand = RIGHT if seed % 2 else LEFT
     tree = cloud(random, int(random.integers(1, 400)), spread=0.12)
@@ -109,7 +110,7 @@ def test_frustum_and_spheres_are_the_round_cone(hand: HandModel) -> None:
     placed = np.zeros(1, FRUSTUM).view(np.recarray)[0]
     shapes = np.empty((15, SHAPE))
     frustum_shapes(hand.arrays(), shapes)
-    at = Motion(np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), np.full((1, 5, 3), 0.3), np.zeros((1, 5)))
+    at = HandConfiguration(np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), np.full((1, 5, 3), 0.3), np.zeros((1, 5)))
     set_pose(hand, state.pose, at)
     for f in range(5):
         for k in range(3):
@@ -131,7 +132,7 @@ def test_a_large_sphere_beyond_a_joint_is_in_contact_by_the_printed_range_alone(
     # Ahead of the middle phalanx of a bent finger, 5 mm from anything: Eq. 7 has it inside the cone's extension.
     flexion = np.zeros((1, 5, 3))
     flexion[0, 2] = [0.0, 0.0, 1.5]
-    at = Motion(np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), flexion, np.zeros((1, 5)))
+    at = HandConfiguration(np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), flexion, np.zeros((1, 5)))
     joints = RIGHT.joints(at.position[0], at.orientation[0], flexion[0], at.abduction[0])
     u = (joints[2, 2] - joints[2, 1]) / np.linalg.norm(joints[2, 2] - joints[2, 1])
     radius = 0.02

@@ -5,13 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 from harvested_programs import HAND, TICKS, harvest, multipliers, optimum
-from sphere_scenes import bumpy_ball, random_targets, solve_prepared, still, straight_line
+from sphere_scenes import CURL, bumpy_ball, random_targets, solve_prepared
 
 from hhsim.arrays import FloatArray
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.qp.active_set import OPTIMAL
 from hhsim.kernels.tick.curvature import curvature_product
 from hhsim.kernels.tick.second_order import STRETCH
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.contact_qp import coupled_problem
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
@@ -68,11 +69,10 @@ def test_the_correction_is_newtons_on_the_loaded_rows(seed: int) -> None:
 
 def test_a_pressed_hold_settles_in_a_few_ticks() -> None:
     # Without the correction it would approach its optimum by a constant factor a linearisation.
-    curl = np.array([[0.3, 0.5, 0.4], [0.6, 0.7, 0.5], [0.7, 0.7, 0.5], [0.6, 0.7, 0.5], [0.5, 0.7, 0.4]])
-    goal = still(1, [0.0, -0.045, 0.048], flexion=curl)
+    goal = still([0.0, -0.045, 0.048], flexion=CURL)
     for leaves in (200, 2000):
         solver = HandSolver(HAND, bumpy_ball(leaves).arrays(), SolverOptions())
-        solver.run(*straight_line(still(1, [0.0, -0.045, 0.15]), goal, 250))
-        record = solver.run(*still(40, *(values[0] for values in goal)))
+        solver.run(*still([0.0, -0.045, 0.15]).line(goal, 249))
+        record = solver.run(*goal.hold(39))
         moved = np.linalg.norm(np.diff(record.joints, axis=0), axis=3).max(axis=(1, 2))
         assert moved[20:].max() < 1e-9

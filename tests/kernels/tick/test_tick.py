@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampled import sampled
 from scipy.spatial.transform import Rotation
-from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, sphere_tree, still, straight_line
+from sphere_scenes import bumpy_ball, random_targets, record_clearance, sphere_tree
 
-from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
 from hhsim.kernels.tick.block import HapticBlock
@@ -28,6 +28,7 @@ from hhsim.kernels.tick.state import (
     WORK_TOUCHING,
 )
 from hhsim.mesh.catalogue import load_object
+from hhsim.motion.analytic_motion import still
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from hhsim.solver.hand_solver import HandSolver
@@ -43,7 +44,7 @@ METHODS = ("coupled", "progressive")
 FREE = [0.0, 0.0, 0.4]
 
 
-def solver_at(tree: SphereTree, start: Motion, **options: Any) -> HandSolver:
+def solver_at(tree: SphereTree, start: HandConfiguration, **options: Any) -> HandSolver:
     """A solver whose graphic hand is at the first configuration of a motion, free of the object."""
     solver = HandSolver(HAND, tree.arrays(), SolverOptions(**options))
     record = solver.run(*start.part(0, 1))
@@ -57,7 +58,7 @@ def test_in_free_space_the_hand_goes_all_the_way(seed: int, method: str) -> None
     random = np.random.default_rng(seed)
     target = random_targets(HAND, 1, seed, sweep=True)
     target = target._replace(position=random.normal(0.0, 0.02, (1, 3)) + [[0.0, 0.0, 0.5]])
-    solver = solver_at(BALL, still(1, FREE), method=method)
+    solver = solver_at(BALL, still(FREE), method=method)
     record = solver.run(*target)
     assert record.status[0] == 0
     assert record.lag[0] == 0.0
@@ -66,12 +67,12 @@ def test_in_free_space_the_hand_goes_all_the_way(seed: int, method: str) -> None
     np.testing.assert_allclose(record.abduction, target.abduction, atol=1e-12)
     same = np.abs(np.sum(record.orientation * target.orientation, axis=1))
     np.testing.assert_allclose(same, 1.0, atol=1e-12)
-    np.testing.assert_allclose(record.joints[0], HAND.joints(*(values[0] for values in target)), atol=1e-12)
+    np.testing.assert_allclose(record.joints[0], HAND.joints(*target.at(0)), atol=1e-12)
 
 
 def test_a_hand_that_never_touches_tests_no_pair() -> None:
     random = np.random.default_rng(0)
-    motion = still(500, FREE)
+    motion = still(FREE, ticks=500)
     motion.position[:] += np.cumsum(random.normal(0.0, 1e-3, (500, 3)), axis=0) * [1.0, 1.0, 0.0]
     record = solver_at(BALL, motion).run(*motion)
     assert not record.work[:, COUNT_PAIR_TESTS].any()
@@ -84,7 +85,7 @@ def test_a_hand_that_never_touches_tests_no_pair() -> None:
 @pytest.mark.parametrize("scale", [1.0, -1.0, 3.0, 1e-3])
 def test_a_quaternion_counts_by_its_direction(scale: float) -> None:
     turn = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_quat(scalar_first=True)
-    record = solver_at(BALL, still(1, FREE)).run(*still(1, FREE, orientation=scale * turn))
+    record = solver_at(BALL, still(FREE)).run(*still(FREE, orientation=scale * turn))
     assert abs(record.orientation[0] @ turn) == pytest.approx(1.0, abs=1e-14)
     assert record.status[0] == 0
 
@@ -105,8 +106,8 @@ BAD = {
 @pytest.mark.parametrize("name", BAD)
 def test_input_that_is_not_finite_is_held(name: str, method: str) -> None:
     channel, index, value = BAD[name]
-    motion = still(6, [0.0, -0.045, 0.052], flexion=np.full((5, 3), 0.4))
-    motion = still(1, FREE).then(motion)
+    motion = still([0.0, -0.045, 0.052], flexion=0.4, ticks=6)
+    motion = sequence(still(FREE), motion)
     bad = motion._replace(**{channel: getattr(motion, channel).copy()})
     getattr(bad, channel)[(slice(2, 4), *index)] = value
     fine, found = (HandSolver(HAND, BALL.arrays(), SolverOptions(method=method)).run(*moved) for moved in (motion, bad))
@@ -120,7 +121,7 @@ def test_input_that_is_not_finite_is_held(name: str, method: str) -> None:
 def test_a_first_input_that_is_not_finite_is_held_too() -> None:
     # The graphic hand is then where hands begin, at the origin.
     solver = HandSolver(HAND, BALL.transformed(np.eye(3), [0.0, 0.0, 0.4]).arrays(), SolverOptions())
-    record = solver.run(*still(1, [np.nan, 0.0, 0.0]).then(still(1, [0.0, 0.0, -0.1])))
+    record = solver.run(*sequence(still([np.nan, 0.0, 0.0]), still([0.0, 0.0, -0.1])))
     assert record.status[0] & STATUS_INPUT_INVALID
     assert np.isfinite(record.joints).all()
     np.testing.assert_allclose(record.position[1], [0.0, 0.0, -0.1], atol=1e-12)
@@ -128,7 +129,7 @@ def test_a_first_input_that_is_not_finite_is_held_too() -> None:
 
 def test_set_haptic_reports_what_it_refuses() -> None:
     solver = HandSolver(HAND, BALL.arrays(), SolverOptions())
-    position, orientation, flexion, abduction = (values[0] for values in still(1, FREE))
+    position, orientation, flexion, abduction = still(FREE).at(0)
     nowhere = np.full(3, np.nan)
     assert set_haptic(solver.workspace.hand, position, orientation, flexion, abduction, solver.workspace.states[0]) == 0
     assert (
@@ -140,7 +141,7 @@ def test_set_haptic_reports_what_it_refuses() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_starting_inside_begins_at_a_free_place(method: str) -> None:
-    motion = still(300, [0.0, -0.02, 0.02], flexion=np.full((5, 3), 0.5))
+    motion = still([0.0, -0.02, 0.02], flexion=0.5, ticks=300)
     solver = HandSolver(HAND, BALL.arrays(), SolverOptions(method=method))
     record = solver.run(*motion)
     inside = record.status & STATUS_START_INSIDE > 0
@@ -155,18 +156,18 @@ def test_starting_inside_begins_at_a_free_place(method: str) -> None:
 def test_a_joint_beyond_its_limit_is_shown_at_the_limit() -> None:
     wild = np.where(np.arange(15).reshape(5, 3) % 2 == 0, 9.0, -9.0)
     for position in (FREE, [0.0, -0.045, 0.052]):
-        motion = still(1, FREE).then(still(60, position, flexion=wild))
+        motion = sequence(still(FREE), still(position, flexion=wild, ticks=60))
         record = HandSolver(HAND, BALL.arrays(), SolverOptions()).run(*motion)
         assert (record.flexion >= HAND.flexion_min - 1e-9).all()
         assert (record.flexion <= HAND.flexion_max + 1e-9).all()
-    free = HandSolver(HAND, BALL.arrays(), SolverOptions()).run(*still(2, FREE, flexion=wild))
+    free = HandSolver(HAND, BALL.arrays(), SolverOptions()).run(*still(FREE, flexion=wild, ticks=2))
     np.testing.assert_allclose(free.flexion[1], np.where(wild > 0.0, HAND.flexion_max, HAND.flexion_min), atol=1e-12)
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_what_a_tick_counts(method: str) -> None:
-    goal = still(1, [0.0, -0.045, 0.052], flexion=np.full((5, 3), 0.5))
-    motion = straight_line(still(1, FREE), goal, 200).then(still(50, *(v[0] for v in goal)))
+    goal = still([0.0, -0.045, 0.052], flexion=0.5)
+    motion = still(FREE).line(goal, 199).hold(50)
     record = solver_at(BALL, motion, method=method).run(*motion)
     clearance = record_clearance(HAND, BALL, record)
     touched = clearance.min(axis=1) <= TOUCH
@@ -202,9 +203,9 @@ def test_no_speed_carries_the_hand_through_a_thin_leaf(leaf: SphereTree, method:
     # A jump of half a metre across it, and swipes of 5 and 10 m/s.
     turn = Rotation.from_rotvec([0.4, 0.3, 0.1]).as_quat(scalar_first=True)
     flexion = np.full((5, 3), 0.3)
-    start = still(1, [0.0, 0.0, 0.25], orientation=turn, flexion=flexion)
-    end = still(1, [0.0, 0.0, -depth], orientation=turn, flexion=flexion)
-    motion = straight_line(start, end, ticks + 1).then(still(20, *(v[0] for v in end)))
+    start = still([0.0, 0.0, 0.25], orientation=turn, flexion=flexion)
+    end = still([0.0, 0.0, -depth], orientation=turn, flexion=flexion)
+    motion = start.line(end, ticks).hold(20)
     record = solver_at(leaf, start, method=method).run(*motion)
     assert record_clearance(HAND, leaf, record).min() >= -1e-6
     assert (record.joints[..., 2] > 0.0).all()
@@ -214,11 +215,11 @@ def test_no_speed_carries_the_hand_through_a_thin_leaf(leaf: SphereTree, method:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_jump_through_empty_air_takes_one_tick(method: str) -> None:
-    solver = solver_at(BALL, still(1, FREE), method=method)
-    record = solver.run(*still(1, [0.5, 0.0, 0.4]))
+    solver = solver_at(BALL, still(FREE), method=method)
+    record = solver.run(*still([0.5, 0.0, 0.4]))
     np.testing.assert_allclose(record.position[0], [0.5, 0.0, 0.4], atol=1e-12)
     # Past the ball, with the ball in the way of the straight line: free in the end, however many ticks it takes.
-    record = solver.run(*still(200, [-0.2, 0.0, 0.0]))
+    record = solver.run(*still([-0.2, 0.0, 0.0], ticks=200))
     assert record_clearance(HAND, BALL, record).min() >= -1e-6
 
 
@@ -226,7 +227,7 @@ def test_more_contacts_than_there_is_room_for_end_the_block() -> None:
     tip = HAND.joints(FREE, [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))[1, 3]
     crowd = sphere_tree(np.repeat((tip - [0.0, 0.0, 0.05])[None], 5000, axis=0), np.full(5000, 1e-3))
     solver = HandSolver(HAND, crowd.arrays(), SolverOptions())
-    motion = straight_line(still(1, FREE), still(1, np.array(FREE) - [0.0, 0.0, 0.06]), 60)
+    motion = still(FREE).line(still(np.array(FREE) - [0.0, 0.0, 0.06]), 59)
     solver.run(*motion.part(0, 1))
     record = tick_record(60)
     done = solver.workspace.run_block(Coupled(solver.workspace.tick_options), HapticBlock(*motion), record)
@@ -242,8 +243,8 @@ def test_a_hand_that_is_where_it_should_be_is_not_stuck() -> None:
         reach = 0.005 + HAND.radius[1, 3] + gap
         tree = sphere_tree((joints[1, 3] + reach * ahead)[None], np.array([0.005]))
         solver = HandSolver(HAND, tree.arrays(), SolverOptions())
-        solver.run(*still(1, -0.1 * ahead))
-        record = solver.run(*still(40, np.zeros(3)))
+        solver.run(*still(-0.1 * ahead))
+        record = solver.run(*still(np.zeros(3), ticks=40))
         assert not (record.status[5:] & (STATUS_STUCK | STATUS_LAG)).any()
         assert record_clearance(HAND, tree, record).min() >= 0.0
 
