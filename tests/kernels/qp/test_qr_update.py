@@ -4,19 +4,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from qp_problems import rubbish_work
 from sampled import sampled
 
 from hhsim.arrays import FloatArray
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.qp.qr_update import append, back_substitute, project, remove, resolve, work_dtype
-
-
-def rubbish_work(n: int) -> Any:
-    """A workspace in which nothing may matter."""
-    work = new_work(n, 1)
-    for name in work.dtype.names:
-        work[name].fill(-7 if work[name].dtype == np.int64 else np.nan)
-    return work
 
 
 def load(work: Any, normal: FloatArray) -> None:
@@ -36,7 +29,7 @@ def factored(work: Any, n: int, k: int) -> tuple[FloatArray, FloatArray]:
 @pytest.mark.parametrize("n", sampled([1, 3, 6, 8, 21, 24, 30], lambda place, n: n in (1, 6, 8, 21)))
 def test_factors_survive_a_thousand_updates(n: int) -> None:
     rng = np.random.default_rng(n)
-    work = rubbish_work(n)
+    work = rubbish_work(n, 1)
     normals: list[FloatArray] = []
     for step in range(1000):
         k = len(normals)
@@ -67,7 +60,7 @@ def test_a_second_pass_keeps_nearly_dependent_normals_orthogonal(share: float) -
     rng = np.random.default_rng(2)
     n = 21
     for _ in range(50):
-        work = rubbish_work(n)
+        work = rubbish_work(n, 1)
         inside = rng.normal(size=(n - 1, n))
         for k in range(n):
             normal = inside[k] if k < n - 1 else rng.normal(size=n - 1) @ inside
@@ -85,7 +78,7 @@ def test_a_second_pass_keeps_nearly_dependent_normals_orthogonal(share: float) -
 def test_equations_are_solved_with_their_multipliers(n: int) -> None:
     rng = np.random.default_rng(n)
     for k in range(n + 1):
-        work = rubbish_work(n)
+        work = rubbish_work(n, 1)
         matrix = rng.normal(size=(k, n))
         matrix /= np.linalg.norm(matrix, axis=1)[:, None]
         rhs, target = rng.normal(size=k), rng.normal(size=n)
