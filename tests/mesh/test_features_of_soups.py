@@ -15,8 +15,8 @@ from triangle_soups import SOUPS, indexed, least_distance, plane_normals, soup, 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import evaluate
-from hhsim.kernels.hand.kinematics import DOF, PALM_BODY
+from hhsim.kernels.contact.detection import COUNT_GATHERS, evaluate
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, PALM_BODY
 from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, vertex_distance
 from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.kernels.round_cone_distance import RoundCone
@@ -123,7 +123,7 @@ def test_lists_that_last_hold_the_nearest_triangle_of_every_body(kind: str, seed
         placed = at._replace(position=(start + high * way)[None])
         near = is_outside(placed, 0.0) and distances(placed, triangles, normals).min() < 2e-3
     at = placed
-    judged = 0
+    judged = taken = 0
     for _ in range(30):
         size = 10.0 ** random.uniform(-5.0, -2.5)
         step = random.normal(size=DOF) * size
@@ -142,4 +142,6 @@ def test_lists_that_last_hold_the_nearest_triangle_of_every_body(kind: str, seed
         listed = expected < slack - SAME
         np.testing.assert_allclose(nearest[listed], expected[listed], rtol=0.0, atol=SAME)
         judged += int(listed.any())
+        taken += 1
     assert judged > 0
+    assert state.work[COUNT_GATHERS] < 0.9 * taken * BODY_COUNT, "the lists never last"

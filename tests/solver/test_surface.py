@@ -8,18 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sphere_scenes import bumpy_ball, random_targets, set_pose
+from contact_scenes import in_contact
+from sphere_scenes import bumpy_ball, random_targets
 
 import hhsim.kernels.surfaces
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import evaluate, find_contacts
-from hhsim.kernels.hand.kinematics import DOF
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import SURFACES, surface_of
-from hhsim.solver.workspace import tick_state
 
 PLANE = '''
 """A table: everything below a height is inside."""
@@ -171,11 +169,8 @@ HEIGHT = -0.02
 def test_a_surface_is_added_by_one_file(plane: Any) -> None:
     hand, above, margin = HandModel.default(), plane.arrays(HEIGHT), 1e-3
     assert SolverOptions(surface="plane").surface == "plane" and surface_of(above) is SURFACES["plane"]
-    state = tick_state(np.ones(DOF), surface=plane)[0]
     bent = still([0.0, 0.0, 0.015], flexion=0.3)
-    set_pose(hand, state.pose, bent)
-    assert evaluate(hand.arrays(), state.pose, above, margin, margin, 0.0, state.candidates, state.work) == 0
-    assert find_contacts(above, hand.arrays(), state.pose, state.candidates, margin, state.contacts) == 0
+    state = in_contact(hand, above, bent, margin)
     joints = hand.joints(*bent.at(0))
     ends = (joints[..., 2] - hand.radius)[:, [0, 1, 1, 2, 2, 3]].ravel()
     palm = bent.position[0, 2] + hand.palm_tree.leaf_center[:, 2] - hand.palm_tree.leaf_radius

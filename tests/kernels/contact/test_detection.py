@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contact_scenes import assert_grouped
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -216,14 +217,7 @@ def test_records_are_ordered_palm_first_then_finger_by_finger() -> None:
         set_pose(RIGHT, state.pose, random_hand(random, RIGHT, 0.05))
         state.candidates.gathered_slack[:] = -np.inf
         detect(state, RIGHT, tree, 5e-3, 0.0)
-        start, body = state.contacts.start, state.contacts.body
-        assert (body[: start[1]] == PALM).all()
-        for f in range(5):
-            rows = slice(start[f + 1], start[f + 2])
-            assert (body[rows] // 3 == f).all()
-            assert (np.diff(body[rows]) >= 0).all()
-            for k in range(3):
-                assert state.contacts.phalanx_end[f, k] == start[f + 1] + np.sum(body[rows] <= 3 * f + k)
+        assert_grouped(state.contacts)
 
 
 def test_concentric_bodies_have_a_normal() -> None:

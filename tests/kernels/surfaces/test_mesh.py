@@ -9,7 +9,7 @@ import numba
 import numpy as np
 import pytest
 import trimesh
-from contact_scenes import moved
+from contact_scenes import in_contact, moved
 from hypothesis import given
 from hypothesis import strategies as st
 from mesh_oracle import Cones, along_axes, from_triangles
@@ -21,11 +21,11 @@ from sphere_scenes import PALM, palm_spheres, pose_of, prepared, random_hand, se
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import COUNT_GATHERS, evaluate, find_contacts
+from hhsim.kernels.contact.detection import evaluate, find_contacts
 from hhsim.kernels.contact.surface import cone_distance
-from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF
+from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, line_witness, vertex_distance
 from hhsim.kernels.mesh.features import ALONG, MeshFeatures
@@ -82,10 +82,7 @@ def under_the_finger(place: FloatArray, faces: Any, *, closed: bool = False) -> 
 
 def finger_rows(mesh: MeshFeatures) -> dict[str, FloatArray]:
     """Rows of the middle phalanx of the index of a straight hand at the origin; points in the frame of its axis."""
-    state = new_state()
-    set_pose(HAND, state.pose, still(np.zeros(3)))
-    assert evaluate(ARRAYS, state.pose, mesh, MARGIN, MARGIN, SKIN, state.candidates, state.work) == 0
-    assert find_contacts(mesh, ARRAYS, state.pose, state.candidates, MARGIN, state.contacts) == 0
+    state = in_contact(HAND, mesh, still(np.zeros(3)), MARGIN, SKIN)
     contacts = state.contacts
     rows = np.flatnonzero(contacts.body[: contacts.start[-1]] == INDEX_MIDDLE)
     along = (contacts.point[:, rows].T - state.pose.joints[1, 1]) @ state.pose.direction[1, 1]
@@ -306,14 +303,8 @@ def catalogue(name: str) -> tuple[FloatArray, IntArray]:
     return mesh.vertices, mesh.faces
 
 
-def torus() -> tuple[FloatArray, IntArray]:
-    shape = trimesh.creation.torus(0.04, 0.012)
-    return np.asarray(shape.vertices), np.asarray(shape.faces, np.int64)
-
-
 CLOSED: dict[str, Callable[[], tuple[FloatArray, IntArray]]] = {
-    **{name: partial(catalogue, name) for name in ("bunny", "cup", "teapot", "cube")},
-    "torus": torus,
+    name: partial(catalogue, name) for name in ("cup", "cube")
 }
 OPEN: dict[str, Callable[[], tuple[FloatArray, IntArray]]] = {"sheet": sheet, "soup": soup}
 
@@ -326,66 +317,6 @@ def least_by_search(motion: HandConfiguration, triangles: FloatArray, tick: int 
     phalanges = along_axes(pairs, from_triangles(np.tile(triangles, (PALM, 1, 1)))).reshape(-1, count)
     palm = from_triangles(triangles)(cones.a[PALM:, None]) - cones.radius_a[PALM:, None]
     return np.asarray(np.concatenate([phalanges, palm]).min(axis=1))
-
-
-def placed(motion: HandConfiguration) -> PlacedHand:
-    return forward_kinematics(HAND, *motion)
-
-
-@pytest.mark.parametrize("name", sampled([*CLOSED, *OPEN], lambda _, name: name in ("bunny", "sheet")))
-def test_lists_hold_the_nearest_feature_of_every_body_wherever_the_hand_goes(name: str) -> None:
-    vertices, faces = {**CLOSED, **OPEN}[name]()
-    closed = name in CLOSED
-    mesh, _ = mesh_features(vertices, faces, closed=closed)
-    bvh = build_mesh_bvh(vertices, faces) if closed else None
-    random = np.random.default_rng(11)
-    judged = near = gathers = 0
-    for _ in range(4):
-        at = random_hand(random, HAND, 0.03)
-        # Out of the object along a random way, and back until something is within a millimetre or two.
-        way = random.normal(size=3)
-        way /= np.linalg.norm(way)
-
-        def clearance(motion: HandConfiguration) -> float:
-            return soup_clearance(motion, mesh) if bvh is None else float(mesh_clearance(bvh, SHAPE, placed(motion))[0])
-
-        low, high = 0.0, 0.3
-        for _ in range(9):
-            middle = 0.5 * (low + high)
-            inside = clearance(at._replace(position=at.position + middle * way)) < 0.0
-            low, high = (middle, high) if inside else (low, middle)
-        at = at._replace(position=at.position + high * way)
-        state = new_state()
-        gathers_before = int(state.work[COUNT_GATHERS])
-        for _ in range(25):
-            size = 10.0 ** random.uniform(-5.0, -1.8)
-            step = random.normal(size=DOF) * size
-            step[3:] *= 4.0
-            target = moved(at, step, 4.0 * size * random.normal(size=5))
-            independent = clearance(target)
-            if not 1e-6 < independent < 6e-3:
-                continue
-            if bvh is None and len(faces) < 10:
-                independent = float(least_by_search(target, vertices[faces]).min())
-            at = target
-            set_pose(HAND, state.pose, at)
-            assert evaluate(ARRAYS, state.pose, mesh, MARGIN, MARGIN, SKIN, state.candidates, state.work) == 0
-            cones = bodies(at)
-            brute = np.array([_least_of_all(mesh, cones.kernel(i)) for i in range(len(cones.a))])
-            least = np.append(brute[:PALM], brute[PALM:].min())
-            nearest, slack = np.array(state.candidates.nearest), np.array(state.candidates.slack)
-            assert (slack >= MARGIN).all()
-            assert (nearest >= least - FREE_OF_ROUNDING).all()
-            listed = least < slack
-            np.testing.assert_allclose(nearest[listed], least[listed], rtol=0.0, atol=FREE_OF_ROUNDING)
-            if independent < 0.019:
-                assert least.min() == pytest.approx(independent, abs=1e-6)
-            judged += 1
-            near += int(listed.sum())
-        gathers += int(state.work[COUNT_GATHERS]) - gathers_before
-    assert judged > 30
-    assert near > 0.5 * judged, "hardly anything was near"
-    assert gathers < 0.9 * judged * BODY_COUNT, "the lists never last"
 
 
 def soup_clearance(motion: HandConfiguration, mesh: MeshFeatures) -> float:
@@ -549,10 +480,7 @@ def test_curvature_at_faces_edges_and_vertices_is_that_of_second_differences(see
     kinds: set[tuple[bool, bool, bool]] = set()
     for _ in range(3):
         at = random_hand(random, HAND, 0.03)
-        state = new_state()
-        set_pose(HAND, state.pose, at)
-        assert evaluate(ARRAYS, state.pose, mesh, 2e-3, 2e-3, 0.0, state.candidates, state.work) == 0
-        assert find_contacts(mesh, ARRAYS, state.pose, state.candidates, 2e-3, state.contacts) == 0
+        state = in_contact(HAND, mesh, at, 2e-3)
         contacts, count = state.contacts, int(state.contacts.start[-1])
         step = random.normal(size=DOF) * np.where(np.arange(DOF) < 3, 0.05, 1.0)
         for row in random.permutation(count)[:12].tolist():
