@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from stress_motion import random_targets
 
 from hhsim.bench.robustness.failure import recorded_penetration
+from hhsim.bench.robustness.random_targets import RandomTargets
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.scene.free_object import FreeObject
@@ -22,7 +22,7 @@ def harass(name: str, mass: float, stiffness: Stiffness, ticks: int, seed: int) 
     free = FreeObject.of_mesh(mesh, mass=mass, friction=0.6, torsion=2e-3, table=lowest)
     surface = contact_surface("mesh", mesh, None)
     solver = HandSolver(HAND, surface, SolverOptions(surface="mesh", stiffness=stiffness), free)
-    record = solver.run(*random_targets(HAND, ticks, seed))
+    record = solver.run(*RandomTargets(HAND, seed).take(ticks))
     moved = solver.object_ticks
     rows = moved.contact[-1]
     values = (*record, *(field[:rows] if len(field) > ticks + 1 else field for field in moved))
