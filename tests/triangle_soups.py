@@ -272,17 +272,6 @@ def least_distance(ends: FloatArray, radius: FloatArray, triangles: FloatArray, 
     return best
 
 
-def winding(triangles: FloatArray, point: FloatArray) -> float:
-    """How often triangles go around a point: their solid angles by Van Oosterom and Strackee (1983), over 4π."""
-    a, b, c = (triangles[:, k] - point for k in range(3))
-    size_a, size_b, size_c = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    spanned = np.einsum("ij,ij->i", a, np.cross(b, c))
-    ab, bc, ca = ((u * v).sum(axis=1) for u, v in ((a, b), (b, c), (c, a)))
-    return float(
-        np.arctan2(spanned, size_a * size_b * size_c + ab * size_c + bc * size_a + ca * size_b).sum() / (2.0 * np.pi)
-    )
-
-
 def touching_cone(
     random: np.random.Generator, triangles: FloatArray, normals: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

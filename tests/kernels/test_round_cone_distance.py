@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mesh_oracle import Cones
+from mesh_oracle import Cones, to_cone
 
 from hhsim.arrays import FloatArray
 from hhsim.kernels.round_cone_distance import (
@@ -25,19 +25,7 @@ TOLERANCE = 1e-12
 def brute_force(
     center: FloatArray, radius: float, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
 ) -> float:
-    """Least sphere distance over the axis; the function of s is convex, so ternary search finds it."""
-
-    def gap(s: float) -> float:
-        return float(np.linalg.norm(center - (a + s * (b - a)))) - (radius_a + s * (radius_b - radius_a)) - radius
-
-    low, high = 0.0, 1.0
-    for _ in range(120):
-        left, right = low + (high - low) / 3.0, high - (high - low) / 3.0
-        if gap(left) <= gap(right):
-            high = right
-        else:
-            low = left
-    return min(gap(0.0), gap(1.0), gap(0.5 * (low + high)))
+    return float(to_cone(center[None], a, b, radius_a, radius_b)[0]) - radius
 
 
 def kernel(

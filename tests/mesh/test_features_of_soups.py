@@ -2,24 +2,21 @@
 
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 from contact_scenes import moved
-from mesh_oracle import Cones
+from mesh_oracle import Cones, by_arctangents, least_of_features
 from sampled import sampled
 from scipy.spatial.transform import Rotation
 from sphere_scenes import palm_spheres, set_pose
-from triangle_soups import SOUPS, indexed, least_distance, plane_normals, soup, touching_cone, unit, winding
+from triangle_soups import SOUPS, indexed, least_distance, plane_normals, soup, touching_cone, unit
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_GATHERS, evaluate
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, PALM_BODY
-from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, vertex_distance
 from hhsim.kernels.mesh.features import MeshFeatures
-from hhsim.kernels.round_cone_distance import RoundCone
 from hhsim.mesh.features import mesh_features
 from hhsim.mesh.mesh import Mesh
 from hhsim.solver.surface import SURFACES
@@ -34,23 +31,14 @@ ARRAYS = HAND.arrays()
 MARGIN, SKIN = 1e-3, 3e-3
 
 
-@numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
-def least_of_features(mesh: MeshFeatures, cone: RoundCone) -> float:
-    """Least distance [m] to what belongs to a face: nothing else is ever listed."""
-    least = np.inf
-    for f in range(mesh.face.shape[0]):
-        least = min(least, face_distance(mesh.face, f, cone))
-        for k in range(3):
-            e, v = mesh.face_edge[f, k], mesh.face_vertex[f, k]
-            least = min(least, edge_distance(mesh.edge, e, cone)[0]) if e >= 0 else least
-            least = min(least, vertex_distance(mesh.vertex, v, cone)[0]) if v >= 0 else least
-    return least
-
-
 def features_of(triangles: FloatArray) -> tuple[MeshFeatures, bool]:
     vertices, faces = indexed(triangles)
     closed = encloses(Mesh(vertices, faces))
     return mesh_features(vertices, faces, closed=closed)[0], closed
+
+
+def goes_around(triangles: FloatArray, point: FloatArray) -> bool:
+    return bool(by_arctangents(triangles, point[None])[0] > 0.5)
 
 
 @pytest.mark.parametrize(
@@ -64,7 +52,7 @@ def test_the_least_over_features_is_the_least_over_triangles(kind: str, first: i
         mesh, closed = features_of(triangles)
         for _ in range(POSES):
             ends, radius = touching_cone(random, triangles, normals)
-            if closed and winding(triangles, ends[0]) > 0.5:
+            if closed and goes_around(triangles, ends[0]):
                 continue
             distance = least_distance(ends, radius, triangles, normals)
             if distance > 0.0:
@@ -107,7 +95,7 @@ def test_lists_that_last_hold_the_nearest_triangle_of_every_body(kind: str, seed
     )
 
     def is_outside(motion: HandConfiguration, clearance: float) -> bool:
-        around = closed and winding(triangles, motion.position[0]) > 0.5
+        around = closed and goes_around(triangles, motion.position[0])
         return bool(not around and distances(motion, triangles, normals).min() > clearance)
 
     near = False

@@ -18,7 +18,7 @@ from sphere_scenes import (
 )
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import HhsimError, InputError, UnknownNameError
+from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.kernels.jit import JIT_ENABLED
@@ -257,13 +257,3 @@ def test_place_puts_the_graphic_hand_where_it_is_told() -> None:
     np.testing.assert_array_equal(solver.workspace.states[0].pose.position, place.position)
     record = solver.run(*still([0.0, 0.0, 0.2], flexion=0.2))
     np.testing.assert_allclose(record.joints[0], RIGHT.joints(*place), atol=1e-15)
-
-
-def test_an_offset_of_more_than_a_tenth_of_the_margin_is_refused() -> None:
-    with pytest.raises(InputError, match="ten offsets"):
-        SolverOptions(offset=2e-4)
-
-
-def test_unknown_names_list_the_known_ones() -> None:
-    with pytest.raises(UnknownNameError, match="kkt"):
-        SolverOptions(force="kk")

@@ -82,13 +82,6 @@ def test_a_file_beside_the_data_is_found_and_takes_nobodys_place(
     assert sys.path.index(str(tmp_path)) == len(sys.path) - 1
 
 
-def test_a_method_from_outside_takes_no_solver_of_ours_and_no_threads() -> None:
-    with pytest.raises(InputError, match="takes no QP solver"):
-        SolverOptions(method="outside_methods:Follow", qp="clarabel")
-    with pytest.raises(InputError, match="runs in one thread"):
-        SolverOptions(method="outside_methods:Follow", threads=2)
-
-
 def test_a_glove_waits_for_nobody_elses_method(run: Run) -> None:
     refused = run("live", "glove", "--method", "outside_methods:Follow")
     assert refused.code == 2 and "'outside_methods:Follow' is not one of 'coupled', " in refused.err

@@ -1,11 +1,13 @@
 """The seam of methods: what is registered, and that one new file is a method everywhere."""
 
 import importlib
+import math
 import subprocess
 import sys
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -13,9 +15,10 @@ import pytest
 from conftest import Run
 
 import hhsim.solver.methods
-from hhsim.errors import UnknownNameError
+from hhsim.errors import InputError
+from hhsim.kernels.parallel.thread_team import PARTS
 from hhsim.solver.method import METHODS, USUAL, methods_that, never_penetrates
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import SolverOptions, Stiffness
 
 FOLLOW = '''
 """`follow`: the graphic hand is the user's, wherever that is; what a method without contact comes to."""
@@ -69,9 +72,42 @@ def test_what_each_method_promises() -> None:
         assert SolverOptions(method=name).margin == method.defaults["margin"]
 
 
-def test_an_unknown_method_is_told_the_near_ones() -> None:
-    with pytest.raises(UnknownNameError, match="did you mean coupled"):
-        SolverOptions(method="couple")
+OUTSIDE = "outside_methods:Follow"
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"method": "couple"}, "did you mean coupled"),
+        ({"force": "kk"}, "kkt"),
+        ({"surface": "triangles"}, "unknown surface 'triangles'"),
+        ({"method": "paper", "frustum_ends": "flats"}, "flat"),
+        ({"offset": 2e-4}, "ten offsets"),
+        ({"method": "penalty", "period": 0.0}, "period is 0 s"),
+        ({"method": "penalty", "response": math.inf}, "response is inf s"),
+        ({"method": "penalty", "contact_response": -1.0}, "contact_response is -1 s: expected 0 to 1000"),
+        ({"method": "penalty", "qp": "clarabel"}, "solves no quadratic program"),
+        ({"method": "paper", "qp": "clarabel"}, "active-set"),
+        ({"method": OUTSIDE, "qp": "clarabel"}, "takes no QP solver"),
+        ({"method": OUTSIDE, "threads": 2}, "runs in one thread"),
+        ({"threads": 2, "qp": "daqp"}, "'daqp' is driven in one thread"),
+        *(({"threads": n}, f"threads is {n}: expected 1 to 6; a tick has 6 parts") for n in (0, -1, PARTS + 1)),
+        (
+            {"method": "paper", "surface": "mesh"},
+            "method paper takes .* not mesh: .*between frustums and spheres",
+        ),
+        ({"method": "penalty", "surface": "mesh"}, "method penalty takes .* not mesh: .*triangles have no depth"),
+    ],
+    ids=str,
+)
+def test_options_that_make_no_sense_are_refused(options: dict[str, Any], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        SolverOptions(**options)
+
+
+def test_a_contact_needs_a_positive_stiffness() -> None:
+    with pytest.raises(InputError, match="stiffness penalty is 0"):
+        Stiffness(penalty=0.0)
 
 
 def test_a_method_is_added_by_one_file(follow: None, run: Run, tmp_path: Path) -> None:

@@ -152,12 +152,7 @@ def test_the_spheres_are_a_surface() -> None:
         HandSolver(HandModel.default(), tree, SolverOptions(surface="mesh"))
 
 
-def test_methods_of_the_papers_spheres_take_no_other_surface() -> None:
-    for method, why in (("paper", "between frustums and spheres"), ("penalty", "triangles have no depth")):
-        with pytest.raises(InputError, match=f"method {method} takes the surface spheres, not mesh: .*{why}"):
-            SolverOptions(method=method, surface="mesh")
-    with pytest.raises(InputError, match="unknown surface 'triangles'"):
-        SolverOptions(surface="triangles")
+def test_a_mesh_has_its_own_defaults() -> None:
     assert SolverOptions(surface="mesh").skin < SolverOptions().skin
     assert SolverOptions(surface="mesh", skin=2e-3, touch=1e-5).touch == 1e-5
 

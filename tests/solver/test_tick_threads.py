@@ -18,11 +18,11 @@ from sampled import sampled
 from sphere_scenes import bumpy_ball, random_targets
 
 import hhsim.solver.tick_threads
-from hhsim.errors import HhsimError, InputError
+from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.cache_folder import cache_root
-from hhsim.kernels.parallel.thread_team import NUMBER_SHIFT, PARTS, TICKET
+from hhsim.kernels.parallel.thread_team import NUMBER_SHIFT, TICKET
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES
 from hhsim.mesh.catalogue import load_object
@@ -188,14 +188,6 @@ def test_without_the_compiler_one_thread_does_everything(hand: HandModel) -> Non
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "HHSIM_CACHE_DIR": str(cache_root())}
     done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout == "True\n"
-
-
-def test_impossible_numbers_are_refused() -> None:
-    for threads in (0, -1, PARTS + 1):
-        with pytest.raises(InputError, match=f"threads is {threads}: expected 1 to 6; a tick has 6 parts"):
-            SolverOptions(threads=threads)
-    with pytest.raises(InputError, match="'daqp' is driven in one thread"):
-        SolverOptions(threads=2, qp="daqp")
 
 
 def test_a_scene_without_contacts_needs_no_thread_team(hand: HandModel) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mesh_oracle import by_arctangents
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.jit import JIT_ENABLED
@@ -16,15 +17,6 @@ def winding(triangles: FloatArray, points: FloatArray) -> FloatArray:
     result = np.full(len(points), np.nan)
     winding_numbers(np.ascontiguousarray(triangles), np.ascontiguousarray(points), result)
     return result
-
-
-def by_arctangents(triangles: FloatArray, points: FloatArray) -> FloatArray:
-    """Van Oosterom and Strackee's formula, one arctangent a triangle."""
-    a, b, c = (triangles[None, :, corner] - points[:, None] for corner in range(3))
-    la, lb, lc = (np.linalg.norm(side, axis=2) for side in (a, b, c))
-    n = np.einsum("pti,pti->pt", a, np.cross(b, c))
-    ab, bc, ca = (np.einsum("pti,pti->pt", first, second) for first, second in ((a, b), (b, c), (c, a)))
-    return np.asarray(np.arctan2(n, la * lb * lc + ab * lc + bc * la + ca * lb).sum(axis=1) / (2.0 * np.pi))
 
 
 @settings(max_examples=40)
@@ -45,23 +37,6 @@ def test_inside_of_a_cube_by_its_coordinates() -> None:
     inside = (np.abs(points) < 0.035).all(axis=1)
     assert inside.any()
     np.testing.assert_allclose(winding(cube(0.07).triangles, points), inside, atol=1e-12)
-
-
-def test_inside_of_a_sphere_by_its_radius() -> None:
-    mesh = sphere(0.08, subdivisions=3)
-    points = np.random.default_rng(2).uniform(-0.05, 0.05, size=(2000, 3))
-    radius = np.linalg.norm(points, axis=1)
-    # Between the inscribed and the circumscribed ball the triangles decide.
-    clear = np.abs(radius - 0.04) > 0.0005
-    np.testing.assert_allclose(winding(mesh.triangles, points)[clear], (radius < 0.04)[clear], atol=1e-12)
-
-
-def test_two_layers_count_twice_and_an_open_surface_in_part() -> None:
-    triangles = sphere(0.08, subdivisions=2).triangles
-    center = np.zeros((1, 3))
-    assert winding(np.concatenate([triangles, triangles]), center)[0] == pytest.approx(2.0, abs=1e-12)
-    half = triangles[triangles.mean(axis=1)[:, 2] > 0.0]
-    assert 0.4 < winding(half, center)[0] < 0.6
 
 
 def test_degenerate_triangles_and_points_on_the_surface_stay_finite() -> None:

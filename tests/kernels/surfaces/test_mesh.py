@@ -5,14 +5,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 import pytest
 import trimesh
 from contact_scenes import in_contact, moved
 from hypothesis import given
 from hypothesis import strategies as st
-from mesh_oracle import Cones, along_axes, from_triangles
+from mesh_oracle import Cones, along_axes, from_triangles, least_of_features
 from numpy.typing import NDArray
 from sampled import sampled
 from scipy.spatial.transform import Rotation
@@ -27,7 +26,7 @@ from hhsim.kernels.contact.detection import evaluate, find_contacts
 from hhsim.kernels.contact.surface import cone_distance
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
-from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, line_witness, vertex_distance
+from hhsim.kernels.mesh.feature_distance import line_witness, vertex_distance
 from hhsim.kernels.mesh.features import ALONG, MeshFeatures
 from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
@@ -242,7 +241,7 @@ def listed_at(mesh: MeshFeatures, needed: float) -> tuple[Any, int]:
     assert evaluate(ARRAYS, state.pose, mesh, needed, MARGIN, SKIN, state.candidates, state.work) == 0
     candidates, middle = state.candidates, INDEX_MIDDLE
     cone = bodies(straight).kernel(middle)
-    assert candidates.nearest[middle] == pytest.approx(_least_of_all(mesh, cone), abs=FREE_OF_ROUNDING)
+    assert candidates.nearest[middle] == pytest.approx(least_of_features(mesh, cone), abs=FREE_OF_ROUNDING)
     return candidates, candidates.faces[middle] + candidates.edges[middle] + candidates.vertices[middle]
 
 
@@ -259,18 +258,6 @@ def test_more_triangles_than_there_is_room_for_make_the_steps_short_and_no_error
     assert candidates.skin_share[INDEX_MIDDLE] >= len(SKIN_SHARES)
     assert 0 < listed <= 3 * PHALANX_CAPACITY
     assert 1e-5 <= candidates.slack[INDEX_MIDDLE] < 1e-3
-
-
-@numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
-def _least_of_all(mesh: MeshFeatures, cone: RoundCone) -> float:
-    least = np.inf
-    for i in range(mesh.face.shape[0]):
-        least = min(least, face_distance(mesh.face, i, cone))
-    for i in range(mesh.edge.shape[0]):
-        least = min(least, edge_distance(mesh.edge, i, cone)[0])
-    for i in range(mesh.vertex.shape[0]):
-        least = min(least, vertex_distance(mesh.vertex, i, cone)[0])
-    return least
 
 
 def bodies(motion: HandConfiguration, tick: int = 0) -> Cones:

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import CURL, brute_pairs, bumpy_ball, random_targets, record_clearance, sphere_tree
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
@@ -285,13 +284,6 @@ def test_defaults_are_the_papers() -> None:
     others = SolverOptions()
     assert (others.force, others.margin, others.linearisations) == ("kkt", 1e-3, 12)
     assert SolverOptions(method="paper", force="kkt", margin=1e-3).to_json()["force"] == "kkt"
-
-
-def test_what_it_cannot_do_is_refused() -> None:
-    with pytest.raises(InputError, match="active-set"):
-        SolverOptions(method="paper", qp="clarabel")
-    with pytest.raises(UnknownNameError, match="flat"):
-        SolverOptions(method="paper", frustum_ends="flats")
 
 
 def test_more_pairs_than_there_is_room_for_leave_their_part_where_it_was() -> None:

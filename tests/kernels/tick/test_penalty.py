@@ -1,6 +1,5 @@
 """The method `penalty` against closed forms, the energy by brute force, and inputs that provoke."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from sphere_scenes import brute_pairs, bumpy_ball, random_targets, sphere_tree
 
-from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
@@ -264,22 +262,3 @@ def test_a_hand_that_never_touches_tests_no_pair() -> None:
     assert not record.work[:, COUNT_PAIR_TESTS].any()
     assert not record.total.any()
     assert (record.work[:, WORK_QP_ITERATIONS] <= 3).all()
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ({"qp": "clarabel"}, "solves no quadratic program"),
-        ({"period": 0.0}, "period is 0 s"),
-        ({"response": np.inf}, "response is inf s"),
-        ({"contact_response": -1.0}, "contact_response is -1 s: expected 0 to 1000"),
-    ],
-)
-def test_options_that_make_no_sense_are_refused(options: dict[str, Any], says: str) -> None:
-    with pytest.raises(InputError, match=says):
-        replace(SolverOptions(method="penalty"), **options)
-
-
-def test_a_contact_needs_a_positive_stiffness() -> None:
-    with pytest.raises(InputError, match="stiffness penalty is 0"):
-        Stiffness(penalty=0.0)

@@ -8,16 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampled import sampled
 from scipy.spatial.transform import Rotation
-from sphere_scenes import bumpy_ball, random_targets, record_clearance, sphere_tree
+from sphere_scenes import bumpy_ball, object_tree, random_targets, record_clearance, sphere_tree
 
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
-from hhsim.kernels.tick.block import HapticBlock
 from hhsim.kernels.tick.haptic_input import set_haptic
-from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.state import (
-    STATUS_CAPACITY_EXCEEDED,
     STATUS_INPUT_INVALID,
     STATUS_LAG,
     STATUS_START_INSIDE,
@@ -33,7 +30,6 @@ from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import TOUCH, SolverOptions
-from hhsim.solver.workspace import tick_record
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
@@ -93,6 +89,8 @@ def test_a_quaternion_counts_by_its_direction(scale: float) -> None:
 BAD = {
     "NaN position": ("position", (1,), np.nan),
     "infinite position": ("position", (2,), np.inf),
+    "position nowhere near": ("position", (1,), 1e200),
+    "position too far": ("position", (1,), -1e7),
     "NaN quaternion": ("orientation", (0,), np.nan),
     "zero quaternion": ("orientation", (slice(None),), 0.0),
     "NaN flexion": ("flexion", (3, 1), np.nan),
@@ -104,7 +102,7 @@ BAD = {
 
 @pytest.mark.parametrize("method", (*METHODS, "penalty"))
 @pytest.mark.parametrize("name", BAD)
-def test_input_that_is_not_finite_is_held(name: str, method: str) -> None:
+def test_input_that_is_none_is_held(name: str, method: str) -> None:
     channel, index, value = BAD[name]
     motion = still([0.0, -0.045, 0.052], flexion=0.4, ticks=6)
     motion = sequence(still(FREE), motion)
@@ -116,15 +114,6 @@ def test_input_that_is_not_finite_is_held(name: str, method: str) -> None:
     )
     for kept in ("position", "orientation", "flexion", "abduction", "joints", "total"):
         np.testing.assert_array_equal(getattr(found, kept), getattr(fine, kept))
-
-
-def test_a_first_input_that_is_not_finite_is_held_too() -> None:
-    # The graphic hand is then where hands begin, at the origin.
-    solver = HandSolver(HAND, BALL.transformed(np.eye(3), [0.0, 0.0, 0.4]).arrays(), SolverOptions())
-    record = solver.run(*sequence(still([np.nan, 0.0, 0.0]), still([0.0, 0.0, -0.1])))
-    assert record.status[0] & STATUS_INPUT_INVALID
-    assert np.isfinite(record.joints).all()
-    np.testing.assert_allclose(record.position[1], [0.0, 0.0, -0.1], atol=1e-12)
 
 
 def test_set_haptic_reports_what_it_refuses() -> None:
@@ -140,14 +129,19 @@ def test_set_haptic_reports_what_it_refuses() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_starting_inside_begins_at_a_free_place(method: str) -> None:
-    motion = still([0.0, -0.02, 0.02], flexion=0.5, ticks=300)
-    solver = HandSolver(HAND, BALL.arrays(), SolverOptions(method=method))
-    record = solver.run(*motion)
+@pytest.mark.parametrize(
+    ("tree", "position"),
+    # In the middle thousands of palm pairs overlap: more than the tick's lists are made for.
+    [(BALL, [0.0, -0.02, 0.02]), (object_tree("sphere", 3), [0.0, 0.0, 0.0])],
+    ids=["inside", "in the middle"],
+)
+def test_starting_inside_begins_at_a_free_place(tree: SphereTree, position: list[float], method: str) -> None:
+    motion = still(position, flexion=0.5, ticks=300)
+    record = HandSolver(HAND, tree.arrays(), SolverOptions(method=method)).run(*motion)
     inside = record.status & STATUS_START_INSIDE > 0
     assert inside[0]
     assert not inside[1:].any()
-    assert record_clearance(HAND, BALL, record).min() >= 0.0
+    assert 0.0 <= record_clearance(HAND, tree, record).min() < 1e-5
     # As near as it can come: it ends in contact, and no further away than the ball is wide.
     assert record.work[-1, WORK_TOUCHING] > 0
     assert np.linalg.norm(record.position[-1] - motion.position[-1]) < 0.08
@@ -221,19 +215,6 @@ def test_a_jump_through_empty_air_takes_one_tick(method: str) -> None:
     # Past the ball, with the ball in the way of the straight line: free in the end, however many ticks it takes.
     record = solver.run(*still([-0.2, 0.0, 0.0], ticks=200))
     assert record_clearance(HAND, BALL, record).min() >= -1e-6
-
-
-def test_more_contacts_than_there_is_room_for_end_the_block() -> None:
-    tip = HAND.joints(FREE, [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))[1, 3]
-    crowd = sphere_tree(np.repeat((tip - [0.0, 0.0, 0.05])[None], 5000, axis=0), np.full(5000, 1e-3))
-    solver = HandSolver(HAND, crowd.arrays(), SolverOptions())
-    motion = still(FREE).line(still(np.array(FREE) - [0.0, 0.0, 0.06]), 59)
-    solver.run(*motion.part(0, 1))
-    record = tick_record(60)
-    done = solver.workspace.run_block(Coupled(solver.workspace.tick_options), HapticBlock(*motion), record)
-    assert done < 60
-    assert record.status[done - 1] & STATUS_CAPACITY_EXCEEDED
-    assert not (record.status[: done - 1] & STATUS_CAPACITY_EXCEEDED).any()
 
 
 def test_a_hand_that_is_where_it_should_be_is_not_stuck() -> None:
