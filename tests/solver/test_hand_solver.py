@@ -19,7 +19,7 @@ from sphere_scenes import (
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
-from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.tick.block import TickRecord, run_block
@@ -106,17 +106,6 @@ def test_abduction_sweeps_a_finger_against_the_ball_but_not_into_it(method: str)
     np.testing.assert_allclose(record.abduction[free, 2], spread[free, 2], atol=1e-9)
 
 
-@pytest.mark.parametrize("method", sampled(METHODS, lambda _, method: method == "progressive"))
-def test_a_command_a_hundred_millimetres_deep_is_held_at_the_surface(method: str) -> None:
-    flexion = np.full((5, 3), 0.3)
-    start = still([0.0, -0.02, 0.2], flexion=flexion)
-    deep = still([0.0, -0.02, -0.04], flexion=flexion)
-    motion = start.line(deep, 119).hold(200)
-    for tree in (TREES[300], TREES[4000]):
-        record = HandSolver(RIGHT, tree.arrays(), SolverOptions(method=method)).run(*motion)
-        assert_sound(RIGHT, tree, record)
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_a_finger_in_a_gap_barely_wider_than_itself(method: str) -> None:
     # Between two walls with 1 mm to spare: opposed contacts are the normal case, and shaking finds no way through.
@@ -189,18 +178,6 @@ def test_no_ticks_are_no_work() -> None:
     solver = HandSolver(RIGHT, TREES[300].arrays(), SolverOptions())
     record = solver.run(*still([0.0, 0.0, 0.3]).part(0, 0))
     assert len(record.status) == 0
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_touching_exactly_at_rest_is_no_trouble(method: str) -> None:
-    joints = RIGHT.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))
-    ahead = (joints[2, 3] - joints[2, 2]) / np.linalg.norm(joints[2, 3] - joints[2, 2])
-    tree = sphere_tree((joints[2, 3] + (RIGHT.radius[2, 3] + 0.01) * ahead)[None], np.array([0.01]))
-    solver = HandSolver(RIGHT, tree.arrays(), SolverOptions(method=method))
-    record = solver.run(*sequence(still([0.0, -0.1, 0.0]), still(np.zeros(3), ticks=300)))
-    assert_sound(RIGHT, tree, record)
-    assert not (record.status[50:] & STATUS_STUCK).any()
-    assert np.abs(record.position[-1]).max() < 2e-6
 
 
 def test_frozen_input_comes_to_rest() -> None:

@@ -103,26 +103,43 @@ def test_a_hand_that_begins_inside_begins_at_a_free_place() -> None:
     assert np.linalg.norm(begun[-1].position - inside.position[0]) > 0.01
 
 
+HERE = [
+    ("Raises", r"fails: ZeroDivisionError: of no\nuse \(tick 2\)"),
+    ("CannotBeMade", "cannot be made: FileNotFoundError: no weights"),
+    ("NotUnit", r"orientation of length 2: expected a unit quaternion w x y z \(tick 0\)"),
+    ("WrongShape", r"flexion of shape \(15,\): expected \(5, 3\)"),
+    ("NotFinite", "position that is not finite"),
+    ("NoNumbers", "abduction that is no array of numbers"),
+    ("NoHand", "answers with NoneType: expected a HandConfiguration"),
+    ("Boasts", r"native_ns of 1000000000000000: expected 0 to the .* ns that the tick took \(tick 0\)"),
+    ("Owes", "native_ns of -1000000000000000000: expected 0 to"),
+    ("Leaves", r"fails: SystemExit: 0 \(tick 0\)"),
+    ("Interrupts", r"fails: KeyboardInterrupt:  \(tick 0\)"),
+    ("NoForces", r"promises forces \(gives_forces\) and gives none"),
+]
+IN_A_PROCESS = [
+    ("Dies", r"method 'outside_methods:Dies' died by signal 11 \(SIGSEGV\) in tick 2"),
+    ("Exits", "method 'outside_methods:Exits' ended its process with exit code 0 in tick 0"),
+    ("Leaves", r"method 'outside_methods:Leaves' fails: SystemExit: 0 \(tick 0\)"),
+    ("Grows", r"method 'outside_methods:Grows' fails: MemoryError: Unable to allocate .*\(tick 0\)"),
+    ("NotUnit", "orientation of length 2: expected a unit quaternion"),
+    ("CannotBeMade", "cannot be made: FileNotFoundError: no weights"),
+]
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("Raises", r"fails: ZeroDivisionError: of no\nuse \(tick 2\)"),
-        ("CannotBeMade", "cannot be made: FileNotFoundError: no weights"),
-        ("NotUnit", r"orientation of length 2: expected a unit quaternion w x y z \(tick 0\)"),
-        ("WrongShape", r"flexion of shape \(15,\): expected \(5, 3\)"),
-        ("NotFinite", "position that is not finite"),
-        ("NoNumbers", "abduction that is no array of numbers"),
-        ("NoHand", "answers with NoneType: expected a HandConfiguration"),
-        ("Boasts", r"native_ns of 1000000000000000: expected 0 to the .* ns that the tick took \(tick 0\)"),
-        ("Owes", "native_ns of -1000000000000000000: expected 0 to"),
-        ("Leaves", r"fails: SystemExit: 0 \(tick 0\)"),
-        ("Interrupts", r"fails: KeyboardInterrupt:  \(tick 0\)"),
-        ("NoForces", r"promises forces \(gives_forces\) and gives none"),
+        *((f"outside_methods:{name}", message) for name, message in HERE),
+        *sampled(
+            [(f"isolated:outside_methods:{name}", message) for name, message in IN_A_PROCESS],
+            lambda place, _: place == 0,
+        ),
     ],
 )
 def test_what_is_no_hand_is_refused_by_name_and_tick(name: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        solver_of(name).run(*HAPTIC.part(0, 5))
+        played(name, 5)
 
 
 def test_what_it_prints_goes_to_stderr_and_its_folder_is_its_own(
@@ -164,25 +181,6 @@ def test_it_answers_with_the_same_hands_and_forces() -> None:
     for name in (*HandConfiguration._fields, "joints", "phalanx", "total", "palm_wrench", "work", "status"):
         np.testing.assert_array_equal(getattr(there, name), getattr(here, name), err_msg=name)
     assert (there.duration_cpu > 0).all() and (there.duration[:, 1] <= there.duration_total).all()
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    sampled(
-        [
-            ("Dies", r"method 'outside_methods:Dies' died by signal 11 \(SIGSEGV\) in tick 2"),
-            ("Exits", "method 'outside_methods:Exits' ended its process with exit code 0 in tick 0"),
-            ("Leaves", r"method 'outside_methods:Leaves' fails: SystemExit: 0 \(tick 0\)"),
-            ("Grows", r"method 'outside_methods:Grows' fails: MemoryError: Unable to allocate .*\(tick 0\)"),
-            ("NotUnit", "orientation of length 2: expected a unit quaternion"),
-            ("CannotBeMade", "cannot be made: FileNotFoundError: no weights"),
-        ],
-        lambda place, _: place == 0,
-    ),
-)
-def test_its_end_is_an_error_with_its_name(name: str, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        played(f"isolated:outside_methods:{name}", 5)
 
 
 def test_ctrl_c_ends_a_tick_that_never_ends(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -217,17 +217,19 @@ def test_a_jump_through_empty_air_takes_one_tick(method: str) -> None:
     assert record_clearance(HAND, BALL, record).min() >= -1e-6
 
 
-def test_a_hand_that_is_where_it_should_be_is_not_stuck() -> None:
+@pytest.mark.parametrize("method", METHODS)
+def test_a_hand_that_is_where_it_should_be_is_not_stuck(method: str) -> None:
     joints = HAND.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))
     ahead = (joints[1, 3] - joints[1, 2]) / np.linalg.norm(joints[1, 3] - joints[1, 2])
     for gap in (0.0, 1e-9, 1e-7, 1e-6):
         reach = 0.005 + HAND.radius[1, 3] + gap
         tree = sphere_tree((joints[1, 3] + reach * ahead)[None], np.array([0.005]))
-        solver = HandSolver(HAND, tree.arrays(), SolverOptions())
+        solver = HandSolver(HAND, tree.arrays(), SolverOptions(method=method))
         solver.run(*still(-0.1 * ahead))
         record = solver.run(*still(np.zeros(3), ticks=40))
         assert not (record.status[5:] & (STATUS_STUCK | STATUS_LAG)).any()
         assert record_clearance(HAND, tree, record).min() >= 0.0
+        assert np.abs(record.position[-1]).max() < 2e-6
 
 
 def test_a_finger_that_slips_off_a_rim_arrives_within_the_tick() -> None:
