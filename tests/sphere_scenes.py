@@ -1,7 +1,7 @@
 """Scenes of spheres, demanding motions, and distances by brute force for the tests of the solver.
 
 The distances use no code of the kernels: the round cone's is the case table of Quilez ("Round cone", 2018), not the
-kernels' clamped parameter; `test_detection` compares it with a dense sampling of the axis.
+kernels' clamped parameter, which `test_round_cone_distance` holds against a search along the axis.
 """
 
 import math
@@ -37,6 +37,8 @@ PALM = 15
 """Row of the palm's first sphere, behind the 15 phalanges."""
 CURL = np.array([[0.3, 0.5, 0.4], [0.6, 0.7, 0.5], [0.7, 0.7, 0.5], [0.6, 0.7, 0.5], [0.5, 0.7, 0.4]])
 """Flexion [rad] of a hand around a ball."""
+UNTIMED = [name for name in TickRecord._fields if not name.startswith("duration")]
+"""What ticks of the same input have in common."""
 
 
 def sphere_tree(center: FloatArray, radius: FloatArray, branching: int = 8) -> SphereTree:
@@ -165,7 +167,8 @@ def solve_prepared(solver: HandSolver) -> int:
 
 
 def spheres_of(center: FloatArray, radius: FloatArray) -> Spheres:
-    return Spheres(*np.ascontiguousarray(center.T), np.ascontiguousarray(radius))
+    x, y, z = np.ascontiguousarray(center.T)
+    return Spheres(x, y, z, np.ascontiguousarray(radius))
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "arcp"})  # type: ignore[untyped-decorator]

@@ -258,21 +258,16 @@ def test_a_finger_on_a_sphere(depth: float, radius: float) -> None:
     assert (bearing[:, 0] == 2).all()
 
 
-@pytest.mark.parametrize("depth", [1e-3, 5e-3])
-def test_a_palm_on_a_cylinder_of_spheres(depth: float) -> None:
-    """A row of large spheres across the palm: several contacts share the load, and the palm turns to suit them."""
-    x = np.linspace(-0.12, 0.12, 9)
-    goal = still(np.zeros(3))
-    row = np.stack([x, np.zeros(9), np.full(9, -0.08)], axis=1)
-    tree = raised(row, np.full(9, 0.04), goal, depth, np.array([0.0, 0.0, 1.0]))
-    answer = hold(tree, goal, np.array([0.0, 0.0, 0.05]))
-    assert_known(answer, goal, equilibrium(tree, goal, answer.options.stiffness))
+ROW = np.stack([np.linspace(-0.12, 0.12, 9), np.zeros(9), np.full(9, -0.08)], axis=1)
+FACE = np.array([[0.0, 0.0, -PLANE - 0.08]])
 
 
-@pytest.mark.parametrize("depth", [1e-3, 4e-3])
-def test_a_whole_hand_pressed_flat_on_a_face(depth: float) -> None:
+@pytest.mark.parametrize(
+    ("center", "radius", "depth"), [(ROW, 0.04, 1e-3), (ROW, 0.04, 5e-3), (FACE, PLANE, 1e-3), (FACE, PLANE, 4e-3)]
+)
+def test_a_flat_hand_on_a_cylinder_of_spheres_and_on_a_face(center: FloatArray, radius: float, depth: float) -> None:
+    """Several contacts share the load of large spheres in a row across the palm, and the palm turns to suit them."""
     goal = still(np.zeros(3))
-    face = np.array([[0.0, 0.0, -PLANE - 0.08]])
-    tree = raised(face, np.array([PLANE]), goal, depth, np.array([0.0, 0.0, 1.0]))
+    tree = raised(center, np.full(len(center), radius), goal, depth, np.array([0.0, 0.0, 1.0]))
     answer = hold(tree, goal, np.array([0.0, 0.0, 0.05]))
     assert_known(answer, goal, equilibrium(tree, goal, answer.options.stiffness))

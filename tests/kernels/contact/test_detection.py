@@ -74,25 +74,6 @@ def detect(state: Any, hand: HandModel, tree: SphereTree, margin: float, skin: f
     assert find_contacts(nodes, arrays, state.pose, state.candidates, margin, state.contacts) == 0
 
 
-def test_the_oracle_of_these_tests_is_the_union_of_spheres_along_the_axis() -> None:
-    # A round cone is the union of the spheres that its radius interpolates; sampled, it is never nearer than the truth.
-    random = np.random.default_rng(5)
-    share = np.linspace(0.0, 1.0, 4001)
-    for _ in range(40):
-        motion = random_hand(random, RIGHT, 0.05)
-        leaf, radius = random.normal(0.0, 0.08, (8, 3)), random.uniform(0.0, 0.01, 8)
-        distance = brute_pairs(RIGHT, leaf, radius, motion)
-        joints = RIGHT.joints(*motion.at(0))
-        for body in range(PALM):
-            f, k = divmod(body, 3)
-            axis = joints[f, k] + share[:, None] * (joints[f, k + 1] - joints[f, k])
-            grown = RIGHT.radius[f, k] + share * (RIGHT.radius[f, k + 1] - RIGHT.radius[f, k])
-            sampled = (np.linalg.norm(leaf[:, None] - axis, axis=2) - grown).min(axis=1) - radius
-            # Beside its least, a distance along the axis grows with the square: half a sample of at most 15 µm.
-            assert (distance[body] <= sampled + 1e-12).all()
-            assert (distance[body] >= sampled - 1e-8).all()
-
-
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1e-4, 1e-3, 5e-3]), st.sampled_from([0.0, 3e-3, 0.02]))
 @settings(max_examples=40)
 def test_the_contacts_are_exactly_the_pairs_within_the_margin(seed: int, margin: float, skin: float) -> None:

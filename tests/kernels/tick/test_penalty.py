@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_scenes import moved
+from contact_scenes import ROOT, moved, row_matrix
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -166,11 +166,7 @@ def test_the_step_is_the_least_value_of_its_function() -> None:
         total = int(state.contacts.start[6])
         if total == 0:
             continue
-        rows = np.zeros((total, 21))
-        rows[:, :6] = state.problem.common[:, :total].T
-        for f in range(5):
-            part = slice(int(state.contacts.start[f + 1]), int(state.contacts.start[f + 2]))
-            rows[part, 6 + 3 * f : 9 + 3 * f] = state.problem.block[:, part].T
+        rows = row_matrix(state) / ROOT
         y = work.step.copy()
         push = work.weight[:total] * np.maximum(0.0, work.threshold[:total] - rows @ y)
         limit = LIMIT_WEIGHT * (np.maximum(0.0, y - work.highest) + np.minimum(0.0, y - work.lowest))
