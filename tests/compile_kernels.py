@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.mesh.catalogue import load_object
+from hhsim.motion.analytic_motion import still
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
 
@@ -62,14 +63,14 @@ def free() -> None:
 def distances() -> None:
     """What tests measure by brute force."""
     import numpy as np
-    from sphere_scenes import brute_clearance, brute_pairs, bumpy_ball, still
+    from sphere_scenes import brute_clearance, brute_pairs, bumpy_ball
 
     from hhsim.hand.model import HandModel
 
-    hand, ball, motion = HandModel.default(), bumpy_ball(8), still(1, np.zeros(3))
+    hand, ball, motion = HandModel.default(), bumpy_ball(8), still(np.zeros(3))
     leaves, palm = (ball.leaf_center, ball.leaf_radius), hand.palm_tree
     brute_pairs(hand, *leaves, motion)
-    joints = hand.joints(*(values[0] for values in motion))[None]
+    joints = hand.joints(*motion.at(0))[None]
     sizes = hand.radius, palm.leaf_center, palm.leaf_radius
     brute_clearance(*leaves, *sizes, joints, motion.position, motion.orientation)
 

@@ -4,13 +4,15 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from sphere_scenes import Motion, cloud, random_hand, set_pose
+from sphere_scenes import PALM, cloud, random_hand, set_pose
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import evaluate, find_contacts
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.solver.options import Stiffness
+from hhsim.solver.surface import surface_of
 from hhsim.solver.workspace import tick_state
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -19,10 +21,10 @@ LEFT = HandModel.default("left")
 ROOT = np.sqrt(Stiffness().diagonal())
 
 
-def moved(at: Motion, step: FloatArray, abduction_step: FloatArray | None = None) -> Motion:
+def moved(at: HandConfiguration, step: FloatArray, abduction_step: FloatArray | None = None) -> HandConfiguration:
     """A configuration after (δp, δφ, δθ), the rotation from the left, and a change of the abduction."""
     turned = Rotation.from_rotvec(step[3:6]) * Rotation.from_quat(at.orientation[0], scalar_first=True)
-    return Motion(
+    return HandConfiguration(
         at.position + step[:3],
         turned.as_quat(scalar_first=True)[None],
         at.flexion + step[6:].reshape(1, 5, 3),
@@ -30,18 +32,34 @@ def moved(at: Motion, step: FloatArray, abduction_step: FloatArray | None = None
     )
 
 
-def scene(seed: int) -> tuple[HandModel, SphereTree, Motion, Any]:
+def in_contact(hand: HandModel, surface: Any, at: HandConfiguration, reach: float, skin: float = 0.0) -> Any:
+    """The state of a tick at a place, its contacts within a reach [m] of any surface found."""
+    state, arrays = tick_state(ROOT**2, surface=surface_of(surface))[0], hand.arrays()
+    set_pose(hand, state.pose, at)
+    assert evaluate(arrays, state.pose, surface, reach, reach, skin, state.candidates, state.work) == 0
+    assert find_contacts(surface, arrays, state.pose, state.candidates, reach, state.contacts) == 0
+    return state
+
+
+def scene(seed: int) -> tuple[HandModel, SphereTree, HandConfiguration, Any]:
     """A hand among spheres, its contacts found; some penetrate, as in the middle of a tick."""
     random = np.random.default_rng(seed)
     hand = RIGHT if seed % 2 else LEFT
     tree = cloud(random, 120, spread=0.1)
     at = random_hand(random, hand, 0.03)
-    state = tick_state(ROOT**2)[0]
-    set_pose(hand, state.pose, at)
-    arrays = hand.arrays()
-    assert evaluate(arrays, state.pose, tree.arrays(), 3e-3, 3e-3, 0.0, state.candidates, state.work) == 0
-    assert find_contacts(tree.arrays(), arrays, state.pose, state.candidates, 3e-3, state.contacts) == 0
-    return hand, tree, at, state
+    return hand, tree, at, in_contact(hand, tree.arrays(), at, 3e-3)
+
+
+def assert_grouped(contacts: Any) -> None:
+    """Contacts of the palm come first, then those of each finger, phalanx by phalanx."""
+    start, body = contacts.start, contacts.body
+    assert (body[: start[1]] == PALM).all()
+    for f in range(5):
+        rows = body[start[f + 1] : start[f + 2]]
+        assert (rows // 3 == f).all() and (rows < PALM).all()
+        assert (np.diff(rows) >= 0).all()
+        ends = [start[f + 1] + np.sum(rows <= 3 * f + k) for k in range(3)]
+        np.testing.assert_array_equal(contacts.phalanx_end[f], ends)
 
 
 def row_matrix(state: Any) -> FloatArray:

@@ -1,17 +1,22 @@
-"""Free objects alone, under one finger, and between two that are each other's mirror image."""
+"""Free objects alone, and between two fingers that are each other's mirror image; short runs with one on a table."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
 from numpy.typing import ArrayLike
+from short_grasp import short_grasp, short_scene
 
 from hhsim.arrays import AnyArray
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
+from hhsim.replay.replay import replay_scene
+from hhsim.result.reader import Result, load_result
 from hhsim.scene.free_object import FreeObject
+from hhsim.scene.scene import Scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface
@@ -97,3 +102,16 @@ def squeeze_of(solver: HandSolver) -> float:
     """Sum of the normal forces [N] at the last tick."""
     held = solver.object_ticks
     return float(held.normal_force[held.contact[-2] : held.contact[-1]].sum())
+
+
+def free_scene(mass: float = 50.0, friction: float = 2.0) -> Scene:
+    """A cylinder that is too heavy and too rough to go far, on a table, grasped."""
+    scene = short_scene(short_grasp(hold=0.09))
+    table = float(scene.mesh.bounds[0, 2])
+    return replace(scene, free=FreeObject.of_mesh(scene.mesh, mass=mass, friction=friction, torsion=0.01, table=table))
+
+
+def free_result(path: Path) -> Result:
+    """That replayed into a file, on the triangles themselves."""
+    replay_scene(free_scene(), SolverOptions(surface="mesh"), path, description={"hand_file": None})
+    return load_result(path)

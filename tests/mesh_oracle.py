@@ -1,4 +1,4 @@
-"""Oracle for distances of round cones to vertices, edges and triangles, without code of the kernels.
+"""Oracles for round cones and points beside triangles; but for `least_of_features` without code of the kernels.
 
 The distance of a round cone is searched along its axis, where it is convex: sampled densely, then narrowed by golden
 sections down to rounding.
@@ -8,9 +8,12 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+import numba
 import numpy as np
 
 from hhsim.arrays import FloatArray
+from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, vertex_distance
+from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.kernels.round_cone_distance import RoundCone, cone_slope
 
 SAMPLES = 65
@@ -116,3 +119,25 @@ def to_cone(points: FloatArray, a: FloatArray, b: FloatArray, radius_a: float, r
     parts = (a, b, np.array(radius_a), np.array(radius_b))
     cones = Cones(*(np.repeat(part[None], len(points), axis=0) for part in parts))
     return along_axes(cones, lambda x: np.asarray(np.linalg.norm(x - points, axis=-1)))
+
+
+def by_arctangents(triangles: FloatArray, points: FloatArray) -> FloatArray:
+    """How often triangles go around points, by Van Oosterom and Strackee (1983), one arctangent a triangle."""
+    a, b, c = (triangles[None, :, corner] - points[:, None] for corner in range(3))
+    la, lb, lc = (np.linalg.norm(side, axis=2) for side in (a, b, c))
+    n = np.einsum("pti,pti->pt", a, np.cross(b, c))
+    ab, bc, ca = (np.einsum("pti,pti->pt", first, second) for first, second in ((a, b), (b, c), (c, a)))
+    return np.asarray(np.arctan2(n, la * lb * lc + ab * lc + bc * la + ca * lb).sum(axis=1) / (2.0 * np.pi))
+
+
+@numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
+def least_of_features(mesh: MeshFeatures, cone: RoundCone) -> float:
+    """Least distance [m], by the kernels, to what belongs to a face: nothing else is ever listed."""
+    least = np.inf
+    for f in range(mesh.face.shape[0]):
+        least = min(least, face_distance(mesh.face, f, cone))
+        for k in range(3):
+            e, v = mesh.face_edge[f, k], mesh.face_vertex[f, k]
+            least = min(least, edge_distance(mesh.edge, e, cone)[0]) if e >= 0 else least
+            least = min(least, vertex_distance(mesh.vertex, v, cone)[0]) if v >= 0 else least
+    return least

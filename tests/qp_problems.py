@@ -1,11 +1,14 @@
 """Programs for tests: rows in the kernels' layout, degenerate sets, random contacts; and a referee."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.bench.qp.program import Program
+from hhsim.kernels.qp.active_set import new_work
+from hhsim.kernels.qp.row_scan import ProgramRows, WideRows
 
 Rows = tuple[FloatArray, FloatArray, FloatArray]
 """Matrix (m, n), right-hand side (m,), target (n,)."""
@@ -224,6 +227,19 @@ def dense_program(
         relaxation=relaxation,
         guess=np.zeros(0, dtype=np.int64),
     )
+
+
+def kernel_rows(program: Program, kind: type[ProgramRows | WideRows] = ProgramRows) -> ProgramRows | WideRows:
+    """The rows as the kernels take them."""
+    return kind(len(program.common), program.common, program.block, program.rhs, *program.groups)
+
+
+def rubbish_work(variables: int, rows: int) -> Any:
+    """A workspace in which nothing may matter."""
+    work = new_work(variables, rows)
+    for name in work.dtype.names:
+        work[name].fill(-7 if work[name].dtype == np.int64 else np.nan)
+    return work
 
 
 def least_violation(program: Program) -> float:

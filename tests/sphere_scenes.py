@@ -1,29 +1,32 @@
 """Scenes of spheres, demanding motions, and distances by brute force for the tests of the solver.
 
 The distances use no code of the kernels: the round cone's is the case table of Quilez ("Round cone", 2018), not the
-kernels' clamped parameter; `test_detection` compares it with a dense sampling of the axis.
+kernels' clamped parameter, which `test_round_cone_distance` holds against a search along the axis.
 """
 
 import math
 from collections.abc import Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray, IntArray
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import evaluate
 from hhsim.kernels.hand.pose import update_kinematics
+from hhsim.kernels.round_cone_distance import Spheres
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.haptic_input import set_haptic
 from hhsim.kernels.tick.linearisation import build_program
 from hhsim.kernels.tick.method import Coupled, Progressive, solve_program
 from hhsim.kernels.tick.tick import begin_tick
 from hhsim.mesh.catalogue import load_object
+from hhsim.motion import analytic_motion
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -32,6 +35,10 @@ from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 BALL_RADIUS = 0.038
 PALM = 15
 """Row of the palm's first sphere, behind the 15 phalanges."""
+CURL = np.array([[0.3, 0.5, 0.4], [0.6, 0.7, 0.5], [0.7, 0.7, 0.5], [0.6, 0.7, 0.5], [0.5, 0.7, 0.4]])
+"""Flexion [rad] of a hand around a ball."""
+UNTIMED = [name for name in TickRecord._fields if not name.startswith("duration")]
+"""What ticks of the same input have in common."""
 
 
 def sphere_tree(center: FloatArray, radius: FloatArray, branching: int = 8) -> SphereTree:
@@ -105,45 +112,18 @@ def cloud(random: np.random.Generator, leaves: int, spread: float = 0.05) -> Sph
     return sphere_tree(center, 10.0 ** random.uniform(-4.0, -2.0, leaves), int(random.integers(2, 9)))
 
 
-class Motion(NamedTuple):
-    """Haptic configurations, tick by tick; shapes (T, 3), (T, 4), (T, 5, 3), (T, 5)."""
-
-    position: FloatArray
-    orientation: FloatArray
-    flexion: FloatArray
-    abduction: FloatArray
-
-    def part(self, first: int, last: int) -> "Motion":
-        """Ticks first to last - 1."""
-        return Motion(*(values[first:last] for values in self))
-
-    def then(self, other: "Motion") -> "Motion":
-        """This motion and another behind it."""
-        return Motion(*(np.concatenate(pair) for pair in zip(self, other)))
-
-
-def random_targets(hand: HandModel, ticks: int, seed: int, hold: int = 60, sweep: bool = False) -> Motion:
+def random_targets(hand: HandModel, ticks: int, seed: int, hold: int = 60, sweep: bool = False) -> HandConfiguration:
     """A new random hand every `hold` ticks, at a jump: position σ 60 mm, rotation σ 0.8 rad, flexion within its limits.
 
     With `sweep` the abduction is random within its limits too. The first hand is 250 mm above the origin.
     """
-    random = np.random.default_rng(seed)
-    count = -(-ticks // hold)
-    position = random.normal(0.0, 0.06, (count, 3))
-    position[0] = [0.0, 0.0, 0.25]
-    orientation = Rotation.from_rotvec(random.normal(0.0, 0.8, (count, 3))).as_quat(scalar_first=True)
-    flexion = random.uniform(hand.flexion_min, hand.flexion_max, (count, 5, 3))
-    abduction = np.zeros((count, 5))
-    if sweep:
-        abduction = random.uniform(hand.abduction_min, hand.abduction_max, (count, 5))
-    return Motion(
-        *(np.ascontiguousarray(np.repeat(v, hold, axis=0)[:ticks]) for v in (position, orientation, flexion, abduction))
-    )
+    motion = analytic_motion.random_targets(hand, ticks, np.random.default_rng(seed), hold=hold)
+    return motion if sweep else motion._replace(abduction=np.zeros((ticks, 5)))
 
 
-def random_hand(random: np.random.Generator, hand: HandModel, spread: float) -> Motion:
+def random_hand(random: np.random.Generator, hand: HandModel, spread: float) -> HandConfiguration:
     """One hand within its joint limits, the palm σ `spread` [m] about the origin."""
-    return Motion(
+    return HandConfiguration(
         random.normal(0.0, spread, (1, 3)),
         Rotation.random(1, rng=random).as_quat(scalar_first=True),
         random.uniform(hand.flexion_min, hand.flexion_max, (1, 5, 3)),
@@ -151,37 +131,19 @@ def random_hand(random: np.random.Generator, hand: HandModel, spread: float) -> 
     )
 
 
-def pose_of(state: Any) -> Motion:
+def pose_of(state: Any) -> HandConfiguration:
     """The graphic hand of a tick's state."""
-    return Motion(*(np.array(state.pose[name])[None] for name in Motion._fields))
+    return analytic_motion.still(*HandConfiguration.of(state.pose))
 
 
-def still(ticks: int, position: Any, orientation: Any = None, flexion: Any = None, abduction: Any = None) -> Motion:
-    """The same configuration at every tick; upright, straight fingers where nothing else is said."""
-    values = (
-        position,
-        np.array([1.0, 0.0, 0.0, 0.0]) if orientation is None else orientation,
-        np.zeros((5, 3)) if flexion is None else flexion,
-        np.zeros(5) if abduction is None else abduction,
-    )
-    return Motion(*(np.repeat(np.asarray(v, dtype=np.float64)[None], ticks, axis=0) for v in values))
-
-
-def straight_line(start: Motion, end: Motion, ticks: int) -> Motion:
-    """From one configuration to another of the same orientation at constant speed; both of one tick."""
-    share = np.linspace(0.0, 1.0, ticks)
-    values = [a + share.reshape(-1, *[1] * (a.ndim - 1)) * (b - a) for a, b in zip(start, end)]
-    return Motion(*values)
-
-
-def set_pose(hand: HandModel, pose: Any, motion: Motion, tick: int = 0) -> None:
+def set_pose(hand: HandModel, pose: Any, motion: HandConfiguration, tick: int = 0) -> None:
     """Write one configuration of a motion into a HAND_POSE record, kinematics included."""
-    for name, values in zip(Motion._fields, motion):
+    for name, values in zip(HandConfiguration._fields, motion):
         pose[name][:] = values[tick]
     update_kinematics(hand.arrays(), pose)
 
 
-def prepared(solver: HandSolver, motion: Motion, tick: int, relaxed: bool = False) -> int:
+def prepared(solver: HandSolver, motion: HandConfiguration, tick: int, relaxed: bool = False) -> int:
     """Bring a solver that stands before `tick` to that tick's first program; returns the number of contacts."""
     state, options = solver.workspace.states[0], solver.workspace.tick_options
     position, orientation, flexion, abduction = (values[tick] for values in motion)
@@ -204,29 +166,20 @@ def solve_prepared(solver: HandSolver) -> int:
     return int(solve_program(kind(workspace.tick_options), workspace.states[0], workspace.qp))
 
 
-_brute = numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "arcp"})
+def spheres_of(center: FloatArray, radius: FloatArray) -> Spheres:
+    x, y, z = np.ascontiguousarray(center.T)
+    return Spheres(x, y, z, np.ascontiguousarray(radius))
 
 
-@_brute  # type: ignore[untyped-decorator]
-def _cone_distances(
-    x: FloatArray,
-    y: FloatArray,
-    z: FloatArray,
-    radius: FloatArray,
-    a: FloatArray,
-    b: FloatArray,
-    ra: float,
-    rb: float,
-    out: FloatArray,
-) -> float:
+@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "arcp"})  # type: ignore[untyped-decorator]
+def _cone_distances(leaves: Spheres, a: FloatArray, b: FloatArray, ra: float, rb: float, out: FloatArray) -> None:
     bax, bay, baz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     square = bax * bax + bay * bay + baz * baz
     drop = ra - rb
     slant = square - drop * drop
     inverse = 1.0 / square
-    least = 1e300
-    for i in range(x.shape[0]):
-        px, py, pz = x[i] - a[0], y[i] - a[1], z[i] - a[2]
+    for i in range(leaves.x.shape[0]):
+        px, py, pz = leaves.x[i] - a[0], leaves.y[i] - a[1], leaves.z[i] - a[2]
         t = px * bax + py * bay + pz * baz
         u = t - square
         vx, vy, vz = px * square - bax * t, py * square - bay * t, pz * square - baz * t
@@ -240,48 +193,26 @@ def _cone_distances(
         signed_t = slant * t2 if t > 0.0 else -slant * t2
         distance = base if signed_t < k else side
         distance = tip if signed_u > k else distance
-        distance -= radius[i]
-        out[i] = distance
-        least = distance if distance < least else least
-    return least
-
-
-@_brute  # type: ignore[untyped-decorator]
-def _sphere_distances(
-    x: FloatArray, y: FloatArray, z: FloatArray, radius: FloatArray, c: FloatArray, r: float, out: FloatArray
-) -> float:
-    least = 1e300
-    for i in range(x.shape[0]):
-        dx, dy, dz = x[i] - c[0], y[i] - c[1], z[i] - c[2]
-        distance = math.sqrt(dx * dx + dy * dy + dz * dz) - radius[i] - r
-        out[i] = distance
-        least = distance if distance < least else least
-    return least
+        out[i] = distance - leaves.radius[i]
 
 
 @numba.njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def _all_least(
-    x: FloatArray,
-    y: FloatArray,
-    z: FloatArray,
-    radius: FloatArray,
+def _all_pairs(
+    leaves: Spheres,
     joints: FloatArray,
     phalanx: FloatArray,
     palm: FloatArray,
     palm_radius: FloatArray,
     out: FloatArray,
 ) -> None:
-    scratch = np.empty(x.shape[0])
-    for t in range(joints.shape[0]):
-        for f in range(5):
-            for k in range(3):
-                a, b = joints[t, f, k], joints[t, f, k + 1]
-                ra, rb = phalanx[f, k], phalanx[f, k + 1]
-                out[t, 3 * f + k] = _cone_distances(x, y, z, radius, a, b, ra, rb, scratch)
-        least = 1e300
-        for p in range(palm_radius.shape[0]):
-            least = min(least, _sphere_distances(x, y, z, radius, palm[t, p], palm_radius[p], scratch))
-        out[t, 15] = least
+    for f in range(5):
+        for k in range(3):
+            ends, ra, rb = joints[f, k : k + 2], phalanx[f, k], phalanx[f, k + 1]
+            _cone_distances(leaves, ends[0], ends[1], ra, rb, out[3 * f + k])
+    for p in range(palm_radius.shape[0]):
+        for i in range(leaves.x.shape[0]):
+            dx, dy, dz = leaves.x[i] - palm[p, 0], leaves.y[i] - palm[p, 1], leaves.z[i] - palm[p, 2]
+            out[15 + p, i] = math.sqrt(dx * dx + dy * dy + dz * dz) - leaves.radius[i] - palm_radius[p]
 
 
 def palm_spheres(palm_center: FloatArray, position: FloatArray, orientation: FloatArray) -> FloatArray:
@@ -291,22 +222,15 @@ def palm_spheres(palm_center: FloatArray, position: FloatArray, orientation: Flo
 
 
 def brute_pairs(
-    hand: HandModel, leaf_center: FloatArray, leaf_radius: FloatArray, motion: Motion, tick: int = 0
+    hand: HandModel, leaf_center: FloatArray, leaf_radius: FloatArray, motion: HandConfiguration, tick: int = 0
 ) -> FloatArray:
     """Signed distance [m] of every pair at one configuration: 15 phalanges, then palm spheres, shape (15 + P, L)."""
-    x, y, z = (np.ascontiguousarray(leaf_center[:, i]) for i in range(3))
-    radius = np.ascontiguousarray(leaf_radius)
-    position, orientation, flexion, abduction = (values[tick] for values in motion)
+    position, orientation, flexion, abduction = motion.at(tick)
     joints = hand.joints(position, orientation, flexion, abduction)
     center = palm_spheres(hand.palm_tree.leaf_center, position[None], orientation[None])[0]
     palm_radius = hand.palm_tree.leaf_radius
-    out = np.empty((PALM + len(palm_radius), len(radius)))
-    for f in range(5):
-        for k in range(3):
-            ends, radii = joints[f, k : k + 2], hand.radius[f, k : k + 2]
-            _cone_distances(x, y, z, radius, ends[0], ends[1], radii[0], radii[1], out[3 * f + k])
-    for p in range(len(palm_radius)):
-        _sphere_distances(x, y, z, radius, center[p], palm_radius[p], out[PALM + p])
+    out = np.empty((PALM + len(palm_radius), len(leaf_radius)))
+    _all_pairs(spheres_of(leaf_center, leaf_radius), joints, hand.radius, center, palm_radius, out)
     return out
 
 
@@ -325,10 +249,13 @@ def brute_clearance(
     NaN for a hand that is nowhere. Arguments as in a result file: joints (T, 5, 4, 3), position (T, 3), orientation
     (T, 4) of the graphic hand; the palm's spheres in its own frame.
     """
-    x, y, z = (np.ascontiguousarray(leaf_center[:, i]) for i in range(3))
-    out = np.empty((len(joints), 16))
-    radius, placed, sizes, small = map(np.ascontiguousarray, (leaf_radius, joints, phalanx_radius, palm_radius))
-    _all_least(x, y, z, radius, placed, sizes, palm_spheres(palm_center, position, orientation), small, out)
+    leaves, palm = spheres_of(leaf_center, leaf_radius), palm_spheres(palm_center, position, orientation)
+    pairs, out = np.empty((PALM + len(palm_radius), len(leaf_radius))), np.empty((len(joints), PALM + 1))
+    placed, sizes, small = map(np.ascontiguousarray, (joints, phalanx_radius, palm_radius))
+    for t in range(len(joints)):
+        _all_pairs(leaves, placed[t], sizes, palm[t], small, pairs)
+        least = pairs.min(axis=1)
+        out[t] = *least[:PALM], least[PALM:].min()
     lost = ~(np.isfinite(joints).all(axis=(1, 2, 3)) & np.isfinite(position).all(axis=1))
     out[lost] = np.nan
     return out

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from markdown_pages import Page
+from markdown_pages import Page, documented_faults
 from short_grasp import short_scene
-from verify_document import documented_faults
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel

@@ -5,6 +5,7 @@ import re
 import sys
 import tomllib
 from collections import Counter
+from collections.abc import Callable, Iterable
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -43,8 +44,14 @@ FRONT = LIBRARY["hhsim"]
 """It names what users import, of every package, and imports none of it until it is asked for."""
 
 
-def shown_import(path: Path, imported: Import) -> str:
-    return f"{path.relative_to(REPOSITORY)}:{imported.line} imports {imported.name}"
+def found_imports(files: Iterable[Path], wrong: Callable[[Import], bool]) -> list[str]:
+    """Imports of these files that are wrong."""
+    return [
+        f"{path.relative_to(REPOSITORY)}:{imported.line} imports {imported.name}"
+        for path in files
+        for imported in imports_of(path)
+        if wrong(imported)
+    ]
 
 
 def test_the_packages_are_those_on_disk() -> None:
@@ -59,11 +66,7 @@ def test_a_package_imports_only_from_those_before_it() -> None:
         for line in lines
     ]
     assert upward == []
-    assert not [
-        shown_import(FRONT, imported)
-        for imported in imports_of(FRONT)
-        if imported.at_import and "hhsim" in imported.name
-    ]
+    assert found_imports([FRONT], lambda imported: imported.at_import and "hhsim" in imported.name) == []
 
 
 def test_no_two_files_import_each_other() -> None:
@@ -85,13 +88,7 @@ def test_an_import_by_name_is_seen_and_one_for_types_alone_does_not_run(tmp_path
 
 def test_nothing_below_imports_the_command_line_or_the_tools() -> None:
     above = ("hhsim.cli", "tools")
-    found = [
-        shown_import(path, imported)
-        for path in LIBRARY.values()
-        for imported in imports_of(path)
-        if imported.name.startswith(above)
-    ]
-    assert found == []
+    assert found_imports(LIBRARY.values(), lambda imported: imported.name.startswith(above)) == []
 
 
 def test_no_package_is_a_drawer() -> None:
@@ -109,20 +106,19 @@ def test_tests_lie_as_the_library_does() -> None:
 
 
 def test_kernels_import_only_numpy_numba_and_kernels() -> None:
-    found = [
-        shown_import(path, imported)
-        for path in KERNELS.values()
-        for imported in imports_of(path)
-        if not imported.name.startswith("hhsim.kernels") and imported.name.split(".")[0] not in KERNEL_IMPORTS
-    ]
-    assert found == []
+    def foreign(imported: Import) -> bool:
+        return not imported.name.startswith("hhsim.kernels") and imported.name.split(".")[0] not in KERNEL_IMPORTS
+
+    assert found_imports(KERNELS.values(), foreign) == []
 
 
 def test_the_jit_factory_imports_only_numpy_numba_and_the_standard_library() -> None:
-    for imported in (imported for name in COMPILATION for imported in imports_of(LIBRARY[name])):
-        top = imported.name.split(".")[0]
-        known = top in ("numpy", "numba", "llvmlite") or top in sys.stdlib_module_names
-        assert known or imported.name in COMPILATION, imported
+    known = {"numpy", "numba", "llvmlite", *COMPILATION, *sys.stdlib_module_names}
+
+    def foreign(imported: Import) -> bool:
+        return known.isdisjoint({imported.name, imported.name.split(".")[0]})
+
+    assert found_imports([LIBRARY[name] for name in COMPILATION], foreign) == []
 
 
 def test_every_kernel_is_made_by_the_jit_factory() -> None:
@@ -161,38 +157,24 @@ def test_what_becomes_part_of_its_caller_has_one() -> None:
 
 
 def test_the_library_imports_heavy_packages_where_it_uses_them() -> None:
-    found = [
-        shown_import(path, imported)
-        for path in LIBRARY.values()
-        for imported in imports_of(path)
-        if imported.at_import and imported.name.split(".")[0] in HEAVY
-    ]
-    assert found == []
+    def heavy(imported: Import) -> bool:
+        return imported.at_import and imported.name.split(".")[0] in HEAVY
+
+    assert found_imports(LIBRARY.values(), heavy) == []
 
 
 def test_the_command_line_imports_nothing_slow_until_a_command_runs() -> None:
     # The gloves and pose sources that there are: tests/live/devices/test_registry.py looks at what they import.
     live = {"hhsim.live.devices.registry", "hhsim.live.pose.registry"}
-    light = {
-        "hhsim",
-        "hhsim.errors",
-        "hhsim.ranges",
-        "hhsim.result.safety",
-        "hhsim.solver.method",
-        "hhsim.solver.surface",
-    }
-    light |= {*(f"hhsim.system.{name}" for name in ("counted", "plain_json", "progress")), "hhsim.table.table", *live}
-    found = [
-        shown_import(path, imported)
-        for path in COMMAND_LINE.values()
-        for imported in imports_of(path)
-        if imported.at_import
-        and not imported.name.startswith("hhsim.cli")
-        and imported.name not in light
-        and imported.name.split(".")[0] != "click"
-        and imported.name.split(".")[0] not in sys.stdlib_module_names
-    ]
-    assert found == []
+    names = ("errors", "ranges", "result.safety", "solver.method", "solver.surface", "table.table")
+    light = {*(f"hhsim.{name}" for name in names), *live, "click", *sys.stdlib_module_names}
+    light |= {f"hhsim.system.{name}" for name in ("counted", "plain_json", "progress")}
+
+    def slow(imported: Import) -> bool:
+        own = imported.name == "hhsim" or imported.name.startswith("hhsim.cli")
+        return imported.at_import and not own and light.isdisjoint({imported.name, imported.name.split(".")[0]})
+
+    assert found_imports(COMMAND_LINE.values(), slow) == []
 
 
 def setuptools_table() -> dict[str, dict[str, list[str]]]:

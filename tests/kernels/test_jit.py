@@ -1,10 +1,17 @@
-"""The jit factory: a kernel with one implementation for each type."""
+"""The jit factory: one implementation for each type, code that is compiled once for all, and memory asked for ahead."""
 
+import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
+from numba.core import event
+from numpy.typing import NDArray
 
-from hhsim.kernels.jit import generic, jit
+from hhsim.kernels.jit import JIT_ENABLED, generic, jit, jit_inline, jit_vector
+from hhsim.kernels.prefetch import prefetch
 
 
 class Metres(NamedTuple):
@@ -48,3 +55,79 @@ def test_a_generic_kernel_is_chosen_by_type_from_kernels_and_from_python() -> No
     assert total(Feet(10.0), 1) == pytest.approx(6.096)
     with pytest.raises(TypeError, match="not implemented for float"):
         in_metres(3.0, 1.0)
+
+
+class Passes(event.Listener):  # type: ignore[misc]
+    """The passes of numba's compiler that ran."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+
+    def on_start(self, event: Any) -> None:
+        self.names.append(event.data["name"])
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+@contextmanager
+def passes() -> Iterator[list[str]]:
+    listener = Passes()
+    with event.install_listener("numba:run_pass", listener):
+        yield listener.names
+
+
+def weigh(values: NDArray[np.float64], factor: float) -> tuple[float, int]:
+    total, least = 0.0, 0
+    for i in range(values.size):
+        total += factor * values[i]
+        if values[i] < values[least]:
+            least = i
+    return total, least
+
+
+@pytest.mark.skipif(not JIT_ENABLED, reason="without the compiler nothing is compiled")
+@pytest.mark.parametrize("make", [jit, jit_inline, jit_vector])
+def test_what_callers_link_is_what_python_calls(make: Any) -> None:
+    inner = make(weigh)
+
+    @jit
+    def outer(values: NDArray[np.float64], factor: float) -> float:
+        total, least = inner(values, factor)
+        return float(total + least)
+
+    values = np.random.default_rng(0).normal(size=1000)
+    of_both = outer(values, 0.3)
+    with passes() as ran:
+        total, least = inner(values, 0.3)
+    assert ran == []
+    assert total + least == of_both
+    with passes() as ran:
+        anew = make(weigh)(values, 0.3)
+    assert any("native_lowering" in name for name in ran)
+    assert anew == (total, least)
+    assert inner.address(values, 0.3) != 0
+
+
+@jit
+def first_column(rows: NDArray[np.float64]) -> float:
+    found = 0.0
+    for i in range(rows.shape[0]):
+        # The last ones lie beyond the array.
+        prefetch(rows, i + 4, 128)
+        found += rows[i, 0]
+    return found
+
+
+def test_nothing_changes() -> None:
+    rows = np.arange(320.0).reshape(20, 16)
+    before = rows.copy()
+    assert first_column(rows) == before[:, 0].sum()
+    np.testing.assert_array_equal(rows, before)
+
+
+@pytest.mark.skipif(not JIT_ENABLED or platform.machine() != "x86_64", reason="names an instruction of x86-64")
+def test_each_line_is_asked_for() -> None:
+    first_column(np.zeros((2, 16)))
+    (code,) = first_column.inspect_asm().values()  # type: ignore[attr-defined]
+    assert "prefetcht0" in code and "64(" in code

@@ -14,11 +14,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sphere_scenes import bumpy_ball, still, straight_line
+from sphere_scenes import CURL, bumpy_ball
 
 from hhsim.arrays import AnyArray
 from hhsim.kernels.cache_folder import cache_root
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.method import METHODS
 from hhsim.trees.file import save_tree
 
@@ -29,11 +30,12 @@ SCRIPT = textwrap.dedent(
     from pathlib import Path
     sys.path.insert(0, {str(Path(__file__).parents[1])!r})
     import numpy as np
-    from sphere_scenes import bumpy_ball, random_targets, still
+    from sphere_scenes import bumpy_ball, random_targets
     import hhsim.kernels
     from hhsim.kernels.callee import Kernel
     from hhsim.hand.model import HandModel
     from hhsim.metrics.metrics import penetration
+    from hhsim.motion.analytic_motion import still
     from hhsim.solver.hand_solver import HandSolver
     from hhsim.solver.compile import warm_up
     from hhsim.solver.method import METHODS
@@ -64,7 +66,7 @@ SCRIPT = textwrap.dedent(
             options = SolverOptions(method=method, threads=2 if promised.takes_threads else 1)
             warm_up(hand, options)
             solver = HandSolver(hand, bumpy_ball(300).arrays(), options)
-            solver.place(*(values[0] for values in still(1, [0.0, 0.0, 0.2])))
+            solver.place(*still([0.0, 0.0, 0.2]).at(0))
             solver.run(*random_targets(hand, 200, 0))
         signatures = {{}}
         for module in pkgutil.walk_packages(hhsim.kernels.__path__, "hhsim.kernels."):
@@ -86,10 +88,9 @@ MODES = {
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of what each mode computes of a short grasp, from free space to pressed on the ball."""
     folder = tmp_path_factory.mktemp("modes")
-    curl = np.array([[0.3, 0.5, 0.4], [0.6, 0.7, 0.5], [0.7, 0.7, 0.5], [0.6, 0.7, 0.5], [0.5, 0.7, 0.4]])
-    start = still(1, [0.0, -0.045, 0.08], flexion=0.3 * curl)
-    end = still(1, [0.001, -0.046, 0.052], flexion=curl, abduction=np.full(5, 0.05))
-    motion = straight_line(start, end, TICKS - 6).then(still(6, *(values[0] for values in end)))
+    start = still([0.0, -0.045, 0.08], flexion=0.3 * CURL)
+    end = still([0.001, -0.046, 0.052], flexion=CURL, abduction=0.05)
+    motion = start.line(end, TICKS - 6 - 1).hold(6)
     save_tree(bumpy_ball(60), folder / "tree.h5")
     np.savez(folder / "motion.npz", **motion._asdict())
     return folder

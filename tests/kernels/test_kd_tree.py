@@ -35,12 +35,6 @@ def test_nodes_partition_the_points(count: int, leaf_size: int, seed: int, value
     assert seen == count
 
 
-@pytest.mark.parametrize("count", [1, 4, 5])
-def test_equal_points(count: int) -> None:
-    tree = build_median_tree(np.ones((count, 3)), 4)
-    assert sorted(tree.order) == list(range(count))
-
-
 @pytest.mark.parametrize(("count", "depth"), [(1, 3), (9, 0), (200, 3), (1000, 20)])
 def test_subtrees_hold_every_point_once(count: int, depth: int) -> None:
     tree = build_median_tree(np.random.default_rng(1).random((count, 3)), 4)

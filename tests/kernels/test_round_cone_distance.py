@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mesh_oracle import Cones
+from mesh_oracle import Cones, to_cone
+from sphere_scenes import spheres_of
 
 from hhsim.arrays import FloatArray
 from hhsim.kernels.round_cone_distance import (
-    Spheres,
     cone_slope,
     round_cone_distances,
     sphere_pair_distances,
@@ -25,19 +25,7 @@ TOLERANCE = 1e-12
 def brute_force(
     center: FloatArray, radius: float, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
 ) -> float:
-    """Least sphere distance over the axis; the function of s is convex, so ternary search finds it."""
-
-    def gap(s: float) -> float:
-        return float(np.linalg.norm(center - (a + s * (b - a)))) - (radius_a + s * (radius_b - radius_a)) - radius
-
-    low, high = 0.0, 1.0
-    for _ in range(120):
-        left, right = low + (high - low) / 3.0, high - (high - low) / 3.0
-        if gap(left) <= gap(right):
-            high = right
-        else:
-            low = left
-    return min(gap(0.0), gap(1.0), gap(0.5 * (low + high)))
+    return float(to_cone(center[None], a, b, radius_a, radius_b)[0]) - radius
 
 
 def kernel(
@@ -52,8 +40,7 @@ def distances(
 ) -> tuple[FloatArray, FloatArray]:
     cone = Cones(a[None], b[None], np.array([radius_a]), np.array([radius_b])).kernel(0)
     out, count = np.full((2, len(radius) + 3), np.nan), len(radius)
-    x, y, z = np.ascontiguousarray(center.T)
-    round_cone_distances(Spheres(x, y, z, radius), count, cone, out[0], out[1])
+    round_cone_distances(spheres_of(center, radius), count, cone, out[0], out[1])
     assert np.isnan(out[:, count:]).all()
     return out[0, :count], out[1, :count]
 
@@ -201,9 +188,7 @@ def test_sphere_pairs_are_numpys(seed: int) -> None:
     position = random.uniform(-1.0, 1.0, 3)
     rotation = np.ascontiguousarray(np.linalg.qr(random.normal(size=(3, 3)))[0])
     out = np.full(count + 2, np.nan)
-    hx, hy, hz = (np.ascontiguousarray(hand[:, i]) for i in range(3))
-    tx, ty, tz = (np.ascontiguousarray(thing[:, i]) for i in range(3))
-    ours, others = Spheres(hx, hy, hz, hand_radius), Spheres(tx, ty, tz, thing_radius)
+    ours, others = spheres_of(hand, hand_radius), spheres_of(thing, thing_radius)
     sphere_pair_distances(ours, others, count, position, rotation, out)
     expected = np.linalg.norm(position + hand @ rotation.T - thing, axis=1) - hand_radius - thing_radius
     np.testing.assert_allclose(out[:count], expected[:count], atol=1e-14)

@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 from plain_clearance import brute_clearance
 from sphere_scenes import brute_clearance as compiled_clearance
 from sphere_scenes import bumpy_ball, cloud
-from stress_motion import random_targets
 
-from hhsim.bench.robustness.random_targets import StressOptions
+from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.model import HandModel
 from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
 from hhsim.metrics.metrics import hand_clearance
@@ -40,7 +39,7 @@ def test_a_round_cone_is_the_union_of_the_spheres_on_its_axis(seed: int) -> None
 def test_three_ways_to_the_same_clearance(seed: int) -> None:
     tree = cloud(np.random.default_rng(seed), 200) if seed % 2 else bumpy_ball(1200)
     palm = HAND.palm_tree
-    for sample in zip(*random_targets(HAND, 12, seed, StressOptions(hold=1, bound="none"))):
+    for sample in zip(*RandomTargets(HAND, seed, StressOptions(hold=1, bound="none")).take(12)):
         joints, (position, orientation) = HAND.joints(*sample), sample[:2]
         shown = joints[None], position[None], orientation[None]
         scene = tree.leaf_center, tree.leaf_radius, HAND.radius, palm.leaf_center, palm.leaf_radius
@@ -60,7 +59,7 @@ def test_a_palm_turns_as_its_matrix_says() -> None:
 
 def test_a_hand_that_is_nowhere_has_no_clearance() -> None:
     tree, palm = bumpy_ball(300), HAND.palm_tree
-    (sample,) = zip(*random_targets(HAND, 1, 0))
+    (sample,) = zip(*RandomTargets(HAND, 0).take(1))
     joints = HAND.joints(*sample)
     joints[2, 1, 0] = np.nan
     scene = tree.leaf_center, tree.leaf_radius, HAND.radius, palm.leaf_center, palm.leaf_radius

@@ -9,9 +9,8 @@ import pytest
 import trimesh
 from sealed_change import changed
 from short_grasp import short_grasp, short_scene
-from stress_motion import random_targets
 
-from hhsim.bench.robustness.random_targets import StressOptions
+from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
@@ -188,7 +187,7 @@ def test_of_a_long_run_the_referee_judges_the_ticks_that_the_figure_is_of(
 
 
 def test_a_hand_that_is_inside_is_not_told_that_the_spheres_are_too_coarse(tmp_path: Path) -> None:
-    motion = random_targets(HandModel.default(), 100, 3, StressOptions(hold=20, bound="none", position_spread=0.04))
+    motion = RandomTargets(HandModel.default(), 3, StressOptions(hold=20, bound="none", position_spread=0.04)).take(100)
     mesh = load_object("sphere").mesh
     tree = cached_sphere_tree(mesh, TreeOptions(level=3))
     trajectory = Trajectory(np.linspace(0.0, 0.099, 100), *motion, name="jumps")

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sphere_scenes import bumpy_ball
-from stress_motion import random_targets
 
-from hhsim.bench.robustness.random_targets import StressOptions
+from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import TrajectoryError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
@@ -28,7 +27,7 @@ def equal(one: HandConfiguration, other: HandConfiguration) -> bool:
 
 
 def test_pieces_make_the_whole_again() -> None:
-    motion = random_targets(HAND, 50, 1)
+    motion = RandomTargets(HAND, 1).take(50)
     assert equal(sequence(motion.part(0, 7), motion.part(7, 50)), motion)
     assert equal(motion.at(np.array([3, 3, 9])), sequence(motion.part(3, 4), motion.part(3, 4), motion.part(9, 10)))
     copied = motion.copy()
@@ -37,7 +36,7 @@ def test_pieces_make_the_whole_again() -> None:
 
 
 def test_a_tick_without_a_reading_repeats_the_last_one() -> None:
-    motion = random_targets(HAND, 6, 1, StressOptions(hold=1, bound="none"))
+    motion = RandomTargets(HAND, 1, StressOptions(hold=1, bound="none")).take(6)
     motion.position[0, 0] = np.nan
     motion.flexion[3, 2, 1] = np.inf
     motion.orientation[4] = 0.0
@@ -49,7 +48,7 @@ def test_a_tick_without_a_reading_repeats_the_last_one() -> None:
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["coupled", "progressive"]))
 @settings(max_examples=6)
 def test_the_solver_goes_the_same_way_on_the_held_motion(seed: int, method: str) -> None:
-    motion = random_targets(HAND, 200, seed, WILD)
+    motion = RandomTargets(HAND, seed, WILD).take(200)
     tree = bumpy_ball(300).arrays()
     as_is, held = (
         HandSolver(HAND, tree, SolverOptions(method=method)).run(*m) for m in (motion, hold_readings(motion))
@@ -63,7 +62,7 @@ def test_the_solver_goes_the_same_way_on_the_held_motion(seed: int, method: str)
 def test_a_replay_from_a_file_gets_the_replayed_motion_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory, seed: int
 ) -> None:
-    motion = replayed(random_targets(HAND, 200, seed, WILD))
+    motion = replayed(RandomTargets(HAND, seed, WILD).take(200))
     path: Path = tmp_path_factory.mktemp("motion") / "wild.h5"
     save_trajectory(trajectory_of(motion, name="wild", source="a test"), path)
     modes: tuple[ResampleMode, ...] = ("hold", "interpolate")
@@ -74,7 +73,7 @@ def test_a_replay_from_a_file_gets_the_replayed_motion_bit_for_bit(
 
 
 def test_a_trajectory_of_what_no_trajectory_may_hold_is_refused() -> None:
-    motion = random_targets(HAND, 3, 0)
+    motion = RandomTargets(HAND, 0).take(3)
     motion.position[1, 1] = np.nan
     with pytest.raises(TrajectoryError, match=r"position has 1 NaN.*sample 1"):
         trajectory_of(motion)

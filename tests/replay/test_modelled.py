@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sampled import sampled
-from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, still, straight_line
+from sphere_scenes import bumpy_ball, random_targets, record_clearance
 
 from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
@@ -29,6 +30,7 @@ from hhsim.kernels.tick.state import (
 )
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import penetration
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.trees.cache import cached_sphere_tree, coarsest_sphere_tree
@@ -41,11 +43,11 @@ METHODS = ("coupled", "progressive")
 PALM = 15
 
 
-def closing(ticks: int = 400, depth: float = 0.02) -> Motion:
+def closing(ticks: int = 400, depth: float = 0.02) -> HandConfiguration:
     """The hand comes down on the ball with curled fingers, deeper than it can; `depth` is where it ends [m]."""
     curled = np.full((5, 3), 0.6)
-    start, end = still(1, [0.0, -0.06, 0.16], flexion=curled), still(1, [0.0, -0.06, depth], flexion=curled)
-    return straight_line(start, end, ticks)
+    start, end = still([0.0, -0.06, 0.16], flexion=curled), still([0.0, -0.06, depth], flexion=curled)
+    return start.line(end, ticks - 1)
 
 
 @pytest.mark.parametrize(
@@ -126,14 +128,14 @@ def test_work_units_are_the_counters_weighted() -> None:
 
 
 def test_a_hand_far_away_is_a_hand_that_costs_next_to_nothing() -> None:
-    record = HandSolver(HAND, BALL.arrays(), SolverOptions()).run(*still(100, [0.0, 0.0, 0.4]))
+    record = HandSolver(HAND, BALL.arrays(), SolverOptions()).run(*still([0.0, 0.0, 0.4], ticks=100))
     for counter in (WORK_BODIES, WORK_ROWS, WORK_CANDIDATES, WORK_QP_ITERATIONS):
         assert record.work[:, counter].max() == 0
     assert record.work[1:, COUNT_NODE_TESTS].max() == 0
     assert record.work[1:, WORK_UNITS].max() == UNITS_LINEARISATION
 
 
-def scaled_run(tree: SphereTree, motion: Motion, options: SolverOptions, factor: float) -> TickRecord:
+def scaled_run(tree: SphereTree, motion: HandConfiguration, options: SolverOptions, factor: float) -> TickRecord:
     """Hand, object and motion `factor` times as large."""
     palm = HAND.palm_tree.scaled(factor)
     hand = replace(

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sampled import sampled
-from sphere_scenes import Motion, brute_pairs, object_tree
+from sphere_scenes import brute_pairs, object_tree
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
@@ -45,7 +45,7 @@ def reach_and_close(bend: float = 1.0, fingers: slice = slice(0, 5), still: bool
 def finger_distances(motion: Trajectory, tree: SphereTree, sample: int) -> FloatArray:
     """Least distance of each finger to all leaves, one by one [m], shape (5,)."""
     there = tree.transformed(rotation_matrix(motion.object_orientation), motion.object_position)
-    pairs = brute_pairs(HAND, there.leaf_center, there.leaf_radius, Motion(*HandConfiguration.of(motion)), sample)
+    pairs = brute_pairs(HAND, there.leaf_center, there.leaf_radius, HandConfiguration.of(motion), sample)
     return np.asarray(pairs[:15].reshape(5, -1).min(axis=1))
 
 

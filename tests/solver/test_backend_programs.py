@@ -5,12 +5,14 @@ from itertools import product
 import numpy as np
 import pytest
 from sampled import sampled
-from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, still, straight_line
+from sphere_scenes import CURL, bumpy_ball, random_targets, record_clearance
 
 from hhsim.errors import UnknownNameError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import available_backends
@@ -23,15 +25,14 @@ SAME = 1e-6
 """Points of two graphic hands closer than this [m] are the same."""
 
 
-def grasp(ticks: int = 90) -> Motion:
+def grasp(ticks: int = 90) -> HandConfiguration:
     """Fingers close around the ball, then hold."""
-    curl = np.array([[0.3, 0.5, 0.4], [0.6, 0.7, 0.5], [0.7, 0.7, 0.5], [0.6, 0.7, 0.5], [0.5, 0.7, 0.4]])
-    opened = still(1, [0.0, -0.045, 0.056], flexion=0.4 * curl)
-    closed = still(1, [0.0, -0.045, 0.054], flexion=curl)
-    return straight_line(opened, closed, ticks).then(still(30, *(values[0] for values in closed)))
+    opened = still([0.0, -0.045, 0.056], flexion=0.4 * CURL)
+    closed = still([0.0, -0.045, 0.054], flexion=CURL)
+    return opened.line(closed, ticks - 1).hold(30)
 
 
-def run(motion: Motion, method: str, qp: str) -> TickRecord:
+def run(motion: HandConfiguration, method: str, qp: str) -> TickRecord:
     return HandSolver(HAND, BALL.arrays(), SolverOptions(method=method, qp=qp)).run(*motion)
 
 
@@ -62,7 +63,7 @@ def test_another_solver_never_penetrates_either(method: str) -> None:
 
 
 def test_bad_input_is_held_here_too() -> None:
-    motion = still(4, [0.0, 0.0, 0.3])
+    motion = still([0.0, 0.0, 0.3], ticks=4)
     motion.position[2] = np.nan
     record = run(motion, "coupled", "quadprog")
     np.testing.assert_array_equal(record.status & STATUS_INPUT_INVALID > 0, [False, False, True, False])

@@ -13,11 +13,13 @@ import pytest
 from sampled import sampled
 from scipy.optimize import NonlinearConstraint, brentq, minimize, nnls
 from scipy.spatial.transform import Rotation
-from sphere_scenes import Motion, brute_pairs, sphere_tree, still, straight_line
+from sphere_scenes import brute_pairs, sphere_tree
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.sphere_tree import SphereTree
@@ -44,21 +46,21 @@ class Answer(NamedTuple):
         return force
 
 
-def hold(tree: SphereTree, goal: Motion, away: FloatArray, **options: Any) -> Answer:
+def hold(tree: SphereTree, goal: HandConfiguration, away: FloatArray, **options: Any) -> Answer:
     """Come from `away` [m] beside the goal in 200 ticks, then hold for 300."""
     start = goal._replace(position=goal.position + away)
     chosen = SolverOptions(**options)
     solver = HandSolver(HAND, tree.arrays(), chosen)
-    record = solver.run(*straight_line(start, goal, 200).then(still(300, *(values[0] for values in goal))))
+    record = solver.run(*start.line(goal, 199).hold(300))
     assert record.status[0] == 0
     assert record.status[-1] == 0
     return Answer(record, chosen)
 
 
-def configuration(goal: Motion, offset: FloatArray) -> Motion:
+def configuration(goal: HandConfiguration, offset: FloatArray) -> HandConfiguration:
     """The hand at an offset (δp, δφ, δθ), shape (21,), from the haptic one."""
     turned = Rotation.from_rotvec(offset[3:6]) * Rotation.from_quat(goal.orientation[0], scalar_first=True)
-    return Motion(
+    return HandConfiguration(
         goal.position + offset[:3],
         turned.as_quat(scalar_first=True)[None],
         goal.flexion + offset[6:].reshape(1, 5, 3),
@@ -66,7 +68,7 @@ def configuration(goal: Motion, offset: FloatArray) -> Motion:
     )
 
 
-def equilibrium(tree: SphereTree, goal: Motion, stiffness: Stiffness) -> FloatArray:
+def equilibrium(tree: SphereTree, goal: HandConfiguration, stiffness: Stiffness) -> FloatArray:
     """Offset (21,) of least coupling energy with every true distance at least ε, by scipy."""
     root = np.sqrt(stiffness.diagonal())
 
@@ -99,7 +101,9 @@ def equilibrium(tree: SphereTree, goal: Motion, stiffness: Stiffness) -> FloatAr
     return offset
 
 
-def raised(center: FloatArray, radius: FloatArray, goal: Motion, depth: float, towards: FloatArray) -> SphereTree:
+def raised(
+    center: FloatArray, radius: FloatArray, goal: HandConfiguration, depth: float, towards: FloatArray
+) -> SphereTree:
     """These spheres, moved along `towards` until the haptic hand is `depth` [m] inside of them."""
 
     def left(shift: float) -> float:
@@ -110,10 +114,10 @@ def raised(center: FloatArray, radius: FloatArray, goal: Motion, depth: float, t
     return sphere_tree(center + shift * towards, radius)
 
 
-def assert_known(answer: Answer, goal: Motion, offset: FloatArray) -> None:
+def assert_known(answer: Answer, goal: HandConfiguration, offset: FloatArray) -> None:
     """Every joint and the palm to 1 µm, total force and palm wrench to 0.1 %."""
     at = configuration(goal, offset)
-    joints = HAND.joints(*(values[0] for values in at))
+    joints = HAND.joints(*at.at(0))
     assert np.linalg.norm(answer.record.joints[-1] - joints, axis=2).max() < POSE
     assert np.linalg.norm(answer.record.position[-1] - at.position[0]) < POSE
     pull = answer.options.stiffness.translation * offset[:3]
@@ -140,12 +144,12 @@ def test_a_palm_pressed_on_a_ball_through_its_origin(method: str, depth: float) 
         arm, size = HAND.palm_tree.leaf_center[sphere], HAND.palm_tree.leaf_radius[sphere]
         out = arm / np.linalg.norm(arm)
         tree = sphere_tree((arm + (size + ball) * out)[None], np.array([ball]))
-        touching = brute_pairs(HAND, tree.leaf_center, tree.leaf_radius, still(1, np.zeros(3)))[:, 0]
+        touching = brute_pairs(HAND, tree.leaf_center, tree.leaf_radius, still(np.zeros(3)))[:, 0]
         if np.sum(touching < 1e-3) == 1:
             break
     assert np.sum(touching < 1e-9) == 1
     assert depth < size + ball
-    goal = still(1, depth * out)
+    goal = still(depth * out)
     answer = hold(tree, goal, -0.05 * out, method=method)
     offset = np.zeros(21)
     offset[:3] = -(depth + OFFSET) * out
@@ -159,10 +163,10 @@ AHEAD = np.array([0.0, 0.8, -0.6])
 """Where the tip of the pointing finger is the farthest point of the hand."""
 
 
-def face_ahead(depth: float) -> tuple[SphereTree, Motion]:
+def face_ahead(depth: float) -> tuple[SphereTree, HandConfiguration]:
     """A plane-like face across `AHEAD`, and the pointing hand with its tip `depth` [m] behind it."""
-    goal = still(1, np.zeros(3), flexion=POINTING)
-    tip = HAND.joints(*(values[0] for values in goal))[1, 3]
+    goal = still(np.zeros(3), flexion=POINTING)
+    tip = HAND.joints(*goal.at(0))[1, 3]
     tree = sphere_tree((tip + (HAND.radius[1, 3] - depth + PLANE) * AHEAD)[None], np.array([PLANE]))
     distance = brute_pairs(HAND, tree.leaf_center, tree.leaf_radius, goal)[:, 0]
     assert distance[5] == pytest.approx(-depth, abs=1e-9)
@@ -198,7 +202,7 @@ def test_a_fingertip_pressed_into_a_face(depth: float) -> None:
     np.testing.assert_allclose(answer.record.phalanx[-1, 1, 2], answer.force, rtol=1e-9, atol=1e-12)
 
 
-def torque_balance(tree: SphereTree, goal: Motion, stiffness: Stiffness) -> tuple[FloatArray, float]:
+def torque_balance(tree: SphereTree, goal: HandConfiguration, stiffness: Stiffness) -> tuple[FloatArray, float]:
     """Joint angles (3,) of the index finger against a face when the palm is held, and the face's force [N].
 
     One contact: all that is unknown is how much force there is. For a force λ the angles follow from
@@ -241,8 +245,8 @@ def test_in_the_papers_order_a_finger_bends_before_the_palm_moves(depth: float) 
 def test_a_finger_on_a_sphere(depth: float, radius: float) -> None:
     flexion = np.zeros((5, 3))
     flexion[2] = [0.3, 0.3, 0.2]
-    goal = still(1, np.zeros(3), flexion=flexion)
-    joints = HAND.joints(*(values[0] for values in goal))
+    goal = still(np.zeros(3), flexion=flexion)
+    joints = HAND.joints(*goal.at(0))
     down = np.cross(joints[2, 3] - joints[2, 2], [1.0, 0.0, 0.0])
     down *= np.sign(-down[2]) / np.linalg.norm(down)
     # Under the pad of the middle finger; the others are straight and far above it.
@@ -254,21 +258,16 @@ def test_a_finger_on_a_sphere(depth: float, radius: float) -> None:
     assert (bearing[:, 0] == 2).all()
 
 
-@pytest.mark.parametrize("depth", [1e-3, 5e-3])
-def test_a_palm_on_a_cylinder_of_spheres(depth: float) -> None:
-    """A row of large spheres across the palm: several contacts share the load, and the palm turns to suit them."""
-    x = np.linspace(-0.12, 0.12, 9)
-    goal = still(1, np.zeros(3))
-    row = np.stack([x, np.zeros(9), np.full(9, -0.08)], axis=1)
-    tree = raised(row, np.full(9, 0.04), goal, depth, np.array([0.0, 0.0, 1.0]))
-    answer = hold(tree, goal, np.array([0.0, 0.0, 0.05]))
-    assert_known(answer, goal, equilibrium(tree, goal, answer.options.stiffness))
+ROW = np.stack([np.linspace(-0.12, 0.12, 9), np.zeros(9), np.full(9, -0.08)], axis=1)
+FACE = np.array([[0.0, 0.0, -PLANE - 0.08]])
 
 
-@pytest.mark.parametrize("depth", [1e-3, 4e-3])
-def test_a_whole_hand_pressed_flat_on_a_face(depth: float) -> None:
-    goal = still(1, np.zeros(3))
-    face = np.array([[0.0, 0.0, -PLANE - 0.08]])
-    tree = raised(face, np.array([PLANE]), goal, depth, np.array([0.0, 0.0, 1.0]))
+@pytest.mark.parametrize(
+    ("center", "radius", "depth"), [(ROW, 0.04, 1e-3), (ROW, 0.04, 5e-3), (FACE, PLANE, 1e-3), (FACE, PLANE, 4e-3)]
+)
+def test_a_flat_hand_on_a_cylinder_of_spheres_and_on_a_face(center: FloatArray, radius: float, depth: float) -> None:
+    """Several contacts share the load of large spheres in a row across the palm, and the palm turns to suit them."""
+    goal = still(np.zeros(3))
+    tree = raised(center, np.full(len(center), radius), goal, depth, np.array([0.0, 0.0, 1.0]))
     answer = hold(tree, goal, np.array([0.0, 0.0, 0.05]))
     assert_known(answer, goal, equilibrium(tree, goal, answer.options.stiffness))

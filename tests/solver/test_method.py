@@ -1,11 +1,13 @@
-"""The seam of methods: what is registered, and that one new file is a method everywhere."""
+"""The seam of methods: what is registered and can be named, and that one new file is a method everywhere."""
 
 import importlib
+import math
 import subprocess
 import sys
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -13,9 +15,12 @@ import pytest
 from conftest import Run
 
 import hhsim.solver.methods
-from hhsim.errors import UnknownNameError
-from hhsim.solver.method import METHODS, USUAL, methods_that, never_penetrates
-from hhsim.solver.options import SolverOptions
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.kernels.parallel.thread_team import PARTS
+from hhsim.solver.known_methods import find_method
+from hhsim.solver.method import EVERYTHING, METHODS, USUAL, methods_that, never_penetrates
+from hhsim.solver.method_names import declared_methods, method_names
+from hhsim.solver.options import SolverOptions, Stiffness
 
 FOLLOW = '''
 """`follow`: the graphic hand is the user's, wherever that is; what a method without contact comes to."""
@@ -69,9 +74,42 @@ def test_what_each_method_promises() -> None:
         assert SolverOptions(method=name).margin == method.defaults["margin"]
 
 
-def test_an_unknown_method_is_told_the_near_ones() -> None:
-    with pytest.raises(UnknownNameError, match="did you mean coupled"):
-        SolverOptions(method="couple")
+OUTSIDE = "outside_methods:Follow"
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"method": "couple"}, "did you mean coupled"),
+        ({"force": "kk"}, "kkt"),
+        ({"surface": "triangles"}, "unknown surface 'triangles'"),
+        ({"method": "paper", "frustum_ends": "flats"}, "flat"),
+        ({"offset": 2e-4}, "ten offsets"),
+        ({"method": "penalty", "period": 0.0}, "period is 0 s"),
+        ({"method": "penalty", "response": math.inf}, "response is inf s"),
+        ({"method": "penalty", "contact_response": -1.0}, "contact_response is -1 s: expected 0 to 1000"),
+        ({"method": "penalty", "qp": "clarabel"}, "solves no quadratic program"),
+        ({"method": "paper", "qp": "clarabel"}, "active-set"),
+        ({"method": OUTSIDE, "qp": "clarabel"}, "takes no QP solver"),
+        ({"method": OUTSIDE, "threads": 2}, "runs in one thread"),
+        ({"threads": 2, "qp": "daqp"}, "'daqp' is driven in one thread"),
+        *(({"threads": n}, f"threads is {n}: expected 1 to 6; a tick has 6 parts") for n in (0, -1, PARTS + 1)),
+        (
+            {"method": "paper", "surface": "mesh"},
+            "method paper takes .* not mesh: .*between frustums and spheres",
+        ),
+        ({"method": "penalty", "surface": "mesh"}, "method penalty takes .* not mesh: .*triangles have no depth"),
+    ],
+    ids=str,
+)
+def test_options_that_make_no_sense_are_refused(options: dict[str, Any], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        SolverOptions(**options)
+
+
+def test_a_contact_needs_a_positive_stiffness() -> None:
+    with pytest.raises(InputError, match="stiffness penalty is 0"):
+        Stiffness(penalty=0.0)
 
 
 def test_a_method_is_added_by_one_file(follow: None, run: Run, tmp_path: Path) -> None:
@@ -102,3 +140,76 @@ def test_the_options_load_little() -> None:
     loaded, heavy = found.splitlines()
     assert len(loaded.split()) <= 20, loaded
     assert heavy == ""
+
+
+@pytest.fixture
+def declared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """An installed package that declares two methods, one of which takes a name of ours, and one that is broken."""
+    info = tmp_path / "site" / "others-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: others\nVersion: 1.0\n")
+    lines = ("theirs = outside_methods:Follow", "coupled = outside_methods:Follow", "broken = not_there:Follow")
+    (info / "entry_points.txt").write_text("\n".join(["[hhsim.methods]", *lines]))
+    monkeypatch.syspath_prepend(str(info.parent))
+    declared_methods.cache_clear()
+    yield
+    declared_methods.cache_clear()
+
+
+def test_ours_come_first_and_keep_their_names(declared: None) -> None:
+    names = method_names()
+    assert names[:4] == list(METHODS) and {"theirs", "broken"} <= set(names)
+    assert names.count("coupled") == 1
+    assert find_method("coupled") is METHODS["coupled"]
+
+
+def test_what_a_package_declares_can_be_named(declared: None, run: Run) -> None:
+    method = find_method("theirs")
+    assert method.summary == "The user's hand, through everything"
+    assert SolverOptions(method="theirs").margin == SolverOptions().margin
+    shown = run("methods").out
+    assert "theirs" in shown and "others" in shown
+    assert "method 'broken' cannot be imported" in shown
+    with pytest.raises(UnknownNameError, match="did you mean theirs"):
+        find_method("their")
+
+
+def test_a_class_of_any_module_can_be_named() -> None:
+    method = find_method("outside_methods:OurOwn")
+    assert method.never_penetrates and not method.compiled and not method.takes_threads
+    assert method.gives == {"forces", "times", "runs"} < EVERYTHING
+    assert find_method("outside_methods:Follow").gives == {"times", "runs"}
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("nowhere:Method", "No module named 'nowhere'"),
+        ("outside_methods:Nothing", "AttributeError"),
+        ("outside_methods:NoTick", "lacks tick"),
+        ("outside_methods:INSTANCE", "is an instance"),
+        ("outside_methods:itertools", "lacks begin and tick"),
+        (":", "cannot be imported"),
+    ],
+)
+def test_what_is_no_method_is_told_in_one_line(name: str, message: str, run: Run) -> None:
+    with pytest.raises(InputError, match=message):
+        find_method(name)
+    answer = run("replay", "cube", "touch", "--method", name)
+    assert answer.code == 2 and message in answer.err and answer.err.count("\n") == 1
+
+
+def test_a_file_beside_the_data_is_found_and_takes_nobodys_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "beside_the_data.py").write_text("from outside_methods import Follow\n")
+    (tmp_path / "numpy.py").write_text("raise SystemError\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    assert find_method("beside_the_data:Follow").summary
+    assert sys.path.index(str(tmp_path)) == len(sys.path) - 1
+
+
+def test_a_glove_waits_for_nobody_elses_method(run: Run) -> None:
+    refused = run("live", "glove", "--method", "outside_methods:Follow")
+    assert refused.code == 2 and "'outside_methods:Follow' is not one of 'coupled', " in refused.err

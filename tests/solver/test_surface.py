@@ -8,17 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sphere_scenes import bumpy_ball, random_targets, set_pose, still
+from contact_scenes import in_contact
+from sphere_scenes import bumpy_ball, random_targets
 
 import hhsim.kernels.surfaces
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import evaluate, find_contacts
-from hhsim.kernels.hand.kinematics import DOF
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import SURFACES, surface_of
-from hhsim.solver.workspace import tick_state
 
 PLANE = '''
 """A table: everything below a height is inside."""
@@ -153,12 +152,7 @@ def test_the_spheres_are_a_surface() -> None:
         HandSolver(HandModel.default(), tree, SolverOptions(surface="mesh"))
 
 
-def test_methods_of_the_papers_spheres_take_no_other_surface() -> None:
-    for method, why in (("paper", "between frustums and spheres"), ("penalty", "triangles have no depth")):
-        with pytest.raises(InputError, match=f"method {method} takes the surface spheres, not mesh: .*{why}"):
-            SolverOptions(method=method, surface="mesh")
-    with pytest.raises(InputError, match="unknown surface 'triangles'"):
-        SolverOptions(surface="triangles")
+def test_a_mesh_has_its_own_defaults() -> None:
     assert SolverOptions(surface="mesh").skin < SolverOptions().skin
     assert SolverOptions(surface="mesh", skin=2e-3, touch=1e-5).touch == 1e-5
 
@@ -170,12 +164,9 @@ HEIGHT = -0.02
 def test_a_surface_is_added_by_one_file(plane: Any) -> None:
     hand, above, margin = HandModel.default(), plane.arrays(HEIGHT), 1e-3
     assert SolverOptions(surface="plane").surface == "plane" and surface_of(above) is SURFACES["plane"]
-    state = tick_state(np.ones(DOF), surface=plane)[0]
-    bent = still(1, [0.0, 0.0, 0.015], flexion=np.full((5, 3), 0.3))
-    set_pose(hand, state.pose, bent)
-    assert evaluate(hand.arrays(), state.pose, above, margin, margin, 0.0, state.candidates, state.work) == 0
-    assert find_contacts(above, hand.arrays(), state.pose, state.candidates, margin, state.contacts) == 0
-    joints = hand.joints(*(values[0] for values in bent))
+    bent = still([0.0, 0.0, 0.015], flexion=0.3)
+    state = in_contact(hand, above, bent, margin)
+    joints = hand.joints(*bent.at(0))
     ends = (joints[..., 2] - hand.radius)[:, [0, 1, 1, 2, 2, 3]].ravel()
     palm = bent.position[0, 2] + hand.palm_tree.leaf_center[:, 2] - hand.palm_tree.leaf_radius
     gaps = np.concatenate([ends, palm]) - HEIGHT

@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sampled import sampled
-from sphere_scenes import brute_pairs, still
+from sphere_scenes import brute_pairs
 
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
+from hhsim.motion.analytic_motion import still
 from tools.tree_to_hand import EndToEnd, cells, end_to_end, main, sphere_distances
 
 ROW = EndToEnd("cube", "grasp", 3, 512, 1e-3, 10, 0.0, 0.0, 0.9e-3, 0.8e-3, 5, 0.5e-3, 1e-3, 1e-5, 2e-5)
@@ -43,7 +44,7 @@ def test_what_misses_a_bar() -> None:
 def test_distances_to_spheres_are_those_of_brute_force() -> None:
     hand, rng = HandModel.default(), np.random.default_rng(4)
     center, radius = rng.normal(scale=0.1, size=(40, 3)), rng.uniform(0.005, 0.02, 40)
-    motion = still(1, np.array([0.01, 0.02, 0.03]), flexion=rng.uniform(0.0, 1.0, (5, 3)))
+    motion = still(np.array([0.01, 0.02, 0.03]), flexion=rng.uniform(0.0, 1.0, (5, 3)))
     pairs = brute_pairs(hand, center, radius, motion)
     found = sphere_distances(center, radius, hand_shape(hand), forward_kinematics(hand, *motion))[0]
     np.testing.assert_allclose(found[:15], pairs[:15].min(axis=1), atol=1e-12)

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from file_faults import Fault, at, of_scene, with_name
-from free_results import free_result, free_scene
+from free_scenes import free_result, free_scene
 from planted_faults import planted
 from sampled import first_of_each
 

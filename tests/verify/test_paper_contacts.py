@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from sampled import sampled
-from stress_motion import random_targets
 
-from hhsim.bench.robustness.random_targets import StressOptions
+from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.trajectory import Trajectory
@@ -34,7 +33,9 @@ def test_a_hand_that_jumps_into_the_object_claims_nothing_false(
     tmp_path: Path, name: str, level: int, seed: int
 ) -> None:
     """Knuckles that touch, and spheres deep inside a phalanx: as many pairs, but others."""
-    motion = random_targets(HandModel.default(), 400, seed, StressOptions(hold=20, bound="none", position_spread=0.04))
+    motion = RandomTargets(HandModel.default(), seed, StressOptions(hold=20, bound="none", position_spread=0.04)).take(
+        400
+    )
     mesh = load_object(name).mesh
     tree = cached_sphere_tree(mesh, TreeOptions(level=level))
     scene = make_scene(mesh, tree, HandModel.default(), Trajectory(np.linspace(0.0, 0.399, 400), *motion, name="jumps"))

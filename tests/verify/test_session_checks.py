@@ -16,9 +16,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from live_rings import FACTS, ended
 from live_scripted import FIST, FREE, WAKING_NS, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
+from markdown_pages import documented_faults
 from sampled import first_of_each, sampled
 from sealed_change import changed
-from verify_document import documented_faults
 
 from hhsim.kernels.live import plausibility as looked_at
 from hhsim.kernels.live import tick as live_loop

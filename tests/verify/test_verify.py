@@ -15,12 +15,11 @@ import pytest
 from file_faults import Fault, attribute, forge_scene, of_scene, with_name
 from hypothesis import given
 from hypothesis import strategies as st
+from markdown_pages import documented_faults
 from planted_faults import EVERYWHERE, FAULTS, HOLD, NAMED, SEALED, UNMARKED, described_grasp, failing, planted, verdict
 from sampled import first_of_each, sampled
-from stress_motion import random_targets
-from verify_document import documented_faults
 
-from hhsim.bench.robustness.random_targets import StressOptions
+from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -331,7 +330,7 @@ def test_other_options_hold_too(tmp_path: Path, options: dict[str, Any]) -> None
 def stuck(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Result:
     """Hands that jump through a ball, by a QP solver that gives up for some ticks in every fifty programs."""
     hand, mesh, options = HandModel.default(), load_object("sphere").mesh, TreeOptions(level=2)
-    motion = random_targets(hand, 400, 1, StressOptions(hold=20, bound="none", position_spread=0.04))
+    motion = RandomTargets(hand, 1, StressOptions(hold=20, bound="none", position_spread=0.04)).take(400)
     trajectory = Trajectory(np.linspace(0.0, 0.399, 400), *motion, name="jumps")
     scene = make_scene(mesh, cached_sphere_tree(mesh, options), hand, trajectory)
     path = tmp_path_factory.mktemp("stuck") / "stuck.h5"

@@ -9,9 +9,9 @@ from file_faults import Fault, of_scene
 from planted_faults import FAULTS, HOLD, NAMED, described_grasp, failing, planted, verdict
 from sampled import sampled
 from short_grasp import short_result
-from stress_motion import random_targets
 
 from hhsim.arrays import IntArray
+from hhsim.bench.robustness.random_targets import RandomTargets
 from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.replay import replay_scene
@@ -35,7 +35,7 @@ def on_mesh(tmp_path_factory: pytest.TempPathFactory) -> Result:
 @pytest.mark.parametrize("method", sampled(["coupled", "progressive"], lambda _, method: method == "coupled"))
 def test_a_hand_that_is_on_its_way_on_the_mesh(tmp_path: Path, method: str) -> None:
     hand = HandModel.default()
-    moved = random_targets(hand, 300, 5)
+    moved = RandomTargets(hand, 5).take(300)
     names = ("position", "orientation", "flexion", "abduction")
     motion = Trajectory(time=np.arange(300) / 1000.0, **{name: getattr(moved, name) for name in names})
     base = open_scene("cube", "touch", level=3)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from qp_problems import least_violation
-from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, still, straight_line
+from sphere_scenes import bumpy_ball, random_targets, record_clearance
 
 from hhsim.bench.qp import recorded_problems
 from hhsim.bench.qp.bench import OWN_LIMIT
@@ -13,6 +13,7 @@ from hhsim.bench.qp.program import CERTIFIED_RADIUS, Program, ProgramSolver, cer
 from hhsim.bench.qp.recorded_problems import RUNS, QpBenchOptions, harvest, harvest_tick
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.contact_qp import coupled_problem
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -21,7 +22,7 @@ HAND = HandModel.default("right")
 BALL = bumpy_ball(300)
 
 
-def programs(method: str, motion: Motion) -> Iterator[Program]:
+def programs(method: str, motion: HandConfiguration) -> Iterator[Program]:
     solver = HandSolver(HAND, BALL.arrays(), SolverOptions(method=method))
     solver.run(*(values[:1] for values in motion))
     for tick in range(1, len(motion.position)):
@@ -96,9 +97,9 @@ def test_harvesting_a_tick_does_to_the_hand_what_running_it_does() -> None:
 
 def test_a_harvested_program_is_the_tick_s() -> None:
     # The same rows as `contact_problem` takes from the state, where both are at hand.
-    opened = still(1, [0.0, -0.045, 0.056], flexion=np.full((5, 3), 0.2))
-    closed = still(1, [0.0, -0.045, 0.050], flexion=np.full((5, 3), 0.7))
-    motion = straight_line(opened, closed, 40)
+    opened = still([0.0, -0.045, 0.056], flexion=0.2)
+    closed = still([0.0, -0.045, 0.050], flexion=0.7)
+    motion = opened.line(closed, 39)
     solver = HandSolver(HAND, BALL.arrays(), SolverOptions())
     # A tick that arrives: one that lags leaves the rows of the program that its forces are from.
     solver.run(*(values[:31] for values in motion))

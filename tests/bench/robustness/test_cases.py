@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from sampled import sampled
-from sphere_scenes import Motion, brute_pairs, record_clearance
+from sphere_scenes import brute_pairs, record_clearance
 
 from hhsim.bench.robustness.acceptance import common_figures
 from hhsim.bench.robustness.case import DEEPEST, HardCase, HardRun, Outcome
@@ -18,6 +18,7 @@ from hhsim.bench.robustness.pieces import hand_distance, pieces_of
 from hhsim.bench.robustness.postures import INDEX
 from hhsim.bench.robustness.triangle_cases import SLIDE
 from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.kernels.tick.state import WORK_TOUCHING
 from hhsim.solver.options import SolverOptions
@@ -221,7 +222,7 @@ def test_scenes_provoke_what_they_are_named_for() -> None:
             assert (outcome.ticks.work[:, WORK_TOUCHING] > 0).sum() >= least, (name, outcome.run.name)
     for outcome, pairs in zip(on_spheres("many-pairs"), (500, 2000), strict=True):
         run, record = outcome.run, outcome.ticks
-        shown = Motion(record.position, record.orientation, record.flexion, record.abduction)
+        shown = HandConfiguration.of(record)
         assert run.tree is not None
         distance = brute_pairs(run.hand, run.tree.leaf_center, run.tree.leaf_radius, shown, tick=100)
         assert (distance <= SolverOptions().margin).sum() >= pairs

@@ -13,13 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kept_failure import provenance_of, rerun_failure
 from sphere_scenes import bumpy_ball
-from stress_motion import random_targets
 
 from hhsim.bench.robustness import delta_debugging
 from hhsim.bench.robustness.delta_debugging import Trace, Trial, delta_debug
 from hhsim.bench.robustness.failure import Provenance, failure_of, keep_failure, make_trial, penetrates
 from hhsim.bench.robustness.pieces import pieces_of
-from hhsim.bench.robustness.random_targets import StressOptions
+from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -64,7 +63,7 @@ def in_order(*wanted: Callable[..., Any]) -> Trial:
 def test_only_the_samples_that_matter_are_left(seed: int, heights: list[float]) -> None:
     conditions = [lambda p, q, f, a, h=h, i=i: (p[2] > h) == (i % 2 == 0) for i, h in enumerate(heights)]
     trial = in_order(*conditions)
-    motion = random_targets(HAND, 200, seed, JUMPS)
+    motion = RandomTargets(HAND, seed, JUMPS).take(200)
     if not trial(motion).failed.any():
         with pytest.raises(InputError, match="200 ticks does not fail"):
             delta_debug(motion, trial)
@@ -79,7 +78,7 @@ def test_only_the_samples_that_matter_are_left(seed: int, heights: list[float]) 
 
 
 def test_what_does_not_matter_is_held_still_and_rounded() -> None:
-    motion = random_targets(HAND, 300, 2, JUMPS)
+    motion = RandomTargets(HAND, 2, JUMPS).take(300)
     shrunk = delta_debug(motion, in_order(lambda p, q, f, a: f[3, 1] > 1.2345678))
     start, end = (tuple(values[tick] for values in shrunk.motion) for tick in (0, 1))
     np.testing.assert_array_equal(start[1], end[1])
@@ -99,7 +98,7 @@ def test_the_start_is_brought_up_to_the_failure() -> None:
             graphic.position[tick] = graphic.position[tick - 1] + 1e-3 * step / max(1e-3, float(np.linalg.norm(step)))
         return Trace(graphic.position[:, 0] > 0.2, graphic)
 
-    motion = random_targets(HAND, 900, 4, JUMPS)
+    motion = RandomTargets(HAND, 4, JUMPS).take(900)
     motion.position[:, 0] = 0.25
     motion.position[0] = [0.0, 0.0, 0.25]
     assert np.argmax(walk(motion).failed) > 200
@@ -108,7 +107,7 @@ def test_the_start_is_brought_up_to_the_failure() -> None:
 
 def test_a_stretch_that_needs_its_past_is_started_at_the_hand_shown() -> None:
     solver = SlippingSolver(HAND, BALL.arrays(), SolverOptions())
-    motion = random_targets(HAND, 3000, 1)
+    motion = RandomTargets(HAND, 1).take(3000)
     record = solver.run(*motion)
     trial = make_trial(HAND, lambda: SlippingSolver(HAND, BALL.arrays(), SolverOptions()), penetrates())
     # The stretch begins inside the object, from where a fresh start retreats to another side of it.
@@ -128,7 +127,7 @@ def test_a_budget_ends_the_search_with_what_fails(monkeypatch: pytest.MonkeyPatc
         calls.append(motion.ticks)
         return inner(motion)
 
-    motion = random_targets(HAND, 400, 6, JUMPS)
+    motion = RandomTargets(HAND, 6, JUMPS).take(400)
     with monkeypatch.context() as few:
         few.setattr(delta_debugging, "MOST_RUNS", 5)
         shrunk = delta_debug(motion, counted)
@@ -169,7 +168,7 @@ def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
         return SlippingSolver(HAND, tree.arrays(), options)
 
     trial = make_trial(HAND, faulty, penetrates())
-    motion = random_targets(HAND, 2500, 3)
+    motion = RandomTargets(HAND, 3).take(2500)
     shrunk = delta_debug(motion, trial)
     assert shrunk.motion.ticks <= 3
     path = tmp_path / "failing.h5"
@@ -193,7 +192,7 @@ def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
 
 
 def test_a_kept_file_says_where_it_is_from(tmp_path: Path) -> None:
-    shrunk = delta_debug(random_targets(HAND, 50, 1, JUMPS), in_order(lambda p, q, f, a: p[0] > 0.0))
+    shrunk = delta_debug(RandomTargets(HAND, 1, JUMPS).take(50), in_order(lambda p, q, f, a: p[0] > 0.0))
     options = SolverOptions(stiffness=Stiffness(2000.0, 3.0, 0.4), force="paper")
     made = provenance(options, kind="stuck", hand="left", stress=JUMPS.to_json())
     command = keep_failure(tmp_path / "kept.h5", shrunk, made)
@@ -207,7 +206,7 @@ def test_a_kept_file_says_where_it_is_from(tmp_path: Path) -> None:
 
 
 def test_every_kind_of_failure_is_seen() -> None:
-    motion = random_targets(HAND, 3, 0)
+    motion = RandomTargets(HAND, 0).take(3)
     options = SolverOptions()
     record = HandSolver(HAND, BALL.arrays(), options).run(*motion)
     trial = {

@@ -6,19 +6,17 @@ import numpy as np
 import pytest
 from sampled import sampled
 from sphere_scenes import bumpy_ball, sphere_tree
-from stress_motion import random_targets
-from triangle_scenes import CLEAR, floor, wedge
 
 from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.local_optimality import way_out
 from hhsim.bench.robustness.pieces import Pieces, hand_distance, pieces_of
 from hhsim.bench.robustness.postures import INDEX, POINTING
-from hhsim.bench.robustness.random_targets import StressOptions
-from hhsim.bench.robustness.triangle_objects import roof_mesh, strips_mesh
+from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
+from hhsim.bench.robustness.triangle_objects import joined_mesh, roof_mesh, sheet_mesh, strips_mesh
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion
+from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.analytic_motion import still
@@ -33,6 +31,22 @@ BALL = bumpy_ball(1200)
 LEAVES = pieces_of("spheres", None, BALL)
 OPTIONS = SolverOptions()
 ON_MESH = SolverOptions(surface="mesh")
+CLEAR = 5e-7
+"""What a contact keeps clear [m]."""
+
+
+def floor(size: float = 0.6) -> Mesh:
+    """The plane z = 0, of two triangles."""
+    return sheet_mesh(size, size)
+
+
+def wedge(angle: float) -> Mesh:
+    """Two faces that meet in the x axis, each `angle` [rad] above the plane z = 0 on its side: a valley."""
+    sides = []
+    for sign in (1.0, -1.0):
+        half = sheet_mesh(0.6, 0.3).transformed(np.eye(3), (0.0, 0.15 * sign, 0.0))
+        sides.append(half.transformed(rotation_matrix(quaternion(np.array([angle * sign, 0.0, 0.0]))), np.zeros(3)))
+    return joined_mesh(sides)
 
 
 def tick_of(record: object, tick: int) -> HandConfiguration:
@@ -40,7 +54,7 @@ def tick_of(record: object, tick: int) -> HandConfiguration:
 
 
 def test_in_free_space_the_way_is_free() -> None:
-    motion = random_targets(HAND, 2, 0)
+    motion = RandomTargets(HAND, 0).take(2)
     goal = motion.part(1, 2).copy()
     goal.position[0, 0] += 0.05
     for pieces in (LEAVES, pieces_of("mesh", floor(), None)):
@@ -60,7 +74,9 @@ def test_at_an_optimum_there_is_none_and_away_from_it_there_is(seed: int, surfac
     # Brute force over triangles takes ten times what it takes over spheres.
     holds = 10 if surface == "spheres" else 4
     ticks = 200 * holds
-    motion = random_targets(HAND, ticks, seed, StressOptions(hold=200, bound="none", sweep=False, position_spread=0.03))
+    motion = RandomTargets(HAND, seed, StressOptions(hold=200, bound="none", sweep=False, position_spread=0.03)).take(
+        ticks
+    )
     mesh, options = load_object("triangular-prism").mesh, SolverOptions(surface=surface)
     pieces = pieces_of(surface, mesh, BALL)
     record = HandSolver(HAND, contact_surface(surface, mesh, BALL).arrays, options).run(*motion)
@@ -77,7 +93,7 @@ def test_at_an_optimum_there_is_none_and_away_from_it_there_is(seed: int, surfac
 
 
 def test_a_straight_finger_that_pushes_a_wall_can_only_go_back_or_aside() -> None:
-    (sample,) = zip(*random_targets(HAND, 1, 0))
+    (sample,) = zip(*RandomTargets(HAND, 0).take(1))
     joints = HAND.joints(*sample)
     ahead = joints[2, 3] - joints[2, 2]
     ahead /= np.linalg.norm(ahead)

@@ -1,7 +1,7 @@
 """The objects of the hard cases, of spheres and of triangles, and their crossings are what they are said to be."""
 
 import numpy as np
-from sphere_scenes import Motion, brute_pairs
+from sphere_scenes import brute_pairs
 
 from hhsim.bench.robustness import triangle_cases
 from hhsim.bench.robustness.postures import INDEX, POINTING, crossings, handling, threaded, tip_at
@@ -19,6 +19,7 @@ from hhsim.bench.robustness.triangle_objects import (
     strips_mesh,
     tube_mesh,
 )
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.features import mesh_features
 from hhsim.mesh.topology import face_areas
@@ -79,7 +80,7 @@ def test_a_ring_leaves_its_hole_about_its_axis() -> None:
 def test_every_sphere_of_a_mould_is_as_near_as_it_says() -> None:
     pose = still(np.zeros(3), flexion=0.1)
     tree = mould(pose, 300, 0.3e-3, 1e-3, np.random.default_rng(2))
-    pairs = brute_pairs(right_hand(), tree.leaf_center, tree.leaf_radius, Motion(*pose))
+    pairs = brute_pairs(right_hand(), tree.leaf_center, tree.leaf_radius, HandConfiguration(*pose))
     least = pairs.min(axis=0)
     assert least.shape == (300,)
     assert least.min() > 0.25e-3

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from stress_motion import random_targets
 
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.configuration import HandConfiguration, sequence
@@ -35,14 +34,14 @@ def test_any_cut_gives_the_same_motion(sizes: list[int], seed: int, wild: bool, 
     targets = RandomTargets(HAND, seed, options)
     pieces = [targets.take(size) for size in sizes]
     assert [piece.ticks for piece in pieces] == sizes
-    assert equal(sequence(*pieces), random_targets(HAND, sum(sizes), seed, options))
+    assert equal(sequence(*pieces), RandomTargets(HAND, seed, options).take(sum(sizes)))
     blocks = list(RandomTargets(HAND, seed, options).blocks(203, 64))
     assert [block.ticks for block in blocks] == [64, 64, 64, 11]
-    assert equal(sequence(*blocks), random_targets(HAND, 203, seed, options))
+    assert equal(sequence(*blocks), RandomTargets(HAND, seed, options).take(203))
 
 
 def test_targets_are_as_wide_as_they_say() -> None:
-    motion = random_targets(HAND, 6001, 5, JUMPS, center=np.array([1.0, 2.0, 3.0])).part(1, 6001)
+    motion = RandomTargets(HAND, 5, JUMPS, center=np.array([1.0, 2.0, 3.0])).take(6001).part(1, 6001)
     np.testing.assert_allclose(motion.position.mean(axis=0), [1.0, 2.0, 3.0], atol=3e-3)
     np.testing.assert_allclose(motion.position.std(axis=0), 0.06, rtol=0.04)
     turn = Rotation.from_quat(motion.orientation, scalar_first=True).as_rotvec()
@@ -56,29 +55,29 @@ def test_targets_are_as_wide_as_they_say() -> None:
 
 
 def test_the_motion_begins_upright_above_the_object() -> None:
-    motion = random_targets(HAND, 60, 9, center=np.array([0.1, 0.0, 0.0]), height=0.4)
+    motion = RandomTargets(HAND, 9, center=np.array([0.1, 0.0, 0.0]), height=0.4).take(60)
     np.testing.assert_array_equal(motion.position, np.tile([0.1, 0.0, 0.4], (60, 1)))
     np.testing.assert_array_equal(motion.orientation, np.tile([1.0, 0.0, 0.0, 0.0], (60, 1)))
     assert not motion.flexion.any() and not motion.abduction.any()
 
 
 def test_a_target_depends_on_the_seed_and_its_number_alone() -> None:
-    often = random_targets(HAND, 40, 3, JUMPS)
-    seldom = random_targets(HAND, 40 * 7, 3, StressOptions(hold=7, bound="none"))
+    often = RandomTargets(HAND, 3, JUMPS).take(40)
+    seldom = RandomTargets(HAND, 3, StressOptions(hold=7, bound="none")).take(40 * 7)
     assert equal(often, seldom.at(np.arange(40) * 7 + 6))
-    assert not np.array_equal(often.position, random_targets(HAND, 40, 4, JUMPS).position)
+    assert not np.array_equal(often.position, RandomTargets(HAND, 4, JUMPS).take(40).position)
 
 
 def test_without_a_sweep_the_abduction_stays() -> None:
-    assert not random_targets(HAND, 200, 0, StressOptions(sweep=False)).abduction.any()
+    assert not RandomTargets(HAND, 0, StressOptions(sweep=False)).take(200).abduction.any()
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_palm_goes_no_faster_than_it_may_and_straight_to_its_target(seed: int) -> None:
-    motion = random_targets(HAND, 1200, seed)
+    motion = RandomTargets(HAND, seed).take(1200)
     steps = np.linalg.norm(np.diff(motion.position, axis=0), axis=1)
     assert steps.max() <= 2e-3 * (1.0 + 1e-12)
-    target = random_targets(HAND, 21, seed, JUMPS)
+    target = RandomTargets(HAND, seed, JUMPS).take(21)
     for hold in range(1, 20):
         start, end = motion.position[60 * hold - 1], motion.position[60 * hold + 59]
         way = target.position[hold] - start
@@ -91,7 +90,7 @@ def test_the_palm_goes_no_faster_than_it_may_and_straight_to_its_target(seed: in
 def test_no_point_of_the_hand_goes_faster_than_it_may(side: Any) -> None:
     hand = HandModel.default(side)
     options = StressOptions(bound="hand", longest_step=3e-3)
-    motion = random_targets(hand, 900, 2, options)
+    motion = RandomTargets(hand, 2, options).take(900)
     joints = np.array([hand.joints(*sample) for sample in zip(*motion)])
     turn = Rotation.from_quat(motion.orientation, scalar_first=True)
     palm = np.stack([turn.apply(center) for center in hand.palm_tree.leaf_center], axis=1) + motion.position[:, None]
@@ -102,7 +101,7 @@ def test_no_point_of_the_hand_goes_faster_than_it_may(side: Any) -> None:
 
 
 def test_the_wild_mode_does_what_broken_devices_do() -> None:
-    motion = random_targets(HAND, 60_000, 1, StressOptions(wild=True))
+    motion = RandomTargets(HAND, 1, StressOptions(wild=True)).take(60_000)
     finite = [np.isfinite(values.reshape(motion.ticks, -1)).all(axis=1) for values in motion]
     assert all(30 < (~field).sum() < 3000 for field in finite), "every field is lost at times, and seldom"
     sound = np.all(finite, axis=0) & (np.abs(motion.orientation) < 1e6).all(axis=1)

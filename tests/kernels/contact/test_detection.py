@@ -4,12 +4,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contact_scenes import assert_grouped
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from sphere_scenes import PALM, Motion, brute_pairs, cloud, pose_of, random_hand, set_pose, sphere_tree, still
+from sphere_scenes import PALM, brute_pairs, cloud, pose_of, random_hand, set_pose, sphere_tree
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import (
     CONTACT_ROWS,
@@ -27,6 +29,7 @@ from hhsim.kernels.contact.surface import Walk
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, motion_bounds
 from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.surface import SURFACES
 from hhsim.solver.workspace import tick_state
 from hhsim.trees.sphere_tree import SphereTree
@@ -44,7 +47,7 @@ def new_state() -> Any:
 
 def at_origin() -> Any:
     state = new_state()
-    set_pose(RIGHT, state.pose, still(1, np.zeros(3)))
+    set_pose(RIGHT, state.pose, still(np.zeros(3)))
     return state
 
 
@@ -69,25 +72,6 @@ def detect(state: Any, hand: HandModel, tree: SphereTree, margin: float, skin: f
     arrays, nodes = hand.arrays(), tree.arrays()
     assert evaluate(arrays, state.pose, nodes, margin, margin, skin, state.candidates, state.work) == 0
     assert find_contacts(nodes, arrays, state.pose, state.candidates, margin, state.contacts) == 0
-
-
-def test_the_oracle_of_these_tests_is_the_union_of_spheres_along_the_axis() -> None:
-    # A round cone is the union of the spheres that its radius interpolates; sampled, it is never nearer than the truth.
-    random = np.random.default_rng(5)
-    share = np.linspace(0.0, 1.0, 4001)
-    for _ in range(40):
-        motion = random_hand(random, RIGHT, 0.05)
-        leaf, radius = random.normal(0.0, 0.08, (8, 3)), random.uniform(0.0, 0.01, 8)
-        distance = brute_pairs(RIGHT, leaf, radius, motion)
-        joints = RIGHT.joints(*(values[0] for values in motion))
-        for body in range(PALM):
-            f, k = divmod(body, 3)
-            axis = joints[f, k] + share[:, None] * (joints[f, k + 1] - joints[f, k])
-            grown = RIGHT.radius[f, k] + share * (RIGHT.radius[f, k + 1] - RIGHT.radius[f, k])
-            sampled = (np.linalg.norm(leaf[:, None] - axis, axis=2) - grown).min(axis=1) - radius
-            # Beside its least, a distance along the axis grows with the square: half a sample of at most 15 µm.
-            assert (distance[body] <= sampled + 1e-12).all()
-            assert (distance[body] >= sampled - 1e-8).all()
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1e-4, 1e-3, 5e-3]), st.sampled_from([0.0, 3e-3, 0.02]))
@@ -201,7 +185,7 @@ def test_records_say_where_the_surfaces_are_nearest(seed: int) -> None:
         surface = brute_pairs(RIGHT, point[None], np.zeros(1), at)[body, 0]
         assert surface == pytest.approx(0.0, abs=1e-9) or contacts.distance[i] < -0.5 * tree.leaf_radius[leaf]
         # From the object to the hand: a hand that goes that way gets away at full rate.
-        away = Motion(at.position + 1e-7 * normal, *at[1:])
+        away = HandConfiguration(at.position + 1e-7 * normal, *at[1:])
         gone = brute_pairs(RIGHT, tree.leaf_center[leaf : leaf + 1], tree.leaf_radius[leaf : leaf + 1], away)[body, 0]
         assert gone - distance[body, leaf] == pytest.approx(1e-7, rel=1e-3)
 
@@ -214,14 +198,7 @@ def test_records_are_ordered_palm_first_then_finger_by_finger() -> None:
         set_pose(RIGHT, state.pose, random_hand(random, RIGHT, 0.05))
         state.candidates.gathered_slack[:] = -np.inf
         detect(state, RIGHT, tree, 5e-3, 0.0)
-        start, body = state.contacts.start, state.contacts.body
-        assert (body[: start[1]] == PALM).all()
-        for f in range(5):
-            rows = slice(start[f + 1], start[f + 2])
-            assert (body[rows] // 3 == f).all()
-            assert (np.diff(body[rows]) >= 0).all()
-            for k in range(3):
-                assert state.contacts.phalanx_end[f, k] == start[f + 1] + np.sum(body[rows] <= 3 * f + k)
+        assert_grouped(state.contacts)
 
 
 def test_concentric_bodies_have_a_normal() -> None:
@@ -295,11 +272,11 @@ def test_a_crowd_at_the_palm_is_listed_less_far_and_not_anew_in_every_tick() -> 
     below = RIGHT.palm_tree.leaf_center[lowest] - [0.0, 0.0, RIGHT.palm_tree.leaf_radius[lowest]]
     size, margin, skin = 1e-4, 1e-3, 3e-3
     center = below + random.uniform(-0.01, 0.01, (40_000, 3))
-    gap = brute_pairs(RIGHT, center, np.full(len(center), size), still(1, np.zeros(3)))[PALM:].min(axis=0)
+    gap = brute_pairs(RIGHT, center, np.full(len(center), size), still(np.zeros(3)))[PALM:].min(axis=0)
     center = center[(gap > 2e-4) & (gap < margin + skin)]
 
     def seen(count: int, state: Any, place: FloatArray) -> float:
-        set_pose(RIGHT, state.pose, still(1, place))
+        set_pose(RIGHT, state.pose, still(place))
         state.work[:] = 0
         tree = sphere_tree(center[:count], np.full(count, size))
         detect(state, RIGHT, tree, margin, skin)
@@ -322,7 +299,7 @@ def test_a_crowd_at_the_palm_is_listed_less_far_and_not_anew_in_every_tick() -> 
 def test_a_body_far_away_costs_one_node_and_no_pair() -> None:
     tree = cloud(np.random.default_rng(0), 300)
     state = new_state()
-    set_pose(RIGHT, state.pose, still(1, [0.0, 0.0, 1.0]))
+    set_pose(RIGHT, state.pose, still([0.0, 0.0, 1.0]))
     detect(state, RIGHT, tree, 1e-3, 3e-3)
     assert state.contacts.start[-1] == 0
     assert state.work[COUNT_PAIR_TESTS] == 0

@@ -7,11 +7,14 @@ import pytest
 from contact_scenes import RIGHT, ROOT, moved, pair_of, row_matrix, scene
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from sphere_scenes import PALM, brute_pairs, set_pose, still
+from sphere_scenes import PALM, brute_pairs, set_pose
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, limit_start
 from hhsim.kernels.hand.kinematics import DOF
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.workspace import tick_state
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -26,19 +29,22 @@ def smooth_contacts(state: Any, tree: SphereTree) -> list[int]:
     return [i for i in range(count) if state.contacts.distance[i] > -0.9 * tree.leaf_radius[pair_of(state, tree, i)[1]]]
 
 
+def rates(hand: HandModel, tree: SphereTree, at: HandConfiguration, step: FloatArray, turn: FloatArray) -> FloatArray:
+    """How fast all distances change along a step and a turn of the abduction, as `brute_pairs`."""
+    ahead, behind = (
+        brute_pairs(hand, tree.leaf_center, tree.leaf_radius, moved(at, width * step, width * turn))
+        for width in (STEP, -STEP)
+    )
+    return (ahead - behind) / (2.0 * STEP)
+
+
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=25)
 def test_rows_are_the_gradients_of_the_true_distances(seed: int) -> None:
     hand, tree, at, state = scene(seed)
     build_rows(hand.arrays(), state.pose, state.contacts, 5e-7, False, state.problem)
     matrix = row_matrix(state)
-    difference = np.empty((DOF, PALM + len(hand.palm_tree.leaf_radius), tree.leaf_count))
-    for j, direction in enumerate(np.eye(DOF)):
-        ahead, behind = (
-            brute_pairs(hand, tree.leaf_center, tree.leaf_radius, moved(at, sign * STEP * direction))
-            for sign in (1.0, -1.0)
-        )
-        difference[j] = (ahead - behind) / (2.0 * STEP)
+    difference = np.array([rates(hand, tree, at, direction, np.zeros(5)) for direction in np.eye(DOF)])
     for i in smooth_contacts(state, tree):
         np.testing.assert_allclose(matrix[i], difference[(slice(None), *pair_of(state, tree, i))], atol=ACCURACY)
 
@@ -49,19 +55,12 @@ def test_right_hand_sides_hold_offset_distance_and_abduction(seed: int, angle: f
     hand, tree, at, state = scene(seed)
     offset = 5e-7
     distance = brute_pairs(hand, tree.leaf_center, tree.leaf_radius, at)
-    rate = np.zeros((5, *distance.shape))
-    for f in range(5):
-        turn = STEP * np.eye(5)[f]
-        ahead, behind = (
-            brute_pairs(hand, tree.leaf_center, tree.leaf_radius, moved(at, np.zeros(DOF), sign * turn))
-            for sign in (1.0, -1.0)
-        )
-        rate[f] = (ahead - behind) / (2.0 * STEP)
+    rate = [rates(hand, tree, at, np.zeros(DOF), turn) for turn in np.eye(5)]
     state.problem.abduction_step[:] = angle * np.linspace(-1.0, 1.0, 5)
     build_rows(hand.arrays(), state.pose, state.contacts, offset, False, state.problem)
     for i in smooth_contacts(state, tree):
         body, leaf = pair_of(state, tree, i)
-        follows = 0.0 if body >= PALM else rate[body // 3, body, leaf] * state.problem.abduction_step[body // 3]
+        follows = 0.0 if body >= PALM else rate[body // 3][body, leaf] * state.problem.abduction_step[body // 3]
         assert state.problem.rhs[i] == pytest.approx(offset - distance[body, leaf] - follows, abs=ACCURACY)
 
 
@@ -86,7 +85,7 @@ def about_limits(seed: int, beyond: float) -> tuple[np.random.Generator, Any, Fl
     """A hand, its flexion [rad], and where each joint may go: one beyond its limits by no more than it is."""
     random, state = np.random.default_rng(seed), tick_state(ROOT**2)[0]
     flexion = random.uniform(RIGHT.flexion_min - beyond, RIGHT.flexion_max + beyond)
-    set_pose(RIGHT, state.pose, still(1, np.zeros(3), flexion=flexion))
+    set_pose(RIGHT, state.pose, still(np.zeros(3), flexion=flexion))
     return random, state, flexion, np.minimum(flexion, RIGHT.flexion_min), np.maximum(flexion, RIGHT.flexion_max)
 
 

@@ -44,10 +44,24 @@ def cube_distance(points: FloatArray) -> FloatArray:
     return np.asarray(np.where(over.max(axis=1) > 0.0, outside, over.max(axis=1)))
 
 
-def test_a_cone_along_a_face_is_as_deep_as_its_thick_end() -> None:
-    for depth in (-0.003, 0.0, 0.002):
-        a, b = np.array([0.0, 0.0, HALF + 0.01 - depth]), np.array([0.03, 0.0, HALF + 0.01 - depth])
-        assert distance(CUBE_BVH, a, b, 0.01, 0.008) == pytest.approx(-depth, abs=1e-15)
+@pytest.mark.parametrize(
+    ("a", "b", "radius_a", "radius_b", "expected"),
+    [
+        # Along a face it is as deep as its thick end.
+        *(((0.0, 0.0, HALF + 0.01 - d), (0.03, 0.0, HALF + 0.01 - d), 0.01, 0.008, -d) for d in (-0.003, 0.0, 0.002)),
+        # The axis begins inside.
+        ((0.0, 0.0, 0.03), (0.0, 0.0, 0.08), 0.01, 0.005, -0.03),
+        # One end holds the other.
+        ((0.0, 0.0, 0.06), (0.0, 0.0, 0.06), 0.012, 0.001, -0.002),
+        ((0.0, 0.0, 0.06), (0.0, 0.0, 0.061), 0.012, 0.001, -0.002),
+        # As a damaged file states it: to where no square of a distance is a number.
+        *(((0.0, 0.0, HALF + 0.02), (far, 0.0, far), 0.01, 0.01, 0.01) for far in (1e160, 1e300, np.inf)),
+    ],
+)
+def test_known_distances(
+    a: tuple[float, ...], b: tuple[float, ...], radius_a: float, radius_b: float, expected: float
+) -> None:
+    assert distance(CUBE_BVH, np.array(a), np.array(b), radius_a, radius_b) == pytest.approx(expected, abs=1e-15)
 
 
 def test_a_cylinder_across_an_edge() -> None:
@@ -60,16 +74,9 @@ def test_a_cylinder_across_an_edge() -> None:
         assert -0.001 - 1e-15 <= found <= -0.001 + (0.5 * RESOLUTION) ** 2 / (2 * 0.009)
 
 
-def test_a_cone_whose_axis_is_inside() -> None:
-    a, b = np.array([0.0, 0.0, 0.03]), np.array([0.0, 0.0, 0.08])
-    assert distance(CUBE_BVH, a, b, 0.01, 0.005) == pytest.approx(-0.03)
-    # Through the middle and out again: as deep as the cube's own middle.
+def test_an_axis_through_the_middle_is_as_deep_as_that() -> None:
+    b = np.array([0.0, 0.0, 0.08])
     assert distance(CUBE_BVH, -b, b, 0.01, 0.01) == pytest.approx(-HALF - 0.01, abs=0.5 * RESOLUTION)
-
-
-def test_a_cone_that_is_a_sphere() -> None:
-    for b in ([0.0, 0.0, 0.06], [0.0, 0.0, 0.061]):
-        assert distance(CUBE_BVH, np.array([0.0, 0.0, 0.06]), np.array(b), 0.012, 0.001) == pytest.approx(-0.002)
 
 
 def test_the_limit_stands_for_what_is_farther() -> None:
@@ -164,10 +171,3 @@ def test_an_axis_longer_than_its_digits_ends() -> None:
     """Halves whose middles are one number are not halved for ever: near the cube this axis has no other."""
     start, end = [-2.4369528207414678e-245, -4.1023278619213385e22, -1.4820648106550881e116], [0.0, 0.0, 6.24638296e104]
     assert distance(CUBE_BVH, np.array(start), np.array(end), 0.01, 0.01, 0.02) == 0.02
-
-
-@pytest.mark.parametrize("far", [1e160, 1e300, np.inf])
-def test_an_axis_of_any_length_ends(far: float) -> None:
-    """As a damaged file states it: from a point above the cube to where no square of a distance is a number."""
-    found = distance(CUBE_BVH, np.array([0.0, 0.0, HALF + 0.02]), np.array([far, 0.0, far]), 0.01, 0.01)
-    assert found == pytest.approx(0.01)

@@ -93,18 +93,6 @@ def random_hands(ticks: int, seed: int) -> PlacedHands:
     return PlacedHands(joints, position, np.ascontiguousarray(turn.as_matrix()))
 
 
-def test_depths_of_the_real_hand_equal_brute_force() -> None:
-    rng = np.random.default_rng(1)
-    center = rng.normal(size=(200, 3))
-    center *= 0.035 / np.linalg.norm(center, axis=1)[:, None]
-    radius, hands = rng.uniform(0.002, 0.006, size=200), random_hands(12, 2)
-    for values, expected in zip(
-        run(SHAPE, tree_of(center, radius), hands, 0.0), brute_force(SHAPE, center, radius, hands)
-    ):
-        assert (expected < 0.0).any() and (expected > 0.0).any()
-        np.testing.assert_allclose(values, np.minimum(expected, 0.0), atol=1e-12)
-
-
 def test_known_depths() -> None:
     # A ball of 30 mm, 1 mm into the tip of the straight index finger, ahead of it on its axis.
     joints = HAND.joints(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros((5, 3)), np.zeros(5))[None]

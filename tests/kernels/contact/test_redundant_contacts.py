@@ -4,17 +4,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_scenes import RIGHT, ROOT, row_matrix
+from contact_scenes import RIGHT, ROOT, assert_grouped, in_contact, row_matrix
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sphere_scenes import PALM, Motion, brute_pairs, bumpy_ball, set_pose, sphere_tree, still
+from sphere_scenes import PALM, brute_pairs, bumpy_ball, sphere_tree
 
 from hhsim.arrays import FloatArray
-from hhsim.kernels.contact.detection import CONTACT_ROWS, evaluate, find_contacts
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.contact.linearise import build_rows
 from hhsim.kernels.contact.redundant_contacts import FEWEST, drop_redundant_contacts
 from hhsim.kernels.hand.kinematics import motion_bounds
-from hhsim.solver.workspace import tick_state
+from hhsim.motion.analytic_motion import still
 from hhsim.trees.sphere_tree import SphereTree
 
 REACH = 1e-3
@@ -22,16 +23,7 @@ OFFSET = 5e-7
 FIELDS = ("body", "key", "distance", "hand_radius", "object_radius", "slides")
 
 
-def in_contact(tree: SphereTree, at: Motion, reach: float) -> Any:
-    state = tick_state(ROOT**2)[0]
-    set_pose(RIGHT, state.pose, at)
-    arrays = RIGHT.arrays()
-    assert evaluate(arrays, state.pose, tree.arrays(), reach, reach, 0.0, state.candidates, state.work) == 0
-    assert find_contacts(tree.arrays(), arrays, state.pose, state.candidates, reach, state.contacts) == 0
-    return state
-
-
-def on_a_patch(seed: int, leaves: int) -> tuple[SphereTree, Motion]:
+def on_a_patch(seed: int, leaves: int) -> tuple[SphereTree, HandConfiguration]:
     """A hand that lies on a ball of overlapping spheres, less than half a millimetre off it."""
     random = np.random.default_rng(seed)
     tree = bumpy_ball(leaves)
@@ -40,12 +32,12 @@ def on_a_patch(seed: int, leaves: int) -> tuple[SphereTree, Motion]:
     low, high = 0.0, 0.2
     for _ in range(40):
         height = 0.5 * (low + high)
-        at = still(1, [0.0, along, height], flexion=flexion)
+        at = still([0.0, along, height], flexion=flexion)
         if brute_pairs(RIGHT, tree.leaf_center, tree.leaf_radius, at).min() > gap:
             high = height
         else:
             low = height
-    return tree, still(1, [0.0, along, high], flexion=flexion)
+    return tree, still([0.0, along, high], flexion=flexion)
 
 
 def rows(state: Any) -> tuple[FloatArray, FloatArray, list[int]]:
@@ -66,7 +58,7 @@ def bounded_step(random: np.random.Generator, pose: Any, bodies: set[int], reach
 @given(st.integers(0, 2**32 - 1), st.sampled_from([300, 1000, 3000]), st.sampled_from([REACH, 0.2 * REACH]))
 def test_every_dropped_row_follows_from_the_kept_ones(seed: int, leaves: int, reach: float) -> None:
     tree, at = on_a_patch(seed, leaves)
-    state = in_contact(tree, at, reach)
+    state = in_contact(RIGHT, tree.arrays(), at, reach)
     matrix, rhs, keys = rows(state)
     drop_redundant_contacts(RIGHT.arrays(), reach, state.contacts, np.zeros(CONTACT_ROWS))
     _, _, kept = rows(state)
@@ -91,7 +83,7 @@ def test_patches_of_many_spheres_lose_most_of_their_rows_and_keep_their_nearest(
     dropped = total = 0
     for seed in range(8):
         tree, at = on_a_patch(seed, 3000)
-        state = in_contact(tree, at, REACH)
+        state = in_contact(RIGHT, tree.arrays(), at, REACH)
         before = int(state.contacts.start[-1])
         records = {name: np.array(state.contacts[name][:before]) for name in FIELDS}
         points, normals = np.array(state.contacts.point[:, :before]), np.array(state.contacts.normal[:, :before])
@@ -109,25 +101,18 @@ def test_patches_of_many_spheres_lose_most_of_their_rows_and_keep_their_nearest(
             kept = np.isin(np.flatnonzero(own), chosen)
             assert kept[np.argmin(records["distance"][own])]
             assert own.sum() >= FEWEST or kept.all()
-        groups = np.array([np.searchsorted(state.contacts.body[:after], 0), *state.contacts.start[1:]])
-        for f in range(5):
-            bodies = state.contacts.body[groups[f + 1] : groups[f + 2]]
-            assert ((bodies // 3 == f) & (bodies < PALM)).all()
-            for k in range(3):
-                first = groups[f + 1] if k == 0 else state.contacts.phalanx_end[f, k - 1]
-                assert (state.contacts.body[first : state.contacts.phalanx_end[f, k]] == 3 * f + k).all()
-        assert (state.contacts.body[: state.contacts.start[1]] == PALM).all()
+        assert_grouped(state.contacts)
         dropped, total = dropped + before - after, total + before
     assert dropped > 0.5 * total
 
 
 @pytest.mark.parametrize("copies", [FEWEST, 500])
 def test_of_duplicates_one_is_left(copies: int) -> None:
-    at = still(1, [0.0, 0.0, 0.0])
-    joints = RIGHT.joints(*(values[0] for values in at))
+    at = still([0.0, 0.0, 0.0])
+    joints = RIGHT.joints(*at.at(0))
     below = joints[1, 3] - [0.0, 0.0, RIGHT.radius[1, 3] + 5e-3 + 1e-4]
     tree = sphere_tree(np.repeat(below[None], copies, axis=0), np.full(copies, 5e-3))
-    state = in_contact(tree, at, REACH)
+    state = in_contact(RIGHT, tree.arrays(), at, REACH)
     tips = state.contacts.body[: state.contacts.start[-1]] == 5
     assert tips.sum() == copies
     drop_redundant_contacts(RIGHT.arrays(), REACH, state.contacts, np.zeros(CONTACT_ROWS))

@@ -1,6 +1,7 @@
 """A free object's known answers: each within 1 %, or within what implicit Euler says."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import trimesh
 from free_scenes import GRAVITY, box, far_hand, gripped, solver_of, squeeze_of, tongs_at
 
 from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
@@ -22,13 +24,18 @@ def tilted(degrees: float) -> tuple[float, float, float]:
     return (GRAVITY * float(np.sin(angle)), 0.0, -GRAVITY * float(np.cos(angle)))
 
 
+def alone(mesh: Mesh, ticks: int, **free: Any) -> tuple[TickRecord, Any]:
+    """What the ticks of an object without a hand near it record."""
+    solver = solver_of(mesh, FreeObject.of_mesh(mesh, **free))
+    return solver.run(*far_hand(ticks)), solver.object_ticks
+
+
+BLOCK = box((0.05, 0.05, 0.05))
+
+
 def test_a_block_slides_down_a_slope_as_coulomb_says() -> None:
-    mesh = box((0.05, 0.05, 0.05))
-    free = FreeObject.of_mesh(mesh, mass=0.1, friction=0.3, table=-0.025, gravity=tilted(30.0))
     ticks = 300
-    solver = solver_of(mesh, free)
-    record = solver.run(*far_hand(ticks))
-    moved = solver.object_ticks
+    record, moved = alone(BLOCK, ticks, mass=0.1, friction=0.3, table=-0.025, gravity=tilted(30.0))
     slide = GRAVITY * (np.sin(np.radians(30.0)) - 0.3 * np.cos(np.radians(30.0)))
     assert moved.shift[-1, 0] == pytest.approx(slide * DT**2 * ticks * (ticks + 1) / 2, rel=2e-3)
     assert moved.table_distance.min() >= 0.0
@@ -39,10 +46,7 @@ def test_a_block_slides_down_a_slope_as_coulomb_says() -> None:
 
 
 def test_a_block_that_friction_holds_stays_to_the_bit() -> None:
-    mesh = box((0.05, 0.05, 0.05))
-    solver = solver_of(mesh, FreeObject.of_mesh(mesh, mass=0.1, friction=0.6, table=-0.025, gravity=tilted(30.0)))
-    solver.run(*far_hand(1000))
-    moved = solver.object_ticks
+    _, moved = alone(BLOCK, 1000, mass=0.1, friction=0.6, table=-0.025, gravity=tilted(30.0))
     assert (moved.shift == moved.shift[0]).all() and (moved.turn == moved.turn[0]).all()
     assert moved.table_wrench[-1, 0] == pytest.approx(-0.1 * tilted(30.0)[0], rel=1e-4)
 
@@ -50,8 +54,7 @@ def test_a_block_that_friction_holds_stays_to_the_bit() -> None:
 @pytest.mark.soak
 @pytest.mark.parametrize("mass", [1e-3, 0.1, 10.0])
 def test_a_box_at_rest_for_ten_minutes_moves_by_less_than_a_nanometre(mass: float) -> None:
-    mesh = box((0.05, 0.05, 0.05))
-    solver = solver_of(mesh, FreeObject.of_mesh(mesh, mass=mass, table=-0.025))
+    solver = solver_of(BLOCK, FreeObject.of_mesh(BLOCK, mass=mass, table=-0.025))
     first = None
     for _ in range(60):
         solver.run(*far_hand(10_000))
@@ -193,12 +196,8 @@ def test_what_slips_out_of_the_tongs_rubs_with_all_of_its_load_and_keeps_newton(
 def test_what_has_tumbled_rests_and_its_table_bears_its_weight() -> None:
     mass = 0.3
     mesh = box((0.1, 0.06, 0.02))
-    free = FreeObject.of_mesh(
-        mesh, mass=mass, friction=0.5, table=-0.3, velocity=(0.5, 0.0, 0.0), angular_velocity=(3.0, 5.0, 0.5)
-    )
-    solver = solver_of(mesh, free)
-    solver.run(*far_hand(800))
-    moved = solver.object_ticks
+    moving = {"velocity": (0.5, 0.0, 0.0), "angular_velocity": (3.0, 5.0, 0.5)}
+    _, moved = alone(mesh, 800, mass=mass, friction=0.5, table=-0.3, **moving)
     resting = slice(-100, None)
     assert (moved.shift[resting] == moved.shift[-1]).all()
     assert np.abs(moved.table_wrench[resting, 2] - mass * GRAVITY).max() < 1e-10
@@ -217,11 +216,8 @@ def nearly_flat(radius: float, thick: float, curvature: float) -> Mesh:
 @pytest.mark.parametrize("curvature", [30.0, 100.0])
 def test_what_is_nearly_flat_rocks_on_its_table_and_is_never_stuck(curvature: float) -> None:
     mesh = nearly_flat(0.03, 0.02, curvature)
-    free = FreeObject.of_mesh(
-        mesh, mass=0.1, friction=0.1, table=-1e-4, velocity=(0.05, 0.0, 0.0), angular_velocity=(1.0, 0.5, 0.0)
-    )
-    solver = solver_of(mesh, free)
-    record = solver.run(*far_hand(100))
+    moving = {"velocity": (0.05, 0.0, 0.0), "angular_velocity": (1.0, 0.5, 0.0)}
+    record, moved = alone(mesh, 100, mass=0.1, friction=0.1, table=-1e-4, **moving)
     assert (record.status == 0).all()
-    assert solver.object_ticks.table_distance.min() >= 0.0
-    assert solver.object_ticks.shift[-1, 0] > 1e-3
+    assert moved.table_distance.min() >= 0.0
+    assert moved.shift[-1, 0] > 1e-3

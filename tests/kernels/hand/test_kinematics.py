@@ -215,21 +215,6 @@ def test_a_small_step_is_bounded_by_what_the_ends_move(seed: int, side: Side) ->
     np.testing.assert_allclose(bound[PALM_BODY], np.linalg.norm(turned - corners, axis=1).max(), rtol=1e-3)
 
 
-def test_bound_is_reached() -> None:
-    """A bound that a straight finger or a plain shift reaches cannot be made smaller."""
-    hand, small = HANDS["right"], 1e-4
-    straight = Pose(np.zeros(3), Rotation.identity(), np.zeros((5, 3)), np.zeros(5))
-    shift, flex = np.zeros(DOF), np.zeros(DOF)
-    shift[:3], flex[6::3] = (0.3, -0.4, 1.2), small
-    np.testing.assert_allclose(bounds(hand, straight, shift, np.zeros(5)), 1.3, rtol=1e-15)
-    for step, spread in ((flex, np.zeros(5)), (np.zeros(DOF), np.full(5, small))):
-        bound = bounds(hand, straight, step, spread)
-        ahead, here = (place(hand, pose).joints for pose in (moved(straight, step, spread), straight))
-        travelled = np.linalg.norm(ahead - here, axis=2)
-        np.testing.assert_allclose(bound[:PALM_BODY].reshape(5, 3), travelled[:, 1:], rtol=1e-6)
-        assert bound[PALM_BODY] == 0.0
-
-
 @pytest.mark.parametrize("about", ["flexion", "abduction"])
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_bound_is_reached_to_second_order(side: Side, about: str) -> None:

@@ -1,4 +1,6 @@
-"""Deadlines follow samples: to where ticks can begin with them if they have a phase, and nowhere if they have none."""
+"""Deadlines in compiled code: none is left early, they follow samples that have a phase, and none that have none."""
+
+import time
 
 import numpy as np
 import pytest
@@ -6,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.kernels.live.deadlines import EARLIEST
+from hhsim.kernels.live.deadlines import EARLIEST, PASSED, wait_periods
 from hhsim.kernels.live.phase import (
     AFTER_MEAN,
     LARGEST_SHIFT,
@@ -16,7 +18,35 @@ from hhsim.kernels.live.phase import (
     count_phase,
     deadline_shift,
 )
+from hhsim.live.loop.records import deadline_record
 from hhsim.solver.workspace import zeroed
+
+
+def test_no_deadline_is_left_early() -> None:
+    late = np.full(20, -7, np.int64)
+    deadlines = deadline_record(1_000_000, time.monotonic_ns())[0]
+    wait_periods(deadlines, np.zeros(1, np.int64))
+    began = time.monotonic_ns()
+    missed = wait_periods(deadlines, late)
+    took = time.monotonic_ns() - began
+    assert (late >= PASSED).all()
+    assert np.count_nonzero(late == PASSED) <= missed
+    assert took >= 20 * 1_000_000 + max(0, late[-1])
+
+
+def test_what_has_passed_is_left_out_and_counted() -> None:
+    # No machine wakes a thread a thousand times in a millisecond by its timer.
+    late = np.zeros(1_000, np.int64)
+    deadlines = deadline_record(1_000, time.monotonic_ns())[0]
+    missed = wait_periods(deadlines, late)
+    passed = late == PASSED
+    assert missed >= np.count_nonzero(passed) > 0
+    assert deadlines.tick + 1 >= len(late)
+    assert missed == deadlines.missed_total
+    for i in np.flatnonzero(~passed):
+        following = passed[i + 1 : i + 1 + late[i] // 1_000]
+        assert following.all(), "every deadline in the time overslept has passed"
+
 
 PERIOD = 1_000_000
 LONG_AGO = 7_000_000_000_123
@@ -83,8 +113,8 @@ def test_the_mean_is_that_of_the_directions(handed: list[int], deadline: int) ->
     phase = zeroed(PHASE)[0]
     ways = np.exp(2j * np.pi * np.array(handed) / PERIOD)
     first = round(1.0 / WEIGHT)
-    for time in handed:
-        count_phase(phase, time, PERIOD)
+    for sample in handed:
+        count_phase(phase, sample, PERIOD)
     mean = ways[:first].mean()
     for way in ways[first:]:
         mean = (1.0 - WEIGHT) * mean + WEIGHT * way

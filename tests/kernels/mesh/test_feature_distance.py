@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mesh_oracle import Cones, along_axes, random_cones, to_line, to_segment, to_triangle
+from mesh_oracle import Cones, along_axes, least_of_features, random_cones, to_line, to_segment, to_triangle
 from numpy.typing import NDArray
 from sampled import sampled
 from scipy.spatial.transform import Rotation
@@ -58,14 +58,6 @@ def random_triangles(random: np.random.Generator, count: int) -> FloatArray:
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         found = np.concatenate([found, corners[area > 0.03 * sides**2]])
     return found[:count]
-
-
-def least_of_features(mesh: MeshFeatures, cones: Cones, i: int) -> float:
-    """The least distance [m] of all features by the kernels."""
-    cone = cones.kernel(i)
-    found = [face_distance(mesh.face, k, cone) for k in range(len(mesh.face))]
-    found += [edge_distance(mesh.edge, k, cone)[0] for k in range(len(mesh.edge))]
-    return min(found + [vertex_distance(mesh.vertex, k, cone)[0] for k in range(len(mesh.vertex))])
 
 
 def crossing(cones: Cones, corners: FloatArray) -> NDArray[np.bool_]:
@@ -129,7 +121,7 @@ def check_pairs(count: int, seed: int) -> int:
     for i in range(count):
         mesh = alone(corners[i])
         assert cone_distance(mesh, cones.kernel(i), math.inf, STACK) == pytest.approx(expected[i], abs=EXACT)
-        least = least_of_features(mesh, cones, i)
+        least = least_of_features(mesh, cones.kernel(i))
         # Where the axis goes through, a face knows nothing of it: it is never asked about a body that deep.
         assert least >= expected[i] - EXACT
         if not through[i]:
@@ -229,7 +221,7 @@ def test_slivers(seed: int, aspect: float) -> None:
             continue
         tolerance = 1e-10 + (0.0 if aspect <= 1e3 else height**2 / 1e-3)
         assert cone_distance(mesh, cones.kernel(i), math.inf, STACK) == pytest.approx(expected[i], abs=tolerance)
-        assert least_of_features(mesh, cones, i) == pytest.approx(expected[i], abs=tolerance)
+        assert least_of_features(mesh, cones.kernel(i)) == pytest.approx(expected[i], abs=tolerance)
         judged += 1
     assert judged >= 4
 

@@ -1,14 +1,21 @@
-"""The winding kernel against arctangents in numpy and against solids whose inside is known."""
+"""The winding kernels against arctangents in numpy and solids whose inside is known, and three rays against them."""
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mesh_oracle import by_arctangents
+from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.kernels.jit import JIT_ENABLED
+from hhsim.kernels.jit import JIT_ENABLED, jit_allocating
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.kernels.mesh.features import MeshFeatures
+from hhsim.kernels.mesh.ray_winding import DIRECTIONS, is_surrounded
 from hhsim.kernels.mesh.winding_number import fast_winding_numbers, winding_moments, winding_numbers
+from hhsim.kernels.sphere_tree import STACK_SIZE
+from hhsim.mesh.features import mesh_features
 from tools.shapes.generators import cube, cup, rock, sphere
 
 
@@ -16,15 +23,6 @@ def winding(triangles: FloatArray, points: FloatArray) -> FloatArray:
     result = np.full(len(points), np.nan)
     winding_numbers(np.ascontiguousarray(triangles), np.ascontiguousarray(points), result)
     return result
-
-
-def by_arctangents(triangles: FloatArray, points: FloatArray) -> FloatArray:
-    """Van Oosterom and Strackee's formula, one arctangent a triangle."""
-    a, b, c = (triangles[None, :, corner] - points[:, None] for corner in range(3))
-    la, lb, lc = (np.linalg.norm(side, axis=2) for side in (a, b, c))
-    n = np.einsum("pti,pti->pt", a, np.cross(b, c))
-    ab, bc, ca = (np.einsum("pti,pti->pt", first, second) for first, second in ((a, b), (b, c), (c, a)))
-    return np.asarray(np.arctan2(n, la * lb * lc + ab * lc + bc * la + ca * lb).sum(axis=1) / (2.0 * np.pi))
 
 
 @settings(max_examples=40)
@@ -45,23 +43,6 @@ def test_inside_of_a_cube_by_its_coordinates() -> None:
     inside = (np.abs(points) < 0.035).all(axis=1)
     assert inside.any()
     np.testing.assert_allclose(winding(cube(0.07).triangles, points), inside, atol=1e-12)
-
-
-def test_inside_of_a_sphere_by_its_radius() -> None:
-    mesh = sphere(0.08, subdivisions=3)
-    points = np.random.default_rng(2).uniform(-0.05, 0.05, size=(2000, 3))
-    radius = np.linalg.norm(points, axis=1)
-    # Between the inscribed and the circumscribed ball the triangles decide.
-    clear = np.abs(radius - 0.04) > 0.0005
-    np.testing.assert_allclose(winding(mesh.triangles, points)[clear], (radius < 0.04)[clear], atol=1e-12)
-
-
-def test_two_layers_count_twice_and_an_open_surface_in_part() -> None:
-    triangles = sphere(0.08, subdivisions=2).triangles
-    center = np.zeros((1, 3))
-    assert winding(np.concatenate([triangles, triangles]), center)[0] == pytest.approx(2.0, abs=1e-12)
-    half = triangles[triangles.mean(axis=1)[:, 2] > 0.0]
-    assert 0.4 < winding(half, center)[0] < 0.6
 
 
 def test_degenerate_triangles_and_points_on_the_surface_stay_finite() -> None:
@@ -136,3 +117,41 @@ def test_one_signature() -> None:
     winding(np.eye(3)[None], np.zeros((1, 3)))
     assert len(fast_winding_numbers.signatures) == 1  # type: ignore[attr-defined]
     assert len(winding_numbers.signatures) == 1  # type: ignore[attr-defined]
+
+
+@jit_allocating
+def surrounded(mesh: MeshFeatures, points: NDArray[np.float64], found_out: NDArray[np.bool_]) -> None:
+    stack = np.empty(STACK_SIZE, np.int64)
+    for i in range(points.shape[0]):
+        found_out[i] = is_surrounded(
+            mesh.spheres, mesh.corner, mesh.multiplicity, points[i, 0], points[i, 1], points[i, 2], stack
+        )
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_rays_count_as_solid_angles_do_also_where_parts_overlap_or_are_inside_out(turned: bool) -> None:
+    ball, ring = trimesh.creation.icosphere(3, 0.04), trimesh.creation.torus(0.04, 0.015)
+    faces = np.asarray(ring.faces)[:, ::-1] if turned else np.asarray(ring.faces)
+    vertices = np.concatenate([ball.vertices, np.asarray(ring.vertices) + [0.01, 0.0, 0.0]])
+    faces = np.concatenate([ball.faces, faces + len(ball.vertices)]).astype(np.int64)
+    mesh, _ = mesh_features(vertices, faces, closed=True)
+    points = np.random.default_rng(1).uniform(-0.07, 0.07, (4000, 3))
+    winding, found = np.empty(len(points)), np.empty(len(points), dtype=bool)
+    winding_numbers(np.ascontiguousarray(vertices[faces]), points, winding)
+    surrounded(mesh, points, found)
+    np.testing.assert_array_equal(found, winding > 0.5)
+    assert set(np.round(winding)) == ({-1.0, 0.0, 1.0} if turned else {0.0, 1.0, 2.0})
+
+
+def test_two_rays_outvote_one_that_meets_a_corner() -> None:
+    # The first ray from the middle goes through a corner, which all or none of its four faces have.
+    square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    middles = [[0.0, 0.0, -1.0], (np.array(DIRECTIONS[0]) / max(DIRECTIONS[0])).tolist()]
+    vertices = [[x, y, z] for z in (-1.0, 1.0) for x, y in square] + middles
+    faces = []
+    for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):
+        faces += [[i, j, j + 4], [i, j + 4, i + 4], [j, i, 8], [i + 4, j + 4, 9]]
+    mesh, _ = mesh_features(0.05 * np.array(vertices), np.array(faces), closed=True)
+    points, found = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.06], [0.06, 0.0, 0.0]]), np.empty(3, dtype=bool)
+    surrounded(mesh, points, found)
+    np.testing.assert_array_equal(found, [True, False, False])

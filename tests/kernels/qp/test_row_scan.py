@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from qp_problems import kernel_rows
 
+from hhsim.bench.qp.program import Program
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.qp.active_set import CAPACITY, N_MAX
@@ -47,16 +49,13 @@ def test_lengths_and_violations_are_those_of_the_dense_matrix(
     blocks = rng.integers(0, 2, size=len(sizes)) if with_block else np.zeros(len(sizes), dtype=np.int64)
     offset = np.where(blocks > 0, n_common + 3 * np.arange(len(sizes)), -1)
     n = n_common + 3 * len(sizes)
-    common, block = rng.normal(size=(max(n_common, 1), rows)), rng.normal(size=(3, rows))
-    rhs, x = rng.normal(size=rows), rng.normal(size=n)
-    dense = np.zeros((rows, n))
-    dense[:, :n_common] = common[:n_common].T
-    for a, b, first in zip(start, stop, offset):
-        if first >= 0:
-            dense[a:b, first : first + 3] = block[:, a:b].T
+    common, block = rng.normal(size=(n_common, rows)), rng.normal(size=(3, rows))
+    rhs, x, none = rng.normal(size=rows), rng.normal(size=n), np.empty(0, np.int64)
+    plain = Program("", common, block, rhs, np.array([start, stop, offset]), x, 0.0, 0.0, none)
+    dense = plain.matrix
     used = np.concatenate([np.arange(a, b) for a, b in zip(start, stop)])
     inverse_norm, violation = np.full(rows, np.nan), np.full(rows, np.nan)
-    program = kind(n_common, common, block, rhs, start, stop, offset)
+    program = kernel_rows(plain, kind)
     row_lengths(program, inverse_norm)
     row_violations(program, x, inverse_norm, violation)
     norm = np.linalg.norm(dense, axis=1)

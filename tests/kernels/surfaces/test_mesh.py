@@ -5,28 +5,28 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 import pytest
 import trimesh
-from contact_scenes import moved
+from contact_scenes import in_contact, moved
 from hypothesis import given
 from hypothesis import strategies as st
-from mesh_oracle import Cones, along_axes, from_triangles
+from mesh_oracle import Cones, along_axes, from_triangles, least_of_features
 from numpy.typing import NDArray
 from sampled import sampled
 from scipy.spatial.transform import Rotation
-from sphere_scenes import PALM, Motion, palm_spheres, pose_of, prepared, random_hand, set_pose, still
+from sphere_scenes import PALM, palm_spheres, pose_of, prepared, random_hand, set_pose
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
-from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import COUNT_GATHERS, evaluate, find_contacts
+from hhsim.kernels.contact.detection import evaluate, find_contacts
 from hhsim.kernels.contact.surface import cone_distance
-from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF
+from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
-from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, line_witness, vertex_distance
+from hhsim.kernels.mesh.feature_distance import line_witness, vertex_distance
 from hhsim.kernels.mesh.features import ALONG, MeshFeatures
 from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
@@ -36,6 +36,7 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.features import mesh_features
 from hhsim.metrics.mesh_penetration import mesh_clearance
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.qp import QpProblem, QpStatus, solve
@@ -80,10 +81,7 @@ def under_the_finger(place: FloatArray, faces: Any, *, closed: bool = False) -> 
 
 def finger_rows(mesh: MeshFeatures) -> dict[str, FloatArray]:
     """Rows of the middle phalanx of the index of a straight hand at the origin; points in the frame of its axis."""
-    state = new_state()
-    set_pose(HAND, state.pose, still(1, np.zeros(3)))
-    assert evaluate(ARRAYS, state.pose, mesh, MARGIN, MARGIN, SKIN, state.candidates, state.work) == 0
-    assert find_contacts(mesh, ARRAYS, state.pose, state.candidates, MARGIN, state.contacts) == 0
+    state = in_contact(HAND, mesh, still(np.zeros(3)), MARGIN, SKIN)
     contacts = state.contacts
     rows = np.flatnonzero(contacts.body[: contacts.start[-1]] == INDEX_MIDDLE)
     along = (contacts.point[:, rows].T - state.pose.joints[1, 1]) @ state.pose.direction[1, 1]
@@ -238,12 +236,12 @@ def fitted_sheet(square: float, gap: float, away: float) -> MeshFeatures:
 
 def listed_at(mesh: MeshFeatures, needed: float) -> tuple[Any, int]:
     """The lists of the straight hand, and how many features the middle phalanx of the index has."""
-    state, straight = new_state(), still(1, np.zeros(3))
+    state, straight = new_state(), still(np.zeros(3))
     set_pose(HAND, state.pose, straight)
     assert evaluate(ARRAYS, state.pose, mesh, needed, MARGIN, SKIN, state.candidates, state.work) == 0
     candidates, middle = state.candidates, INDEX_MIDDLE
     cone = bodies(straight).kernel(middle)
-    assert candidates.nearest[middle] == pytest.approx(_least_of_all(mesh, cone), abs=FREE_OF_ROUNDING)
+    assert candidates.nearest[middle] == pytest.approx(least_of_features(mesh, cone), abs=FREE_OF_ROUNDING)
     return candidates, candidates.faces[middle] + candidates.edges[middle] + candidates.vertices[middle]
 
 
@@ -262,21 +260,9 @@ def test_more_triangles_than_there_is_room_for_make_the_steps_short_and_no_error
     assert 1e-5 <= candidates.slack[INDEX_MIDDLE] < 1e-3
 
 
-@numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
-def _least_of_all(mesh: MeshFeatures, cone: RoundCone) -> float:
-    least = np.inf
-    for i in range(mesh.face.shape[0]):
-        least = min(least, face_distance(mesh.face, i, cone))
-    for i in range(mesh.edge.shape[0]):
-        least = min(least, edge_distance(mesh.edge, i, cone)[0])
-    for i in range(mesh.vertex.shape[0]):
-        least = min(least, vertex_distance(mesh.vertex, i, cone)[0])
-    return least
-
-
-def bodies(motion: Motion, tick: int = 0) -> Cones:
+def bodies(motion: HandConfiguration, tick: int = 0) -> Cones:
     """The phalanges, then the palm's spheres."""
-    joints = HAND.joints(*(values[tick] for values in motion))
+    joints = HAND.joints(*motion.at(tick))
     palm = palm_spheres(HAND.palm_tree.leaf_center, motion.position[tick][None], motion.orientation[tick][None])[0]
     radius = HAND.palm_tree.leaf_radius
     return Cones(
@@ -304,19 +290,13 @@ def catalogue(name: str) -> tuple[FloatArray, IntArray]:
     return mesh.vertices, mesh.faces
 
 
-def torus() -> tuple[FloatArray, IntArray]:
-    shape = trimesh.creation.torus(0.04, 0.012)
-    return np.asarray(shape.vertices), np.asarray(shape.faces, np.int64)
-
-
 CLOSED: dict[str, Callable[[], tuple[FloatArray, IntArray]]] = {
-    **{name: partial(catalogue, name) for name in ("bunny", "cup", "teapot", "cube")},
-    "torus": torus,
+    name: partial(catalogue, name) for name in ("cup", "cube")
 }
 OPEN: dict[str, Callable[[], tuple[FloatArray, IntArray]]] = {"sheet": sheet, "soup": soup}
 
 
-def least_by_search(motion: Motion, triangles: FloatArray, tick: int = 0) -> FloatArray:
+def least_by_search(motion: HandConfiguration, triangles: FloatArray, tick: int = 0) -> FloatArray:
     """Distance [m] of each body to the nearest of a few triangles, shape (15 + palm's spheres,)."""
     cones = bodies(motion, tick)
     count = len(triangles)
@@ -326,67 +306,7 @@ def least_by_search(motion: Motion, triangles: FloatArray, tick: int = 0) -> Flo
     return np.asarray(np.concatenate([phalanges, palm]).min(axis=1))
 
 
-def placed(motion: Motion) -> PlacedHand:
-    return forward_kinematics(HAND, *motion)
-
-
-@pytest.mark.parametrize("name", sampled([*CLOSED, *OPEN], lambda _, name: name in ("bunny", "sheet")))
-def test_lists_hold_the_nearest_feature_of_every_body_wherever_the_hand_goes(name: str) -> None:
-    vertices, faces = {**CLOSED, **OPEN}[name]()
-    closed = name in CLOSED
-    mesh, _ = mesh_features(vertices, faces, closed=closed)
-    bvh = build_mesh_bvh(vertices, faces) if closed else None
-    random = np.random.default_rng(11)
-    judged = near = gathers = 0
-    for _ in range(4):
-        at = random_hand(random, HAND, 0.03)
-        # Out of the object along a random way, and back until something is within a millimetre or two.
-        way = random.normal(size=3)
-        way /= np.linalg.norm(way)
-
-        def clearance(motion: Motion) -> float:
-            return soup_clearance(motion, mesh) if bvh is None else float(mesh_clearance(bvh, SHAPE, placed(motion))[0])
-
-        low, high = 0.0, 0.3
-        for _ in range(9):
-            middle = 0.5 * (low + high)
-            inside = clearance(at._replace(position=at.position + middle * way)) < 0.0
-            low, high = (middle, high) if inside else (low, middle)
-        at = at._replace(position=at.position + high * way)
-        state = new_state()
-        gathers_before = int(state.work[COUNT_GATHERS])
-        for _ in range(25):
-            size = 10.0 ** random.uniform(-5.0, -1.8)
-            step = random.normal(size=DOF) * size
-            step[3:] *= 4.0
-            target = moved(at, step, 4.0 * size * random.normal(size=5))
-            independent = clearance(target)
-            if not 1e-6 < independent < 6e-3:
-                continue
-            if bvh is None and len(faces) < 10:
-                independent = float(least_by_search(target, vertices[faces]).min())
-            at = target
-            set_pose(HAND, state.pose, at)
-            assert evaluate(ARRAYS, state.pose, mesh, MARGIN, MARGIN, SKIN, state.candidates, state.work) == 0
-            cones = bodies(at)
-            brute = np.array([_least_of_all(mesh, cones.kernel(i)) for i in range(len(cones.a))])
-            least = np.append(brute[:PALM], brute[PALM:].min())
-            nearest, slack = np.array(state.candidates.nearest), np.array(state.candidates.slack)
-            assert (slack >= MARGIN).all()
-            assert (nearest >= least - FREE_OF_ROUNDING).all()
-            listed = least < slack
-            np.testing.assert_allclose(nearest[listed], least[listed], rtol=0.0, atol=FREE_OF_ROUNDING)
-            if independent < 0.019:
-                assert least.min() == pytest.approx(independent, abs=1e-6)
-            judged += 1
-            near += int(listed.sum())
-        gathers += int(state.work[COUNT_GATHERS]) - gathers_before
-    assert judged > 30
-    assert near > 0.5 * judged, "hardly anything was near"
-    assert gathers < 0.9 * judged * BODY_COUNT, "the lists never last"
-
-
-def soup_clearance(motion: Motion, mesh: MeshFeatures) -> float:
+def soup_clearance(motion: HandConfiguration, mesh: MeshFeatures) -> float:
     """By the distance of a body to all triangles, which has its own test."""
     cones = bodies(motion)
     return float(min(cone_distance(mesh, cones.kernel(i), 0.05, STACK) for i in range(len(cones.a))))
@@ -429,7 +349,7 @@ def test_open_meshes_by_search_over_their_triangles(name: str) -> None:
     mesh, _ = mesh_features(vertices, faces, closed=False)
     random = np.random.default_rng(2)
     for _ in range(3):
-        motion = still(1, random.normal(0.0, 0.06, 3), Rotation.random(rng=random).as_quat(scalar_first=True))
+        motion = still(random.normal(0.0, 0.06, 3), Rotation.random(rng=random).as_quat(scalar_first=True))
         cones, expected = bodies(motion), least_by_search(motion, vertices[faces])
         for i in range(len(cones.a)):
             found = cone_distance(mesh, cones.kernel(i), np.inf, STACK)
@@ -462,7 +382,7 @@ def test_no_hand_enters_a_mesh_or_gets_stuck_at_it(name: str, method: str, ticks
             shown = PlacedHand(record.joints, record.position, record.orientation)
             clearance = mesh_clearance(bvh, SHAPE, shown, 1e-3)
         else:
-            went = Motion(record.position, record.orientation, record.flexion, record.abduction)
+            went = HandConfiguration.of(record)
             clearance = np.array([soup_clearance(went.part(i, i + 1), mesh) for i in range(0, 2000, 10)])
             for i in range(0, 2000, 100):
                 assert least_by_search(went, vertices[faces], i).min() > 0.0
@@ -497,7 +417,7 @@ class Border(NamedTuple):
     share: float  # of the axis
 
 
-def row_distance(mesh: MeshFeatures, key: int, at: Motion, border: Border | None = None) -> float:
+def row_distance(mesh: MeshFeatures, key: int, at: HandConfiguration, border: Border | None = None) -> float:
     """Distance [m] of what a row is about, from the pose alone: a plane, a line, a point against a body or its end."""
     count = len(mesh.face), len(mesh.edge)
     part, rest = divmod(key, 3 * (sum(count) + len(mesh.vertex)))
@@ -523,7 +443,7 @@ def row_distance(mesh: MeshFeatures, key: int, at: Motion, border: Border | None
     return float(vertex_distance(mesh.vertex, feature - count[1], cones.kernel(part))[0])
 
 
-def border_of(mesh: MeshFeatures, contacts: Any, row: int, at: Motion) -> Border | None:
+def border_of(mesh: MeshFeatures, contacts: Any, row: int, at: HandConfiguration) -> Border | None:
     """What a row of an edge or a corner stands for, by its record; None where that is itself, or the axis slides."""
     count = len(mesh.face), len(mesh.edge)
     part, rest = divmod(int(contacts.key[row]), 3 * (sum(count) + len(mesh.vertex)))
@@ -547,10 +467,7 @@ def test_curvature_at_faces_edges_and_vertices_is_that_of_second_differences(see
     kinds: set[tuple[bool, bool, bool]] = set()
     for _ in range(3):
         at = random_hand(random, HAND, 0.03)
-        state = new_state()
-        set_pose(HAND, state.pose, at)
-        assert evaluate(ARRAYS, state.pose, mesh, 2e-3, 2e-3, 0.0, state.candidates, state.work) == 0
-        assert find_contacts(mesh, ARRAYS, state.pose, state.candidates, 2e-3, state.contacts) == 0
+        state = in_contact(HAND, mesh, at, 2e-3)
         contacts, count = state.contacts, int(state.contacts.start[-1])
         step = random.normal(size=DOF) * np.where(np.arange(DOF) < 3, 0.05, 1.0)
         for row in random.permutation(count)[:12].tolist():
@@ -595,10 +512,10 @@ class Rows(NamedTuple):
     kept: NDArray[np.bool_]
 
 
-def all_rows(mesh: MeshFeatures, at: Motion, margin: float) -> Rows:
+def all_rows(mesh: MeshFeatures, at: HandConfiguration, margin: float) -> Rows:
     """A row for every face, edge and vertex near each body whose witness lies on it, for every end of a phalanx too."""
     cones, faces, edges = bodies(at), len(mesh.face), len(mesh.edge)
-    joints = HAND.joints(*(values[0] for values in at))
+    joints = HAND.joints(*at.at(0))
     state = new_state()
     set_pose(HAND, state.pose, at)
     key, distance, matrix, kept = [], [], [], []
@@ -693,7 +610,9 @@ def all_rows(mesh: MeshFeatures, at: Motion, margin: float) -> Rows:
     return Rows(key, np.array(distance), np.array(matrix).reshape(-1, DOF), np.array(kept, dtype=bool))
 
 
-def program(rows: Rows, chosen: NDArray[np.bool_], at: Motion, target: FloatArray, options: SolverOptions) -> QpProblem:
+def program(
+    rows: Rows, chosen: NDArray[np.bool_], at: HandConfiguration, target: FloatArray, options: SolverOptions
+) -> QpProblem:
     """The program of a linearisation with some of the rows, and the joints' limits."""
     flexion = at.flexion[0].ravel()
     free = np.eye(DOF)[6:]
@@ -721,7 +640,7 @@ def harvest(name: str, seed: int, ticks: int, every: int) -> Harvest:
     mesh, _ = mesh_features(vertices, faces, closed=name != "soup")
     options = SolverOptions(surface="mesh", budget=UNLIMITED)
     solver = HandSolver(HAND, mesh, options)
-    motion = Motion(*RandomTargets(HAND, seed, StressOptions(sweep=False)).take(ticks + every))
+    motion = HandConfiguration(*RandomTargets(HAND, seed, StressOptions(sweep=False)).take(ticks + every))
     programs = same = ghosts = 0
     for first in range(0, ticks, every):
         solver.run(*motion.part(first, first + every))

@@ -1,24 +1,29 @@
-"""Constraints of method `paper`: values as the paper prints them, rows against their finite differences."""
+"""Detection and constraints of method `paper`: the paper's Eq. 3 to 13, transcribed and asked of every pair.
 
-from typing import Any
+Rows are held against finite differences of the constraints' values as the paper prints them.
+"""
+
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from paper_frustum import frustum_excess, frustum_of
 from scipy.spatial.transform import Rotation
-from sphere_scenes import Motion, cloud, set_pose
+from sphere_scenes import cloud, palm_spheres, random_hand, set_pose
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.kernels.euler import euler_axes
-from hhsim.kernels.hand.frustum import frustum_shapes, place_frustum
+from hhsim.kernels.hand.frustum import FRUSTUM, frustum_shapes, place_frustum
 from hhsim.kernels.tick.paper import PAPER_STATE, finger_program
 from hhsim.kernels.tick.paper_constraints import limit_rows, palm_contacts, palm_rows, phalanx_contacts
-from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE, detect
+from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE, detect, finger_is_free, palm_is_free
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.options import Stiffness
 from hhsim.solver.workspace import tick_state, zeroed
 from hhsim.trees.sphere_tree import SphereTree
@@ -27,40 +32,181 @@ RIGHT = HandModel.default("right")
 LEFT = HandModel.default("left")
 ROOT = np.sqrt(Stiffness().diagonal())
 GROWTH = 2e-3
+DOUBT = 1e-12
+"""Pairs this near to a threshold [m, or relative for squares] may be called either way."""
 STEP = 1e-6
 """Of the central differences [m, rad]."""
 ACCURACY = 1e-8
 """Rounding of a squared distance of 0.1 m over the step; rows are compared as squared distances [m², m²/rad]."""
+SEEDS = st.integers(0, 2**32 - 1)
+ANGLES = st.tuples(*[st.floats(-3.1, 3.1)] * 3).map(np.array)
 
 
-def scene(seed: int, angles: FloatArray) -> tuple[HandModel, SphereTree, Motion, Any, Any]:
-    """A hand at these Euler angles among spheres, its pairs detected; some penetrate, as in the paper's method."""
-    random = np.random.default_rng(seed)
-    hand = RIGHT if seed % 2 else LEFT
-    tree = cloud(random, 150, spread=0.1)
-    at = Motion(
-        random.normal(0.0, 0.03, (1, 3)),
-        Rotation.from_euler("xyz", angles[None]).as_quat(scalar_first=True),
-        random.uniform(hand.flexion_min, hand.flexion_max, (1, 5, 3)),
-        random.uniform(hand.abduction_min, hand.abduction_max, (1, 5)),
-    )
+class Frustum(NamedTuple):
+    """The paper's symbols for a phalanx [m]: its thick bottom D, r₁, its thin one E, r₂."""
+
+    d: FloatArray
+    e: FloatArray
+    r1: float
+    r2: float
+
+
+def frustum_of(hand: HandModel, joints: FloatArray, f: int, k: int) -> Frustum:
+    """The cone between the circles where it touches the two joint spheres, constructed by their tangent."""
+    a, b = joints[f, k], joints[f, k + 1]
+    ra, rb = hand.radius[f, k], hand.radius[f, k + 1]
+    u = (b - a) / np.linalg.norm(b - a)
+    sine = (ra - rb) / np.linalg.norm(b - a)
+    cosine = math.sqrt(1.0 - sine**2)
+    return Frustum(a + ra * sine * u, b + rb * sine * u, ra * cosine, rb * cosine)
+
+
+def frustum_excess(cone: Frustum, centers: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """|OC| - |OC|_Γ (Eq. 4, 5) and k (Eq. 6) of spheres, shapes (L,)."""
+    de = cone.e - cone.d
+    length = np.linalg.norm(de)
+    distance = np.linalg.norm(np.cross(cone.d - centers, de), axis=1) / length
+    k = (centers - cone.e) @ (cone.d - cone.e) / length**2
+    phi = math.atan2(cone.r1 - cone.r2, length)
+    return distance - (radius / math.cos(phi) + k * (cone.r1 - cone.r2) + cone.r2), k
+
+
+def range_excess(cone: Frustum, k: FloatArray, radius: FloatArray, tip: bool, closed: bool) -> FloatArray:
+    """How far k is outside of its range in Eq. 7, or in Eq. 13 [m], negative inside, shape (L,)."""
+    length = float(np.linalg.norm(cone.e - cone.d))
+    sine = math.sin(math.atan2(cone.r1 - cone.r2, length))
+    low = -radius / length * (sine if tip or closed else 1.0)
+    high = 1.0 - radius * sine / length if closed else 1.0 + radius / length
+    return np.maximum(low - k, k - high) * length
+
+
+def states(hand: HandModel, at: HandConfiguration, closed: bool) -> tuple[Any, Any]:
+    """What a tick and the method keep of a hand in a place."""
     state, paper = tick_state(ROOT**2)[0], zeroed(PAPER_STATE)[0]
-    paper.closed = True
+    paper.closed = closed
     set_pose(hand, state.pose, at)
     frustum_shapes(hand.arrays(), paper.shapes)
     paper.lowest[:], paper.highest[:] = hand.flexion_min, hand.flexion_max
-    detect(hand.arrays(), hand.palm_tree.arrays(), tree.arrays(), GROWTH, state, paper)
+    return state, paper
+
+
+def detected(hand: HandModel, tree: SphereTree, growth: float, state: Any, paper: Any) -> None:
+    detect(hand.arrays(), hand.palm_tree.arrays(), tree.arrays(), growth, state, paper)
+
+
+def scene(
+    seed: int, closed: bool = True, angles: FloatArray | None = None
+) -> tuple[HandModel, SphereTree, HandConfiguration, Any, Any]:
+    """A hand, at these Euler angles if they are given, among spheres, its pairs detected; some penetrate."""
+    random = np.random.default_rng(seed)
+    hand = RIGHT if seed % 2 else LEFT
+    tree = cloud(random, int(random.integers(1, 400)), spread=0.12)
+    at = random_hand(random, hand, 0.03)
+    if angles is not None:
+        at = at._replace(orientation=Rotation.from_euler("xyz", angles[None]).as_quat(scalar_first=True))
+    state, paper = states(hand, at, closed)
+    detected(hand, tree, GROWTH, state, paper)
     return hand, tree, at, state, paper
 
 
-SEEDS = st.integers(0, 2**32 - 1)
-ANGLES = st.tuples(*[st.floats(-3.1, 3.1)] * 3).map(np.array)
+@given(SEEDS, st.booleans())
+@settings(max_examples=40)
+def test_every_pair_of_the_equations_and_no_other_is_found(seed: int, closed: bool) -> None:
+    hand, tree, at, state, paper = scene(seed, closed)
+    assert not paper.full.any()
+    joints = hand.joints(*at.at(0))
+    center, radius = tree.leaf_center, tree.leaf_radius + GROWTH
+    candidates = state.candidates
+
+    ball = np.concatenate([palm_spheres(hand.palm_tree.leaf_center, at.position, at.orientation)[0], joints[:, 0]])
+    ball_radius = np.concatenate([hand.palm_tree.leaf_radius, hand.radius[:, 0]])
+    local = np.concatenate([hand.palm_tree.leaf_center, hand.base])
+    gap = np.linalg.norm(ball[:, None] - center, axis=2) - ball_radius[:, None] - radius
+    found = np.zeros(gap.shape, int)
+    for i in range(candidates.count[15]):
+        hand_center = np.array([candidates.hand_x[i], candidates.hand_y[i], candidates.hand_z[i]])
+        object_center = np.array([candidates.object_x[i], candidates.object_y[i], candidates.object_z[i]])
+        row = np.flatnonzero((local == hand_center).all(axis=1) & (ball_radius == candidates.hand_radius[i]))
+        column = np.flatnonzero((center == object_center).all(axis=1))
+        found[row, column] += 1
+    sure = np.abs(gap) > DOUBT
+    np.testing.assert_array_equal(found[sure], (gap <= 0.0)[sure])
+
+    for f in range(5):
+        for k in range(3):
+            body = 3 * f + k
+            cone = frustum_of(hand, joints, f, k)
+            excess, along = frustum_excess(cone, center, radius)
+            outside = range_excess(cone, along, radius, k == 2, closed)
+            apart = np.linalg.norm(center - joints[f, k + 1], axis=1) - hand.radius[f, k + 1] - radius
+            frustum = (excess <= 0.0) & (outside <= 0.0)
+            kind = np.zeros(tree.leaf_count, int)
+            count = candidates.count[body]
+            leaves = candidates.leaf[body, :count] - tree.leaf_start
+            assert len(set(leaves.tolist())) == count
+            kind[leaves] = paper.kind[body, :count]
+            sure = (np.abs(excess) > DOUBT) & (np.abs(outside) > DOUBT)
+            np.testing.assert_array_equal((kind & ON_FRUSTUM > 0)[sure], frustum[sure])
+            sure = np.abs(apart) > DOUBT
+            np.testing.assert_array_equal((kind & ON_SPHERE > 0)[sure], (apart <= 0.0)[sure])
+
+
+@given(SEEDS)
+@settings(max_examples=25)
+def test_freedom_is_what_the_ungrown_hand_has(seed: int) -> None:
+    hand, tree, _, state, paper = scene(seed)
+    arrays, palm, leaves = hand.arrays(), hand.palm_tree.arrays(), tree.arrays()
+    free = palm_is_free(arrays, palm, leaves, state.pose, state, paper)
+    fingers = [finger_is_free(arrays, leaves, state.pose, f, state, paper) for f in range(5)]
+    detected(hand, tree, 0.0, state, paper)
+    assert free == (state.candidates.count[15] == 0)
+    assert fingers == [not state.candidates.count[3 * f : 3 * f + 3].any() for f in range(5)]
+
+
+@pytest.mark.parametrize("hand", [RIGHT, LEFT], ids=["right", "left"])
+def test_frustum_and_spheres_are_the_round_cone(hand: HandModel) -> None:
+    at, placed = still(np.zeros(3), flexion=0.3), zeroed(FRUSTUM)[0]
+    joints = hand.joints(*at.at(0))
+    state, paper = states(hand, at, closed=True)
+    for f in range(5):
+        for k in range(3):
+            cone = frustum_of(hand, joints, f, k)
+            place_frustum(paper.shapes, state.pose, f, k, placed)
+            np.testing.assert_allclose(placed.end, cone.e, atol=1e-15)
+            assert placed.radius == pytest.approx(cone.r2, abs=1e-15)
+            assert placed.length == pytest.approx(np.linalg.norm(cone.e - cone.d), abs=1e-15)
+            assert placed.length * placed.tangent == pytest.approx(cone.r1 - cone.r2, abs=1e-15)
+            # Each bottom is a circle on its joint's sphere, and the side is tangent to that.
+            for center, radius, bottom, size in (
+                (joints[f, k], hand.radius[f, k], cone.d, cone.r1),
+                (joints[f, k + 1], hand.radius[f, k + 1], cone.e, cone.r2),
+            ):
+                assert math.hypot(np.linalg.norm(bottom - center), size) == pytest.approx(radius, abs=1e-15)
+
+
+def test_a_large_sphere_beyond_a_joint_is_in_contact_by_the_printed_range_alone() -> None:
+    # Ahead of the middle phalanx of a bent finger, 5 mm from anything: Eq. 7 has it inside the cone's extension.
+    flexion = np.zeros((5, 3))
+    flexion[2] = [0.0, 0.0, 1.5]
+    at = still(np.zeros(3), flexion=flexion)
+    joints = RIGHT.joints(*at.at(0))
+    u = (joints[2, 2] - joints[2, 1]) / np.linalg.norm(joints[2, 2] - joints[2, 1])
+    radius = 0.02
+    up = np.array([0.0, -u[2], u[1]])
+    center = joints[2, 2] + 0.98 * radius * u + 0.97 * (radius + RIGHT.radius[2, 2]) * up
+    gap = np.linalg.norm(center - joints[2, 2]) - radius - RIGHT.radius[2, 2]
+    assert gap > 5e-3
+    tree = SphereTree(np.repeat(center[None], 2, axis=0), np.full(2, radius), np.arange(2), np.array([-1, 0]))
+    for closed, expected in ((False, 1), (True, 0)):
+        state, paper = states(RIGHT, at, closed)
+        detected(RIGHT, tree, GROWTH, state, paper)
+        assert state.candidates.count[7] == expected
 
 
 @given(SEEDS, ANGLES)
 @settings(max_examples=15)
 def test_palm_rows_are_the_first_order_of_eq_8_in_position_and_euler_angles(seed: int, angles: FloatArray) -> None:
-    _, _, at, state, _ = scene(seed, angles)
+    _, _, at, state, _ = scene(seed, angles=angles)
     candidates, count = state.candidates, int(state.candidates.count[15])
     axes = np.empty((3, 3))
     euler_axes(angles, axes)
@@ -91,7 +237,7 @@ def constraint_centres(q: FloatArray, hand_center: FloatArray) -> FloatArray:
 @given(SEEDS, ANGLES, st.integers(0, 4))
 @settings(max_examples=25)
 def test_finger_rows_are_the_first_order_of_eq_10_and_13_in_joint_angles(seed: int, angles: FloatArray, f: int) -> None:
-    hand, _, at, state, paper = scene(seed, angles)
+    hand, _, at, state, paper = scene(seed, angles=angles)
     state.haptic.flexion[f] = at.flexion[0, f] + [0.1, -0.2, 0.3]
     rows = finger_program(f, state, paper)
     candidates = state.candidates
@@ -149,11 +295,11 @@ def test_limit_rows_hold_joints_where_they_may_be() -> None:
 @settings(max_examples=15)
 def test_contacts_are_points_on_both_surfaces_with_the_round_cones_distance(seed: int, angles: FloatArray) -> None:
     # Within their ranges frustum and spheres are the round cone, whose distance is the least over the axis.
-    hand, _, at, state, paper = scene(seed, angles)
+    hand, _, at, state, paper = scene(seed, angles=angles)
     candidates, contacts = state.candidates, state.contacts
     count = palm_contacts(candidates, state.pose.position, state.pose.rotation, GROWTH, contacts)
     assert count == candidates.count[15] <= CONTACT_ROWS
-    joints = hand.joints(at.position[0], at.orientation[0], at.flexion[0], at.abduction[0])
+    joints = hand.joints(*at.at(0))
     for body in range(15):
         f, k = divmod(body, 3)
         place_frustum(paper.shapes, state.pose, f, k, paper.frustum)

@@ -1,17 +1,16 @@
 """The method `penalty` against closed forms, the energy by brute force, and inputs that provoke."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from contact_scenes import moved
+from contact_scenes import ROOT, moved, row_matrix
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from sphere_scenes import Motion, brute_pairs, bumpy_ball, random_targets, sphere_tree, still, straight_line
+from sphere_scenes import brute_pairs, bumpy_ball, random_targets, sphere_tree
 
-from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
 from hhsim.kernels.tick.penalty import LIMIT_WEIGHT
@@ -21,6 +20,7 @@ from hhsim.kernels.tick.state import (
     WORK_QP_ITERATIONS,
     WORK_TOUCHING,
 )
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.methods.penalty import PenaltyEngine
 from hhsim.solver.options import TOUCH, SolverOptions, Stiffness
@@ -29,7 +29,7 @@ from hhsim.trees.sphere_tree import SphereTree
 HAND = HandModel.default("right")
 BALL = bumpy_ball(600)
 FREE = [0.0, 0.0, 0.4]
-GRASP = still(1, [0.0, -0.045, 0.052], flexion=np.full((5, 3), 0.5))
+GRASP = still([0.0, -0.045, 0.052], flexion=0.5)
 FAR = sphere_tree(np.array([[0.0, 0.0, 100.0]]), np.array([0.01]))
 
 
@@ -37,13 +37,13 @@ def solver_of(tree: SphereTree, **options: Any) -> HandSolver:
     return HandSolver(HAND, tree.arrays(), SolverOptions(method="penalty", **options))
 
 
-def onto_the_ball(ticks: int = 400) -> Motion:
-    return straight_line(still(1, FREE), GRASP, 200).then(still(ticks, *(values[0] for values in GRASP)))
+def onto_the_ball(ticks: int = 400) -> HandConfiguration:
+    return still(FREE).line(GRASP, 199).hold(ticks)
 
 
-def shown(record: Any, tick: int) -> Motion:
+def shown(record: Any, tick: int) -> HandConfiguration:
     """The graphic hand of one tick."""
-    return Motion(*(getattr(record, name)[tick : tick + 1] for name in Motion._fields))
+    return HandConfiguration.of(record).part(tick, tick + 1)
 
 
 def rigid(contact: float, translation: float = 1000.0) -> Stiffness:
@@ -70,7 +70,9 @@ def test_the_depth_of_one_contact_is_that_of_two_springs_in_a_row(
     center = joints[1, 3] + (HAND.radius[1, 3] + radius) * normal
     tree = sphere_tree(np.repeat(center[None], spheres, axis=0), np.full(spheres, radius))
     solver = solver_of(tree, stiffness=rigid(contact, coupling))
-    record = solver.run(*still(1, -0.02 * normal, turn, flexion).then(still(400, command * normal, turn, flexion)))
+    record = solver.run(
+        *sequence(still(-0.02 * normal, turn, flexion), still(command * normal, turn, flexion, ticks=400))
+    )
     depth = command * coupling / (coupling + spheres * contact)
     assert normal @ record.position[-1] == pytest.approx(depth, rel=1e-6)
     np.testing.assert_allclose(record.total[-1], -spheres * contact * depth * normal, rtol=1e-5, atol=1e-6)
@@ -84,9 +86,9 @@ def test_in_free_space_every_degree_of_freedom_follows_critically_damped(respons
     # Backward Euler of x'' τ² + 2 τ x' + x = 1 has the double root τ / (τ + h).
     solver = solver_of(FAR, response=response, period=period)
     turn = Rotation.from_rotvec([0.0, 0.3, 0.0]).as_quat(scalar_first=True)
-    goal = still(1, [0.01, -0.02, 0.03], turn, np.full((5, 3), 0.4), np.full(5, 0.1))
-    solver.run(*still(1, np.zeros(3)))
-    record = solver.run(*still(60, *(values[0] for values in goal)))
+    goal = still([0.01, -0.02, 0.03], turn, 0.4, 0.1)
+    solver.run(*still(np.zeros(3)))
+    record = solver.run(*goal.hold(59))
     tick = np.arange(1, 61)
     left = (1.0 + tick * period / (response + period)) * (response / (response + period)) ** tick
     np.testing.assert_allclose(record.position, (1.0 - left)[:, None] * goal.position, atol=1e-12)
@@ -96,7 +98,7 @@ def test_in_free_space_every_degree_of_freedom_follows_critically_damped(respons
     np.testing.assert_array_equal(record.abduction, np.full((60, 5), 0.1))
 
 
-def energy(tree: SphereTree, options: SolverOptions, wanted: Motion, found: Motion) -> float:
+def energy(tree: SphereTree, options: SolverOptions, wanted: HandConfiguration, found: HandConfiguration) -> float:
     """Potential energy [J] of coupling and contacts, by brute force over all pairs."""
     turn = Rotation.from_quat(wanted.orientation[0], scalar_first=True)
     turn *= Rotation.from_quat(found.orientation[0], scalar_first=True).inv()
@@ -136,7 +138,7 @@ def test_in_a_frozen_hold_energy_never_grows(stiffness: float) -> None:
     solver = HandSolver(HAND, BALL.arrays(), options)
     motion = onto_the_ball(0)
     solver.run(*motion)
-    hold = still(300, *(values[0] for values in GRASP))
+    hold = GRASP.hold(299)
     record = solver.run(*hold)
     velocity = [np.diff(record.position, axis=0), np.diff(record.flexion, axis=0).reshape(-1, 15)]
     turns = Rotation.from_quat(record.orientation, scalar_first=True)
@@ -164,11 +166,7 @@ def test_the_step_is_the_least_value_of_its_function() -> None:
         total = int(state.contacts.start[6])
         if total == 0:
             continue
-        rows = np.zeros((total, 21))
-        rows[:, :6] = state.problem.common[:, :total].T
-        for f in range(5):
-            part = slice(int(state.contacts.start[f + 1]), int(state.contacts.start[f + 2]))
-            rows[part, 6 + 3 * f : 9 + 3 * f] = state.problem.block[:, part].T
+        rows = row_matrix(state) / ROOT
         y = work.step.copy()
         push = work.weight[:total] * np.maximum(0.0, work.threshold[:total] - rows @ y)
         limit = LIMIT_WEIGHT * (np.maximum(0.0, y - work.highest) + np.minimum(0.0, y - work.lowest))
@@ -220,10 +218,10 @@ def test_no_pair_is_missed_however_deep_and_fast(seed: int) -> None:
 def test_a_hand_too_deep_for_the_arrays_is_pushed_by_its_deepest_pairs() -> None:
     crowd = bumpy_ball(8000)
     solver = solver_of(crowd)
-    solver.run(*still(1, FREE))
-    pose = still(1, [0.0, -0.02, 0.0], flexion=np.full((5, 3), 0.6))
+    solver.run(*still(FREE))
+    pose = still([0.0, -0.02, 0.0], flexion=0.6)
     assert np.count_nonzero(brute_pairs(HAND, crowd.leaf_center, crowd.leaf_radius, pose) < 0.0) > 4096
-    motion = straight_line(still(1, FREE), pose, 4).then(still(200, *(values[0] for values in pose)))
+    motion = still(FREE).line(pose, 3).hold(200)
     record = solver.run(*motion)
     assert not record.status.any()
     assert record.work[:, WORK_CANDIDATES].max() > 2048
@@ -233,11 +231,11 @@ def test_a_hand_too_deep_for_the_arrays_is_pushed_by_its_deepest_pairs() -> None
 
 def test_a_joint_is_shown_at_its_limit_and_passes_the_force_on() -> None:
     wild = np.where(np.arange(15).reshape(5, 3) % 2 == 0, 9.0, -9.0)
-    record = solver_of(FAR).run(*still(1, np.zeros(3)).then(still(60, np.zeros(3), flexion=wild)))
+    record = solver_of(FAR).run(*sequence(still(np.zeros(3)), still(np.zeros(3), flexion=wild, ticks=60)))
     np.testing.assert_allclose(record.flexion[-1], np.where(wild > 0.0, HAND.flexion_max, HAND.flexion_min), atol=1e-12)
     # A finger that cannot bend further back carries the palm with it: the balance holds with joints at their limits.
-    flat = still(1, [0.0, -0.09, 0.01], flexion=np.array(HAND.flexion_min))
-    motion = straight_line(still(1, FREE), flat, 300).then(still(300, *(values[0] for values in flat)))
+    flat = still([0.0, -0.09, 0.01], flexion=np.array(HAND.flexion_min))
+    motion = still(FREE).line(flat, 299).hold(300)
     record = solver_of(BALL).run(*motion)
     assert np.linalg.norm(record.total[-1]) > 0.5
     assert np.linalg.norm(record.phalanx[-1, 2, 0]) > 0.5
@@ -260,22 +258,3 @@ def test_a_hand_that_never_touches_tests_no_pair() -> None:
     assert not record.work[:, COUNT_PAIR_TESTS].any()
     assert not record.total.any()
     assert (record.work[:, WORK_QP_ITERATIONS] <= 3).all()
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ({"qp": "clarabel"}, "solves no quadratic program"),
-        ({"period": 0.0}, "period is 0 s"),
-        ({"response": np.inf}, "response is inf s"),
-        ({"contact_response": -1.0}, "contact_response is -1 s: expected 0 to 1000"),
-    ],
-)
-def test_options_that_make_no_sense_are_refused(options: dict[str, Any], says: str) -> None:
-    with pytest.raises(InputError, match=says):
-        replace(SolverOptions(method="penalty"), **options)
-
-
-def test_a_contact_needs_a_positive_stiffness() -> None:
-    with pytest.raises(InputError, match="stiffness penalty is 0"):
-        Stiffness(penalty=0.0)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Run
-from free_results import free_scene
+from free_scenes import free_scene
 from sampled import sampled
 
 from hhsim.hand.model import HandModel
