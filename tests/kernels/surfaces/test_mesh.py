@@ -20,11 +20,11 @@ from sphere_scenes import PALM, palm_spheres, pose_of, prepared, random_hand, se
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import evaluate, find_contacts
+from hhsim.kernels.contact.detection import COUNT_GATHERS, evaluate, find_contacts
 from hhsim.kernels.contact.surface import cone_distance
-from hhsim.kernels.hand.kinematics import DOF
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.feature_distance import line_witness, vertex_distance
 from hhsim.kernels.mesh.features import ALONG, MeshFeatures
@@ -290,8 +290,14 @@ def catalogue(name: str) -> tuple[FloatArray, IntArray]:
     return mesh.vertices, mesh.faces
 
 
+def torus() -> tuple[FloatArray, IntArray]:
+    shape = trimesh.creation.torus(0.04, 0.012)
+    return np.asarray(shape.vertices), np.asarray(shape.faces, np.int64)
+
+
 CLOSED: dict[str, Callable[[], tuple[FloatArray, IntArray]]] = {
-    name: partial(catalogue, name) for name in ("cup", "cube")
+    **{name: partial(catalogue, name) for name in ("bunny", "cup", "teapot", "cube")},
+    "torus": torus,
 }
 OPEN: dict[str, Callable[[], tuple[FloatArray, IntArray]]] = {"sheet": sheet, "soup": soup}
 
@@ -310,6 +316,64 @@ def soup_clearance(motion: HandConfiguration, mesh: MeshFeatures) -> float:
     """By the distance of a body to all triangles, which has its own test."""
     cones = bodies(motion)
     return float(min(cone_distance(mesh, cones.kernel(i), 0.05, STACK) for i in range(len(cones.a))))
+
+
+@pytest.mark.parametrize("name", sampled([*CLOSED, *OPEN], lambda _, name: name in ("bunny", "sheet")))
+def test_lists_hold_the_nearest_feature_of_every_body_wherever_the_hand_goes(name: str) -> None:
+    vertices, faces = {**CLOSED, **OPEN}[name]()
+    closed = name in CLOSED
+    mesh, _ = mesh_features(vertices, faces, closed=closed)
+    bvh = build_mesh_bvh(vertices, faces) if closed else None
+    random = np.random.default_rng(11)
+    judged = near = gathers = 0
+    for _ in range(4):
+        at = random_hand(random, HAND, 0.03)
+        # Out of the object along a random way, and back until something is within a millimetre or two.
+        way = random.normal(size=3)
+        way /= np.linalg.norm(way)
+
+        def clearance(motion: HandConfiguration) -> float:
+            if bvh is None:
+                return soup_clearance(motion, mesh)
+            return float(mesh_clearance(bvh, SHAPE, forward_kinematics(HAND, *motion))[0])
+
+        low, high = 0.0, 0.3
+        for _ in range(9):
+            middle = 0.5 * (low + high)
+            inside = clearance(at._replace(position=at.position + middle * way)) < 0.0
+            low, high = (middle, high) if inside else (low, middle)
+        at = at._replace(position=at.position + high * way)
+        state = new_state()
+        gathers_before = int(state.work[COUNT_GATHERS])
+        for _ in range(25):
+            size = 10.0 ** random.uniform(-5.0, -1.8)
+            step = random.normal(size=DOF) * size
+            step[3:] *= 4.0
+            target = moved(at, step, 4.0 * size * random.normal(size=5))
+            independent = clearance(target)
+            if not 1e-6 < independent < 6e-3:
+                continue
+            if bvh is None and len(faces) < 10:
+                independent = float(least_by_search(target, vertices[faces]).min())
+            at = target
+            set_pose(HAND, state.pose, at)
+            assert evaluate(ARRAYS, state.pose, mesh, MARGIN, MARGIN, SKIN, state.candidates, state.work) == 0
+            cones = bodies(at)
+            brute = np.array([least_of_features(mesh, cones.kernel(i)) for i in range(len(cones.a))])
+            least = np.append(brute[:PALM], brute[PALM:].min())
+            nearest, slack = np.array(state.candidates.nearest), np.array(state.candidates.slack)
+            assert (slack >= MARGIN).all()
+            assert (nearest >= least - FREE_OF_ROUNDING).all()
+            listed = least < slack
+            np.testing.assert_allclose(nearest[listed], least[listed], rtol=0.0, atol=FREE_OF_ROUNDING)
+            if independent < 0.019:
+                assert least.min() == pytest.approx(independent, abs=1e-6)
+            judged += 1
+            near += int(listed.sum())
+        gathers += int(state.work[COUNT_GATHERS]) - gathers_before
+    assert judged > 30
+    assert near > 0.5 * judged, "hardly anything was near"
+    assert gathers < 0.9 * judged * BODY_COUNT, "the lists never last"
 
 
 @given(st.integers(0, 10_000), st.sampled_from([-1.0, 1.0]), st.floats(1e-17, 1e-12))
