@@ -85,10 +85,13 @@ def _no_recovery(method: Any, hand: Any, surface: Any, state: Any) -> bool:
 
 
 @jit
-def _only_relax(method: Any, hand: Any, surface: Any, state: Any) -> bool:
+def _without_going_back(method: Any, hand: Any, surface: Any, state: Any) -> bool:
     if not state.program.is_relaxed:
         state.program.is_relaxed = True
         state.program.is_coupled = True
+        return True
+    if not state.program.holds_abduction:
+        state.program.holds_abduction = True
         return True
     return False
 
@@ -197,7 +200,7 @@ SAFEGUARDS = (
     Safeguard("free-share", "a tick ends at the free share of a step that penetrates", {"FREE_SHARE": 0.0}),
     Safeguard("only-restores", "a last step only leaves the object", {"only_restores": _never_only_restores}),
     Safeguard("recovery", "a program without solution is made easier", _of_hand("recover", _no_recovery)),
-    Safeguard("take-back", "of it: going back with a smaller trust radius", _of_hand("recover", _only_relax)),
+    Safeguard("take-back", "of it: going back with a smaller trust radius", _of_hand("recover", _without_going_back)),
     Safeguard("hold-abduction", "of it: keeping the abduction", _of_hand("recover", _without_holding)),
     Safeguard("idle", "ticks without time are stuck after ten", {"MOST_IDLE_TICKS": 0}),
     Safeguard(

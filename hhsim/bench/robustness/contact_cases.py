@@ -229,6 +229,27 @@ def _judge_many(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     return [rest_of_run(outcome, slice(-161, -100)) for outcome in outcomes]
 
 
+def _cast_in(seed: int) -> Sequence[HardRun]:
+    runs = []
+    rest = still(np.zeros(3), flexion=0.1)
+    for gap in (1e-4, 1e-3):
+        random = np.random.default_rng([seed, 15])
+        motion = rest.hold(3)
+        for _ in range(25):
+            # Palm, joints and abduction at odds: no program of a whole step has a solution.
+            flexion, abduction = 0.1 + random.normal(0.0, 0.3, (5, 3)), random.uniform(-0.4, 0.4, 5)
+            target = still(random.normal(0.0, 0.003, 3), flexion=flexion, abduction=abduction)
+            motion = sequence(motion, target).hold(9)
+        tree = mould(rest, 2000, gap, 2e-3, random, closed=True)
+        runs.append(HardRun(f"{1e3 * gap:g} mm of room", motion.line(rest, 60).hold(60), tree))
+    return runs
+
+
+def _judge_cast_in(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
+    stuck = sum(int(((outcome.ticks.status & STATUS_STUCK) > 0).sum()) for outcome in outcomes)
+    return [Figure("stuck ticks", stuck, 0), *(rest_of_run(outcome, slice(-41, None)) for outcome in outcomes)]
+
+
 def _too_many(seed: int) -> Sequence[HardRun]:
     return [HardRun("5,000 spheres in one place", poke(), tree_of(np.zeros((5000, 3)), 1e-3))]
 
@@ -356,6 +377,7 @@ CONTACT_CASES = (
     HardCase("degenerate-spheres", "coincident spheres, spheres of no size, radii 1,000:1, one point", _degenerate),
     HardCase("many-pairs", "a flat hand on a plate: 500 and 2,000 candidate pairs", _many, _judge_many),
     HardCase("too-many-pairs", "more pairs than the arrays hold: a clear refusal", _too_many, may_refuse=True),
+    HardCase("cast-in", "a hand with a mould on all sides, whose fingers spread and bend", _cast_in, _judge_cast_in),
     HardCase("ridge", "a fingertip along a ridge, where contacts switch all the time", _ridge, _judge_ridge),
     HardCase("touching-at-rest", "a hand that just touches, at rest", _touching, _judge_touching),
     HardCase("all-limits", "every joint commanded beyond its limit, in contact", _limits, _judge_limits),

@@ -86,8 +86,13 @@ def ring(center: ArrayLike, axis: ArrayLike, inner: float, thickness: float = 3e
     return tree_of(np.asarray(center, np.float64) + (inner + thickness) * around, thickness)
 
 
-def mould(pose: HandConfiguration, spheres: int, gap: float, radius: float, random: np.random.Generator) -> SphereTree:
-    """Return spheres of a radius [m] under a hand (one tick), each `gap` [m] from it: a mould that it lies in."""
+def mould(
+    pose: HandConfiguration, spheres: int, gap: float, radius: float, random: np.random.Generator, closed: bool = False
+) -> SphereTree:
+    """Return spheres of a radius [m] under a hand (one tick), each `gap` [m] from it: a mould that it lies in.
+
+    A closed mould has spheres on all sides.
+    """
     hand = right_hand()
     joints = hand.joints(*pose.at(0))
     palm = hand.palm_tree.leaf_center @ rotation_matrix(pose.orientation[0]).T + pose.position[0]
@@ -104,8 +109,9 @@ def mould(pose: HandConfiguration, spheres: int, gap: float, radius: float, rand
     while len(found) < spheres:
         direction = random.normal(size=(1000, 3))
         direction /= np.linalg.norm(direction, axis=1)[:, None]
-        # From below: a hand can enter the mould and leave it.
-        direction[:, 2] = -np.abs(direction[:, 2])
+        if not closed:
+            # From below: a hand can enter the mould and leave it.
+            direction[:, 2] = -np.abs(direction[:, 2])
         chosen = random.integers(len(center), size=1000)
         points = center[chosen] + (size[chosen] + gap + radius)[:, None] * direction
         distance = (np.linalg.norm(points[:, None] - center, axis=2) - size).min(axis=1) - radius

@@ -28,7 +28,7 @@ pytestmark = pytest.mark.slow
 METHODS = ("coupled", "progressive")
 CASES = {case.name: case for case in hard_cases(ticks=4 * LOOP)}
 ON_MESH = {case.name: case for case in hard_cases(ticks=4 * LOOP, surfaces=("mesh",))}
-BARE_SPHERES = ("degenerate-spheres", "many-pairs", "too-many-pairs", "touching-at-rest", "wire")
+BARE_SPHERES = ("cast-in", "degenerate-spheres", "many-pairs", "too-many-pairs", "touching-at-rest", "wire")
 QUICK = (("sharp-edge", "coupled"), ("flat-finger", "progressive"), ("many-at-a-vertex", "coupled"))
 """On the mesh, every time; all of them by either method in the soak."""
 SOME_PAIRS, ALL_PAIRS = 5e5, 4e9
@@ -197,7 +197,7 @@ def test_other_seeds_are_passed_too(seed: int, method: str, surface: str) -> Non
 
 
 def test_every_case_of_the_list_is_there_with_a_line_of_its_own() -> None:
-    assert len(CASES) == len(hard_cases()) == 27 and len(ON_MESH) == 36
+    assert len(CASES) == len(hard_cases()) == 28 and len(ON_MESH) == 37
     lines = [case.description for case in ON_MESH.values()]
     assert len(set(lines)) == len(lines)
     assert all(line and "\n" not in line for line in lines)

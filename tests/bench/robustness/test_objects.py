@@ -1,6 +1,7 @@
 """The objects of the hard cases, of spheres and of triangles, and their crossings are what they are said to be."""
 
 import numpy as np
+import pytest
 from sphere_scenes import brute_pairs
 
 from hhsim.bench.robustness import triangle_cases
@@ -77,9 +78,10 @@ def test_a_ring_leaves_its_hole_about_its_axis() -> None:
     np.testing.assert_allclose([along.min(), along.max()], [-2e-3, 2e-3], atol=1e-5)
 
 
-def test_every_sphere_of_a_mould_is_as_near_as_it_says() -> None:
+@pytest.mark.parametrize("closed", [False, True])
+def test_every_sphere_of_a_mould_is_as_near_as_it_says(closed: bool) -> None:
     pose = still(np.zeros(3), flexion=0.1)
-    tree = mould(pose, 300, 0.3e-3, 1e-3, np.random.default_rng(2))
+    tree = mould(pose, 300, 0.3e-3, 1e-3, np.random.default_rng(2), closed)
     pairs = brute_pairs(right_hand(), tree.leaf_center, tree.leaf_radius, HandConfiguration(*pose))
     least = pairs.min(axis=0)
     assert least.shape == (300,)
