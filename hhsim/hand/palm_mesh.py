@@ -16,6 +16,7 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.mesh.file import read_own_ply
 from hhsim.mesh.mesh import Mesh
+from hhsim.reproducible import dot, exponential, norm, sine_and_cosine
 
 RAYS_PER_EDGE = (16, 16, 8)
 """Squares along x, y and z of the box whose grid names the rays: 4 (16·16 + 16·8 + 8·16) = 2,048 triangles."""
@@ -48,7 +49,7 @@ class RoundCones(NamedTuple):
         """Return the distance [m] of points, shape (m, 3), to each cone, shape (m, n); linear taper."""
         axis = self.b - self.a
         offset = points[:, None, :] - self.a
-        share = np.clip(np.einsum("mni,ni->mn", offset, axis) / np.einsum("ni,ni->n", axis, axis), 0.0, 1.0)
+        share = np.clip(dot(offset, axis) / dot(axis, axis), 0.0, 1.0)
         gap = np.linalg.norm(offset - share[..., None] * axis, axis=2)
         return np.asarray(gap - self.radius_a - share * (self.radius_b - self.radius_a), dtype=np.float64)
 
@@ -105,7 +106,8 @@ def _palm_mesh(
     def inside(distance: FloatArray) -> BoolArray:
         d = parts.distance(center + distance[:, None] * rays)
         least = d.min(axis=1)
-        return np.asarray(least - blend * np.log(np.exp((least[:, None] - d) / blend).sum(axis=1)) < 0.0)
+        # least - blend ln Σ exp((least - d) / blend) < 0, without the logarithm.
+        return np.asarray(exponential((least[:, None] - d) / blend).sum(axis=1) > exponential(least / blend))
 
     if not inside(np.zeros(len(rays))).all():
         line = f"y = {0.2 * hand_length:.3g} m from the palm's origin"
@@ -148,7 +150,8 @@ def box_rays(half_extent: FloatArray) -> tuple[FloatArray, IntArray]:
     points = []
     for cell_of_ray in cells:
         # The tangent spreads the rays of a box's face evenly over the sphere.
-        corner = np.tan(0.25 * np.pi * (2.0 * np.array(cell_of_ray) / np.array(RAYS_PER_EDGE) - 1.0))
-        points.append(corner / np.linalg.norm(corner) * half_extent)
+        sine, cosine = sine_and_cosine(0.25 * np.pi * (2.0 * np.array(cell_of_ray) / np.array(RAYS_PER_EDGE) - 1.0))
+        corner = sine / cosine
+        points.append(corner / norm(corner) * half_extent)
     directions = np.array(points)
     return directions / np.linalg.norm(directions, axis=1, keepdims=True), np.array(faces, dtype=np.int64)

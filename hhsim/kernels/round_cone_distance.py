@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhsim.kernels.jit import Array, jit, jit_inline, jit_vector
+from hhsim.kernels.jit import Array, jit, jit_inline
 
 
 class RoundCone(NamedTuple):
@@ -69,7 +69,7 @@ class Spheres(NamedTuple):
     radius: Array
 
 
-@jit_vector
+@jit
 def round_cone_distances(
     spheres: Spheres, count: int, cone: RoundCone, distance_out: Array, parameter_out: Array
 ) -> None:
@@ -89,7 +89,7 @@ def round_cone_distances(
         parameter_out[i] = s
 
 
-@jit_vector
+@jit
 def sphere_pair_distances(
     hand: Spheres, others: Spheres, count: int, position: Array, rotation: Array, distance_out: Array
 ) -> None:
@@ -107,7 +107,7 @@ def sphere_pair_distances(
         distance_out[i] = math.sqrt(dx * dx + dy * dy + dz * dz) - hand_radius[i] - object_radius[i]
 
 
-@jit_vector
+@jit
 def least_distance(distance: Array, start: int, stop: int) -> float:
     """Return the least of distance[start:stop], 1e300 if there is none."""
     least = 1e300
@@ -116,7 +116,7 @@ def least_distance(distance: Array, start: int, stop: int) -> float:
     return least
 
 
-@jit_vector
+@jit
 def count_within(distance: Array, start: int, stop: int, limit: float) -> int:
     """Count the values of distance[start:stop] up to a limit."""
     within = 0

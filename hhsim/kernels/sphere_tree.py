@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_inline, jit_vector
+from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_inline
 from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
 
 MOST_WAITING = 1024
@@ -42,7 +42,7 @@ def node_distance(tree: TreeArrays, cone: RoundCone, node: int) -> float:
     return math.sqrt(qx * qx + qy * qy + qz * qz) - radius_a + s * radius_drop - tree.radius[node]
 
 
-@jit_vector
+@jit
 def _child_distances(tree: TreeArrays, cone: RoundCone, first: int, last: int, distance_out: Array) -> None:
     # Signed indices would be checked for negative values, which keeps the loop off the vector unit.
     for i in range(np.uint64(first), np.uint64(last)):

@@ -18,7 +18,7 @@ import numpy as np
 
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Array, Indices, Record, jit, jit_once, jit_vector
+from hhsim.kernels.jit import Array, Indices, Record, jit, jit_once
 
 LIMIT_ROWS = 2 * FINGER_COUNT * PHALANX_COUNT
 """Number of rows after the contacts: a lower and an upper joint limit for each of 15 joints."""
@@ -45,7 +45,7 @@ PROBLEM = np.dtype(
 """Rows in the layout of `kernels.qp.active_set`; contact i is row i, then 30 joint limits."""
 
 
-@jit_vector
+@jit
 def contact_rows(
     start: int,
     stop: int,
@@ -105,7 +105,7 @@ def finger_columns(
             block[k, i] = lever * scale if abs(lever) > floor else 0.0
 
 
-@jit_vector
+@jit
 def follow_abduction(
     start: int, stop: int, point: Array, normal: Array, base: Array, axis: Array, step: float, rhs: Array
 ) -> None:

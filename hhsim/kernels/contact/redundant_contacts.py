@@ -20,7 +20,7 @@ do not follow from it, and so on.
 import numpy as np
 
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Array, Record, jit, jit_inline, jit_vector
+from hhsim.kernels.jit import Array, Record, jit, jit_inline
 
 REFERENCES = 3
 """Number of reference contacts of a body: most that follow from any do so from the first ones."""
@@ -30,7 +30,7 @@ FEWEST = 8
 """Least number of contacts of a body to thin: fewer rows cost less than the search."""
 
 
-@jit_vector
+@jit
 def _open_all(start: int, stop: int, distance: Array, open_distance: Array) -> float:
     # Returns the least distance.
     least = np.inf
@@ -40,7 +40,7 @@ def _open_all(start: int, stop: int, distance: Array, open_distance: Array) -> f
     return least
 
 
-@jit_vector
+@jit
 def _drop_implied(
     start: int,
     stop: int,

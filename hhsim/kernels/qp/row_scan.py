@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from hhsim.kernels.jit import Array, Indices, as_int64, generic, jit, jit_inline, jit_once, jit_vector
+from hhsim.kernels.jit import Array, Indices, as_int64, generic, jit, jit_inline, jit_once
 
 ROWS_NAN = 1
 """A row or its right-hand side holds NaN."""
@@ -55,7 +55,7 @@ Rows: TypeAlias = ProgramRows | WideRows
 # for an index that might be negative, and for more arrays than a few comparisons can tell apart.
 
 
-@jit_vector
+@jit
 def _add_squares(start: int, stop: int, columns: Array, first: int, square_out: Array) -> None:
     square = square_out[start:stop]
     a, b, c = columns[first, start:stop], columns[first + 1, start:stop], columns[first + 2, start:stop]
@@ -63,7 +63,7 @@ def _add_squares(start: int, stop: int, columns: Array, first: int, square_out: 
         square[i] += a[i] * a[i] + b[i] * b[i] + c[i] * c[i]
 
 
-@jit_vector
+@jit
 def _nine_squares(start: int, stop: int, common: Array, block: Array, square_out: Array) -> None:
     square = square_out[start:stop]
     p, q, r = block[0, start:stop], block[1, start:stop], block[2, start:stop]
@@ -76,21 +76,21 @@ def _nine_squares(start: int, stop: int, common: Array, block: Array, square_out
         square[i] = 1.0 / math.sqrt(total) if total > 0.0 else 0.0
 
 
-@jit_vector
+@jit
 def _add_square(start: int, stop: int, columns: Array, first: int, square_out: Array) -> None:
     square, a = square_out[start:stop], columns[first, start:stop]
     for i in range(stop - start):
         square[i] += a[i] * a[i]
 
 
-@jit_vector
+@jit
 def _fill(start: int, stop: int, value: float, out: Array) -> None:
     part = out[start:stop]
     for i in range(stop - start):
         part[i] = value
 
 
-@jit_vector
+@jit
 def _invert_root(start: int, stop: int, square_out: Array) -> None:
     square = square_out[start:stop]
     for i in range(stop - start):
@@ -157,7 +157,7 @@ def _lengths(rows: ProgramRows, inverse_norm_out: Array) -> None:
         _invert_root(start, stop, inverse_norm_out)
 
 
-@jit_vector
+@jit
 def _take_three(
     start: int, stop: int, columns: Array, first: int, x: Array, offset: int, source: Array, out: Array
 ) -> None:
@@ -169,7 +169,7 @@ def _take_three(
         left[i] = right[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2)
 
 
-@jit_vector
+@jit
 def _take_three_and_scale(
     start: int, stop: int, columns: Array, x: Array, offset: int, source: Array, factor: Array, out: Array
 ) -> None:
@@ -180,7 +180,7 @@ def _take_three_and_scale(
         left[i] = (right[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2)) * scale[i]
 
 
-@jit_vector
+@jit
 def _take_six_and_scale(
     start: int, stop: int, columns: Array, first: int, x: Array, source: Array, factor: Array, out: Array
 ) -> None:
@@ -192,7 +192,7 @@ def _take_six_and_scale(
         left[i] = (right[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2 + d[i] * x3 + e[i] * x4 + f[i] * x5)) * scale[i]
 
 
-@jit_vector
+@jit
 def _take_six(start: int, stop: int, columns: Array, first: int, x: Array, out: Array) -> None:
     left = out[start:stop]
     a, b, c = columns[first, start:stop], columns[first + 1, start:stop], columns[first + 2, start:stop]
@@ -202,7 +202,7 @@ def _take_six(start: int, stop: int, columns: Array, first: int, x: Array, out: 
         left[i] = left[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2 + d[i] * x3 + e[i] * x4 + f[i] * x5)
 
 
-@jit_vector
+@jit
 def _take_nine_and_scale(
     start: int,
     stop: int,
@@ -227,21 +227,21 @@ def _take_nine_and_scale(
         left[i] = (left[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2 + d[i] * x3 + e[i] * x4 + f[i] * x5)) * scale[i]
 
 
-@jit_vector
+@jit
 def _take_one(start: int, stop: int, columns: Array, first: int, x: Array, source: Array, out: Array) -> None:
     left, right, a, x0 = out[start:stop], source[start:stop], columns[first, start:stop], x[first]
     for i in range(stop - start):
         left[i] = right[i] - a[i] * x0
 
 
-@jit_vector
+@jit
 def _copy(start: int, stop: int, source: Array, out: Array) -> None:
     left, right = out[start:stop], source[start:stop]
     for i in range(stop - start):
         left[i] = right[i]
 
 
-@jit_vector
+@jit
 def _scale(start: int, stop: int, source: Array, factor: Array, out: Array) -> None:
     left, right, scale = out[start:stop], source[start:stop], factor[start:stop]
     for i in range(stop - start):
@@ -314,7 +314,7 @@ def _violations(rows: ProgramRows, x: Array, inverse_norm: Array, violation: Arr
         _scale(start, stop, violation, inverse_norm, violation)
 
 
-@jit_vector
+@jit
 def _unsound(start: int, stop: int, inverse_norm: Array, violation: Array) -> tuple[int, int]:
     values, lengths = violation[start:stop], inverse_norm[start:stop]
     nan, zero = 0, 0
