@@ -6,7 +6,6 @@ Seen from its middle it is star-shaped, so one vertex per ray gives a mesh that 
 """
 
 import functools
-from importlib.resources import files
 from itertools import product
 from typing import NamedTuple
 
@@ -14,7 +13,6 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError
-from hhsim.mesh.file import read_own_ply
 from hhsim.mesh.mesh import Mesh
 from hhsim.reproducible import dot, exponential, norm, sine_and_cosine
 
@@ -29,12 +27,6 @@ CENTER_HEIGHT = -0.045
 
 BLEND_SHARE = 0.035
 """Width of the blend between two round cones, as a share of hand breadth."""
-
-SHIPPED = "palm.ply"
-"""Default palm, in hhsim.objects."""
-
-ROUNDING = 1e-12
-"""Largest difference [m] of a vertex between processors, which differ in the last bits."""
 
 
 class RoundCones(NamedTuple):
@@ -118,19 +110,11 @@ def _palm_mesh(
         hit = inside(middle)
         near, far = np.where(hit, middle, near), np.where(hit, far, middle)
     return Mesh(
-        vertices=_as_shipped(center + rays * (0.5 * (near + far))[:, None]),
+        vertices=center + rays * (0.5 * (near + far))[:, None],
         faces=faces,
         name="palm",
         source=f"generated, hand length {hand_length:g} m, breadth {hand_breadth:g} m",
     )
-
-
-def _as_shipped(vertices: FloatArray) -> FloatArray:
-    """Shipped vertices if these are the same but for rounding: the shipped tree is of those, to the bit."""
-    file = files("hhsim.objects") / SHIPPED
-    shipped, _ = read_own_ply(file.read_bytes(), SHIPPED)
-    alike = shipped.shape == vertices.shape and np.abs(shipped - vertices).max() <= ROUNDING
-    return shipped if alike else vertices
 
 
 def box_rays(half_extent: FloatArray) -> tuple[FloatArray, IntArray]:

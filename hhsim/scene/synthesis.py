@@ -33,7 +33,7 @@ END = 1e-9
 def minimum_jerk(share: ArrayLike) -> FloatArray:
     """Return 10τ³ − 15τ⁴ + 6τ⁵ for τ in [0, 1], 0 before and 1 after: no jumps in speed and acceleration."""
     tau = np.clip(np.asarray(share, dtype=np.float64), 0.0, 1.0)
-    return np.asarray(tau**3 * (10.0 + tau * (6.0 * tau - 15.0)))
+    return np.asarray(tau * tau * tau * (10.0 + tau * (6.0 * tau - 15.0)))
 
 
 def to_and_fro(share: ArrayLike, cycles: float) -> FloatArray:
