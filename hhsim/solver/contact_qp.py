@@ -72,7 +72,7 @@ def palm_problem(state: Any) -> tuple[QpProblem, IntArray]:
     stacked = np.concatenate(matrix)
     return (
         QpProblem(
-            stiffness=weight**-2,
+            stiffness=1.0 / (weight * weight),
             matrix=stacked / weight,
             rhs=np.array(problem.rhs[index]),
             target=work.palm_target[:count] * weight,

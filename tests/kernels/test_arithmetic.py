@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hhsim.kernels.arithmetic import LANES, dot, fused
+from hhsim.kernels.arithmetic import LANES, dot, fused, least_above
 from hhsim.kernels.jit import Array, jit
 
 NUMBERS = st.floats(-1e100, 1e100, allow_subnormal=False)
@@ -51,3 +51,14 @@ def test_a_sum_is_that_of_its_lanes_by_halves(chunks: int) -> None:
         while len(lanes) > 1:
             lanes = [low + high for low, high in zip(lanes[: len(lanes) // 2], lanes[len(lanes) // 2 :], strict=True)]
         assert dot_of(first, second, chunks) == lanes[0]
+
+
+@jit
+def least_of(values: Array, start: int, stop: int, above: float) -> float:
+    return least_above(values, start, stop, above)
+
+
+@given(st.lists(st.floats(allow_nan=False), max_size=40), st.integers(0, 9), st.floats(allow_nan=False))
+def test_the_least_above_a_bound(values: list[float], start: int, above: float) -> None:
+    expected = min((value for value in values[start:] if value > above), default=math.inf)
+    assert least_of(np.array(values), min(start, len(values)), len(values), above) == expected

@@ -16,6 +16,7 @@ multipliers come out in N for contacts and N·m for joint limits.
 
 import numpy as np
 
+from hhsim.kernels.arithmetic import fused, product
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.jit import Array, Indices, Record, jit, jit_once
@@ -67,9 +68,9 @@ def contact_rows(
         common[0, i] = nx * translation
         common[1, i] = ny * translation
         common[2, i] = nz * translation
-        common[3, i] = (ry * nz - rz * ny) * rotation
-        common[4, i] = (rz * nx - rx * nz) * rotation
-        common[5, i] = (rx * ny - ry * nx) * rotation
+        common[3, i] = fused(ry, nz, -rz * ny) * rotation
+        common[4, i] = fused(rz, nx, -rx * nz) * rotation
+        common[5, i] = fused(rx, ny, -ry * nx) * rotation
         rhs[i] = offset - distance[i]
 
 
@@ -113,9 +114,8 @@ def follow_abduction(
     bx, by, bz = axis[0], axis[1], axis[2]
     for i in range(start, stop):
         rx, ry, rz = point[0, i] - base[0], point[1, i] - base[1], point[2, i] - base[2]
-        rate = (
-            normal[0, i] * (by * rz - bz * ry) + normal[1, i] * (bz * rx - bx * rz) + normal[2, i] * (bx * ry - by * rx)
-        )
+        nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
+        rate = product(nx, ny, nz, by * rz - bz * ry, bz * rx - bx * rz, bx * ry - by * rx)
         rhs[i] -= rate * step
 
 

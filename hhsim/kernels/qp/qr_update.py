@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.arithmetic import LANES, dot
+from hhsim.kernels.arithmetic import LANES, dot, fused
 from hhsim.kernels.jit import Array, Record, jit
 
 SECOND_PASS = 0.25
@@ -65,13 +65,15 @@ def _split(chunks: int, k: int, work: Record) -> None:
         for c in range(chunks):
             for lane in range(LANES):
                 j = LANES * c + lane
-                direction[j] -= s0 * basis[i, j] + s1 * basis[i + 1, j] + (s2 * basis[i + 2, j] + s3 * basis[i + 3, j])
+                first = fused(s0, basis[i, j], s1 * basis[i + 1, j])
+                direction[j] -= first + fused(s2, basis[i + 2, j], s3 * basis[i + 3, j])
         i += 4
     while i < k:
         s0 = share[i]
         for c in range(chunks):
             for lane in range(LANES):
-                direction[LANES * c + lane] -= s0 * basis[i, LANES * c + lane]
+                j = LANES * c + lane
+                direction[j] = fused(-s0, basis[i, j], direction[j])
         i += 1
 
 
@@ -106,7 +108,8 @@ def back_substitute(k: int, work: Record, rhs: Array, solution: Array) -> None:
         s = solution[j] * work.inverse_diagonal[j]
         for c in range((j + LANES - 1) // LANES):
             for lane in range(LANES):
-                solution[LANES * c + lane] -= s * column[j, LANES * c + lane]
+                i = LANES * c + lane
+                solution[i] = fused(-s, column[j, i], solution[i])
         solution[j] = s
 
 
@@ -136,7 +139,8 @@ def resolve(n: int, k: int, target: Array, work: Record) -> None:
         s = y[i]
         for c in range(chunks):
             for lane in range(LANES):
-                x[LANES * c + lane] += s * basis[i, LANES * c + lane]
+                j = LANES * c + lane
+                x[j] = fused(s, basis[i, j], x[j])
     for j in range(n):
         x[j] += target[j]
     back_substitute(k, work, y[:], work.multiplier[:])

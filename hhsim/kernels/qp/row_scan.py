@@ -13,6 +13,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from hhsim.kernels.arithmetic import fused, product
 from hhsim.kernels.jit import Array, Indices, as_int64, generic, jit, jit_inline, jit_once
 
 ROWS_NAN = 1
@@ -60,7 +61,7 @@ def _add_squares(start: int, stop: int, columns: Array, first: int, square_out: 
     square = square_out[start:stop]
     a, b, c = columns[first, start:stop], columns[first + 1, start:stop], columns[first + 2, start:stop]
     for i in range(stop - start):
-        square[i] += a[i] * a[i] + b[i] * b[i] + c[i] * c[i]
+        square[i] += product(a[i], b[i], c[i], a[i], b[i], c[i])
 
 
 @jit
@@ -69,10 +70,10 @@ def _nine_squares(start: int, stop: int, common: Array, block: Array, square_out
     p, q, r = block[0, start:stop], block[1, start:stop], block[2, start:stop]
     a, b, c = common[0, start:stop], common[1, start:stop], common[2, start:stop]
     for i in range(stop - start):
-        square[i] = p[i] * p[i] + q[i] * q[i] + r[i] * r[i] + a[i] * a[i] + b[i] * b[i] + c[i] * c[i]
+        square[i] = product(p[i], q[i], r[i], p[i], q[i], r[i]) + product(a[i], b[i], c[i], a[i], b[i], c[i])
     d, e, f = common[3, start:stop], common[4, start:stop], common[5, start:stop]
     for i in range(stop - start):
-        total = square[i] + d[i] * d[i] + e[i] * e[i] + f[i] * f[i]
+        total = square[i] + product(d[i], e[i], f[i], d[i], e[i], f[i])
         square[i] = 1.0 / math.sqrt(total) if total > 0.0 else 0.0
 
 
@@ -80,7 +81,7 @@ def _nine_squares(start: int, stop: int, common: Array, block: Array, square_out
 def _add_square(start: int, stop: int, columns: Array, first: int, square_out: Array) -> None:
     square, a = square_out[start:stop], columns[first, start:stop]
     for i in range(stop - start):
-        square[i] += a[i] * a[i]
+        square[i] = fused(a[i], a[i], square[i])
 
 
 @jit
@@ -166,7 +167,7 @@ def _take_three(
     a, b, c = columns[first, start:stop], columns[first + 1, start:stop], columns[first + 2, start:stop]
     x0, x1, x2 = x[offset], x[offset + 1], x[offset + 2]
     for i in range(stop - start):
-        left[i] = right[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2)
+        left[i] = right[i] - product(a[i], b[i], c[i], x0, x1, x2)
 
 
 @jit
@@ -177,7 +178,7 @@ def _take_three_and_scale(
     a, b, c = columns[0, start:stop], columns[1, start:stop], columns[2, start:stop]
     x0, x1, x2 = x[offset], x[offset + 1], x[offset + 2]
     for i in range(stop - start):
-        left[i] = (right[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2)) * scale[i]
+        left[i] = (right[i] - product(a[i], b[i], c[i], x0, x1, x2)) * scale[i]
 
 
 @jit
@@ -189,7 +190,8 @@ def _take_six_and_scale(
     d, e, f = columns[first + 3, start:stop], columns[first + 4, start:stop], columns[first + 5, start:stop]
     x0, x1, x2, x3, x4, x5 = x[first], x[first + 1], x[first + 2], x[first + 3], x[first + 4], x[first + 5]
     for i in range(stop - start):
-        left[i] = (right[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2 + d[i] * x3 + e[i] * x4 + f[i] * x5)) * scale[i]
+        rest = right[i] - product(a[i], b[i], c[i], x0, x1, x2)
+        left[i] = (rest - product(d[i], e[i], f[i], x3, x4, x5)) * scale[i]
 
 
 @jit
@@ -199,7 +201,8 @@ def _take_six(start: int, stop: int, columns: Array, first: int, x: Array, out: 
     d, e, f = columns[first + 3, start:stop], columns[first + 4, start:stop], columns[first + 5, start:stop]
     x0, x1, x2, x3, x4, x5 = x[first], x[first + 1], x[first + 2], x[first + 3], x[first + 4], x[first + 5]
     for i in range(stop - start):
-        left[i] = left[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2 + d[i] * x3 + e[i] * x4 + f[i] * x5)
+        rest = left[i] - product(a[i], b[i], c[i], x0, x1, x2)
+        left[i] = rest - product(d[i], e[i], f[i], x3, x4, x5)
 
 
 @jit
@@ -219,19 +222,20 @@ def _take_nine_and_scale(
     p, q, r = block[0, start:stop], block[1, start:stop], block[2, start:stop]
     x6, x7, x8 = x[offset], x[offset + 1], x[offset + 2]
     for i in range(count):
-        left[i] = right[i] - (p[i] * x6 + q[i] * x7 + r[i] * x8)
+        left[i] = right[i] - product(p[i], q[i], r[i], x6, x7, x8)
     a, b, c = common[0, start:stop], common[1, start:stop], common[2, start:stop]
     d, e, f = common[3, start:stop], common[4, start:stop], common[5, start:stop]
     x0, x1, x2, x3, x4, x5 = x[0], x[1], x[2], x[3], x[4], x[5]
     for i in range(count):
-        left[i] = (left[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2 + d[i] * x3 + e[i] * x4 + f[i] * x5)) * scale[i]
+        rest = left[i] - product(a[i], b[i], c[i], x0, x1, x2)
+        left[i] = (rest - product(d[i], e[i], f[i], x3, x4, x5)) * scale[i]
 
 
 @jit
 def _take_one(start: int, stop: int, columns: Array, first: int, x: Array, source: Array, out: Array) -> None:
     left, right, a, x0 = out[start:stop], source[start:stop], columns[first, start:stop], x[first]
     for i in range(stop - start):
-        left[i] = right[i] - a[i] * x0
+        left[i] = fused(-a[i], x0, right[i])
 
 
 @jit
