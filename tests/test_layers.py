@@ -32,17 +32,6 @@ HEAVY = {"click", "rich", "rerun", "trimesh", "qpsolvers", "clarabel", "matplotl
 
 KERNEL_IMPORTS = {"numpy", "numba", "llvmlite", "math", "fractions", "typing", "collections", "functools", "time"}
 KERNEL_IMPORTS |= {"platform"}
-    "numpy",
-    "numba",
-    "llvmlite",
-    "math",
-    "typing",
-    "collections",
-    "functools",
-    "time",
-    "platform",
-    "fractions",
-}
 JIT_FACTORY = {"jit", "jit_allocating", "jit_inline", "jit_once", "generic", "cache"}
 IMPLEMENTS = re.compile(r"\w+\.of\(\w+\)")
 """How a kernel is declared for a type."""
