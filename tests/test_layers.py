@@ -30,14 +30,15 @@ MOST_MODULES = 25
 HEAVY = {"click", "rich", "rerun", "trimesh", "qpsolvers", "clarabel", "matplotlib", "scipy", "jinja2"}
 """Packages that are imported where they are used: together they cost more than a second."""
 
-KERNEL_IMPORTS = {"numpy", "numba", "llvmlite", "math", "typing", "collections", "functools", "time", "platform"}
-JIT_FACTORY = {"jit", "jit_allocating", "jit_inline", "jit_once", "jit_vector", "generic", "cache"}
+KERNEL_IMPORTS = {"numpy", "numba", "llvmlite", "math", "fractions", "typing", "collections", "functools", "time"}
+KERNEL_IMPORTS |= {"platform"}
+JIT_FACTORY = {"jit", "jit_allocating", "jit_inline", "jit_once", "generic", "cache"}
 IMPLEMENTS = re.compile(r"\w+\.of\(\w+\)")
 """How a kernel is declared for a type."""
 
 LIBRARY = library()
 COMMAND_LINE = {name: path for name, path in modules().items() if name not in LIBRARY}
-COMPILATION = tuple(f"hhsim.kernels.{name}" for name in ("jit", "callee", "kernel_cache", "cache_folder"))
+COMPILATION = tuple(f"hhsim.kernels.{name}" for name in ("jit", "callee", "kernel_cache", "cache_folder", "target"))
 """What makes kernels of functions, and is none."""
 KERNELS = {name: path for name, path in LIBRARY.items() if name.startswith("hhsim.kernels") and name not in COMPILATION}
 FRONT = LIBRARY["hhsim"]

@@ -1,4 +1,4 @@
-"""What ships so that a first run needs no builder: the trees of the catalogue, the default palm and the palms' trees.
+"""What ships so that a first run needs no builder: the trees of the catalogue and of the default palms.
 
     python -m tools.build_trees
 
@@ -11,7 +11,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from hhsim.hand.model import MIRROR, HandModel
-from hhsim.hand.palm_mesh import SHIPPED
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.builder import build_sphere_tree, proved_anew
@@ -19,7 +18,6 @@ from hhsim.trees.cache import SHIPPED_SUFFIX
 from hhsim.trees.file import save_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
-from tools.build_catalogue import ply_bytes
 from tools.import_graph import REPOSITORY
 
 PALM_LEVEL = 2
@@ -41,10 +39,8 @@ def palm_trees() -> Iterator[tuple[Mesh, SphereTree]]:
 
 
 def main() -> None:
-    """Write the palm and all trees."""
+    """Write all trees."""
     folder = REPOSITORY / "objects"
-    palm = HandModel.default("right").palm_mesh
-    (folder / SHIPPED).write_bytes(ply_bytes(palm.vertices, palm.faces))
     trees = {name: object_tree(name) for name in object_names()} | {mesh.name: tree for mesh, tree in palm_trees()}
     for old in folder.glob(f"*{SHIPPED_SUFFIX}"):
         old.unlink()

@@ -86,6 +86,7 @@ class _SceneTable(Settings, frozen=True, forbid_unknown_fields=False):
     inputs: RunInputs
     errors: dict[str, float | None]
     counters: dict[str, int]
+    digest: str = ""
     times: tuple[float, ...] = ()
     references: tuple[float, ...] = ()
 
@@ -98,7 +99,8 @@ class _SceneTable(Settings, frozen=True, forbid_unknown_fields=False):
         found = {name: self.errors.get(name) for name in judged_metrics()}
         errors = {name: math.nan if value is None else value for name, value in found.items()}
         counters = {name: self.counters[name] for name in COUNTERS if name in self.counters}
-        return RecordedScene(RunFigures(self.inputs, errors, counters, math.nan), self.times, self.references)
+        figures = RunFigures(self.inputs, errors, counters, math.nan, digest=self.digest)
+        return RecordedScene(figures, self.times, self.references)
 
 
 class _BaselineFile(Settings, frozen=True, forbid_unknown_fields=False):

@@ -17,6 +17,7 @@ from hhsim.gate.verdict import (
     GateRow,
     failed_run,
     inputs_row,
+    judge_bits,
     judge_counters,
     judge_errors,
     judge_inputs,
@@ -189,7 +190,8 @@ def _judged(
     inputs = [] if base is None else [judge_inputs(name, head, base, motion_may_change)]
     alike = None if base is None or differences(base.inputs, head.inputs) else base
     counters = [] if alike is None else judge_counters(name, head, alike, slack)
-    return [*inputs, *judge_errors(name, head, alike, limits), *judge_others(name, head, limits), *counters]
+    bits = [] if alike is None else judge_bits(name, head, alike)
+    return [*inputs, *bits, *judge_errors(name, head, alike, limits), *judge_others(name, head, limits), *counters]
 
 
 @dataclass(frozen=True)

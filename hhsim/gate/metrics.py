@@ -27,6 +27,7 @@ from hhsim.metrics.session_faults import (
 )
 from hhsim.replay.limits import default_limits, stored_promises
 from hhsim.replay.stored_scene import stored_surface
+from hhsim.result.digest import tick_digest
 from hhsim.result.reader import Result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.method import EVERYTHING, WORK
@@ -88,11 +89,12 @@ class RunFigures:
     suspicions: tuple[str, ...] = ()  # probable mistakes of a submission, a line each
     mishap: str = ""  # end of a session out of order, else its first fault; "" for none
     stopped: str = ""  # reason and time of a session's end before its duration; "" for none
+    digest: str = ""  # of poses and forces, `hhsim.result.digest.tick_digest`; "" where a baseline has none
 
     def to_json(self) -> dict[str, Any]:
         """Return errors, counters and inputs as plain values; None for undefined ones."""
         errors = {name: value if np.isfinite(value) else None for name, value in self.errors.items()}
-        return {"inputs": asdict(self.inputs), "errors": errors, "counters": self.counters}
+        return {"inputs": asdict(self.inputs), "digest": self.digest, "errors": errors, "counters": self.counters}
 
 
 def run_figures(result: Result) -> RunFigures:
@@ -101,7 +103,7 @@ def run_figures(result: Result) -> RunFigures:
     Raises:
         InputError: A dataset that the result's schema does not have, or an invalid tree.
     """
-    inputs, result = run_inputs(result), result.seen_from_object
+    inputs, digest, result = run_inputs(result), tick_digest(result), result.seen_from_object
     gives = {what for what in EVERYTHING if result.gives(what)}
     known = {column.name for column in TICK_COLUMNS if column.known_by in ("", *gives)}
     # The number of near pairs follows from the pose; it is work only for hhsim's methods.
@@ -114,7 +116,7 @@ def run_figures(result: Result) -> RunFigures:
     promises = stored_promises(result.scene)
     others = _others(result, run, told)
     ended = ("", "") if result.live is None else (first_mishap(result), ended_before_its_time(result))
-    return RunFigures(inputs, errors, counters, cpu_p50(result), others, stuck, promises, suspicions, *ended)
+    return RunFigures(inputs, errors, counters, cpu_p50(result), others, stuck, promises, suspicions, *ended, digest)
 
 
 def cpu_p50(result: Result) -> float:

@@ -72,7 +72,7 @@ def _how_far(row: GateRow) -> str:
 
 def worth_showing(report: GateReport) -> list[GateRow]:
     """Return the rows that are missed, changed, new, or could not be run or compared."""
-    told = [row for row in report.rows if row.reason and (row.kind == "inputs" or row.name == "ended_early")]
+    told = [row for row in report.rows if row.reason and (row.kind in ("inputs", "bits") or row.name == "ended_early")]
     return [row for row in report.rows if not row.passed or row.verdict not in (SAME, "") or row in told]
 
 
@@ -134,7 +134,7 @@ def _state(row: GateRow) -> str:
         return MISSED
     if row.verdict in UNJUDGED:
         return ""
-    judged = row.kind in ("inputs", "counter", "time") or not (math.isnan(row.limit) or math.isnan(row.head))
+    judged = row.kind in ("inputs", "bits", "counter", "time") or not (math.isnan(row.limit) or math.isnan(row.head))
     return OK if judged else ""
 
 

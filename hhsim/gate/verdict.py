@@ -31,7 +31,8 @@ EXIT_OK, EXIT_MISSED, EXIT_REFUSED, EXIT_NOT_COMPARABLE = 0, 1, 2, 3
 class GateRow:
     """One judged figure."""
 
-    # identification; `kind` is run, inputs, error, counter, time, or limit of a figure that only a suite's limit judges
+    # identification; `kind` is run, inputs, bits (poses and forces), error, counter, time, or limit of a figure that
+    # only a suite's limit judges
     scene: str
     kind: str
     name: str
@@ -138,6 +139,16 @@ def judge_inputs(scene: str, head: RunFigures, base: RunFigures, motion_may_chan
         return inputs_row(scene, "another motion than the base's, which may change: judged by limits, not compared")
     apart = new_options(base.inputs, head.inputs)
     return inputs_row(scene, f"options that only one side has: {', '.join(apart)}" if apart else "", SAME)
+
+
+def judge_bits(scene: str, head: RunFigures, base: RunFigures) -> list[GateRow]:
+    """Tell whether poses and forces are those of the base to the last bit, where the base has their digest."""
+    if not base.digest:
+        return []
+    same = head.digest == base.digest
+    reason = "" if same else f"other bits than the base's: {head.digest} and {base.digest}"
+    label = "poses and forces"
+    return [GateRow(scene, "bits", "digest", label, verdict=SAME if same else WITHIN, reason=reason)]
 
 
 def judge_time(

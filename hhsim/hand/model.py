@@ -46,6 +46,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand.kinematics import HandArrays, forward_kinematics
 from hhsim.kernels.round_cone_distance import cone_slope
 from hhsim.mesh.mesh import Mesh
+from hhsim.reproducible import dot, norm, sine_and_cosine
 from hhsim.system.settings_file import Settings, between, read_settings, typed
 from hhsim.trees.cache import cached_sphere_tree, shipped_tree
 from hhsim.trees.options import TreeOptions
@@ -330,8 +331,10 @@ def default_fingers(hand_length: float, hand_breadth: float) -> dict[str, FloatA
     distal, dorsal = np.empty((5, 3)), np.empty((5, 3))
     distal[0], dorsal[0] = THUMB_DISTAL, THUMB_DORSAL
     fan, roll = np.radians(FAN), np.radians(ROLL)
-    distal[1:] = np.stack([-np.sin(fan), np.cos(fan), np.zeros(4)], axis=1)
-    dorsal[1:] = np.stack([-np.sin(roll), np.zeros(4), np.cos(roll)], axis=1)
+    (sine, cosine), none = sine_and_cosine(fan), np.zeros(4)
+    distal[1:] = np.stack([-sine, cosine, none], axis=1)
+    sine, cosine = sine_and_cosine(roll)
+    dorsal[1:] = np.stack([-sine, none, cosine], axis=1)
     flexion, abduction = np.radians(FLEXION_DEGREES), np.radians(ABDUCTION_DEGREES)
     return {
         "base": base,
@@ -416,12 +419,12 @@ def _replace_finger(arrays: dict[str, FloatArray], index: int, sizes: FingerTabl
 
 def _frames(distal: FloatArray, dorsal: FloatArray, where: str) -> tuple[FloatArray, FloatArray]:
     for finger, u, w in zip(FINGERS, distal, dorsal):
-        sine = np.linalg.norm(np.cross(u, w))
-        if not sine > 1e-3 * np.linalg.norm(u) * np.linalg.norm(w) > 0.0:
+        sine = norm(np.cross(u, w))
+        if not sine > 1e-3 * norm(u) * norm(w) > 0.0:
             pair = f"{finger}.distal {_text(u)} and {finger}.dorsal {_text(w)}"
             raise InputError(f"{where}: {pair}: expected two directions across each other")
     distal = distal / np.linalg.norm(distal, axis=1, keepdims=True)
-    dorsal = dorsal - np.einsum("fi,fi->f", dorsal, distal)[:, None] * distal
+    dorsal = dorsal - dot(dorsal, distal)[:, None] * distal
     return distal, dorsal / np.linalg.norm(dorsal, axis=1, keepdims=True)
 
 

@@ -6,7 +6,6 @@ Seen from its middle it is star-shaped, so one vertex per ray gives a mesh that 
 """
 
 import functools
-from importlib.resources import files
 from itertools import product
 from typing import NamedTuple
 
@@ -14,8 +13,8 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError
-from hhsim.mesh.file import read_own_ply
 from hhsim.mesh.mesh import Mesh
+from hhsim.reproducible import dot, exponential, norm, sine_and_cosine
 
 RAYS_PER_EDGE = (16, 16, 8)
 """Squares along x, y and z of the box whose grid names the rays: 4 (16·16 + 16·8 + 8·16) = 2,048 triangles."""
@@ -28,12 +27,6 @@ CENTER_HEIGHT = -0.045
 
 BLEND_SHARE = 0.035
 """Width of the blend between two round cones, as a share of hand breadth."""
-
-SHIPPED = "palm.ply"
-"""Default palm, in hhsim.objects."""
-
-ROUNDING = 1e-12
-"""Largest difference [m] of a vertex between processors, which differ in the last bits."""
 
 
 class RoundCones(NamedTuple):
@@ -48,7 +41,7 @@ class RoundCones(NamedTuple):
         """Return the distance [m] of points, shape (m, 3), to each cone, shape (m, n); linear taper."""
         axis = self.b - self.a
         offset = points[:, None, :] - self.a
-        share = np.clip(np.einsum("mni,ni->mn", offset, axis) / np.einsum("ni,ni->n", axis, axis), 0.0, 1.0)
+        share = np.clip(dot(offset, axis) / dot(axis, axis), 0.0, 1.0)
         gap = np.linalg.norm(offset - share[..., None] * axis, axis=2)
         return np.asarray(gap - self.radius_a - share * (self.radius_b - self.radius_a), dtype=np.float64)
 
@@ -105,7 +98,8 @@ def _palm_mesh(
     def inside(distance: FloatArray) -> BoolArray:
         d = parts.distance(center + distance[:, None] * rays)
         least = d.min(axis=1)
-        return np.asarray(least - blend * np.log(np.exp((least[:, None] - d) / blend).sum(axis=1)) < 0.0)
+        # least - blend ln Σ exp((least - d) / blend) < 0, without the logarithm.
+        return np.asarray(exponential((least[:, None] - d) / blend).sum(axis=1) > exponential(least / blend))
 
     if not inside(np.zeros(len(rays))).all():
         line = f"y = {0.2 * hand_length:.3g} m from the palm's origin"
@@ -116,19 +110,11 @@ def _palm_mesh(
         hit = inside(middle)
         near, far = np.where(hit, middle, near), np.where(hit, far, middle)
     return Mesh(
-        vertices=_as_shipped(center + rays * (0.5 * (near + far))[:, None]),
+        vertices=center + rays * (0.5 * (near + far))[:, None],
         faces=faces,
         name="palm",
         source=f"generated, hand length {hand_length:g} m, breadth {hand_breadth:g} m",
     )
-
-
-def _as_shipped(vertices: FloatArray) -> FloatArray:
-    """Shipped vertices if these are the same but for rounding: the shipped tree is of those, to the bit."""
-    file = files("hhsim.objects") / SHIPPED
-    shipped, _ = read_own_ply(file.read_bytes(), SHIPPED)
-    alike = shipped.shape == vertices.shape and np.abs(shipped - vertices).max() <= ROUNDING
-    return shipped if alike else vertices
 
 
 def box_rays(half_extent: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -148,7 +134,8 @@ def box_rays(half_extent: FloatArray) -> tuple[FloatArray, IntArray]:
     points = []
     for cell_of_ray in cells:
         # The tangent spreads the rays of a box's face evenly over the sphere.
-        corner = np.tan(0.25 * np.pi * (2.0 * np.array(cell_of_ray) / np.array(RAYS_PER_EDGE) - 1.0))
-        points.append(corner / np.linalg.norm(corner) * half_extent)
+        sine, cosine = sine_and_cosine(0.25 * np.pi * (2.0 * np.array(cell_of_ray) / np.array(RAYS_PER_EDGE) - 1.0))
+        corner = sine / cosine
+        points.append(corner / norm(corner) * half_extent)
     directions = np.array(points)
     return directions / np.linalg.norm(directions, axis=1, keepdims=True), np.array(faces, dtype=np.int64)

@@ -4,14 +4,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
+from hhsim.reproducible import arc_tangent, sine_and_cosine
+
+SMALL_ANGLE = 1e-9
+"""Angle [rad] below which its sine is the angle."""
 
 
 def quaternion(vector: ArrayLike) -> FloatArray:
     """Return unit quaternions (w, x, y, z), shape (..., 4), of rotation vectors [rad], shape (..., 3)."""
     turns = np.asarray(vector, np.float64)
     half = 0.5 * np.linalg.norm(turns, axis=-1, keepdims=True)
-    # np.sinc(x) is sin(πx)/(πx), and whole at zero.
-    return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * turns], axis=-1)
+    sine, cosine = sine_and_cosine(half)
+    small = half < SMALL_ANGLE
+    return np.concatenate([cosine, 0.5 * np.where(small, 1.0, sine / np.where(small, 1.0, half)) * turns], axis=-1)
 
 
 def rotation_vector(quaternions: ArrayLike) -> FloatArray:
@@ -20,7 +25,7 @@ def rotation_vector(quaternions: ArrayLike) -> FloatArray:
     q = np.where(q[..., :1] < 0.0, -q, q)
     sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
     small = sine < 1e-12
-    scale = np.where(small, 2.0, 2.0 * np.arctan2(sine, q[..., :1]) / np.where(small, 1.0, sine))
+    scale = np.where(small, 2.0, 2.0 * arc_tangent(sine, q[..., :1]) / np.where(small, 1.0, sine))
     vector: FloatArray = scale * q[..., 1:]
     return vector
 

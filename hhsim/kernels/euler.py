@@ -5,6 +5,7 @@ Arrays hold (α, β, γ) [rad], about X, Y and Z. At β = ±90° they lock: α a
 
 import math
 
+from hhsim.kernels.elementary import arc_tangent, hypotenuse, sine_cosine
 from hhsim.kernels.jit import Array, jit
 from hhsim.kernels.rotation import write_unit_quaternion
 
@@ -15,9 +16,9 @@ LOCKED = 1e-9
 @jit
 def euler_quaternion(euler: Array, quaternion_out: Array) -> None:
     """Compute the unit quaternion (w, x, y, z), shape (4,), of angles, shape (3,)."""
-    ca, sa = math.cos(0.5 * euler[0]), math.sin(0.5 * euler[0])
-    cb, sb = math.cos(0.5 * euler[1]), math.sin(0.5 * euler[1])
-    cc, sc = math.cos(0.5 * euler[2]), math.sin(0.5 * euler[2])
+    sa, ca = sine_cosine(0.5 * euler[0])
+    sb, cb = sine_cosine(0.5 * euler[1])
+    sc, cc = sine_cosine(0.5 * euler[2])
     w = cc * cb * ca + sc * sb * sa
     x = cc * cb * sa - sc * sb * ca
     y = cc * sb * ca + sc * cb * sa
@@ -28,8 +29,8 @@ def euler_quaternion(euler: Array, quaternion_out: Array) -> None:
 @jit
 def euler_axes(euler: Array, axes_out: Array) -> None:
     """Compute the world axes about which a change of α, β and γ turns the body, rows of shape (3, 3)."""
-    cb, sb = math.cos(euler[1]), math.sin(euler[1])
-    cc, sc = math.cos(euler[2]), math.sin(euler[2])
+    sb, cb = sine_cosine(euler[1])
+    sc, cc = sine_cosine(euler[2])
     axes_out[0, 0], axes_out[0, 1], axes_out[0, 2] = cc * cb, sc * cb, -sb
     axes_out[1, 0], axes_out[1, 1], axes_out[1, 2] = -sc, cc, 0.0
     axes_out[2, 0], axes_out[2, 1], axes_out[2, 2] = 0.0, 0.0, 1.0
@@ -47,17 +48,17 @@ def nearest_euler(rotation: Array, near: Array, euler_out: Array) -> None:
     (α, β, γ) and (α + π, π - β, γ + π) are the same rotation, and each angle may be off by full turns: without this
     choice a hand that turns through β = 90° or γ = 180° would be sent all the way round.
     """
-    cosine = math.hypot(rotation[0, 0], rotation[1, 0])
-    b = math.atan2(-rotation[2, 0], cosine)
+    cosine = hypotenuse(rotation[0, 0], rotation[1, 0])
+    b = arc_tangent(-rotation[2, 0], cosine)
     if cosine > LOCKED:
-        a = math.atan2(rotation[2, 1], rotation[2, 2])
-        c = math.atan2(rotation[1, 0], rotation[0, 0])
+        a = arc_tangent(rotation[2, 1], rotation[2, 2])
+        c = arc_tangent(rotation[1, 0], rotation[0, 0])
     else:
         c = near[2]
         if b > 0.0:
-            a = c + math.atan2(rotation[0, 1], rotation[1, 1])
+            a = c + arc_tangent(rotation[0, 1], rotation[1, 1])
         else:
-            a = math.atan2(-rotation[0, 1], rotation[1, 1]) - c
+            a = arc_tangent(-rotation[0, 1], rotation[1, 1]) - c
     a0, b0, c0 = _unwrapped(a, near[0]), _unwrapped(b, near[1]), _unwrapped(c, near[2])
     a1 = _unwrapped(a + math.pi, near[0])
     b1 = _unwrapped(math.pi - b, near[1])

@@ -68,15 +68,6 @@ def jit_inline(function: F) -> F:
     return _compile(function, inline="never", forceinline=True)
 
 
-def jit_vector(function: F) -> F:
-    """Compile with sums that may be reordered and fused, so that loops use the vector unit.
-
-    Only for plain loops over arrays: NaN, infinities and signed zeros keep their meaning, and no tolerance is tested
-    inside.
-    """
-    return _compile(function, fastmath={"reassoc", "contract", "arcp"})
-
-
 def jit_once(function: F) -> F:
     """Compile a kernel as part of its only caller, before that is lowered."""
     return _compile(function, inline="always")

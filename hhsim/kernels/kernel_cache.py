@@ -2,7 +2,8 @@
 
 numba's file cache sees edits of the file that holds a function but not of the functions that it calls. The kernels of a
 module therefore lie in a folder named by a digest of that module's source, of the sources of all kernel modules that it
-imports, directly or not, of the numba version and of the CPU. Every checkout of the same sources shares it.
+imports, directly or not, and of the target: numba's version, its settings and the processor. Every checkout of the same
+sources shares it.
 """
 
 import ast
@@ -14,11 +15,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numba
 from numba import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 
 from hhsim.kernels.cache_folder import cache_root
+from hhsim.kernels.target import TARGET
 
 PACKAGE = __name__.rpartition(".")[0]
 SOURCES = Path(__file__).parent
@@ -91,27 +92,13 @@ def kernel_closure(module: str) -> set[str]:
 @functools.cache
 def module_digest(module: str) -> str:
     """Return a digest of all that the compiled kernels of a module depend on."""
-    digest = _machine_digest()
+    digest = hashlib.sha256(TARGET.encode())
     for name in sorted(kernel_closure(module)):
         source = source_of(name)
         assert source is not None, f"{name} is no module of {PACKAGE}"
         digest.update(name.encode())
         digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
-
-
-def _machine_digest() -> "hashlib._Hash":
-    digest = hashlib.sha256(numba.__version__.encode())
-    digest.update(str(numba.config.CPU_NAME or _host_cpu()).encode())
-    digest.update(str(bool(numba.config.BOUNDSCHECK)).encode())
-    return digest
-
-
-@functools.cache
-def _host_cpu() -> str:
-    from llvmlite import binding
-
-    return f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
 
 
 KERNEL_CACHE: Path = cache_root() / "kernels"
@@ -191,7 +178,7 @@ class KernelCache(_FolderCache):
         sources = {source for argument in getattr(sig, "args", sig) for source in _foreign_sources(argument)}
         if not sources:
             return None
-        digest = _machine_digest()
+        digest = hashlib.sha256(TARGET.encode())
         for source in sorted(sources):
             digest.update(Path(source).read_bytes())
         return _FolderCache(self._py_func, Path(self.cache_path) / digest.hexdigest()[:16], self._stored)

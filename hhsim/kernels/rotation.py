@@ -6,10 +6,14 @@ exp(δφ) q. Euler angles, which the paper uses, lock at β = ±90° and weigh t
 
 import math
 
+from hhsim.kernels.elementary import arc_tangent, hypotenuse, sine_cosine
 from hhsim.kernels.jit import Array, jit, jit_inline
 
 SMALL_ANGLE = 1e-8
 """Angle [rad] below which the series of sin(x)/x to second order is exact in double precision."""
+
+JACOBI_SWEEPS = 10
+"""Sweeps of rotations after which a symmetric matrix of three rows is diagonal: five are enough in practice."""
 
 
 @jit
@@ -54,7 +58,7 @@ def rotation_vector_between(source: Array, target: Array, vector_out: Array) -> 
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
     sine = math.sqrt(x * x + y * y + z * z)
-    scale = 2.0 if sine < SMALL_ANGLE else 2.0 * math.atan2(sine, w) / sine
+    scale = 2.0 if sine < SMALL_ANGLE else 2.0 * arc_tangent(sine, w) / sine
     vector_out[0], vector_out[1], vector_out[2] = scale * x, scale * y, scale * z
 
 
@@ -64,7 +68,36 @@ def rotate_quaternion(quaternion: Array, vx: float, vy: float, vz: float, quater
     angle = math.sqrt(vx * vx + vy * vy + vz * vz)
     half_sinc, cosine = 0.5, 1.0
     if not angle < SMALL_ANGLE:
-        half_sinc, cosine = math.sin(0.5 * angle) / angle, math.cos(0.5 * angle)
+        half_sinc, cosine = sine_cosine(0.5 * angle)
+        half_sinc /= angle
     ax, ay, az = half_sinc * vx, half_sinc * vy, half_sinc * vz
     w, x, y, z = _product(cosine, ax, ay, az, quaternion[0], quaternion[1], quaternion[2], quaternion[3])
     write_unit_quaternion(quaternion_out, w, x, y, z)
+
+
+@jit
+def diagonalise(matrix: Array, axes: Array) -> None:
+    """Turn a symmetric matrix, shape (3, 3), to its eigenvalues on the diagonal, and the columns of `axes` with it.
+
+    Cyclic Jacobi rotations (Golub & Van Loan, Matrix Computations, section 8.5).
+    """
+    for _ in range(JACOBI_SWEEPS):
+        for p in range(2):
+            for q in range(p + 1, 3):
+                off = matrix[p, q]
+                if off == 0.0:
+                    continue
+                slope = (matrix[q, q] - matrix[p, p]) / (2.0 * off)
+                t = math.copysign(1.0 / (abs(slope) + hypotenuse(1.0, slope)), slope)
+                c = 1.0 / math.sqrt(1.0 + t * t)
+                s = t * c
+                for k in range(3):
+                    a, b = matrix[k, p], matrix[k, q]
+                    matrix[k, p], matrix[k, q] = c * a - s * b, s * a + c * b
+                for k in range(3):
+                    a, b = matrix[p, k], matrix[q, k]
+                    matrix[p, k], matrix[q, k] = c * a - s * b, s * a + c * b
+                matrix[p, q] = matrix[q, p] = 0.0
+                for k in range(3):
+                    a, b = axes[k, p], axes[k, q]
+                    axes[k, p], axes[k, q] = c * a - s * b, s * a + c * b

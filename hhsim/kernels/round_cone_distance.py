@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhsim.kernels.jit import Array, jit, jit_inline, jit_vector
+from hhsim.kernels.arithmetic import fused, least_above, product
+from hhsim.kernels.jit import Array, jit, jit_inline
 
 
 class RoundCone(NamedTuple):
@@ -54,10 +55,10 @@ def round_cone_parameter(
     dx: float, dy: float, dz: float, ux: float, uy: float, uz: float, tan_slope: float, inverse_length: float
 ) -> float:
     """Compute the axis parameter s in [0, 1] of the sphere of a round cone nearest to the point a + (dx, dy, dz)."""
-    t = dx * ux + dy * uy + dz * uz
-    px, py, pz = dx - t * ux, dy - t * uy, dz - t * uz
-    h = math.sqrt(px * px + py * py + pz * pz)
-    return min(max((t - h * tan_slope) * inverse_length, 0.0), 1.0)
+    t = product(dx, dy, dz, ux, uy, uz)
+    px, py, pz = fused(-t, ux, dx), fused(-t, uy, dy), fused(-t, uz, dz)
+    h = math.sqrt(product(px, py, pz, px, py, pz))
+    return min(max(fused(-h, tan_slope, t) * inverse_length, 0.0), 1.0)
 
 
 class Spheres(NamedTuple):
@@ -69,7 +70,7 @@ class Spheres(NamedTuple):
     radius: Array
 
 
-@jit_vector
+@jit
 def round_cone_distances(
     spheres: Spheres, count: int, cone: RoundCone, distance_out: Array, parameter_out: Array
 ) -> None:
@@ -78,18 +79,18 @@ def round_cone_distances(
     x, y, z, radius = spheres
     for i in range(count):
         dx, dy, dz = x[i] - ax, y[i] - ay, z[i] - az
-        t = dx * ux + dy * uy + dz * uz
-        px, py, pz = dx - t * ux, dy - t * uy, dz - t * uz
-        h2 = px * px + py * py + pz * pz
-        s = (t - math.sqrt(h2) * tan_slope) * inverse_length
+        t = product(dx, dy, dz, ux, uy, uz)
+        px, py, pz = fused(-t, ux, dx), fused(-t, uy, dy), fused(-t, uz, dz)
+        h2 = product(px, py, pz, px, py, pz)
+        s = fused(-math.sqrt(h2), tan_slope, t) * inverse_length
         s = 0.0 if s < 0.0 else s
         s = 1.0 if s > 1.0 else s
-        along = t - s * length
-        distance_out[i] = math.sqrt(h2 + along * along) - radius_a + s * radius_drop - radius[i]
+        along = fused(-s, length, t)
+        distance_out[i] = math.sqrt(fused(along, along, h2)) + fused(s, radius_drop, -radius_a) - radius[i]
         parameter_out[i] = s
 
 
-@jit_vector
+@jit
 def sphere_pair_distances(
     hand: Spheres, others: Spheres, count: int, position: Array, rotation: Array, distance_out: Array
 ) -> None:
@@ -101,22 +102,20 @@ def sphere_pair_distances(
     r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
     r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
     for i in range(count):
-        dx = px + r00 * hand_x[i] + r01 * hand_y[i] + r02 * hand_z[i] - object_x[i]
-        dy = py + r10 * hand_x[i] + r11 * hand_y[i] + r12 * hand_z[i] - object_y[i]
-        dz = pz + r20 * hand_x[i] + r21 * hand_y[i] + r22 * hand_z[i] - object_z[i]
-        distance_out[i] = math.sqrt(dx * dx + dy * dy + dz * dz) - hand_radius[i] - object_radius[i]
+        x, y, z = hand_x[i], hand_y[i], hand_z[i]
+        dx = px - object_x[i] + product(r00, r01, r02, x, y, z)
+        dy = py - object_y[i] + product(r10, r11, r12, x, y, z)
+        dz = pz - object_z[i] + product(r20, r21, r22, x, y, z)
+        distance_out[i] = math.sqrt(product(dx, dy, dz, dx, dy, dz)) - hand_radius[i] - object_radius[i]
 
 
-@jit_vector
+@jit
 def least_distance(distance: Array, start: int, stop: int) -> float:
     """Return the least of distance[start:stop], 1e300 if there is none."""
-    least = 1e300
-    for i in range(np.uint64(start), np.uint64(stop)):
-        least = distance[i] if distance[i] < least else least
-    return least
+    return min(least_above(distance, start, stop, -np.inf), 1e300)
 
 
-@jit_vector
+@jit
 def count_within(distance: Array, start: int, stop: int, limit: float) -> int:
     """Count the values of distance[start:stop] up to a limit."""
     within = 0

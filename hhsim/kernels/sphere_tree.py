@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_inline, jit_vector
+from hhsim.kernels.arithmetic import fused, product
+from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_inline
 from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
 
 MOST_WAITING = 1024
@@ -38,11 +39,12 @@ def node_distance(tree: TreeArrays, cone: RoundCone, node: int) -> float:
     ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius_a, radius_drop = cone
     dx, dy, dz = tree.x[node] - ax, tree.y[node] - ay, tree.z[node] - az
     s = round_cone_parameter(dx, dy, dz, ux, uy, uz, tan_slope, inverse_length)
-    qx, qy, qz = dx - s * length * ux, dy - s * length * uy, dz - s * length * uz
-    return math.sqrt(qx * qx + qy * qy + qz * qz) - radius_a + s * radius_drop - tree.radius[node]
+    along = -s * length
+    qx, qy, qz = fused(along, ux, dx), fused(along, uy, dy), fused(along, uz, dz)
+    return math.sqrt(product(qx, qy, qz, qx, qy, qz)) + fused(s, radius_drop, -radius_a) - tree.radius[node]
 
 
-@jit_vector
+@jit
 def _child_distances(tree: TreeArrays, cone: RoundCone, first: int, last: int, distance_out: Array) -> None:
     # Signed indices would be checked for negative values, which keeps the loop off the vector unit.
     for i in range(np.uint64(first), np.uint64(last)):

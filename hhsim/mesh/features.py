@@ -23,6 +23,7 @@ from hhsim.kernels.mesh.features import (
 )
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.topology import distinct_rows, face_areas, merged_vertices, part_labels
+from hhsim.reproducible import arc_tangent, dot, norm, sine_and_cosine
 
 SAME_PLACE = 1e-10
 """Vertices of an open mesh closer than this share of its longest extent are merged: each copy of an edge would
@@ -235,7 +236,7 @@ def _along_a_curve(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, I
 def _normals(triangle: FloatArray) -> tuple[FloatArray, FloatArray]:
     # Unit normals by the two shorter sides, and heights as shares of the longest sides.
     sides = np.roll(triangle, -1, axis=1) - triangle
-    squares = np.einsum("fkm,fkm->fk", sides, sides)
+    squares = dot(sides, sides)
     longest = np.argmax(squares, axis=1)
     rows = np.arange(len(triangle))
     cross = np.cross(sides[rows, (longest + 1) % 3], sides[rows, (longest + 2) % 3])
@@ -248,14 +249,14 @@ def _faces(triangle: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatA
     # The fields of each face, and how far it reaches beyond its sides [m].
     face = np.empty((len(triangle), FACE_FIELDS))
     face[:, :3] = normal
-    face[:, 3] = np.einsum("ij,ij->i", normal, triangle[:, 0])
+    face[:, 3] = dot(normal, triangle[:, 0])
     slack = np.minimum(ON, BEYOND * _least_half_sine(triangle))
     for k in range(3):
         p, q = triangle[:, k], triangle[:, (k + 1) % 3]
         inward = np.cross(normal, q - p)
         inward /= np.linalg.norm(inward, axis=1)[:, None]
         face[:, 4 + 4 * k : 7 + 4 * k] = inward
-        face[:, 7 + 4 * k] = np.einsum("ij,ij->i", inward, p) - slack
+        face[:, 7 + 4 * k] = dot(inward, p) - slack
     return face, slack
 
 
@@ -264,9 +265,9 @@ def _least_half_sine(triangle: FloatArray) -> FloatArray:
     least = np.full(len(triangle), np.inf)
     for k in range(3):
         out, back = triangle[:, (k + 1) % 3] - triangle[:, k], triangle[:, k - 1] - triangle[:, k]
-        angle = np.arctan2(np.linalg.norm(np.cross(out, back), axis=1), np.einsum("fm,fm->f", out, back))
+        angle = arc_tangent(norm(np.cross(out, back)), dot(out, back))
         np.minimum(least, angle, out=least)
-    return np.asarray(np.sin(0.5 * least))
+    return sine_and_cosine(0.5 * least)[0]
 
 
 def _wings(
@@ -295,7 +296,7 @@ def _is_convex(wing: FloatArray, start: IntArray, normal: FloatArray) -> BoolArr
     convex = np.ones(len(start) - 1, dtype=bool)
     two = np.diff(start) == 2
     first = start[:-1][two]
-    convex[two] = np.einsum("ij,ij->i", wing[first], normal[first + 1]) < 0.0
+    convex[two] = dot(wing[first], normal[first + 1]) < 0.0
     return convex
 
 

@@ -14,6 +14,7 @@ from hhsim.errors import InputError, MeshError
 from hhsim.mesh.file import read_triangles
 from hhsim.mesh.topology import is_closed, merged_vertices
 from hhsim.ranges import check_range
+from hhsim.reproducible import dot, matmul
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
 """Units that `load_mesh` takes, and their length [m]."""
@@ -90,7 +91,7 @@ class Mesh:
     def volume(self) -> float:
         """Enclosed volume [m³]; negative when the triangles are wound inside out."""
         a, b, c = (self.triangles - self.bounds.mean(axis=0)).transpose(1, 0, 2)
-        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+        return float(dot(a, np.cross(b, c)).sum() / 6.0)
 
     @cached_property
     def sha256(self) -> str:
@@ -105,7 +106,9 @@ class Mesh:
 
     def transformed(self, rotation: ArrayLike, translation: ArrayLike) -> "Mesh":
         """Return the mesh moved by `rotation @ vertex + translation`; shapes (3, 3) and (3,) [m]."""
-        moved = self.vertices @ np.asarray(rotation, dtype=np.float64).T + np.asarray(translation, dtype=np.float64)
+        moved = matmul(self.vertices, np.asarray(rotation, dtype=np.float64).T) + np.asarray(
+            translation, dtype=np.float64
+        )
         return replace(self, vertices=moved)
 
 
@@ -234,10 +237,11 @@ def mass_properties(mesh: Mesh) -> MassProperties:
     origin = mesh.bounds.mean(axis=0)
     corners = mesh.triangles - origin
     a, b, c = corners.transpose(1, 0, 2)
-    volumes = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
+    volumes = dot(a, np.cross(b, c)) / 6.0
     volume = float(volumes.sum())
     sums = corners.sum(axis=1)
-    center = volumes @ sums / (4.0 * volume)
-    products = np.einsum("t,tci,tcj->ij", volumes, corners, corners) + np.einsum("t,ti,tj->ij", volumes, sums, sums)
+    center = dot(sums.T, volumes) / (4.0 * volume)
+    places = [*corners.transpose(1, 2, 0), sums.T]
+    products = np.array([[sum(dot(volumes * p[i], p[j]) for p in places) for j in range(3)] for i in range(3)])
     second = products / 20.0 - volume * np.outer(center, center)
     return MassProperties(volume, center + origin, np.trace(second) * np.eye(3) - second)

@@ -10,6 +10,7 @@ replayed unchanged.
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.reproducible import arc_tangent, sine_and_cosine
 
 STAMP_TOLERANCE = 1e-9
 """Largest distance of a stamp from a tick at the same time [s]: 3 · 0.001 and 3 / 1000 differ in the last bit."""
@@ -123,11 +124,11 @@ def interpolate_orientation(time: FloatArray, quaternions: FloatArray, ticks: Fl
         b = np.where(np.sum(a * b, axis=1, keepdims=True) < 0.0, -b, b)
         # Half chords give the angle without the cancellation of acos near 1.
         chord = np.linalg.norm(b - a, axis=1, keepdims=True)
-        arc = 2.0 * np.arctan2(chord, np.linalg.norm(b + a, axis=1, keepdims=True))
+        arc = 2.0 * arc_tangent(chord, np.linalg.norm(b + a, axis=1, keepdims=True))
         small = arc < SMALL_ARC
-        sine = np.where(small, 1.0, np.sin(arc))
-        weight_a = np.where(small, 1.0 - s, np.sin((1.0 - s) * arc) / sine)
-        weight_b = np.where(small, s, np.sin(s * arc) / sine)
+        sine = np.where(small, 1.0, sine_and_cosine(arc)[0])
+        weight_a = np.where(small, 1.0 - s, sine_and_cosine((1.0 - s) * arc)[0] / sine)
+        weight_b = np.where(small, s, sine_and_cosine(s * arc)[0] / sine)
         mixed = weight_a * a + weight_b * b
         still = np.all(a == b, axis=1, keepdims=True)
         out[between] = np.where(still, a, mixed / np.linalg.norm(mixed, axis=1, keepdims=True))

@@ -9,6 +9,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.kernels.rotation import rotate_quaternion
+from hhsim.reproducible import dot, norm, sine_and_cosine
 from hhsim.system.settings_file import between, check_fields
 
 Angle = Annotated[float, between(0.0, math.pi, "rad")]
@@ -72,9 +73,13 @@ class Disturbance:
     def _ellipse(self, stream: np.random.Generator, time: FloatArray, amplitude: float) -> FloatArray:
         """Return a sin ωt + b cos ωt with seeded a and b, scaled to a longer half axis of `amplitude`; shape (T, 3)."""
         axes = stream.normal(size=(3, 2))
-        axes *= amplitude / np.linalg.norm(axes, ord=2)
+        a, b = axes.T
+        # The longer half axis: the largest singular value.
+        square = 0.5 * (dot(a, a) + dot(b, b) + norm([dot(a, a) - dot(b, b), 2.0 * dot(a, b)]))
+        axes *= amplitude / np.sqrt(square)
         phase = 2.0 * math.pi * self.tremor_frequency * time
-        return np.asarray(np.sin(phase)[:, None] * axes[:, 0] + np.cos(phase)[:, None] * axes[:, 1])
+        sine, cosine = sine_and_cosine(phase)
+        return np.asarray(sine[:, None] * axes[:, 0] + cosine[:, None] * axes[:, 1])
 
     @property
     def is_off(self) -> bool:

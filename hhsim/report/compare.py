@@ -12,6 +12,7 @@ from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.report.labels import option_value
 from hhsim.report.provenance import commit, object_name
+from hhsim.result.digest import tick_digest
 from hhsim.result.reader import Result
 
 HOW = ("level", "max_error")
@@ -40,6 +41,7 @@ class Comparison:
         how: Differences of method, options, tree.
         around: Other differences: machine, versions, schema.
         same_machine: True if times can be compared.
+        same_bits: True if poses and forces are equal to the last bit in every tick.
         spread: Difference of each time that is noise, where one result was run repeatedly [s or %].
     """
 
@@ -47,6 +49,7 @@ class Comparison:
     how: tuple[str, ...]
     around: tuple[str, ...]
     same_machine: bool
+    same_bits: bool = False
     spread: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -59,7 +62,8 @@ class Comparison:
         if not self.comparable:
             return f"Not comparable: not the same scene ({'; '.join(self.scene)})."
         times = "" if self.same_machine else "; times cannot, since they are of different machines"
-        return f"The same object, hand and motion: figures can be compared{times}."
+        bits = " Poses and forces are equal to the last bit." if self.same_bits else ""
+        return f"The same object, hand and motion: figures can be compared{times}.{bits}"
 
 
 @dataclass(frozen=True)
@@ -89,7 +93,8 @@ def compare(base: Result, head: Result) -> Comparison:
     how += [f"option that only one has: {name}" for name in new_options(one, other)]
     around = [*about_schema, *_around(base, head)]
     scene = tuple(_of_the_scene(unlike, base, head))
-    return Comparison(scene, tuple(how), tuple(around), base.machine == head.machine, _spread(base, head))
+    same_bits = base.ticks == head.ticks and tick_digest(base) == tick_digest(head)
+    return Comparison(scene, tuple(how), tuple(around), base.machine == head.machine, same_bits, _spread(base, head))
 
 
 def compared(base: SummaryRow, head: SummaryRow, comparison: Comparison) -> ComparedFigure:

@@ -21,6 +21,7 @@ from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.reproducible import dot, matmul, norm, sine_and_cosine
 from hhsim.scene.finger_closure import OPEN_SHARE, Closer, FingerClosure, body_distances, make_work
 from hhsim.scene.script import Script, ScriptPhase
 from hhsim.trees.sphere_tree import SphereTree
@@ -132,23 +133,24 @@ def _orientations() -> tuple[FloatArray, ...]:
     for triple in product((1.0, 0.0, -1.0), repeat=3):
         if triple == (0.0, 0.0, 0.0):
             continue
-        z = np.array(triple) / np.linalg.norm(triple)
+        z = np.array(triple) / norm(triple)
         across = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
-        across /= np.linalg.norm(across)
+        across /= norm(across)
         for roll in range(ROLLS):
-            angle = 2.0 * math.pi * roll / ROLLS
-            y = math.cos(angle) * across + math.sin(angle) * np.cross(z, across)
+            sine, cosine = sine_and_cosine(2.0 * math.pi * roll / ROLLS)
+            y = cosine * across + sine * np.cross(z, across)
             found.append(np.column_stack([np.cross(y, z), y, z]))
     return tuple(found)
 
 
 def _tilts() -> list[FloatArray]:
     turns = []
+    sine, cosine = sine_and_cosine(TILT)
     for axis, sign in product(range(3), (1.0, -1.0)):
         turn = np.eye(3)
         i, j = (axis + 1) % 3, (axis + 2) % 3
-        turn[i, i] = turn[j, j] = math.cos(TILT)
-        turn[j, i], turn[i, j] = sign * math.sin(TILT), -sign * math.sin(TILT)
+        turn[i, i] = turn[j, j] = cosine
+        turn[j, i], turn[i, j] = sign * sine, -sign * sine
         turns.append(turn)
     return turns
 
@@ -178,7 +180,9 @@ class _Search(Closer):
         """Evaluate every direction at the first aim, the best directions at every aim, and the best of those tilted."""
         found = [self._evaluate(rotation.copy(), self.aims[0]) for rotation in _orientations()]
         found += [self._evaluate(leader.rotation, aim) for leader in _leading(found) for aim in self.aims[1:]]
-        found += [self._evaluate(leader.rotation @ tilt, leader.aim) for leader in _leading(found) for tilt in _tilts()]
+        found += [
+            self._evaluate(matmul(leader.rotation, tilt), leader.aim) for leader in _leading(found) for tilt in _tilts()
+        ]
         leaders = _leading(found)
         best = leaders[0].closure
         if self.script.way("push") > 0.0:
@@ -231,8 +235,8 @@ class _Search(Closer):
         rotation = np.ascontiguousarray(rotation)
         back = np.ascontiguousarray(rotation[:, 2])
         # From here no body can reach the object, whatever the posture.
-        far = self.bound + self.reach + float(np.linalg.norm(aim)) + float(self.gap.max())
-        start = self.middle - rotation @ aim + far * back
+        far = self.bound + self.reach + float(norm(aim)) + float(self.gap.max())
+        start = self.middle - matmul(rotation, aim) + far * back
         # A hand that must not touch keeps clear in every stage of closing in the air.
         stages = [0.0] if self.script.contact else np.linspace(0.0, 1.0, 9)
         travel, blocking = 2.0 * far, -1
@@ -286,7 +290,7 @@ class _Search(Closer):
         # The command goes straight into the surface instead of grazing it.
         push = np.zeros(len(FINGERS))
         for f, phalanx, normal in normals:
-            push[f] = max(push[f], -float(moved[f, phalanx + 1] @ normal))
+            push[f] = max(push[f], -float(dot(moved[f, phalanx + 1], normal)))
         score += 8.0 * float(np.clip(push[self.fingers] / max(self.script.depth, 1e-6), 0.0, 1.0).mean())
         if self.script.moves_object:
             # What is moved is held level and about its middle; what is pushed need not be held from two sides.
@@ -313,18 +317,20 @@ class _Search(Closer):
         For an object that is to be moved, the thumb counts as much as all fingers together.
         """
         if not self.script.moves_object:
-            return float(np.linalg.norm(np.mean([normal for _, _, normal in normals], axis=0)))
+            return float(norm(np.mean([normal for _, _, normal in normals], axis=0)))
         sides = [[normal for f, _, normal in normals if (f == 0) == thumb] for thumb in (True, False)]
         if not all(sides):
             return 1.0
         mean = [np.mean(side, axis=0) for side in sides]
-        return float(np.linalg.norm(0.5 * (mean[0] + mean[1])))
+        return float(norm(0.5 * (mean[0] + mean[1])))
 
     def _bearing(self, closure: FingerClosure) -> float:
         """Share of the palm's spheres that lie within `BEARING` of the object where the palm touches it."""
         centers = np.column_stack([self.hand.palm_x, self.hand.palm_y, self.hand.palm_z])
         near = [
-            kernel.sphere_distance(self.tree, closure.position + closure.rotation @ center, radius, BEARING, self.work)
+            kernel.sphere_distance(
+                self.tree, closure.position + matmul(closure.rotation, center), radius, BEARING, self.work
+            )
             < BEARING
             for center, radius in zip(centers, self.hand.palm_radius)
         ]
@@ -344,8 +350,8 @@ def best_slide(script: Script, closure: FingerClosure, hand: HandArrays, tree: T
     start = closure.position - script.palm_depth * closure.back
     best, best_score = closure.rotation[:, 0], -math.inf
     for k in range(DIRECTIONS):
-        angle = 2.0 * math.pi * k / DIRECTIONS
-        direction = math.cos(angle) * closure.rotation[:, 0] + math.sin(angle) * closure.rotation[:, 1]
+        sine, cosine = sine_and_cosine(2.0 * math.pi * k / DIRECTIONS)
+        direction = cosine * closure.rotation[:, 0] + sine * closure.rotation[:, 1]
         score = 0.0
         for station in STATIONS:
             place = start + station * script.way("slide") * direction
@@ -371,7 +377,7 @@ def level(direction: FloatArray, otherwise: FloatArray) -> FloatArray:
     """Return the unit vector along the level part of a direction, or of another one if it is upright; shape (3,)."""
     for axis in (direction, otherwise):
         flat = np.array([axis[0], axis[1], 0.0])
-        length = float(np.linalg.norm(flat))
-        if length >= UPRIGHT * float(np.linalg.norm(axis)) and length > 0.0:
+        length = float(norm(flat))
+        if length >= UPRIGHT * float(norm(axis)) and length > 0.0:
             return flat / length
     return np.array([1.0, 0.0, 0.0])

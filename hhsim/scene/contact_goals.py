@@ -31,6 +31,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import object_description
 from hhsim.metrics.brute_force_distance import round_cone_contact, round_cone_distance, sphere_contact
+from hhsim.reproducible import dot, matmul
 from hhsim.system.settings_file import Settings, a_list, between, one_of, typed
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -77,7 +78,7 @@ class Shape(Settings, frozen=True):
         else:
             ends, radius = np.array(self.cylinder), np.array(self.radius)
             axis = ends[1] - ends[0]
-            share = (points - ends[0]) @ axis / (axis @ axis)
+            share = dot(points - ends[0], axis) / dot(axis, axis)
             away = np.linalg.norm(points - ends[0] - share[:, None] * axis, axis=1)
             limit = radius[0] + share * (radius[1] - radius[0])
             inside = (share >= 0.0) & (share <= 1.0) & (away <= limit)
@@ -167,7 +168,7 @@ def _bodies(
     part: str, hand: HandModel, joints: FloatArray, position: FloatArray, rotation: FloatArray
 ) -> list[tuple[FloatArray, FloatArray, float, float]]:
     if part == PALM:
-        places = hand.palm_tree.leaf_center @ rotation.T + position
+        places = matmul(hand.palm_tree.leaf_center, rotation.T) + position
         return [(place, place, size, size) for place, size in zip(places, hand.palm_tree.leaf_radius.tolist())]
     f = FINGERS.index(part)
     return [(joints[f, k], joints[f, k + 1], *hand.radius[f, k : k + 2].tolist()) for k in range(3)]

@@ -39,6 +39,7 @@ from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PHALANX_COUNT
 from hhsim.motion.file import load_trajectory
 from hhsim.motion.trajectory import HandSide, Trajectory
+from hhsim.reproducible import dot, matmul, norm, principal_axes
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.system.settings_file import Settings, one_of, parse_settings
 from hhsim.trees.sphere_tree import SphereTree
@@ -149,17 +150,18 @@ def upright_turn(angle: float) -> FloatArray:
 
 def placed_by(motion: Trajectory, shift: FloatArray, angle: float) -> Trajectory:
     """Return a motion beside an object in whose frame a point of the world is Rᵀ p + shift, R a turn by an angle."""
-    return motion.placed(-(upright_turn(angle) @ shift), quaternion(np.array([0.0, 0.0, angle])))
+    return motion.placed(-matmul(upright_turn(angle), shift), quaternion(np.array([0.0, 0.0, angle])))
 
 
 def _stroke(tips: FloatArray, motion: Trajectory) -> tuple[FloatArray, int]:
     """Unit main direction of a fingertip's path, towards the palm's side, and the sample that is farthest along it."""
     off = tips - tips.mean(axis=0)
-    direction = np.linalg.svd(off, full_matrices=False)[2][0]
+    spread = np.stack([dot(off[:, i], off[:, j]) for i in range(3) for j in range(3)]).reshape(3, 3)
+    direction = principal_axes(spread)[1][:, 2]
     inwards = -rotation_matrix(motion.orientation)[:, :, 2].mean(axis=0)
-    if direction @ inwards < 0.0:
+    if dot(direction, inwards) < 0.0:
         direction = -direction
-    return direction, int(np.argmax(off @ direction))
+    return direction, int(np.argmax(dot(off, direction)))
 
 
 def _search(
@@ -172,7 +174,7 @@ def _search(
     abduction = [np.ascontiguousarray(values) for values in motion.abduction[looks]]
     joints = hand.joints(motion.position[moment], motion.orientation[moment], flexion[here], abduction[here])
     low, high = tree.bounds
-    middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+    middle, size = 0.5 * (low + high), float(norm(high - low))
     tip_body = PHALANX_COUNT * finger + PHALANX_COUNT - 1
     gap = np.full(BODY_COUNT, -FAR)
     gap[tip_body] = 0.0
@@ -181,13 +183,13 @@ def _search(
     for step in range(TURNS):
         turn = 2.0 * np.pi * step / TURNS
         back = upright_turn(turn).T
-        direction = np.ascontiguousarray(back @ stroke)
-        rotations = [np.ascontiguousarray(back @ rotation_matrix(q)) for q in motion.orientation[looks]]
-        positions = motion.position[looks] @ back.T
-        tip = back @ joints[finger, 3]
+        direction = matmul(back, stroke)
+        rotations = [matmul(back, rotation_matrix(q)) for q in motion.orientation[looks]]
+        positions = matmul(motion.position[looks], back.T)
+        tip = matmul(back, joints[finger, 3])
         side = across(direction)
         for a, b in product(ACROSS, ACROSS):
-            goal = middle + (np.array([a, b]) * (np.abs(side) @ (high - low))) @ side
+            goal = middle + matmul(np.array([a, b]) * matmul(np.abs(side), high - low), side)
             start = positions[here] - tip + goal - size * direction
             travel, body = kernel.advance_hand(
                 arrays, nodes, start, rotations[here], flexion[here], abduction[here], direction, gap, 2.0 * size, work
@@ -214,5 +216,5 @@ def across(direction: FloatArray) -> FloatArray:
     """Return two unit vectors across a direction and each other, shape (2, 3)."""
     least = np.eye(3)[int(np.argmin(np.abs(direction)))]
     first = np.cross(direction, least)
-    first /= np.linalg.norm(first)
+    first /= norm(first)
     return np.stack([first, np.cross(direction, first)])

@@ -14,6 +14,7 @@ from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays
 from hhsim.mesh.catalogue import object_description
+from hhsim.reproducible import matmul
 from hhsim.scene.script import Placement, Script
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -205,9 +206,9 @@ class PlacedCloser(Closer):
             clear: If it refuses position, rotation and open flexion of a place, the fingers stay open.
         """
         turn = np.eye(3) if object_rotation is None else object_rotation
-        rotation = np.ascontiguousarray(turn @ rotation_matrix(placement.orientation))
-        back = np.ascontiguousarray(turn @ placement.back)
-        position = turn @ placement.position + (0.0 if object_position is None else object_position)
+        rotation = matmul(turn, rotation_matrix(placement.orientation))
+        back = matmul(turn, placement.back)
+        position = matmul(turn, placement.position) + (0.0 if object_position is None else object_position)
         opened, abduction = self.opened(placement), np.ascontiguousarray(placement.abduction)
         if self.script.palm_depth > 0.0:
             start = position + PALM_WAY * back
@@ -217,4 +218,4 @@ class PlacedCloser(Closer):
             )
             position = start - travel * back
         fingers = self.fingers if clear is None or clear(position, rotation, opened) else []
-        return self.closed((position, rotation, back), opened, abduction, turn @ placement.slide, fingers)
+        return self.closed((position, rotation, back), opened, abduction, matmul(turn, placement.slide), fingers)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh, mass_properties
 from hhsim.ranges import check_range
+from hhsim.reproducible import principal_axes
 
 _VECTORS = ("center", "gravity", "velocity", "angular_velocity")
 Triple = tuple[float, float, float]
@@ -67,7 +68,7 @@ class FreeObject:
         inertia = np.array(self.inertia)
         if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0 if inertia.any() else 1.0):
             raise InputError("the inertia of the free object is not symmetric")
-        if np.linalg.eigvalsh(inertia)[0] <= 0.0:
+        if principal_axes(inertia)[0][0] <= 0.0:
             raise InputError("the inertia of the free object is not positive: is its mesh flat?")
 
     def to_json(self) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.motion.trajectory import Trajectory
+from hhsim.reproducible import matmul, norm
 from hhsim.scene.demonstration import START_GAP, across, placed_by, upright_turn
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.trees.sphere_tree import SphereTree
@@ -205,14 +206,14 @@ class _Search:
         """Signed distance of every body at some samples [m], shape (N, 16)."""
         back, motion, found = upright_turn(candidate.turn).T, self.motion, []
         for sample in samples.tolist():
-            position = back @ motion.position[sample] + candidate.shift
-            rotation = np.ascontiguousarray(back @ self.rotation[sample])
+            position = matmul(back, motion.position[sample]) + candidate.shift
+            rotation = matmul(back, self.rotation[sample])
             flexion, abduction = motion.flexion[sample].copy(), motion.abduction[sample].copy()
             found.append(body_distances(self.hand, self.nodes, position, rotation, flexion, abduction, self.work))
         return np.stack(found)
 
     def _candidates(self) -> Iterator[_Candidate]:
-        middle, size = 0.5 * (self.low + self.high), float(np.linalg.norm(self.high - self.low))
+        middle, size = 0.5 * (self.low + self.high), float(norm(self.high - self.low))
         # No body of a hand reaches farther than its length from its own tips.
         far = size + 0.3
         gap = np.zeros(BODY_COUNT)
@@ -220,17 +221,17 @@ class _Search:
         for step in range(TURNS):
             turn = 2.0 * np.pi * step / TURNS
             back = upright_turn(turn).T
-            palm = back @ self.motion.position[self.grasp.sample]
-            rotation = np.ascontiguousarray(back @ self.rotation[self.grasp.sample])
+            palm = matmul(back, self.motion.position[self.grasp.sample])
+            rotation = matmul(back, self.rotation[self.grasp.sample])
             for approach in approaches:
                 flexion = self.motion.flexion[approach.sample].copy()
                 abduction = self.motion.abduction[approach.sample].copy()
-                direction = np.ascontiguousarray(back @ approach.direction)
+                direction = matmul(back, approach.direction)
                 side = across(direction)
-                width = np.abs(side) @ (self.high - self.low)
-                aim = back @ approach.aim
+                width = matmul(np.abs(side), self.high - self.low)
+                aim = matmul(back, approach.aim)
                 for offset in OFFSETS:
-                    here = middle + (np.array(offset) * width) @ side - aim - far * direction
+                    here = middle + matmul(np.array(offset) * width, side) - aim - far * direction
                     travel, body = kernel.advance_hand(
                         *(self.hand, self.nodes, palm + here, rotation, flexion, abduction),
                         *(direction, gap, 2.0 * far, self.work),
@@ -242,7 +243,7 @@ class _Search:
         g, closure = self.grasp.sample, list(self.grasp.fingers)
         palm, rotation = self.motion.position[g], self.rotation[g]
         # The palm of the grasp, with fingers as open as they were: so the palm's own way does not count as closing.
-        tips = palm + np.einsum("tfj,ij->tfi", self.tips, rotation)
+        tips = palm + matmul(self.tips, rotation.T)
         earlier = int(np.searchsorted(self.motion.time, self.motion.time[g] - 0.2))
         for k in sorted({self._before(lead) for lead in LEADS}) if self.grasp.closes else [g]:
             stroke = (tips[g] - tips[k])[closure].mean(axis=0)
@@ -250,7 +251,7 @@ class _Search:
             middle = tips[k, closure].mean(axis=0)
             aims = [middle, 0.5 * (middle + tips[k, 0]), 0.5 * (middle + palm)]
             for way, aim in product(ways, aims):
-                length = float(np.linalg.norm(way))
+                length = float(norm(way))
                 if length > LEAST_WAY:
                     yield _Approach(k, way / length, aim, 0.0 if self.grasp.closes else PUSH)
 

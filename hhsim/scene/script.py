@@ -60,6 +60,7 @@ from hhsim.errors import InputError, TrajectoryError, check_known
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.catalogue import object_names
 from hhsim.motion.tremor import Disturbance
+from hhsim.reproducible import norm
 from hhsim.scene.contact_goals import ANYWHERE, PALM, Touch, TouchTable, touches_of
 from hhsim.system.settings_file import Settings, a_list, between, one_of, parse_settings, read_toml_text
 
@@ -171,7 +172,7 @@ class PlacementTable(Settings, frozen=True):
         """Check the object's name and the unit length of directions."""
         check_known("object", [self.object], object_names())
         for key in ("orientation", "back", "slide"):
-            size = float(np.linalg.norm(getattr(self, key) or 1.0))
+            size = float(norm(getattr(self, key) or [1.0]))
             if not math.isclose(size, 1.0, abs_tol=1e-2):
                 raise InputError(f"{key} has length {size:.3g}; expected 1")
 
@@ -180,7 +181,7 @@ class PlacementTable(Settings, frozen=True):
         names = (*_REQUIRED, *_OPTIONAL)
         given = {name: np.array(value) for name in names if (value := getattr(self, name)) is not None}
         for key in given.keys() & {"orientation", "back", "slide"}:
-            given[key] /= np.linalg.norm(given[key])
+            given[key] /= norm(given[key])
         return Placement(self.object, **given)
 
 

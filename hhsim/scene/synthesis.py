@@ -16,6 +16,7 @@ from hhsim.hand.quaternion import quaternion, quaternion_from_matrix, rotation_m
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.tremor import Disturbance
+from hhsim.reproducible import sine_and_cosine
 from hhsim.scene.closure_search import level, plan_finger_closure
 from hhsim.scene.finger_closure import FingerClosure, PlacedCloser, find_placement
 from hhsim.scene.script import DEFAULT_FINGERS, TAKE_ALONG, Placement, Script, ScriptPhase
@@ -32,13 +33,13 @@ END = 1e-9
 def minimum_jerk(share: ArrayLike) -> FloatArray:
     """Return 10τ³ − 15τ⁴ + 6τ⁵ for τ in [0, 1], 0 before and 1 after: no jumps in speed and acceleration."""
     tau = np.clip(np.asarray(share, dtype=np.float64), 0.0, 1.0)
-    return np.asarray(tau**3 * (10.0 + tau * (6.0 * tau - 15.0)))
+    return np.asarray(tau * tau * tau * (10.0 + tau * (6.0 * tau - 15.0)))
 
 
 def to_and_fro(share: ArrayLike, cycles: float) -> FloatArray:
     """Return sin²(πτ) sin(2πnτ) for τ in [0, 1] and n cycles, else 0: an oscillation that starts and ends at rest."""
     tau = np.clip(np.asarray(share, dtype=np.float64), 0.0, 1.0)
-    return np.asarray(np.sin(np.pi * tau) ** 2 * np.sin(2.0 * np.pi * cycles * tau))
+    return np.asarray(sine_and_cosine(np.pi * tau)[0] ** 2 * sine_and_cosine(2.0 * np.pi * cycles * tau)[0])
 
 
 def phase_shares(script: Script, time: FloatArray) -> Iterator[tuple[ScriptPhase, float, FloatArray]]:
@@ -66,10 +67,13 @@ def carried(script: Script, time: FloatArray, start: FloatArray) -> RigidMotion 
         if phase.name == "carry":
             # Every later sample stands at the end of the arc, until another arc goes on from there.
             first, turned = heading[-1], phase.turn * minimum_jerk(share)
-            # Chord and middle heading of the arc so far; sinc(x) is sin(πx)/(πx), finite on a straight line.
-            chord = phase.distance * minimum_jerk(share) * np.sinc(0.5 * turned / np.pi)
-            along = first + 0.5 * turned
-            place = place + chord[:, None] * np.stack([np.cos(along), np.sin(along), zeros], axis=1)
+            # Chord and middle heading of the arc so far; a straight line has no half turn to divide by.
+            half = 0.5 * turned
+            straight = half == 0.0
+            ratio = np.where(straight, 1.0, sine_and_cosine(half)[0] / np.where(straight, 1.0, half))
+            chord = phase.distance * minimum_jerk(share) * ratio
+            sine, cosine = sine_and_cosine(first + half)
+            place = place + chord[:, None] * np.stack([cosine, sine, zeros], axis=1)
             heading = heading + turned
     return _about(np.stack([zeros, zeros, heading], axis=1), np.broadcast_to(start, place.shape), place)
 

@@ -8,6 +8,7 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.contact.linearise import LIMIT_ROWS
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.tick.progressive import YIELD_SCALE
+from hhsim.reproducible import matmul
 from hhsim.solver.qp import QpProblem
 
 LIMITS_PER_FINGER = LIMIT_ROWS // FINGER_COUNT
@@ -71,7 +72,7 @@ def palm_problem(state: Any) -> tuple[QpProblem, IntArray]:
     stacked = np.concatenate(matrix)
     return (
         QpProblem(
-            stiffness=weight**-2,
+            stiffness=1.0 / (weight * weight),
             matrix=stacked / weight,
             rhs=np.array(problem.rhs[index]),
             target=work.palm_target[:count] * weight,
@@ -86,7 +87,7 @@ def finger_problem(state: Any, finger: int, palm_step: FloatArray) -> tuple[QpPr
     index = finger_rows(state, finger)
     first = 6 + PHALANX_COUNT * finger
     part = slice(first, first + PHALANX_COUNT)
-    rhs = problem.rhs[index] - problem.common[:, index].T @ (palm_step / problem.inverse_root[:6])
+    rhs = problem.rhs[index] - matmul(problem.common[:, index].T, palm_step / problem.inverse_root[:6])
     return _unscaled(state, problem.block[:, index].T, rhs, problem.target[part], part), index
 
 

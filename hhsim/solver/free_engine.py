@@ -19,6 +19,7 @@ from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.mesh.mesh import Mesh
+from hhsim.reproducible import matmul, principal_axes
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import surface_of
@@ -92,9 +93,8 @@ class FreeEngine:
     def _place_object(self) -> None:
         free, body = self.free, self.states[0].body
         period = self.workspace.options.period
-        moment, axes = np.linalg.eigh(np.array(free.inertia))
         # Right-handed, or the gyroscopic term would have the other sign.
-        axes[:, 0] *= np.sign(np.linalg.det(axes))
+        moment, axes = principal_axes(free.inertia)
         body.period = period
         body.center[:] = body.position[:] = free.center
         body.axes[:] = axes.T
@@ -112,7 +112,7 @@ class FreeEngine:
         body.orientation[0] = 1.0
         body.rotation[:] = np.eye(3)
         body.velocity[:] = free.velocity
-        body.spin[:] = axes.T @ np.array(free.angular_velocity)
+        body.spin[:] = matmul(axes.T, free.angular_velocity)
         if free.table is None:
             return
         support = self.method.support

@@ -6,6 +6,7 @@ from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.kernels.contact.penetration import clearances
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.reproducible import norm
 from hhsim.solver.workspace import TickWorkspace
 
 
@@ -32,11 +33,11 @@ def retreat(workspace: TickWorkspace) -> None:
     directions = [np.array(d) - 1.0 for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]
     joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
     away = joints.reshape(-1, 3).mean(axis=0) - workspace.center()
-    if np.linalg.norm(away) > 0.0:
+    if norm(away) > 0.0:
         directions.insert(0, away)
     best, nearest = np.inf, origin
     for direction in directions:
-        unit = direction / np.linalg.norm(direction)
+        unit = direction / norm(direction)
         shift = 0.0
         while shift < best:
             pose.position[:] = origin + shift * unit

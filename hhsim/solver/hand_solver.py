@@ -14,6 +14,7 @@ from hhsim.kernels.jit import JIT_ENABLED, as_argument
 from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
+from hhsim.reproducible import norm
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.free_engine import FreeEngine
 from hhsim.solver.free_place import clearance, retreat
@@ -120,7 +121,7 @@ class HandSolver:
         pose, haptic_pose, limits = workspace.states[0].pose, workspace.states[0].haptic, workspace.hand
         if first is not None:
             pose.position[:] = first[0]
-            pose.orientation[:] = first[1] / np.linalg.norm(first[1])
+            pose.orientation[:] = first[1] / norm(first[1])
             pose.flexion[:] = np.clip(first[2], limits.flexion_min, limits.flexion_max)
             pose.abduction[:] = first[3]
         for name in HapticBlock._fields:

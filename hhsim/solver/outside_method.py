@@ -16,6 +16,7 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
+from hhsim.reproducible import norm
 from hhsim.system.foreign_call import ForeignError, Timed, foreign_call
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -164,7 +165,7 @@ def checked_answer(name: str, tick: int, found: Timed, forces: bool) -> TickAnsw
     if not isinstance(pose, tuple) or len(pose) != len(SHAPES):
         raise wrong(f"answers with {type(pose).__name__}: expected a HandConfiguration or a TickAnswer")
     arrays = {part: array(part, values, shape) for (part, shape), values in zip(SHAPES.items(), pose)}
-    length = float(np.linalg.norm(arrays["orientation"]))
+    length = float(norm(arrays["orientation"]))
     if abs(length - 1.0) > UNIT:
         raise wrong(f"answers with an orientation of length {length:.6g}: expected a unit quaternion w x y z")
     arrays["orientation"] = arrays["orientation"] / length
@@ -213,7 +214,7 @@ class OutsideEngine:
         if good:
             for name, values in sample._asdict().items():
                 self.haptic[name][:] = values
-            self.haptic["orientation"] /= np.linalg.norm(self.haptic["orientation"])
+            self.haptic["orientation"] /= norm(self.haptic["orientation"])
         # Copies, so that nothing of ours is the method's to write to.
         answer, wall, cpu = self.runner.tick(HandConfiguration(*(values.copy() for values in self.haptic.values())))
         for name, values in answer.pose._asdict().items():

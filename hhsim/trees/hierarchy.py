@@ -7,6 +7,7 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.enclosing_sphere import enclosing_sphere
 from hhsim.kernels.jit import as_argument
+from hhsim.reproducible import dot, matmul, principal_axes
 from hhsim.trees.sphere_tree import LevelCover, SphereTree, enclosing_radius
 
 
@@ -99,7 +100,8 @@ def _split(center: FloatArray, members: IntArray, groups: int, capacity: int) ->
     count = min(max(round(len(members) * left / groups), least), most)
     points = center[members]
     points -= np.add.reduce(points) / len(points)
-    order = (points @ np.linalg.eigh(points.T @ points)[1][:, 2]).argsort(kind="stable")
+    spread = np.array([[dot(points[:, i], points[:, j]) for j in range(3)] for i in range(3)])
+    order = matmul(points, principal_axes(spread)[1][:, 2]).argsort(kind="stable")
     return _split(center, members[order[:count]], left, capacity) + _split(
         center, members[order[count:]], groups - left, capacity
     )

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import Codes, FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.kernels.sphere_tree import MOST_WAITING, TreeArrays
+from hhsim.reproducible import matmul
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
@@ -107,7 +108,7 @@ class LevelCover:
         A mirror image loses its proof, which depends on the order of the corners of each face.
         """
         matrix = np.asarray(rotation, dtype=np.float64)
-        moved = self.center @ matrix.T + np.asarray(translation, dtype=np.float64)
+        moved = matmul(self.center, matrix.T) + np.asarray(translation, dtype=np.float64)
         proof = self.proof if np.linalg.det(matrix) > 0.0 else np.empty(0, np.int32)
         return LevelCover(moved, self.radius, self.depth, self.gap, proof)
 
@@ -276,7 +277,7 @@ class SphereTree:
         A mirror image (determinant −1) has covers without proofs.
         """
         matrix = np.asarray(rotation, dtype=np.float64)
-        center = self.center @ matrix.T + np.asarray(translation, dtype=np.float64)
+        center = matmul(self.center, matrix.T) + np.asarray(translation, dtype=np.float64)
         covers = tuple(cover.transformed(rotation, translation) for cover in self.covers)
         return replace(self, center=center, covers=covers)
 

@@ -20,6 +20,7 @@ from hhsim.kernels.cover.micro_triangle import MicroTriangles, cut_mesh, edges_f
 from hhsim.kernels.cover.sphere_descent import move_spheres
 from hhsim.kernels.kd_tree import subtrees
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals
+from hhsim.reproducible import dot, matmul, norm
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers, ranges
 
@@ -223,12 +224,12 @@ class CanonicalFrame:
 
     def into(self, points: FloatArray) -> FloatArray:
         """Return the coordinates of points [m], shape (n, 3), on the grid."""
-        inside = (points - self.origin) @ self.rotation.T / self.size
+        inside = matmul(points - self.origin, self.rotation.T) / self.size
         return np.ascontiguousarray(np.round(inside / GRID) * GRID)
 
     def out_of(self, points: FloatArray) -> FloatArray:
         """Return the points [m] of coordinates, shape (n, 3)."""
-        return np.ascontiguousarray(points @ self.rotation * self.size + self.origin)
+        return np.ascontiguousarray(matmul(points, self.rotation) * self.size + self.origin)
 
 
 def canonical_frame(vertices: FloatArray) -> CanonicalFrame:
@@ -245,14 +246,14 @@ def canonical_frame(vertices: FloatArray) -> CanonicalFrame:
     if not size > 0.0:
         return CanonicalFrame(origin, np.eye(3), 1.0)
     first = arm[np.argmax(distance >= (1.0 - _TIE) * size)]
-    x = first / np.linalg.norm(first)
-    across = arm - np.outer(arm @ x, x)
+    x = first / norm(first)
+    across = arm - np.outer(matmul(arm, x), x)
     distance = np.linalg.norm(across, axis=1)
     if not distance.max() > _TIE * size:
         across = np.eye(3) - np.outer(x, x)
         distance = np.linalg.norm(across, axis=1)
     second = across[np.argmax(distance >= (1.0 - _TIE) * distance.max())]
-    y = second / np.linalg.norm(second)
+    y = second / norm(second)
     return CanonicalFrame(origin, np.stack([x, y, np.cross(x, y)]), size)
 
 
@@ -334,7 +335,7 @@ def require_inside(corner: FloatArray, extent: float) -> None:
     """Raise a MeshError unless faces, shape (F, 9) [m], enclose a volume that is not that of a sheet."""
     a, b, c = (corner[:, k : k + 3] - corner[0, :3] for k in (0, 3, 6))
     normal = np.cross(b - a, c - a)
-    volume = float(np.einsum("ij,ij->", a, normal)) / 6.0
+    volume = float(dot(a, normal).sum()) / 6.0
     area = 0.5 * float(np.linalg.norm(normal, axis=1).sum())
     if not volume > _THINNEST * area * extent:
         raise MeshError(f"the mesh has no inside: its volume is {volume:.3g} m³; expected it closed and wound outward")

@@ -10,7 +10,7 @@ import pytest
 from numba.core import event
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import JIT_ENABLED, generic, jit, jit_inline, jit_vector
+from hhsim.kernels.jit import JIT_ENABLED, generic, jit, jit_inline
 from hhsim.kernels.prefetch import prefetch
 
 
@@ -87,7 +87,7 @@ def weigh(values: NDArray[np.float64], factor: float) -> tuple[float, int]:
 
 
 @pytest.mark.skipif(not JIT_ENABLED, reason="without the compiler nothing is compiled")
-@pytest.mark.parametrize("make", [jit, jit_inline, jit_vector])
+@pytest.mark.parametrize("make", [jit, jit_inline])
 def test_what_callers_link_is_what_python_calls(make: Any) -> None:
     inner = make(weigh)
 

@@ -156,7 +156,7 @@ def test_what_is_compiled_for_a_foreign_type_lies_apart(copy: Path) -> None:
 
 def test_checked_and_unchecked_kernels_are_kept_apart(copy: Path) -> None:
     script = "import hhsim.kernels.kernel_cache as cache; print(cache.module_cache('hhsim.kernels.tick.block').name)"
-    kinds: list[dict[str, str]] = [{}, {"NUMBA_BOUNDSCHECK": "1"}, {"NUMBA_CPU_NAME": "generic"}]
+    kinds: list[dict[str, str]] = [{}, {"NUMBA_BOUNDSCHECK": "1"}, {"HHSIM_CPU": "native"}]
     assert len({output(copy, script, **kind) for kind in kinds}) == 3
 
 

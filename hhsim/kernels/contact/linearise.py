@@ -16,9 +16,10 @@ multipliers come out in N for contacts and N·m for joint limits.
 
 import numpy as np
 
+from hhsim.kernels.arithmetic import fused, product
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Array, Indices, Record, jit, jit_once, jit_vector
+from hhsim.kernels.jit import Array, Indices, Record, jit, jit_once
 
 LIMIT_ROWS = 2 * FINGER_COUNT * PHALANX_COUNT
 """Number of rows after the contacts: a lower and an upper joint limit for each of 15 joints."""
@@ -45,7 +46,7 @@ PROBLEM = np.dtype(
 """Rows in the layout of `kernels.qp.active_set`; contact i is row i, then 30 joint limits."""
 
 
-@jit_vector
+@jit
 def contact_rows(
     start: int,
     stop: int,
@@ -67,9 +68,9 @@ def contact_rows(
         common[0, i] = nx * translation
         common[1, i] = ny * translation
         common[2, i] = nz * translation
-        common[3, i] = (ry * nz - rz * ny) * rotation
-        common[4, i] = (rz * nx - rx * nz) * rotation
-        common[5, i] = (rx * ny - ry * nx) * rotation
+        common[3, i] = fused(ry, nz, -rz * ny) * rotation
+        common[4, i] = fused(rz, nx, -rx * nz) * rotation
+        common[5, i] = fused(rx, ny, -ry * nx) * rotation
         rhs[i] = offset - distance[i]
 
 
@@ -105,7 +106,7 @@ def finger_columns(
             block[k, i] = lever * scale if abs(lever) > floor else 0.0
 
 
-@jit_vector
+@jit
 def follow_abduction(
     start: int, stop: int, point: Array, normal: Array, base: Array, axis: Array, step: float, rhs: Array
 ) -> None:
@@ -113,9 +114,8 @@ def follow_abduction(
     bx, by, bz = axis[0], axis[1], axis[2]
     for i in range(start, stop):
         rx, ry, rz = point[0, i] - base[0], point[1, i] - base[1], point[2, i] - base[2]
-        rate = (
-            normal[0, i] * (by * rz - bz * ry) + normal[1, i] * (bz * rx - bx * rz) + normal[2, i] * (bx * ry - by * rx)
-        )
+        nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
+        rate = product(nx, ny, nz, by * rz - bz * ry, bz * rx - bx * rz, bx * ry - by * rx)
         rhs[i] -= rate * step
 
 

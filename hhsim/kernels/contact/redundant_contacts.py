@@ -19,8 +19,9 @@ do not follow from it, and so on.
 
 import numpy as np
 
+from hhsim.kernels.arithmetic import fused, least_above, product
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Array, Record, jit, jit_inline, jit_vector
+from hhsim.kernels.jit import Array, Record, jit, jit_inline
 
 REFERENCES = 3
 """Number of reference contacts of a body: most that follow from any do so from the first ones."""
@@ -30,17 +31,13 @@ FEWEST = 8
 """Least number of contacts of a body to thin: fewer rows cost less than the search."""
 
 
-@jit_vector
-def _open_all(start: int, stop: int, distance: Array, open_distance: Array) -> float:
-    # Returns the least distance.
-    least = np.inf
+@jit
+def _open_all(start: int, stop: int, distance: Array, open_distance: Array) -> None:
     for i in range(np.uint64(start), np.uint64(stop)):
         open_distance[i] = distance[i]
-        least = distance[i] if distance[i] < least else least
-    return least
 
 
-@jit_vector
+@jit
 def _drop_implied(
     start: int,
     stop: int,
@@ -52,27 +49,24 @@ def _drop_implied(
     distance: Array,
     hand_radius: Array,
     open_distance: Array,
-) -> float:
-    # Returns the least distance of the contacts that are still open.
+) -> None:
     r = hand_radius[reference]
     ax, ay, az = normal[0, reference], normal[1, reference], normal[2, reference]
-    bx, by, bz = point[0, reference] + r * ax, point[1, reference] + r * ay, point[2, reference] + r * az
+    bx, by = fused(r, ax, point[0, reference]), fused(r, ay, point[1, reference])
+    bz = fused(r, az, point[2, reference])
     d, lever, turn = distance[reference], per_metre * per_metre, reach * reach
-    least = np.inf
     for i in range(np.uint64(start), np.uint64(stop)):
         nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
         ri = hand_radius[i]
-        x, y, z = point[0, i] + ri * nx - bx, point[1, i] + ri * ny - by, point[2, i] + ri * nz - bz
+        x, y, z = fused(ri, nx, point[0, i]) - bx, fused(ri, ny, point[1, i]) - by, fused(ri, nz, point[2, i]) - bz
         nx, ny, nz = nx - ax, ny - ay, nz - az
         # √p + √q <= gap, without the roots.
-        p, q, gap = lever * (x * x + y * y + z * z), turn * (nx * nx + ny * ny + nz * nz), distance[i] - d
-        rest = gap * gap - p - q
+        p, q = lever * product(x, y, z, x, y, z), turn * product(nx, ny, nz, nx, ny, nz)
+        gap = distance[i] - d
+        rest = fused(gap, gap, -p - q)
         before = open_distance[i]
         implied = (gap >= 0.0) & (rest >= 0.0) & (4.0 * p * q <= rest * rest) & (before > REFERENCE)
-        after = np.inf if implied else before
-        open_distance[i] = after
-        least = after if (after < least) & (after > REFERENCE) else least
-    return least
+        open_distance[i] = np.inf if implied else before
 
 
 @jit
@@ -95,17 +89,18 @@ def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts:
     thins = stop - start >= FEWEST
     if thins:
         point, normal, distance, hand_radius = contacts.point, contacts.normal, contacts.distance, contacts.hand_radius
-        least = _open_all(start, stop, distance, open_distance)
+        _open_all(start, stop, distance, open_distance)
         for _ in range(REFERENCES):
+            least = least_above(open_distance, start, stop, REFERENCE)
             if least == np.inf:
                 break
             nearest = start
             while open_distance[nearest] != least:
                 nearest += 1
-            least = _drop_implied(
+            open_distance[nearest] = REFERENCE
+            _drop_implied(
                 start, stop, nearest, reach / lever, reach, point, normal, distance, hand_radius, open_distance
             )
-            open_distance[nearest] = REFERENCE
     for i in range(start, stop):
         if not thins or open_distance[i] < np.inf:
             if row < i:

@@ -5,14 +5,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_inline, jit_vector
+from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_inline
 
 Flags = NDArray[np.bool_]
 
 _CHUNK = 64
 
 
-@jit_vector
+@jit
 def _nearest_surface(px: float, py: float, pz: float, x: Array, y: Array, z: Array, radius: Array) -> float:
     """Compute the least signed distance [m] from p to the spheres."""
     least = np.inf

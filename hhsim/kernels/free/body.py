@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.kernels.copy import copy_values
+from hhsim.kernels.elementary import sine_cosine
 from hhsim.kernels.jit import Array, Record, jit, jit_once
 from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion, rotation_vector_between
 
@@ -294,7 +295,8 @@ def as_object_moves(body: Record, origin: Array, hand: Array, step: Array, relat
     if angle < 1e-4:
         sine, cosine = 1.0 - angle * angle / 6.0, 0.5 - angle * angle / 24.0
     else:
-        sine, cosine = math.sin(angle) / angle, (1.0 - math.cos(angle)) / (angle * angle)
+        sine, cosine = sine_cosine(angle)
+        sine, cosine = sine / angle, (1.0 - cosine) / (angle * angle)
     px = origin[0] + hand[0] - center[0] - step[0]
     py = origin[1] + hand[1] - center[1] - step[1]
     pz = origin[2] + hand[2] - center[2] - step[2]

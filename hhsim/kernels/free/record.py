@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.kernels.copy import copy_values
+from hhsim.kernels.elementary import hypotenuse
 from hhsim.kernels.free.body import from_axes, turn_in, turn_out
 from hhsim.kernels.free.rows import (
     DIRECTIONS,
@@ -167,7 +168,7 @@ def find_borne(
             of = borne.body[i]
             turn = relative_turn(pose, body, problem.abduction_total[:], problem.total[:], of, n[0], n[1], n[2])
             spin = torsion_radius(body, of) * turn
-            borne.bare = max(borne.bare, math.hypot(coefficient(body, of) * borne.slip[i], spin))
+            borne.bare = max(borne.bare, hypotenuse(coefficient(body, of) * borne.slip[i], spin))
 
 
 @jit_once

@@ -23,9 +23,10 @@ import math
 import numpy as np
 
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_start
+from hhsim.kernels.elementary import sine_cosine
 from hhsim.kernels.free.body import OBJECT_DOF, Support, along_axes, from_axes
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_once, jit_vector
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_once
 
 FREE_DOF = DOF + OBJECT_DOF
 COMMON = 6 + OBJECT_DOF
@@ -150,7 +151,7 @@ HELD = np.dtype(
 """Contacts with friction of the last program, object's frame: Γ [m], e_1, and the better direction for e_1."""
 
 
-@jit_vector
+@jit
 def _object_columns(
     start: int, stop: int, point: Array, normal: Array, center: Array, axes: Array, inverse_root: Array, common: Array
 ) -> None:
@@ -362,7 +363,8 @@ def _choose_support(body: Record, support: Support, reach: float, friction: Reco
         slope = SLOPES[s]
         for heading in range(HEADINGS if s > 0 else 1):
             angle = 2.0 * math.pi * (heading + 0.5) / HEADINGS
-            cx, cy = slope * math.cos(angle), slope * math.sin(angle)
+            sine, cosine = sine_cosine(angle)
+            cx, cy = slope * cosine, slope * sine
             ux, uy, uz = cx * r[0, 0] + cy * r[1, 0], cx * r[0, 1] + cy * r[1, 1], cx * r[0, 2] + cy * r[1, 2]
             least, lowest = np.inf, as_int64(-1)
             for j in range(found):

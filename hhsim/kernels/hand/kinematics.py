@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.kernels.elementary import sine_cosine
 from hhsim.kernels.jit import Array, Record, jit, jit_allocating, jit_inline
 from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 
@@ -96,8 +97,8 @@ def forward_kinematics(
         wx, wy, wz = hand.dorsal[f, 0], hand.dorsal[f, 1], hand.dorsal[f, 2]
         # The flexion axis w × u turns u towards -w; abduction turns the pair (u, axis) in their own plane.
         ax, ay, az = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
-        cosine = math.cos(abduction[f])
-        sine = sign * math.sin(abduction[f])
+        sine, cosine = sine_cosine(abduction[f])
+        sine *= sign
         ux, ax = cosine * ux + sine * ax, cosine * ax - sine * ux
         uy, ay = cosine * uy + sine * ay, cosine * ay - sine * uy
         uz, az = cosine * uz + sine * az, cosine * az - sine * uz
@@ -109,7 +110,7 @@ def forward_kinematics(
         total = 0.0
         for k in range(PHALANX_COUNT):
             total += flexion[f, k]
-            c, s = math.cos(total), math.sin(total)
+            s, c = sine_cosine(total)
             dx, dy, dz = c * ux - s * wx, c * uy - s * wy, c * uz - s * wz
             length = hand.length[f, k]
             for i in range(3):

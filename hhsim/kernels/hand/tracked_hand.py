@@ -7,6 +7,7 @@ nearest to a finger's three bones, the same angles in it.
 import math
 from typing import NamedTuple
 
+from hhsim.kernels.elementary import arc_tangent, hypotenuse, sine_cosine
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Array, jit
 
@@ -102,15 +103,15 @@ def _fit_finger(joints: Array, axes: Array, rotation: Array, f: int, flexion_out
         pp += aside * aside
         pq += aside * along
         qq += along * along
-    off_plane = max(0.5 * (pp + qq - math.hypot(pp - qq, 2.0 * pq)), 0.0)
+    off_plane = max(0.5 * (pp + qq - hypotenuse(pp - qq, 2.0 * pq)), 0.0)
     qq += STRAIGHT * off_plane / (off_plane + EXACT) + LEAST
-    abduction = 0.5 * math.atan2(2.0 * pq, qq - pp)
+    abduction = 0.5 * arc_tangent(2.0 * pq, qq - pp)
     abduction_out[f] = abduction
-    cosine, sine = math.cos(abduction), math.sin(abduction)
+    sine, cosine = sine_cosine(abduction)
     whole, before = abduction, 0.0
     for k in range(PHALANX_COUNT):
         aside, along, above = _bone(joints, first + k, rotation, axes, f)
-        total = math.atan2(-above, cosine * along + sine * aside)
+        total = arc_tangent(-above, cosine * along + sine * aside)
         turn = total - before
         if k > 0:
             # A finger that curls past straight back has flexed further, not less.

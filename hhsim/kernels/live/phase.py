@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from hhsim.kernels.elementary import arc_tangent, hypotenuse, sine_cosine
 from hhsim.kernels.jit import Record, as_int64, jit
 from hhsim.kernels.live.deadlines import EARLIEST
 
@@ -33,7 +34,7 @@ LARGEST_SHIFT = 1.0 / 5000.0
 def count_phase(phase: Record, handed: int, period: int) -> None:
     """Add a sample that was handed over at `handed` [ns] to the phase in a loop's `period` [ns]."""
     angle = 2.0 * math.pi * float(handed % period) / float(period)
-    cosine, sine = math.cos(angle), math.sin(angle)
+    sine, cosine = sine_cosine(angle)
     phase.samples += 1
     weight = max(1.0 / float(phase.samples), WEIGHT)
     phase.cosine += weight * (cosine - phase.cosine)
@@ -43,10 +44,10 @@ def count_phase(phase: Record, handed: int, period: int) -> None:
 @jit
 def deadline_shift(phase: Record, deadline: int, period: int, interval: float) -> int:
     """Compute the shift of the next deadline from one period after `deadline` [ns], for a usual sample interval."""
-    resultant = math.hypot(phase.cosine, phase.sine)
+    resultant = hypotenuse(phase.cosine, phase.sine)
     if phase.samples < LEAST_SAMPLES or resultant < LEAST_RESULTANT or interval < LEAST_INTERVAL * float(period):
         return as_int64(0)
-    wanted = float(period) * (math.atan2(phase.sine, phase.cosine) / (2.0 * math.pi) + AFTER_MEAN)
+    wanted = float(period) * (arc_tangent(phase.sine, phase.cosine) / (2.0 * math.pi) + AFTER_MEAN)
     off = (int(wanted) - deadline) % period
     if 2 * off > period:
         off -= period

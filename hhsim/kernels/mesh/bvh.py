@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hhsim.kernels.elementary import arc_tangents
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK, build_median_tree
 from hhsim.kernels.triangle import closest_on_triangle, triangle_at
@@ -50,7 +51,8 @@ def pseudonormals(vertices: Array, faces: Indices) -> Array:
     for k in range(3):
         out = vertices[faces[:, (k + 1) % 3]] - vertices[faces[:, k]]
         back = vertices[faces[:, (k + 2) % 3]] - vertices[faces[:, k]]
-        angle = np.arctan2(np.linalg.norm(np.cross(out, back), axis=1), np.einsum("ij,ij->i", out, back))
+        angle = np.empty(len(faces))
+        arc_tangents(np.linalg.norm(np.cross(out, back), axis=1), (out * back).sum(axis=1), angle)
         np.add.at(at_vertex, faces[:, k], angle[:, None] * normal)
     result[:, 1:4] = at_vertex[faces]
 

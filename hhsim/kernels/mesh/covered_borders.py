@@ -7,6 +7,7 @@ list of faces and none in space. Contact rows of them would hold back what slide
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.kernels.elementary import sine_cosine
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.mesh.feature_distance import ON, above, triangle_distance
 from hhsim.kernels.mesh.features import ALONG, BRANCHING, FaceSpheres, gather_faces
@@ -110,8 +111,8 @@ def covered_corners(
                 count += 1
         covered = True
         for d in range(DIRECTIONS):
-            angle = 2.0 * np.pi * d / DIRECTIONS
-            p, q = BEYOND * np.cos(angle), BEYOND * np.sin(angle)
+            sine, cosine = sine_cosine(2.0 * np.pi * d / DIRECTIONS)
+            p, q = BEYOND * cosine, BEYOND * sine
             over = False
             for i in range(count):
                 px, py, pz = x + p * u[0] + q * v[0], y + p * u[1] + q * v[1], z + p * u[2] + q * v[2]

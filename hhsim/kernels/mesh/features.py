@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline, jit_vector
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import split_widest
 from hhsim.kernels.prefetch import prefetch
 from hhsim.kernels.round_cone_distance import RoundCone
@@ -201,7 +201,7 @@ def block_distance(block: Array, node: int, i: int, cone: RoundCone) -> float:
     return away - cone.radius + cone.drop * cone.inverse_length * s - block[node, 3, i]
 
 
-@jit_vector
+@jit
 def _block_distances(block: Array, node: int, cone: RoundCone, distance_out: Array) -> None:
     # A loop of known length would be unrolled before it is vectorised, and signed indices checked.
     for i in range(np.uint64(0), np.uint64(block.shape[2])):

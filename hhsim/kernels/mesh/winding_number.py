@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hhsim.kernels.elementary import arc_tangent
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh
@@ -77,7 +78,7 @@ def winding_numbers(triangles: Array, points: Array, winding_out: Array) -> None
             t = triangles[k]
             corners = Triangle(t[0, 0], t[0, 1], t[0, 2], t[1, 0], t[1, 1], t[1, 2], t[2, 0], t[2, 1], t[2, 2])
             real, imaginary, turns = turned_by(px, py, pz, corners, real, imaginary, turns)
-        winding_out[i] = (math.atan2(imaginary, real) + 2.0 * math.pi * turns) / (2.0 * math.pi)
+        winding_out[i] = (arc_tangent(imaginary, real) + 2.0 * math.pi * turns) / (2.0 * math.pi)
 
 
 class WindingMoments(NamedTuple):
@@ -170,7 +171,7 @@ def winding_at(bvh: MeshBvh, moments: WindingMoments, x: float, y: float, z: flo
         else:
             stack[top], stack[top + 1] = bvh.right[node], node + 1
             top += 2
-    return (math.atan2(imaginary, real) + 2.0 * math.pi * turns + 0.5 * far) / (2.0 * math.pi)
+    return (arc_tangent(imaginary, real) + 2.0 * math.pi * turns + 0.5 * far) / (2.0 * math.pi)
 
 
 @jit_allocating

@@ -13,10 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.jit import Array, Record, jit, jit_vector
-
-LANES = 8
-"""Numbers in one vector instruction."""
+from hhsim.kernels.arithmetic import LANES, dot, fused
+from hhsim.kernels.jit import Array, Record, jit
 
 SECOND_PASS = 0.25
 """Squared length of a unit normal after the first pass below which its rounding needs a second one."""
@@ -52,24 +50,12 @@ def work_dtype(n_max: int, capacity: int) -> np.dtype[Any]:
     )
 
 
-@jit_vector
-def _square(vector: Array, chunks: int) -> float:
-    total = 0.0
-    for c in range(chunks):
-        for lane in range(LANES):
-            total += vector[LANES * c + lane] * vector[LANES * c + lane]
-    return total
-
-
-@jit_vector
+@jit
 def _split(chunks: int, k: int, work: Record) -> None:
     """Subtract from `direction` its part in the span of k basis rows, and add that to `coefficient`."""
     basis, direction, share = work.basis, work.direction, work.share
     for i in range(k):
-        total = 0.0
-        for c in range(chunks):
-            for lane in range(LANES):
-                total += basis[i, LANES * c + lane] * direction[LANES * c + lane]
+        total = dot(basis[i], direction, chunks)
         share[i] = total
         work.coefficient[i] += total
     # Four rows at a time: each would wait for the other's sum.
@@ -79,13 +65,15 @@ def _split(chunks: int, k: int, work: Record) -> None:
         for c in range(chunks):
             for lane in range(LANES):
                 j = LANES * c + lane
-                direction[j] -= s0 * basis[i, j] + s1 * basis[i + 1, j] + (s2 * basis[i + 2, j] + s3 * basis[i + 3, j])
+                first = fused(s0, basis[i, j], s1 * basis[i + 1, j])
+                direction[j] -= first + fused(s2, basis[i + 2, j], s3 * basis[i + 3, j])
         i += 4
     while i < k:
         s0 = share[i]
         for c in range(chunks):
             for lane in range(LANES):
-                direction[LANES * c + lane] -= s0 * basis[i, LANES * c + lane]
+                j = LANES * c + lane
+                direction[j] = fused(-s0, basis[i, j], direction[j])
         i += 1
 
 
@@ -100,16 +88,16 @@ def project(n: int, k: int, work: Record) -> float:
         work.direction[j] = work.normal[j]
         work.coefficient[j] = 0.0
     if k == 0:
-        return _square(work.direction[:], chunks)
+        return dot(work.direction[:], work.direction[:], chunks)
     _split(chunks, k, work)
-    square = _square(work.direction[:], chunks)
+    square = dot(work.direction[:], work.direction[:], chunks)
     if square < SECOND_PASS:
         _split(chunks, k, work)
-        square = _square(work.direction[:], chunks)
+        square = dot(work.direction[:], work.direction[:], chunks)
     return square
 
 
-@jit_vector
+@jit
 def back_substitute(k: int, work: Record, rhs: Array, solution: Array) -> None:
     """Solve R · solution = rhs for the first k entries, followed by zeros; rhs and solution may be one array."""
     column = work.column
@@ -120,25 +108,23 @@ def back_substitute(k: int, work: Record, rhs: Array, solution: Array) -> None:
         s = solution[j] * work.inverse_diagonal[j]
         for c in range((j + LANES - 1) // LANES):
             for lane in range(LANES):
-                solution[LANES * c + lane] -= s * column[j, LANES * c + lane]
+                i = LANES * c + lane
+                solution[i] = fused(-s, column[j, i], solution[i])
         solution[j] = s
 
 
-@jit_vector
+@jit
 def _coordinates(k: int, work: Record, y: Array) -> None:
     # Rᵀ y = active_rhs.
     column = work.column
     for i in range(LANES * ((k + LANES - 1) // LANES)):
         y[i] = 0.0
     for i in range(k):
-        total = 0.0
-        for c in range((i + LANES - 1) // LANES):
-            for lane in range(LANES):
-                total += column[i, LANES * c + lane] * y[LANES * c + lane]
+        total = dot(column[i], y, (i + LANES - 1) // LANES)
         y[i] = (work.active_rhs[i] - total) * work.inverse_diagonal[i]
 
 
-@jit_vector
+@jit
 def resolve(n: int, k: int, target: Array, work: Record) -> None:
     """Compute the optimum with the active rows as equations, from the factors, without the rounding of steps.
 
@@ -153,7 +139,8 @@ def resolve(n: int, k: int, target: Array, work: Record) -> None:
         s = y[i]
         for c in range(chunks):
             for lane in range(LANES):
-                x[LANES * c + lane] += s * basis[i, LANES * c + lane]
+                j = LANES * c + lane
+                x[j] = fused(s, basis[i, j], x[j])
     for j in range(n):
         x[j] += target[j]
     back_substitute(k, work, y[:], work.multiplier[:])

@@ -13,7 +13,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from hhsim.kernels.jit import Array, Indices, as_int64, generic, jit, jit_inline, jit_once, jit_vector
+from hhsim.kernels.arithmetic import fused, product
+from hhsim.kernels.jit import Array, Indices, as_int64, generic, jit, jit_inline, jit_once
 
 ROWS_NAN = 1
 """A row or its right-hand side holds NaN."""
@@ -55,42 +56,42 @@ Rows: TypeAlias = ProgramRows | WideRows
 # for an index that might be negative, and for more arrays than a few comparisons can tell apart.
 
 
-@jit_vector
+@jit
 def _add_squares(start: int, stop: int, columns: Array, first: int, square_out: Array) -> None:
     square = square_out[start:stop]
     a, b, c = columns[first, start:stop], columns[first + 1, start:stop], columns[first + 2, start:stop]
     for i in range(stop - start):
-        square[i] += a[i] * a[i] + b[i] * b[i] + c[i] * c[i]
+        square[i] += product(a[i], b[i], c[i], a[i], b[i], c[i])
 
 
-@jit_vector
+@jit
 def _nine_squares(start: int, stop: int, common: Array, block: Array, square_out: Array) -> None:
     square = square_out[start:stop]
     p, q, r = block[0, start:stop], block[1, start:stop], block[2, start:stop]
     a, b, c = common[0, start:stop], common[1, start:stop], common[2, start:stop]
     for i in range(stop - start):
-        square[i] = p[i] * p[i] + q[i] * q[i] + r[i] * r[i] + a[i] * a[i] + b[i] * b[i] + c[i] * c[i]
+        square[i] = product(p[i], q[i], r[i], p[i], q[i], r[i]) + product(a[i], b[i], c[i], a[i], b[i], c[i])
     d, e, f = common[3, start:stop], common[4, start:stop], common[5, start:stop]
     for i in range(stop - start):
-        total = square[i] + d[i] * d[i] + e[i] * e[i] + f[i] * f[i]
+        total = square[i] + product(d[i], e[i], f[i], d[i], e[i], f[i])
         square[i] = 1.0 / math.sqrt(total) if total > 0.0 else 0.0
 
 
-@jit_vector
+@jit
 def _add_square(start: int, stop: int, columns: Array, first: int, square_out: Array) -> None:
     square, a = square_out[start:stop], columns[first, start:stop]
     for i in range(stop - start):
-        square[i] += a[i] * a[i]
+        square[i] = fused(a[i], a[i], square[i])
 
 
-@jit_vector
+@jit
 def _fill(start: int, stop: int, value: float, out: Array) -> None:
     part = out[start:stop]
     for i in range(stop - start):
         part[i] = value
 
 
-@jit_vector
+@jit
 def _invert_root(start: int, stop: int, square_out: Array) -> None:
     square = square_out[start:stop]
     for i in range(stop - start):
@@ -157,7 +158,7 @@ def _lengths(rows: ProgramRows, inverse_norm_out: Array) -> None:
         _invert_root(start, stop, inverse_norm_out)
 
 
-@jit_vector
+@jit
 def _take_three(
     start: int, stop: int, columns: Array, first: int, x: Array, offset: int, source: Array, out: Array
 ) -> None:
@@ -166,10 +167,10 @@ def _take_three(
     a, b, c = columns[first, start:stop], columns[first + 1, start:stop], columns[first + 2, start:stop]
     x0, x1, x2 = x[offset], x[offset + 1], x[offset + 2]
     for i in range(stop - start):
-        left[i] = right[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2)
+        left[i] = right[i] - product(a[i], b[i], c[i], x0, x1, x2)
 
 
-@jit_vector
+@jit
 def _take_three_and_scale(
     start: int, stop: int, columns: Array, x: Array, offset: int, source: Array, factor: Array, out: Array
 ) -> None:
@@ -177,10 +178,10 @@ def _take_three_and_scale(
     a, b, c = columns[0, start:stop], columns[1, start:stop], columns[2, start:stop]
     x0, x1, x2 = x[offset], x[offset + 1], x[offset + 2]
     for i in range(stop - start):
-        left[i] = (right[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2)) * scale[i]
+        left[i] = (right[i] - product(a[i], b[i], c[i], x0, x1, x2)) * scale[i]
 
 
-@jit_vector
+@jit
 def _take_six_and_scale(
     start: int, stop: int, columns: Array, first: int, x: Array, source: Array, factor: Array, out: Array
 ) -> None:
@@ -189,20 +190,22 @@ def _take_six_and_scale(
     d, e, f = columns[first + 3, start:stop], columns[first + 4, start:stop], columns[first + 5, start:stop]
     x0, x1, x2, x3, x4, x5 = x[first], x[first + 1], x[first + 2], x[first + 3], x[first + 4], x[first + 5]
     for i in range(stop - start):
-        left[i] = (right[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2 + d[i] * x3 + e[i] * x4 + f[i] * x5)) * scale[i]
+        rest = right[i] - product(a[i], b[i], c[i], x0, x1, x2)
+        left[i] = (rest - product(d[i], e[i], f[i], x3, x4, x5)) * scale[i]
 
 
-@jit_vector
+@jit
 def _take_six(start: int, stop: int, columns: Array, first: int, x: Array, out: Array) -> None:
     left = out[start:stop]
     a, b, c = columns[first, start:stop], columns[first + 1, start:stop], columns[first + 2, start:stop]
     d, e, f = columns[first + 3, start:stop], columns[first + 4, start:stop], columns[first + 5, start:stop]
     x0, x1, x2, x3, x4, x5 = x[first], x[first + 1], x[first + 2], x[first + 3], x[first + 4], x[first + 5]
     for i in range(stop - start):
-        left[i] = left[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2 + d[i] * x3 + e[i] * x4 + f[i] * x5)
+        rest = left[i] - product(a[i], b[i], c[i], x0, x1, x2)
+        left[i] = rest - product(d[i], e[i], f[i], x3, x4, x5)
 
 
-@jit_vector
+@jit
 def _take_nine_and_scale(
     start: int,
     stop: int,
@@ -219,29 +222,30 @@ def _take_nine_and_scale(
     p, q, r = block[0, start:stop], block[1, start:stop], block[2, start:stop]
     x6, x7, x8 = x[offset], x[offset + 1], x[offset + 2]
     for i in range(count):
-        left[i] = right[i] - (p[i] * x6 + q[i] * x7 + r[i] * x8)
+        left[i] = right[i] - product(p[i], q[i], r[i], x6, x7, x8)
     a, b, c = common[0, start:stop], common[1, start:stop], common[2, start:stop]
     d, e, f = common[3, start:stop], common[4, start:stop], common[5, start:stop]
     x0, x1, x2, x3, x4, x5 = x[0], x[1], x[2], x[3], x[4], x[5]
     for i in range(count):
-        left[i] = (left[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2 + d[i] * x3 + e[i] * x4 + f[i] * x5)) * scale[i]
+        rest = left[i] - product(a[i], b[i], c[i], x0, x1, x2)
+        left[i] = (rest - product(d[i], e[i], f[i], x3, x4, x5)) * scale[i]
 
 
-@jit_vector
+@jit
 def _take_one(start: int, stop: int, columns: Array, first: int, x: Array, source: Array, out: Array) -> None:
     left, right, a, x0 = out[start:stop], source[start:stop], columns[first, start:stop], x[first]
     for i in range(stop - start):
-        left[i] = right[i] - a[i] * x0
+        left[i] = fused(-a[i], x0, right[i])
 
 
-@jit_vector
+@jit
 def _copy(start: int, stop: int, source: Array, out: Array) -> None:
     left, right = out[start:stop], source[start:stop]
     for i in range(stop - start):
         left[i] = right[i]
 
 
-@jit_vector
+@jit
 def _scale(start: int, stop: int, source: Array, factor: Array, out: Array) -> None:
     left, right, scale = out[start:stop], source[start:stop], factor[start:stop]
     for i in range(stop - start):
@@ -314,7 +318,7 @@ def _violations(rows: ProgramRows, x: Array, inverse_norm: Array, violation: Arr
         _scale(start, stop, violation, inverse_norm, violation)
 
 
-@jit_vector
+@jit
 def _unsound(start: int, stop: int, inverse_norm: Array, violation: Array) -> tuple[int, int]:
     values, lengths = violation[start:stop], inverse_norm[start:stop]
     nan, zero = 0, 0

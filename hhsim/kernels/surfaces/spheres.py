@@ -20,7 +20,7 @@ from hhsim.kernels.contact.surface import (
 )
 from hhsim.kernels.contact.tiers import TIERS, moved_since, next_tier, start_tiers, tier_depth, tier_of
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays, phalanx_cone, placed_sphere
-from hhsim.kernels.jit import Array, Indices, Record, as_index, as_int64, jit, jit_inline, jit_once, jit_vector
+from hhsim.kernels.jit import Array, Indices, Record, as_index, as_int64, jit, jit_inline, jit_once
 from hhsim.kernels.round_cone_distance import (
     RoundCone,
     Spheres,
@@ -91,7 +91,7 @@ CANDIDATES = np.dtype(
 """Gathered pairs and their distances."""
 
 
-@jit_vector
+@jit
 def _leaf_distances(tree: TreeArrays, cone: RoundCone, leaves: Indices, count: int, distance_out: Array) -> None:
     for i in range(count):
         distance_out[i] = node_distance(tree, cone, as_index(leaves[i]))

@@ -50,7 +50,7 @@ from hhsim.kernels.hand.kinematics import (
     HandArrays,
 )
 from hhsim.kernels.hand.pose import move, update_kinematics
-from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once, jit_vector
+from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.cholesky import factorise, solve_factorised
 from hhsim.kernels.rotation import rotation_vector_between
@@ -181,7 +181,7 @@ def _springs(penalty: PenaltyOptions, contacts: Record, rhs: Array, work: Record
         work.threshold[i] = rhs[i] * (stiffness / damped) if inside else rhs[i]
 
 
-@jit_vector
+@jit
 def _shortfall(
     start: int,
     stop: int,

@@ -1,0 +1,118 @@
+"""The kernels' sine, cosine, arc tangent, hypotenuse and exponential against mpmath, edges included."""
+
+import math
+import struct
+from collections.abc import Callable
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hhsim.arrays import FloatArray
+from hhsim.kernels.elementary import LARGEST_ANGLE, MOST_EXPONENT, arc_tangent, exponential, hypotenuse, sine_cosine
+from hhsim.reproducible import arc_tangent as arc_tangents
+from hhsim.reproducible import exponential as exponentials
+from hhsim.reproducible import sine_and_cosine
+
+WORST = 1.25
+"""Error of any result [units in the last place]: a half is the rounding, that of the last operations is the rest."""
+ARGUMENTS = 5000
+SOAKED = 1_250_000
+"""Of each of the eight samples of the soak: 10⁷ in all."""
+
+
+def ulps(value: float, exact: mpmath.mpf) -> float:
+    """Error in units in the last place of the exact value."""
+    rounded = float(exact)
+    if math.isinf(rounded) or math.isinf(value):
+        return 0.0 if rounded == value else math.inf
+    return float(abs(mpmath.mpf(value) - exact) / math.ulp(rounded))
+
+
+def worst(found: FloatArray, exact: Callable[..., mpmath.mpf], *arguments: FloatArray) -> float:
+    with mpmath.workprec(120):
+        errors = (
+            ulps(float(value), exact(*map(mpmath.mpf, map(float, given)))) for value, *given in zip(found, *arguments)
+        )
+        return max(errors)
+
+
+def angles(random: np.random.Generator, count: int) -> FloatArray:
+    """Angles of all magnitudes, and near the multiples of a quarter turn, where what is left is small."""
+    third = count // 3
+    quarters = random.integers(-600_000, 600_000, third) * (0.5 * math.pi)
+    nearby = quarters + quarters * random.choice([0.0, 2.3e-16, -1e-12, 1e-8], third)
+    magnitudes = 10.0 ** random.uniform(-12.0, 6.0, third) * random.choice([-1.0, 1.0], third)
+    return np.concatenate([nearby, magnitudes, random.uniform(-4.0, 4.0, count - 2 * third)])
+
+
+def lengths(random: np.random.Generator, count: int) -> FloatArray:
+    values: FloatArray = random.normal(size=count) * 10.0 ** random.choice([0.0, 0.0, -3.0, 5.0, -150.0, 150.0], count)
+    return values
+
+
+def check(random: np.random.Generator, count: int) -> None:
+    angle, x, y = angles(random, count), lengths(random, count), lengths(random, count)
+    sine, cosine = sine_and_cosine(angle)
+    assert worst(sine, mpmath.sin, angle) <= WORST
+    assert worst(cosine, mpmath.cos, angle) <= WORST
+    assert worst(arc_tangents(y, x), mpmath.atan2, y, x) <= WORST
+    of_unit, to_unit = random.uniform(-1.0, 1.0, count), random.uniform(-1.0, 1.0, count)
+    assert worst(arc_tangents(of_unit, to_unit), mpmath.atan2, of_unit, to_unit) <= WORST
+    length = np.array([hypotenuse(*sides) for sides in zip(x, y, strict=True)])
+    assert worst(length, mpmath.hypot, x, y) <= WORST
+    exponent = np.concatenate([random.uniform(-700.0, 700.0, count // 2), random.normal(size=count - count // 2)])
+    assert worst(exponentials(exponent), mpmath.exp, exponent) <= WORST
+
+
+def test_they_are_within_a_unit_of_the_last_place() -> None:
+    check(np.random.default_rng(0), ARGUMENTS)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(1, 21))
+def test_ten_million_arguments(seed: int) -> None:
+    check(np.random.default_rng(seed), 8 * SOAKED // (20 * 6))
+
+
+@given(st.floats(-LARGEST_ANGLE, LARGEST_ANGLE))
+def test_sine_and_cosine_of_any_angle(angle: float) -> None:
+    sine, cosine = sine_cosine(angle)
+    assert worst(np.array([sine]), mpmath.sin, np.array([angle])) <= WORST
+    assert worst(np.array([cosine]), mpmath.cos, np.array([angle])) <= WORST
+
+
+@given(st.floats(allow_nan=False), st.floats(allow_nan=False))
+def test_arc_tangent_and_hypotenuse_of_any_vector(x: float, y: float) -> None:
+    expected = math.atan2(y, x)
+    assert arc_tangent(y, x) == pytest.approx(expected, rel=1e-15, abs=1e-320)
+    assert math.copysign(1.0, arc_tangent(y, x)) == math.copysign(1.0, expected)
+    assert hypotenuse(x, y) == pytest.approx(math.hypot(x, y), rel=1e-15, abs=1e-320)
+
+
+@given(st.floats(allow_nan=False))
+def test_exponential_of_any_number(x: float) -> None:
+    if abs(x) > MOST_EXPONENT:
+        assert exponential(x) == (math.inf if x > 0.0 else 0.0)
+    elif abs(x) > 709.7:
+        # What is no normal number is rounded twice.
+        assert exponential(x) == pytest.approx(float(mpmath.exp(x)), rel=1e-14, abs=1e-323)
+    else:
+        assert worst(np.array([exponential(x)]), mpmath.exp, np.array([x])) <= WORST
+
+
+def test_edges() -> None:
+    signs = [0.0, -0.0, 1.0, -1.0, math.inf, -math.inf, 5e-324, -1.7e308]
+    bits = [
+        struct.pack("d", found(y, x)) == struct.pack("d", known(y, x))
+        for y in signs
+        for x in signs
+        for found, known in ((arc_tangent, math.atan2), (lambda a, b: hypotenuse(a, b), math.hypot))
+    ]
+    assert all(bits)
+    for bad in (math.nan, math.inf, -math.inf, 2.0 * LARGEST_ANGLE):
+        assert all(map(math.isnan, sine_cosine(bad)))
+    assert math.isnan(arc_tangent(math.nan, 1.0)) and math.isnan(exponential(math.nan))
+    assert sine_cosine(0.0) == (0.0, 1.0) and exponential(0.0) == 1.0
