@@ -22,6 +22,9 @@ from numba.core.registry import CPUDispatcher
 
 from hhsim.kernels.kernel_cache import KernelCache, Stored
 
+CALLEE_PREFIX = "callee-"
+"""How the names of callees' files begin."""
+
 
 class _CalleeLibrary(JITCodeLibrary):  # type: ignore[misc]
     """Linked code of a callee and of what it calls."""
@@ -48,7 +51,7 @@ class _CalleeCompiler(Compiler):  # type: ignore[misc]
 class _StoredCallee(Stored):
     """A callee in the cache as LLVM bitcode, which a new caller need not type and lower again."""
 
-    prefix = "callee-"
+    prefix = CALLEE_PREFIX
 
     def reduce(self, data: Any) -> Any:
         """Return what is written to the cache."""

@@ -19,6 +19,7 @@ from numba import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 
 from hhsim.kernels.cache_folder import cache_root
+from hhsim.kernels.shipped import ShippedCache, is_shipped
 from hhsim.kernels.target import TARGET
 
 PACKAGE = __name__.rpartition(".")[0]
@@ -158,13 +159,20 @@ class KernelCache(_FolderCache):
     """
 
     def __init__(self, function: Callable[..., Any], stored: type[Stored] = Stored) -> None:
-        super().__init__(function, module_cache(function.__module__), stored)
+        folder = module_cache(function.__module__)
+        super().__init__(function, folder, stored)
         _folders.add(Path(self.cache_path))
+        # A callee's code is part of the shipped kernels that call it.
+        ships = stored is Stored and is_shipped(folder.name)
+        self._shipped = ShippedCache(function, stored, folder.name) if ships else None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return compiled code for a signature, None if there is none."""
         foreign = self._foreign(sig)
-        return foreign.load_overload(sig, target_context) if foreign else super().load_overload(sig, target_context)
+        if foreign:
+            return foreign.load_overload(sig, target_context)
+        found = self._shipped.load_overload(sig, target_context) if self._shipped else None
+        return super().load_overload(sig, target_context) if found is None else found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep compiled code for its signature."""
@@ -200,6 +208,6 @@ def cached_kernels() -> int:
 
 
 def is_cached() -> bool:
-    """Return True if compiled ticks of these sources lie in the cache; if not, the first run compiles."""
+    """Return True if compiled ticks of these sources are shipped or in the cache; if not, the first run compiles."""
     folder = module_cache(f"{PACKAGE}.tick.tick")
-    return folder.is_dir() and any(folder.rglob("*.nbi"))
+    return is_shipped(folder.name) or (folder.is_dir() and any(folder.rglob("*.nbi")))

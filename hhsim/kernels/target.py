@@ -27,6 +27,11 @@ class TargetWarning(UserWarning):
     """The kernels are compiled for another processor than `HHSIM_CPU` names."""
 
 
+def is_named() -> bool:
+    """Return True if the kernels are compiled for the named target of this kind of machine."""
+    return str(numba.config.CPU_NAME) == BASELINES.get(platform.machine())
+
+
 def set_target() -> str:
     """Set numba's target and its settings that change machine code, before anything is compiled; return their text."""
     config = numba.config

@@ -1,0 +1,99 @@
+"""Build a wheel that holds all kernels as machine code, for this Python and this kind of processor.
+
+    python -m tools.build_wheel [FOLDER]
+
+compiles them into an empty cache, runs the commands of the README by it, and packs what Python calls: 6 minutes of two
+processors. FOLDER is dist/ where none is named. The wheel's tag names Python, system and processor.
+"""
+
+import argparse
+import hashlib
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from hhsim.kernels import shipped
+from hhsim.kernels.callee import CALLEE_PREFIX
+from hhsim.kernels.target import NAMED, TARGET
+from tools.import_graph import REPOSITORY
+
+LEFT_OUT = (".git", ".venv", "build", "dist", "*.egg-info", "__pycache__", "results", ".*_cache", ".hypothesis")
+MAIN = "import sys; from hhsim.cli.main import main; sys.argv[0] = 'hhsim'; main()"
+BUILD = "import sys; from setuptools.build_meta import build_wheel; print(build_wheel(sys.argv[1], eval(sys.argv[2])))"
+COMMANDS = (
+    "replay bunny grasp --method coupled",
+    "replay cube pinch --method progressive --surface mesh",
+    "replay cube touch --method paper --level 3",
+    "replay cube grasp --method penalty",
+    "replay cube lift --free --mass 0.1 --friction 0.6",
+    "replay cube lift --free --surface mesh --mass 0.1 --friction 0.6",
+    "replay rock carry --tremor 0.1,0.2",
+)
+"""Runs that scenes and measures take kernels for, which no list of ticks has; each is verified and reported."""
+
+
+def compile_all(cache: Path) -> None:
+    """Compile every kernel that ships into an empty cache."""
+    known = {name: value for name, value in os.environ.items() if name not in (NAMED, "NUMBA_BOUNDSCHECK")}
+    environment = known | {"HHSIM_CACHE_DIR": str(cache)}
+
+    def run(*arguments: str) -> None:
+        subprocess.run([sys.executable, *arguments], cwd=REPOSITORY, env=environment, check=True, capture_output=True)
+
+    run("tests/compile_kernels.py")
+    with tempfile.TemporaryDirectory() as place:
+        for number, command in enumerate(COMMANDS):
+            result = f"{place}/{number}.h5"
+            run("-c", MAIN, *shlex.split(command), "--out", result)
+            run("-c", MAIN, "verify", result)
+            run("-c", MAIN, "report", result, "--out", f"{place}/{number}.html")
+        run("-c", MAIN, "compare", f"{place}/0.h5", f"{place}/1.h5")
+        run("-c", MAIN, "build-tree", "examples/mug.stl", "--unit", "mm", "--level", "3", "--out", f"{place}/mug.h5")
+
+
+def pack(cache: Path, folder: Path) -> None:
+    """Copy the kernels that Python calls, with their digests."""
+    lines = []
+    for path in sorted(cache.joinpath("kernels").glob("*/*.nb[ic]")):
+        if path.name.startswith(CALLEE_PREFIX):
+            continue
+        name = path.relative_to(cache / "kernels")
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, folder / name)
+        lines.append(f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {name.as_posix()}\n")
+    (folder / shipped.SUMS).write_text("".join(lines), encoding="utf-8")
+    (folder / shipped.BUILT_FOR).write_text(f"{TARGET}\n", encoding="utf-8")
+
+
+def build(folder: Path) -> Path:
+    """Build the wheel into a folder; return its path."""
+    with tempfile.TemporaryDirectory() as name:
+        source, cache = Path(name) / "source", Path(name) / "cache"
+        cache.mkdir(mode=0o700)
+        compile_all(cache)
+        shutil.copytree(REPOSITORY, source, ignore=shutil.ignore_patterns(*LEFT_OUT))
+        pack(cache, source / shipped.FOLDER.relative_to(REPOSITORY))
+        tags = {"--build-option": [f"--python-tag=cp{sys.version_info.major}{sys.version_info.minor}"]}
+        tags["--build-option"].append(f"--plat-name={sys.platform}_{platform.machine()}")
+        call = [sys.executable, "-c", BUILD, str(folder.resolve()), repr(tags)]
+        done = subprocess.run(call, cwd=source, check=True, capture_output=True, text=True)
+    return folder / done.stdout.split()[-1]
+
+
+def main() -> None:
+    """Build it and print name and size."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", nargs="?", type=Path, default=REPOSITORY / "dist")
+    folder: Path = parser.parse_args().folder
+    folder.mkdir(parents=True, exist_ok=True)
+    path = build(folder)
+    print(f"{path.name}: {1e-6 * path.stat().st_size:.1f} MB")
+
+
+if __name__ == "__main__":
+    main()
