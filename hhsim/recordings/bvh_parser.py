@@ -112,11 +112,6 @@ def read_bvh(text: str) -> Bvh:
     return _motion(lines, next_line, joints, complete=text.endswith(("\n", "\r")))
 
 
-def looks_like_bvh(text: str) -> bool:
-    """Return True if a text begins as BVH does."""
-    return text.lstrip()[:9].upper() == "HIERARCHY"
-
-
 def _hierarchy(lines: list[str]) -> tuple[tuple[Joint, ...], int]:
     joints: list[Joint] = []
     open_joints: list[int] = []

@@ -51,7 +51,7 @@ from msgspec import Meta, field
 from hhsim.errors import InputError
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, COLUMNS, FLEXION_COLUMNS, PHASE
 from hhsim.recordings.frames import OURS, axes_matrix, world_matrix
-from hhsim.system.settings_file import Settings, between, one_of, parse_settings, read_toml_text
+from hhsim.system.settings_file import Settings, between, one_of, read_settings
 
 JOINT_NAMES = (*FLEXION_COLUMNS, *ABDUCTION_COLUMNS)
 Joint = Annotated[str, one_of(JOINT_NAMES)]
@@ -208,9 +208,4 @@ def is_own_header(header: tuple[str, ...]) -> bool:
 
 def read_column_map(path: Path) -> ColumnMap:
     """Read a mapping from a TOML file; raise InputError for a missing file, no TOML, or an unknown key or value."""
-    return parse_column_map(read_toml_text(path, "mapping of columns"), where=str(path))
-
-
-def parse_column_map(text: str, *, where: str) -> ColumnMap:
-    """Read a mapping from TOML text; `where` names the text in error messages."""
-    return parse_settings(text, ColumnMap, where)
+    return read_settings(path, ColumnMap, "mapping of columns")

@@ -15,7 +15,7 @@ from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.recording import Recording
-from hhsim.recordings.recording_format import ReadOptions
+from hhsim.recordings.registry import ReadOptions
 from hhsim.recordings.repair import repair
 
 

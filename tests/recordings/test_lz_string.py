@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from lz_pack import pack
 
 from hhsim.errors import TrajectoryError
-from hhsim.recordings.lz_string import unpack
+from hhsim.recordings.formats.leap import unpack
 
 PACKED = {
     "hello": "BYUwNmD2QAA=",

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hhsim.recordings.time_column import TimeColumn, time_column
+from hhsim.recordings.unit_detection import TimeColumn, time_column
 
 
 @pytest.mark.parametrize(

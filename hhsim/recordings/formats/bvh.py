@@ -18,29 +18,19 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.bvh_parser import Bvh, Joint, looks_like_bvh, read_bvh
+from hhsim.recordings.bvh_parser import Bvh, Joint, read_bvh
 from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles, palm_origin
 from hhsim.recordings.frames import in_palm, to_our_world
-from hhsim.recordings.recorded_bones import FingerChains, Posture, recorded_bones
+from hhsim.recordings.recorded_bones import recorded_bones
 from hhsim.recordings.recording import Recording, note
-from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 from hhsim.recordings.unit_detection import LENGTH_UNITS
 
-WORDS = (
-    ("thumb", "thumb"),
-    ("index", "index"),
-    ("pointer", "index"),
-    ("middle", "middle"),
-    ("mid", "middle"),
-    ("ring", "ring"),
-    ("pinky", "little"),
-    ("pinkie", "little"),
-    ("little", "little"),
-    ("small", "little"),
-)
-"""Words for fingers, the first in a name counting."""
+WORDS = ("thumb", "index pointer", "middle mid", "ring", "pinky pinkie little small")
+"""Words for thumb to little finger, the first in a name counting."""
 BIPED = re.compile(r"finger(?P<finger>[0-4])(?P<phalanx>[0-9]?)(?:nub)?$", re.IGNORECASE)
 METACARPAL = re.compile(r"metacarp|carpal|inhand|palm", re.IGNORECASE)
 HAND_LENGTHS = (0.13, 0.25)
@@ -76,9 +66,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     orientation = palm_from_knuckles(knuckles, scale * at[:, wrist], side)
     flexion, abduction, off = finger_angles(in_palm(np.diff(fingers, axis=2), orientation), side)
     place = palm_origin(knuckles, orientation, side)
-    fit = recorded_bones(
-        FingerChains(scale * fingers, scale * at[:, wrist]), Posture(place, orientation, flexion, abduction), side
-    )
+    posture = HandConfiguration(place, orientation, flexion, abduction)
+    fit = recorded_bones(scale * fingers, scale * at[:, wrist], posture, side)
     position, orientation = to_our_world(place, orientation, up)
     other = "; the other hand is there too: --hand" if len(hands) == 2 and not hand else ""
     return Recording(
@@ -123,7 +112,7 @@ def finger_of(name: str) -> str:
     if biped is not None:
         return FINGERS[int(biped.group("finger"))]
     lower = plain.lower()
-    return next((finger for word, finger in WORDS if word in lower), "")
+    return next((finger for finger, words in zip(FINGERS, WORDS) if any(word in lower for word in words.split())), "")
 
 
 def _chains(joints: tuple[Joint, ...], side: str) -> dict[str, _Chain]:
@@ -209,8 +198,10 @@ def _scale(fingers: FloatArray, wrist: FloatArray, unit: str | None) -> tuple[fl
     )
 
 
-def _sniff(content: Content, options: ReadOptions) -> bool:
-    return looks_like_bvh(content.beginning)
-
-
-FORMAT = RecordingFormat("bvh", "BVH motion capture with the joints of fingers", (".bvh",), _sniff, _read)
+FORMAT = RecordingFormat(
+    "bvh",
+    "BVH motion capture with the joints of fingers",
+    (".bvh",),
+    lambda content, options: content.beginning.lstrip()[:9].upper() == "HIERARCHY",
+    _read,
+)

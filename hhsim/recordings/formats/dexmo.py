@@ -19,7 +19,7 @@ from hhsim.recordings.csv_table import read_header, read_table
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, calibrated
 from hhsim.recordings.mapped_table import mapped
 from hhsim.recordings.recording import Finding, Recording, note
-from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 from hhsim.system.counted import counted
 
 ALIAS = {"pinky_split": "little_split", "pinky_bend": "little_bend"}

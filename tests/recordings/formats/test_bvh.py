@@ -11,7 +11,7 @@ from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.bvh_parser import read_bvh
 from hhsim.recordings.formats.bvh import finger_of, side_of
-from hhsim.recordings.hand_displacement import turn
+from hhsim.recordings.recording import turn
 from hhsim.recordings.repair import repair
 
 CLEAN = smooth_recording(25, jitter=0.0).changed(abduction=np.zeros((25, 5)))

@@ -13,8 +13,7 @@ from recording_samples import read_as
 from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.formats.leap import FORMAT
-from hhsim.recordings.recording_format import Content, ReadOptions
-from hhsim.recordings.registry import read_content
+from hhsim.recordings.registry import Content, ReadOptions, read_content
 from hhsim.recordings.repair import repair
 
 
