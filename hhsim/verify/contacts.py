@@ -14,6 +14,7 @@ from hhsim.verify.kinematics import OwnHand, Posed
 
 PALM = 15
 BODIES = 16
+"""Phalanges from the thumb's proximal one on, three a finger; then the palm."""
 CHUNK = 64
 """Ticks searched at once, to bound the memory."""
 GROUP, MOST_GROUPS = 12, 2048

@@ -14,7 +14,8 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import RESOLUTION, mesh_clearance
 from hhsim.verify.coal_distance import frame_along
-from hhsim.verify.mesh_distance import PALM, HandReferee, palm_centers
+from hhsim.verify.contacts import PALM
+from hhsim.verify.mesh_distance import HandReferee, palm_centers
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
 MESH = Mesh(np.asarray(BOX.vertices), np.asarray(BOX.faces), name="box")
