@@ -67,7 +67,6 @@ class JointPositions:
     tip_on_surface: bool = True
     time_stated: bool = True
     device: str = ""
-    source: str = ""
     findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
@@ -139,7 +138,6 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
         scaled=True,
         form=joints.form,
         name=name,
-        source=joints.source,
         device=joints.device,
         hand=side,
         hand_length=bones.hand_length,

@@ -59,8 +59,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         raise TrajectoryError(f"no {side} hand with five fingers; the file has a {next(iter(hands))} one")
     chains = hands[side]
     wrist = _wrist(bvh.joints, chains)
-    at = bvh.positions()
-    fingers = _finger_points(bvh, chains, at)
+    at, turned = bvh.pose()
+    fingers = _finger_points(bvh, chains, at, turned)
     scale, length, unit = _scale(fingers, at[:, wrist], options.length_unit)
     knuckles = scale * fingers[:, 1:, 0]
     orientation = palm_from_knuckles(knuckles, scale * at[:, wrist], side)
@@ -166,16 +166,15 @@ def _wrist(joints: tuple[Joint, ...], chains: dict[str, _Chain]) -> int:
     return shared[0]
 
 
-def _finger_points(bvh: Bvh, chains: dict[str, _Chain], at: FloatArray) -> FloatArray:
+def _finger_points(bvh: Bvh, chains: dict[str, _Chain], at: FloatArray, turned: FloatArray) -> FloatArray:
     """Return three joints and tip of each finger in the file's unit, shape (T, 5, 4, 3)."""
     points = np.empty((len(at), len(FINGERS), 4, 3))
-    turned = bvh.orientations() if any(chain.tip is None for chain in chains.values()) else None
     for f, finger in enumerate(FINGERS):
         chain = chains[finger]
         points[:, f, :3] = at[:, list(chain.joints)]
         if chain.tip is not None:
             points[:, f, 3] = at[:, chain.tip]
-        elif turned is not None:
+        else:
             # A last bone without an end continues the one before in the rest pose, at a usual length.
             bone = 0.7 * bvh.joints[chain.joints[2]].offset
             points[:, f, 3] = points[:, f, 2] + np.einsum("tij,j->ti", turned[:, chain.joints[2]], bone)

@@ -9,9 +9,8 @@ from msgspec import structs
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_file import COLUMNS, CSV_SUFFIX, FLAGS, OBJECT_COLUMNS, PHASE, POSE_COLUMNS, SAMPLES, object_pose
 from hhsim.motion.object_motion import ObjectMotion
-from hhsim.recordings.column_map import OWN_COLUMNS, is_own_header
+from hhsim.recordings.column_map import OWN_COLUMNS, is_own_header, mapped
 from hhsim.recordings.csv_table import Table, read_header, read_table
-from hhsim.recordings.mapped_table import mapped
 from hhsim.recordings.recording import Recording, note
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 

@@ -13,10 +13,10 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.column_map import mapped
 from hhsim.recordings.csv_table import Table
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions, chosen_side, recording_of_joints
-from hhsim.recordings.mapped_table import mapped
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 

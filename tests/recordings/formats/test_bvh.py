@@ -62,7 +62,7 @@ Frame Time: 0.01
 0 0 0 90 90 0 0 0 90
 """
     bvh = read_bvh(text)
-    at = bvh.positions()
+    at, _ = bvh.pose()
     assert np.allclose(at[0], [[5, 0, 0], [4, 0, 0], [3, 0, 0]])
     # About z first, then about the turned x, which is the world's y by then: the bone's y becomes the world's z.
     assert np.allclose(at[1], [[0, 0, 0], [0, 0, 1], [0, 0, 2]])

@@ -11,10 +11,9 @@ from hhsim.errors import HhsimError, InputError, TrajectoryError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, format_csv
 from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.recordings.column_map import OWN_COLUMNS, ColumnMap, read_column_map
+from hhsim.recordings.column_map import OWN_COLUMNS, ColumnMap, euler_quaternion, read_column_map
 from hhsim.recordings.csv_table import read_table
 from hhsim.recordings.frames import turned
-from hhsim.recordings.mapped_table import euler_quaternion
 from hhsim.recordings.repair import RepairOptions, repair
 from hhsim.system.settings_file import parse_settings
 
