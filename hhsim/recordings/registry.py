@@ -42,10 +42,13 @@ class ManoOptions:
     reading: str | None = None
 
 
-MANO_READINGS = ("axis-angle", "axis-angle-mean", "pca", "pca-flat")
-"""Meaning of a pose's numbers: 45 angles of the joints from the flat hand, or from the mean pose; coefficients of the
-model's components about the mean pose, or about the flat hand.
-"""
+MANO_READINGS = {
+    "axis-angle": "angles of the joints from the flat hand",
+    "axis-angle-mean": "angles of the joints from the model's mean pose",
+    "pca": "coefficients of the model's components about its mean pose",
+    "pca-flat": "coefficients of the model's components about the flat hand",
+}
+"""Meanings of a pose's numbers: 45 angles, or coefficients."""
 
 
 @dataclass(frozen=True)

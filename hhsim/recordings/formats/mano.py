@@ -29,12 +29,6 @@ ANGLES = 45
 POSES = ("poses", "pose", "mano_pose", "hand_pose")
 TURNS = ("global_orient", "root_orient", "rot")
 SHIFTS = ("trans", "transl", "translation")
-READINGS = {
-    "axis-angle": "angles of the joints from the flat hand",
-    "axis-angle-mean": "angles of the joints from the model's mean pose",
-    "pca": "coefficients of the model's components about its mean pose",
-    "pca-flat": "coefficients of the model's components about the flat hand",
-}
 
 
 class _Poses(NamedTuple):
@@ -63,7 +57,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     model = read_mano_model(options.mano.model)
     hand = options.hand or poses.hand
     name = options.mano.model.name.lower()
-    findings = [*poses.findings, note(f"{count} numbers a pose: {READINGS[reading]} ({reading}); model {name}")]
+    findings = [*poses.findings, note(f"{count} numbers a pose: {MANO_READINGS[reading]} ({reading}); model {name}")]
     if hand and {"right": "left", "left": "right"}[hand] in name:
         text = f"{hand} hand, but the model is called {options.mano.model.name}: is it the other hand's?"
         findings.append(note(text))
@@ -97,7 +91,7 @@ def _reading(count: int, options: ReadOptions) -> str:
         raise InputError(f"--mano-pose {wanted}: needs 45 numbers a pose, and there are {count}")
     if wanted is not None:
         return wanted
-    choices = ", ".join(MANO_READINGS if count == ANGLES else MANO_READINGS[2:])
+    choices = ", ".join(reading for reading in MANO_READINGS if count == ANGLES or reading.startswith("pca"))
     raise TrajectoryError(f"{count} numbers a pose can be read in several ways; say which: --mano-pose {choices}")
 
 
