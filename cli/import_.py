@@ -14,7 +14,7 @@ from .console import print_json, print_notes, print_table
 
 if TYPE_CHECKING:
     from hhsim.recordings.recording import Recording
-    from hhsim.recordings.recording_format import ReadOptions
+    from hhsim.recordings.registry import ReadOptions
     from hhsim.recordings.repair import RepairOptions
 
 SECONDS = Number(-1e12, 1e12)
@@ -70,7 +70,7 @@ class FileSettings(OptionGroup, heading="Recording"):
     def options(self, others: dict[str, Any]) -> "ReadOptions":
         """Return the options for the library, with the `fields` of the other groups."""
         from hhsim.recordings.column_map import read_column_map
-        from hhsim.recordings.recording_format import ReadOptions
+        from hhsim.recordings.registry import ReadOptions
 
         return ReadOptions(
             columns=None if self.columns is None else read_column_map(self.columns),
@@ -100,7 +100,7 @@ class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot"):
 
     def fields(self) -> dict[str, Any]:
         """Return fields of ReadOptions."""
-        from hhsim.recordings.recording_format import ManoOptions
+        from hhsim.recordings.registry import ManoOptions
 
         mano = ManoOptions(self.mano_model, self.mano_pose)
         return {"mano": mano, "profile": self.profile, "object_track": self.object_track, "episode": self.episode}

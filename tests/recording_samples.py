@@ -7,8 +7,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import quaternion
 from hhsim.recordings.recording import Recording
-from hhsim.recordings.recording_format import Content, ReadOptions
-from hhsim.recordings.registry import read_content
+from hhsim.recordings.registry import Content, ReadOptions, read_content
 
 
 def read_as(form: str, data: str | bytes, *, name: str = "", **options: Any) -> Recording:

@@ -51,8 +51,8 @@ from hhsim.system.progress import Progress, silent
 from hhsim.table.table import Column
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
+from hhsim.verify.coal_distance import require_coal
 from hhsim.verify.mesh_distance import HandReferee
-from hhsim.verify.verify import require_coal
 
 OURS: tuple[tuple[str, str], ...] = (("coupled", "mesh"), ("coupled", "spheres"), ("penalty", "spheres"))
 """Our methods, and the surfaces that they touch."""

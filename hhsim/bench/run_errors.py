@@ -32,9 +32,9 @@ from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import best_hands, reference_excess
+from hhsim.verify.coal_distance import coal_model, require_coal
 from hhsim.verify.mesh_distance import HandReferee
-from hhsim.verify.tree_checks import coal_model, nearest_on
-from hhsim.verify.verify import require_coal
+from hhsim.verify.tree_checks import nearest_on
 
 MOST_HANDS = 400
 """Hands of a run whose depth is measured, 6 to 18 ms each: all that differ in a grasp, two in five in a slide."""
@@ -73,7 +73,7 @@ class MeshReferee:
     def __init__(self, mesh: Mesh, most_hands: int = MOST_HANDS) -> None:
         require_coal()
         self.most_hands = most_hands
-        self._model = coal_model(mesh)
+        self._model = coal_model(mesh.vertices, mesh.faces)
         self._depths: HandReferee | None
         try:
             self._depths = HandReferee(mesh)

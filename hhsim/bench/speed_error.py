@@ -43,7 +43,7 @@ from hhsim.system.progress import Progress, silent
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
-from hhsim.verify.verify import require_coal
+from hhsim.verify.coal_distance import require_coal
 
 DEFAULT_LEVEL = 4
 NO_LEVEL = 0

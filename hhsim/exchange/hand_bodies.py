@@ -59,12 +59,12 @@ class RoundCone:
     start_radius: float
     end_radius: float
 
-    def capsules(self, step: float = STEP) -> list[Capsule]:
-        """Return capsules and a sphere inside of the round cone, at most `step` [m] from its surface."""
+    def capsules(self) -> list[Capsule]:
+        """Return capsules and a sphere inside of the round cone, at most `STEP` from its surface."""
         origin, taper = np.zeros(3), self.start_radius - self.end_radius
         if taper <= 0.0:
             return [Capsule(origin, self.end, self.end_radius)]
-        pieces = int(np.ceil(taper / step))
+        pieces = int(np.ceil(taper / STEP))
         # The smaller radius of each piece's ends, so that it lies in the cone.
         share = np.arange(pieces + 1) / pieces
         parts = [

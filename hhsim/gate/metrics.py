@@ -31,7 +31,7 @@ from hhsim.result.digest import tick_digest
 from hhsim.result.reader import Result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.method import EVERYTHING, WORK
-from hhsim.submissions.pose_errors import MESH_DEPTH, OFF_BEST, OFF_BEST_MAX
+from hhsim.submissions.score import MESH_DEPTH, OFF_BEST, OFF_BEST_MAX
 
 COUNTERS: dict[str, tuple[str, Figure]] = {
     "node_tests": ("work/node_tests", Figure("node_tests", "tree nodes tested")),

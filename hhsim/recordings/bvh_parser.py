@@ -58,15 +58,8 @@ class Bvh:
     values: FloatArray
     findings: tuple[Finding, ...]
 
-    def positions(self) -> FloatArray:
-        """Compute world positions of all joints and ends in the file's unit, shape (T, J, 3)."""
-        return self._pose()[0]
-
-    def orientations(self) -> FloatArray:
-        """Compute world rotations of all joints, shape (T, J, 3, 3)."""
-        return self._pose()[1]
-
-    def _pose(self) -> tuple[FloatArray, FloatArray]:
+    def pose(self) -> tuple[FloatArray, FloatArray]:
+        """Compute world positions of all joints and ends in the file's unit, (T, J, 3), and rotations, (T, J, 3, 3)."""
         count = len(self.values)
         at = np.empty((count, len(self.joints), 3))
         turned = np.empty((count, len(self.joints), 3, 3))
@@ -110,11 +103,6 @@ def read_bvh(text: str) -> Bvh:
     lines = text.splitlines()
     joints, next_line = _hierarchy(lines)
     return _motion(lines, next_line, joints, complete=text.endswith(("\n", "\r")))
-
-
-def looks_like_bvh(text: str) -> bool:
-    """Return True if a text begins as BVH does."""
-    return text.lstrip()[:9].upper() == "HIERARCHY"
 
 
 def _hierarchy(lines: list[str]) -> tuple[tuple[Joint, ...], int]:

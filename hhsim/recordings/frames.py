@@ -36,17 +36,13 @@ def axes_matrix(axes: Sequence[str], where: str = "palm axes") -> FloatArray:
     return matrix
 
 
-def world_matrix(up: str, where: str = "world_up") -> FloatArray:
-    """Return the rotation to our world from one whose axis `up` points up, shape (3, 3).
-
-    Raises:
-        InputError: `up` is no axis; the message begins with `where`.
-    """
+def world_matrix(up: str) -> FloatArray:
+    """Return the rotation to our world from one whose axis `up` points up, shape (3, 3); InputError for no axis."""
     turns = {"z": "x y z", "-z": "x -y -z", "y": "x -z y", "-y": "x z -y", "x": "-z y x", "-x": "z y -x"}
     if up not in turns:
-        raise InputError(f"{where} = {up!r}: expected one of {', '.join(WORLD_UP)}")
+        raise InputError(f"world_up = {up!r}: expected one of {', '.join(WORLD_UP)}")
     # Rows: our axes in terms of the recording's.
-    return axes_matrix(turns[up].split(), where).T
+    return axes_matrix(turns[up].split()).T
 
 
 def to_our_world(position: FloatArray, orientation: FloatArray, up: str) -> tuple[FloatArray, FloatArray]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, TrajectoryError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH
 from hhsim.motion.sample_flags import SampleFlag
@@ -20,10 +21,10 @@ from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles, palm_origin
 from hhsim.recordings.frames import in_palm, to_our_world
 from hhsim.recordings.joint_names import KEYPOINTS
-from hhsim.recordings.recorded_bones import FingerChains, Posture, recorded_bones
+from hhsim.recordings.recorded_bones import recorded_bones
 from hhsim.recordings.recording import Finding, Recording, note, readings
-from hhsim.recordings.recording_format import ReadOptions
-from hhsim.recordings.unit_detection import LENGTH_UNITS
+from hhsim.recordings.registry import ReadOptions
+from hhsim.recordings.unit_detection import LENGTH_UNITS, TIME_UNITS
 from hhsim.system.counted import counted
 
 HAND_LENGTHS = (0.12, 0.26)
@@ -66,7 +67,6 @@ class JointPositions:
     tip_on_surface: bool = True
     time_stated: bool = True
     device: str = ""
-    source: str = ""
     findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
@@ -110,8 +110,8 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
     flexion, abduction, off = finger_angles(in_palm(np.diff(fingers, axis=2), orientation), side)
     position = palm_origin(fingers[:, 1:, 0], orientation, side)
     radii = None if radius is None else radius[:, 1:].reshape(-1, len(FINGERS), 4)
-    chains = FingerChains(fingers, wrist, radii, joints.tip_on_surface)
-    bones = recorded_bones(chains, Posture(position, orientation, flexion, abduction), side)
+    posture = HandConfiguration(position, orientation, flexion, abduction)
+    bones = recorded_bones(fingers, wrist, posture, side, radii, joints.tip_on_surface)
     if radius is not None and not joints.tip_on_surface:
         long = f"with that of the middle one the hand is {1e3 * bones.hand_length:.0f} mm long"
         findings.append(note(f"fingertips are balls of the recorded radii: {long}"))
@@ -138,7 +138,6 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
         scaled=True,
         form=joints.form,
         name=name,
-        source=joints.source,
         device=joints.device,
         hand=side,
         hand_length=bones.hand_length,
@@ -298,11 +297,27 @@ def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[Hand
     return side, [note(f"{side} hand; the {other[0]} one is there too: --hand")] if other else []
 
 
-def evenly(count: int, options: ReadOptions) -> tuple[FloatArray, Finding]:
-    """Make stamps [s] of samples that have none, and the finding about it; TrajectoryError if no rate is stated."""
-    if options.rate is None:
-        raise TrajectoryError(f"{count} samples without a stamp; say how many there are a second: --rate")
-    return np.arange(count) / options.rate, note(f"no stamps: made from the rate, {options.rate:g} Hz")
+def sample_times(
+    stamps: FloatArray | None, unit: str | None, count: int, options: ReadOptions
+) -> tuple[FloatArray, bool, list[Finding]]:
+    """Return stamps from the first one on [s], whether their unit is known, and findings about them.
+
+    Args:
+        stamps: Stamps in the file, returned as they are if the unit is unknown; None makes them from the stated rate.
+
+    Raises:
+        TrajectoryError: There is neither a stamp nor a rate.
+    """
+    if stamps is None:
+        if options.rate is None:
+            raise TrajectoryError(f"{count} samples without a stamp; say how many there are a second: --rate")
+        made = np.arange(count) / options.rate
+        return made, True, [note(f"no stamps: made from the rate, {options.rate:g} Hz")]
+    if unit is None:
+        return stamps, False, []
+    # Whole ns since 1970 keep their steps only if the first is subtracted before they are scaled.
+    finite = stamps[np.isfinite(stamps)]
+    return (stamps - (finite[0] if finite.size else 0.0)) * TIME_UNITS[unit], True, []
 
 
 def joints_by_name(positions: dict[str, Any], count: int) -> FloatArray:

@@ -14,8 +14,7 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.recordings.hand_displacement import FINGER_ARM, PALM_ARM, change, turn
-from hhsim.recordings.recording import Recording
+from hhsim.recordings.recording import FINGER_ARM, PALM_ARM, Recording, change, turn
 
 Vectors = Callable[[IntArray, IntArray], FloatArray]
 

@@ -6,44 +6,16 @@ these bones in the fitted posture.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.finger_ik import finger_joints
 from hhsim.recordings.frames import in_palm
-
-
-class FingerChains(NamedTuple):
-    """Recorded fingers, world.
-
-    Attributes:
-        joints: First to last joint and tip of each finger [m], shape (T, 5, 4, 3), NaN where missing.
-        wrist: Centre of the wrist [m], shape (T, 3).
-        radius: Radii at the same points [m], shape (T, 5, 4); None if not recorded.
-        tip_on_surface: True if the tip is a point of the skin, False if it is the centre of the fingertip's sphere.
-    """
-
-    joints: FloatArray
-    wrist: FloatArray
-    radius: FloatArray | None = None
-    tip_on_surface: bool = True
-
-
-class Posture(NamedTuple):
-    """Fitted palm pose and angles.
-
-    Attributes:
-        position, orientation, flexion, abduction: As in `hhsim.motion.trajectory.Trajectory`.
-    """
-
-    position: FloatArray
-    orientation: FloatArray
-    flexion: FloatArray
-    abduction: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +27,7 @@ class RecordedBones:
         base: First joint of each finger [m], shape (5, 3), from the palm's origin in the recording.
         length: Distances between joints, the last one to the tip [m], shape (5, 3).
         radius: Radii at the joints and the tip [m], shape (5, 4); None if not recorded.
-        tip_on_surface: As in `FingerChains`.
+        tip_on_surface: True if the tip is a point of the skin, False if it is the centre of the fingertip's sphere.
         rms: Root mean square of the fit's error of each finger over joints, tip and samples [m], shape (5,).
         largest: Largest error of each finger [m], shape (5,).
     """
@@ -82,23 +54,37 @@ class RecordedBones:
         }
 
 
-def recorded_bones(fingers: FingerChains, posture: Posture, hand: HandSide) -> RecordedBones:
-    """Compute the bones of recorded fingers, and the distance of a hand of these bones from them in a posture."""
-    at = in_palm(fingers.joints - posture.position[:, None, None], posture.orientation)
+def recorded_bones(
+    joints: FloatArray,
+    wrist: FloatArray,
+    posture: HandConfiguration,
+    hand: HandSide,
+    radius: FloatArray | None = None,
+    tip_on_surface: bool = True,
+) -> RecordedBones:
+    """Compute the bones of recorded fingers, and the distance of a hand of these bones from them in a posture.
+
+    Args:
+        joints: First to last joint and tip of each finger [m], world, shape (T, 5, 4, 3), NaN where missing.
+        wrist: Centre of the wrist [m], world, shape (T, 3).
+        posture: Fitted palm pose and angles.
+        radius: Radii at the joints and the tip [m], shape (T, 5, 4); None if not recorded.
+    """
+    at = in_palm(joints - posture.position[:, None, None], posture.orientation)
     lengths = np.linalg.norm(np.diff(at, axis=2), axis=3)
     base, length = _finite(np.median, at[:, :, 0]), _finite(np.median, lengths)
     off = np.linalg.norm(at - finger_joints(base, length, posture.flexion, posture.abduction, hand), axis=3)
-    radius = None if fingers.radius is None else _finite(np.median, fingers.radius)
-    palm = np.linalg.norm(fingers.joints[:, 2, 0] - fingers.wrist, axis=1)
-    tip = 0.0 if fingers.tip_on_surface or radius is None else float(radius[2, 3])
+    usual = None if radius is None else _finite(np.median, radius)
+    palm = np.linalg.norm(joints[:, 2, 0] - wrist, axis=1)
+    tip = 0.0 if tip_on_surface or usual is None else float(usual[2, 3])
     of_finger = off.swapaxes(1, 2).reshape(-1, len(FINGERS))
     return RecordedBones(
         hand=hand,
         hand_length=float(_finite(np.median, palm) + length[2].sum() + tip),
         base=base,
         length=length,
-        radius=radius if radius is not None and np.isfinite(radius).all() else None,
-        tip_on_surface=fingers.tip_on_surface,
+        radius=usual if usual is not None and np.isfinite(usual).all() else None,
+        tip_on_surface=tip_on_surface,
         rms=np.sqrt(_finite(np.mean, of_finger**2)),
         largest=np.nan_to_num(_finite(np.max, of_finger)),
     )

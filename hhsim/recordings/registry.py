@@ -1,16 +1,193 @@
-"""Registry of recording formats: their detection, and reading of a file as a `Recording`."""
+"""Formats of recordings: what each declares, their detection, and the reading of a file as a `Recording`.
+
+A format is a module of its own in `hhsim.recordings.formats`.
+"""
 
 import importlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from hhsim.errors import InputError, TrajectoryError, UnknownNameError
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.column_map import ColumnMap
+from hhsim.recordings.dexmo_regression import DexmoRegression, Poses
 from hhsim.recordings.frames import axes_matrix
 from hhsim.recordings.recording import Recording
-from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+from hhsim.system.input_file import open_input, read_input
 from hhsim.system.media_kind import media_kind
 
 FORMATS_PACKAGE = "hhsim.recordings.formats"
 """Package that is imported by name, because the formats depend on this package."""
+MOST_BYTES = 1 << 30
+"""Size of the largest file that is read [byte]."""
+HEAD_BYTES = 4096
+"""Size of the beginning of a file that tells its format [byte]."""
+MOST_UNREADABLE = 0.1
+"""Largest share of characters of a text that cannot be decoded."""
+
+
+@dataclass(frozen=True)
+class ManoOptions:
+    """Options for poses of the MANO hand.
+
+    Attributes:
+        model: The user's own file of the model, .pkl or .npz; None without one.
+        reading: One of `MANO_READINGS`; None if the file has to say it.
+    """
+
+    model: Path | None = None
+    reading: str | None = None
+
+
+MANO_READINGS = {
+    "axis-angle": "angles of the joints from the flat hand",
+    "axis-angle-mean": "angles of the joints from the model's mean pose",
+    "pca": "coefficients of the model's components about its mean pose",
+    "pca-flat": "coefficients of the model's components about the flat hand",
+}
+"""Meanings of a pose's numbers: 45 angles, or coefficients."""
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """Options for reading a file.
+
+    Attributes:
+        form: Name of the format; None detects it.
+        columns: Mapping of the columns of a table.
+        hand: Side of the hand, if the file does not say it, or says it wrong.
+        palm_axes: Our palm's x, y, z in the recording's palm frame, such as ("-y", "x", "z"); None takes the file's.
+        world_up: Axis of the recording's world that points up; None takes the file's.
+        length_unit: Unit for a format whose `Recording.scaled` is true; other recordings are converted after reading.
+        rate: Samples a second [Hz], of a file without stamps.
+        hand_length: Length of the recorded hand [m], if its joints have no scale.
+        mano: Options for poses of the MANO hand.
+        profile: File with the sizes of an UmeTrack hand.
+        object_track: Uid of the object that moves with an UmeTrack hand, if there are several.
+        episode: Number of the episode, in a file with several.
+        dexmo: Calibration of a Dexmo glove.
+        poses: Times of the poses for its calibration.
+    """
+
+    form: str | None = None
+    columns: ColumnMap | None = None
+    hand: HandSide = ""
+    palm_axes: Sequence[str] | None = None
+    world_up: str | None = None
+    length_unit: str | None = None
+    rate: float | None = None
+    hand_length: float | None = None
+    mano: ManoOptions = ManoOptions()
+    profile: Path | None = None
+    object_track: str | None = None
+    episode: int | None = None
+    dexmo: DexmoRegression | None = None
+    poses: Poses | None = None
+
+
+class Content:
+    """Content of a file, read no further than needed.
+
+    Attributes:
+        path: The file; None if only its bytes are given.
+        name: Name of the recording if the content has none; default: the file's name without its suffix.
+    """
+
+    def __init__(self, path: Path | None = None, *, data: bytes | None = None, name: str = "") -> None:
+        self.path = path
+        self.name = name or (path.stem if path is not None else "")
+        if data is not None:
+            self.data = data
+
+    @cached_property
+    def data(self) -> bytes:
+        """Return all bytes of the file; TrajectoryError if it is missing, cannot be read or is too large."""
+        self.refuse_large()
+        assert self.path is not None
+        with _readable():
+            return read_input(self.path)
+
+    @cached_property
+    def head(self) -> bytes:
+        """First bytes of the file."""
+        if self.path is None or "data" in vars(self):
+            return self.data[:HEAD_BYTES]
+        with _readable(), open_input(self.path) as file:
+            return file.read(HEAD_BYTES)
+
+    @cached_property
+    def beginning(self) -> str:
+        """Text at the beginning, with a replacement character for what is no text."""
+        return _decoded(self.head)
+
+    @property
+    def is_text(self) -> bool:
+        """True if it begins as text does."""
+        return _is_text(self.beginning)
+
+    @cached_property
+    def text(self) -> str:
+        """Its text, with a replacement character for what is no UTF-8; TrajectoryError for no text."""
+        text = _decoded(self.data)
+        if not _is_text(text):
+            raise TrajectoryError("no text; expected a recording of another format")
+        return text
+
+    def refuse_large(self) -> None:
+        """Raise TrajectoryError for a file that is missing, or too large to be read at once."""
+        if self.path is not None:
+            with _readable():
+                size = self.path.stat().st_size
+            if size > MOST_BYTES:
+                raise TrajectoryError("more than 1 GB; expected a recording of a hand")
+
+
+@dataclass(frozen=True)
+class RecordingFormat:
+    """Format of recordings.
+
+    Attributes:
+        name: Name of the format and of its module.
+        description: One line about such a file.
+        suffixes: Suffixes of such files, such as ".npz".
+        sniff: Function that returns True for a content of this format; it may consult the options.
+        read: Function that reads the recording in a content. It raises TrajectoryError for a damaged one and InputError
+            for options that do not fit it, without the file's name.
+        rank: Order of detection: formats with a signature (0), any JSON (1), any text (2).
+        takes_columns: True if it takes `ReadOptions.columns`.
+    """
+
+    name: str
+    description: str
+    suffixes: tuple[str, ...]
+    sniff: Callable[[Content, ReadOptions], bool]
+    read: Callable[[Content, ReadOptions], Recording]
+    rank: int = 0
+    takes_columns: bool = False
+
+
+def _decoded(data: bytes) -> str:
+    encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
+    return data.decode(encoding, errors="replace")
+
+
+def _is_text(text: str) -> bool:
+    sample = text[:HEAD_BYTES]
+    return sum(sign in "\x00\ufffd" for sign in sample) <= MOST_UNREADABLE * len(sample)
+
+
+@contextmanager
+def _readable() -> Iterator[None]:
+    """Raise TrajectoryError for an error of the operating system."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise TrajectoryError("no such file; expected a recording") from None
+    except OSError as error:
+        raise TrajectoryError(f"cannot be read: {error.strerror or error}") from None
 
 
 def recording_formats() -> dict[str, RecordingFormat]:

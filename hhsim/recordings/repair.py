@@ -161,7 +161,7 @@ def _unit_quaternions(recording: Recording) -> Recording:
 def _filled(recording: Recording, max_gap: float) -> Recording:
     time = recording.time
     position, turned = _holes_filled(time, recording.position, max_gap, "palm position")
-    orientation, lost = _turns_filled(time, recording.orientation, max_gap, "palm orientation")
+    orientation, lost = _holes_filled(time, recording.orientation, max_gap, "palm orientation", turns=True)
     angles = recording.angles
     missing = np.isnan(angles)
     for column, joint in enumerate(JOINTS):
@@ -184,7 +184,7 @@ def _object_filled(recording: Recording, max_gap: float) -> Recording:
         none = np.linalg.norm(moved.orientation, axis=1) < MIN_QUATERNION_NORM
     position, first = _holes_filled(recording.time, moved.position, max_gap, "object position")
     whole = np.where(none[:, None], np.nan, moved.orientation)
-    orientation, second = _turns_filled(recording.time, whole, max_gap, "object orientation")
+    orientation, second = _holes_filled(recording.time, whole, max_gap, "object orientation", turns=True)
     filled = recording.changed(object_motion=ObjectMotion(position, orientation))
     lost = first | second
     if not lost.any():
@@ -193,33 +193,25 @@ def _object_filled(recording: Recording, max_gap: float) -> Recording:
     return filled.found(Finding("object", text, int(lost.sum()), float(recording.time[np.argmax(lost)])))
 
 
-def _turns_filled(time: FloatArray, orientation: FloatArray, max_gap: float, what: str) -> tuple[FloatArray, BoolArray]:
-    """Return quaternions with their gaps interpolated, shape (T, 4), and a mask of the gaps, shape (T,)."""
-    lost = np.asarray(np.isnan(orientation).any(axis=1))
-    _check_holes(time, lost, max_gap, what)
-    if not lost.any():
-        return orientation, lost
-    good = np.flatnonzero(~lost)
-    inside = np.clip(time, time[good[0]], time[good[-1]])
-    sound = continuous_orientation(orientation[good], time[good])
-    made = interpolate_orientation(time[good] - time[0], sound, inside - time[0])
-    return np.where(lost[:, None], made, orientation), lost
-
-
-def _holes_filled(time: FloatArray, values: FloatArray, max_gap: float, what: str) -> tuple[FloatArray, BoolArray]:
-    """Return values with their gaps interpolated, shape (T, C), and a mask of the gaps, shape (T,)."""
+def _holes_filled(
+    time: FloatArray, values: FloatArray, max_gap: float, what: str, *, turns: bool = False
+) -> tuple[FloatArray, BoolArray]:
+    """Return values, or quaternions (`turns`), with their gaps interpolated, shape (T, C), and a mask of the gaps."""
     lost = np.asarray(np.isnan(values).any(axis=1))
-    _check_holes(time, lost, max_gap, what)
     if not lost.any():
         return values, lost
-    good = ~lost
-    made = np.stack([np.interp(time, time[good], column[good]) for column in values.T], axis=1)
+    _check_holes(time, lost, max_gap, what)
+    good = np.flatnonzero(~lost)
+    if turns:
+        inside = np.clip(time, time[good[0]], time[good[-1]])
+        sound = continuous_orientation(values[good], time[good])
+        made = interpolate_orientation(time[good] - time[0], sound, inside - time[0])
+    else:
+        made = np.stack([np.interp(time, time[good], column[good]) for column in values.T], axis=1)
     return np.where(lost[:, None], made, values), lost
 
 
 def _check_holes(time: FloatArray, lost: BoolArray, max_gap: float, what: str) -> None:
-    if not lost.any():
-        return
     if lost.all():
         raise TrajectoryError(f"{what} is missing in every sample; if there is none, leave it out of the mapping")
     if lost.mean() > MOST_FILLED:

@@ -12,8 +12,7 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, mark
-from hhsim.recordings.hand_displacement import change, deviation
-from hhsim.recordings.recording import MOTION, Finding, Recording
+from hhsim.recordings.recording import MOTION, Finding, Recording, change, deviation
 from hhsim.system.counted import counted
 
 SAME_STAMP = 1e-6

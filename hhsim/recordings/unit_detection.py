@@ -8,10 +8,14 @@
 | joint angles | one beyond ±200° in more than a fifth of the samples, read as radians | degrees |
 | joint angles | else, three more than 30° beyond a hand's range in so many | refused: they may be degrees |
 
-A unit that the file's mapping or the user states is not detected; there the same signs refuse.
+A unit that the file's mapping or the user states is not detected; there the same signs refuse. The name of a column or
+key may say that it holds the stamps, and their unit.
 """
 
+import re
+from collections.abc import Iterable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,6 +48,20 @@ CERTAINLY_FAST = 200.0
 MANY = 0.2
 """Share of samples above which a unit is wrong, not single samples."""
 FEW = 0.05
+
+_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
+_TIME_WORDS = {"time", "timestamp", "stamp", "timestamps", "t", "clock"}
+_UNIT_WORDS = {
+    word: words.split()[0]
+    for words in (
+        "s sec secs second seconds",
+        "ms msec millis milliseconds",
+        "us usec micros microseconds",
+        "ns nsec nanos nanoseconds",
+    )
+    for word in words.split()
+}
+_OWN_CLOCK = {"device", "sample", "capture", "tracking", "sensor"}
 
 
 def repair_units(recording: Recording) -> Recording:
@@ -183,3 +201,27 @@ def _converted(recording: Recording, text: str) -> Recording:
     first = recording.time[np.isfinite(recording.time)]
     begin = float(first.min()) if first.size else None
     return recording.found(Finding(SampleFlag.UNIT.word, text, recording.sample_count, begin))
+
+
+class TimeColumn(NamedTuple):
+    """Column of stamps.
+
+    Attributes:
+        unit: Unit: s, ms, us or ns; None if the name does not say.
+        others: Other columns of stamps in the file.
+    """
+
+    name: str
+    unit: str | None
+    others: tuple[str, ...] = ()
+
+
+def time_column(names: Iterable[str]) -> TimeColumn | None:
+    """Return the column of stamps among these, or None; of several that of the device, which has no delay."""
+    words_of = {name: {word.lower() for word in _WORD.findall(name)} for name in names}
+    found = [(name, words) for name, words in words_of.items() if words & _TIME_WORDS and not words & {"zone", "of"}]
+    if not found:
+        return None
+    name, words = next((each for each in found if each[1] & _OWN_CLOCK), found[0])
+    unit = next((_UNIT_WORDS[word] for word in sorted(words) if word in _UNIT_WORDS), None)
+    return TimeColumn(name, unit, tuple(other for other, _ in found if other != name))

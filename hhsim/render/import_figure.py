@@ -10,8 +10,7 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.motion.trajectory import Trajectory
-from hhsim.recordings.hand_displacement import turn
-from hhsim.recordings.recording import Recording
+from hhsim.recordings.recording import Recording, turn
 from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS
 from hhsim.render.figure import new_figure, save_figure
 from hhsim.system.output_path import check_output_path

@@ -62,8 +62,7 @@ def is_imported(path: Path) -> bool:
         return path.suffix.lower() in imported_suffixes()
     if not path.is_file():
         return False
-    from hhsim.recordings.recording_format import Content, ReadOptions
-    from hhsim.recordings.registry import format_of
+    from hhsim.recordings.registry import Content, ReadOptions, format_of
 
     try:
         # Our own columns, and those that nobody knows, are of the format csv.

@@ -10,8 +10,7 @@ import numpy as np
 
 from hhsim.errors import OutputError
 from hhsim.exchange.hand_bodies import STEP
-from hhsim.exchange.mjcf import hand_mjcf, scene_mjcf
-from hhsim.exchange.urdf import hand_urdf
+from hhsim.exchange.hand_formats import hand_mjcf, hand_urdf, scene_mjcf
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel

@@ -157,12 +157,12 @@ def _shift(shown: FloatArray, user: FloatArray, free: BoolArray) -> int:
     return best if off[0] > LEAST_SHIFT and off[best] < UNEXPLAINED_SHARE * off[0] else 0
 
 
-def _named(off: float, limit: float, mended: Iterator[tuple[str, float]]) -> str | None:
-    """Return the mistake that explains most of a deviation; "" if none does, None for a small deviation."""
-    if off <= limit:
-        return None
-    text, least = min(mended, key=lambda each: each[1])
-    return text if least < UNEXPLAINED_SHARE * off else ""
+def _named(what: str, off: float, limit: float, mended: Iterator[tuple[str, float]], other: str) -> Iterator[str]:
+    """Describe a deviation above a limit by the mistake that explains most of it, or as another thing altogether."""
+    if off > limit:
+        text, least = min(mended, key=lambda each: each[1])
+        why = text if least < UNEXPLAINED_SHARE * off else other
+        yield f"{what} off the user's where nothing is near: {why}?"
 
 
 def _position(shown: FloatArray, user: FloatArray, turn: FloatArray) -> Iterator[str]:
@@ -176,10 +176,8 @@ def _position(shown: FloatArray, user: FloatArray, turn: FloatArray) -> Iterator
     text = f"another origin ({said[0]} mm), or another point of the hand, the wrist ({said[1]} mm in the palm's frame)"
     candidates += [(text, shown - world), (text, shown - matrix @ palm)]
     mended = ((text, float(np.median(np.linalg.norm(changed - user, axis=1)))) for text, changed in candidates)
-    why = _named(off, FOLLOWS, mended)
-    if why is not None:
-        far = f"{off:,.0f} m" if off >= 10.0 else f"{1e3 * off:,.0f} mm"
-        yield f"the palm is {far} off the user's where nothing is near: {why or 'another motion'}?"
+    far = f"{off:,.0f} m" if off >= 10.0 else f"{1e3 * off:,.0f} mm"
+    yield from _named(f"the palm is {far}", off, FOLLOWS, mended, "another motion")
 
 
 def _orientation(shown: FloatArray, user: FloatArray) -> Iterator[str]:
@@ -188,9 +186,8 @@ def _orientation(shown: FloatArray, user: FloatArray) -> Iterator[str]:
         return float(np.median(2.0 * np.arccos(np.clip(near, 0.0, 1.0))))
 
     off = apart(shown)
-    why = _named(off, ANGLE_TOLERANCE, ((text, apart(changed)) for text, changed in _turned(shown)))
-    if why is not None:
-        yield f"the palm is turned by {off:.3g} rad off the user's where nothing is near: {why or 'another frame'}?"
+    mended = ((text, apart(changed)) for text, changed in _turned(shown))
+    yield from _named(f"the palm is turned by {off:.3g} rad", off, ANGLE_TOLERANCE, mended, "another frame")
 
 
 def _turned(shown: FloatArray) -> Mended:
@@ -242,9 +239,8 @@ def _fingers(
         ("abduction", abduction, user_abduction, spread_mistakes),
     ):
         off = _angle_off(found, user)
-        why = _named(off, ANGLE_TOLERANCE, ((text, _angle_off(changed, user)) for text, changed in mistakes.items()))
-        if why is not None:
-            yield f"{name} is {off:.3g} rad off the user's where nothing is near: {why or 'another motion'}?"
+        mended = ((text, _angle_off(changed, user)) for text, changed in mistakes.items())
+        yield from _named(f"{name} is {off:.3g} rad", off, ANGLE_TOLERANCE, mended, "another motion")
 
 
 def _angle_off(found: FloatArray, user: FloatArray) -> float:

@@ -1,7 +1,6 @@
 """Verdict of the referee on one claim of a result, with the worst deviation, its tick and the tolerance."""
 
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,10 +33,6 @@ class Claim:
     def failed(self) -> bool:
         """True if the claim is false."""
         return self.verdict == FAILS
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as plain values, SI."""
-        return asdict(self)
 
 
 def judged(

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
+from hhsim.arrays import FloatArray, IntArray
+from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 
 EXACT = 1e-9
@@ -21,6 +22,28 @@ NO_AREA = 1e-12
 
 Shape = tuple[Any, Any]
 """Shape of coal and its placement."""
+
+
+def require_coal() -> None:
+    """Raise InputError if coal is not installed."""
+    try:
+        import coal  # noqa: F401
+    except ImportError as error:
+        raise InputError(
+            "distances to the true mesh are measured with coal, which is not installed: pip install 'hhsim[verify]'"
+        ) from error
+
+
+def coal_model(vertices: FloatArray, faces: IntArray) -> Any:
+    """Build coal's bounding-volume hierarchy of a mesh."""
+    import coal
+
+    model: Any = coal.BVHModelOBBRSS()
+    model.beginModel(len(faces), len(vertices))
+    model.addVertices(np.array(vertices))
+    model.addTriangles(np.array(faces))
+    model.endModel()
+    return model
 
 
 def sphere_shapes(center: FloatArray, radius: FloatArray) -> Callable[[int], Shape]:
@@ -46,12 +69,7 @@ def triangle_shapes(mesh: Mesh) -> Callable[[int], Shape]:
             middle = corners[longest] + 0.5 * sides[longest]
             length = math.sqrt(square[longest])
             return coal.Capsule(0.0, length), coal.Transform3s(frame_along(sides[longest]), middle)
-        model: Any = coal.BVHModelOBBRSS()
-        model.beginModel(1, 3)
-        model.addVertices(np.array(mesh.triangles[i]))
-        model.addTriangles(np.array([[0, 1, 2]]))
-        model.endModel()
-        return model, coal.Transform3s()
+        return coal_model(corners, np.array([[0, 1, 2]])), coal.Transform3s()
 
     return shape
 

@@ -1,10 +1,10 @@
-"""Distances between the hand and spheres: near pairs, contact points and signed distances, by bisection.
+"""Distances between the hand and spheres or triangles: near pairs, contact points and signed distances, by bisection.
 
 A phalanx is a round cone, the union of balls with centre x(s) and radius r(s) along its axis. Its distance to a
-sphere's centre c is the minimum of |x(s) − c| − r(s), which is convex in s.
+sphere's centre c is the minimum of |x(s) − c| − r(s), which is convex in s, and so is that to a triangle.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from hhsim.verify.kinematics import OwnHand, Posed
 
 PALM = 15
 BODIES = 16
+"""Phalanges from the thumb's proximal one on, three a finger; then the palm."""
 CHUNK = 64
 """Ticks searched at once, to bound the memory."""
 GROUP, MOST_GROUPS = 12, 2048
@@ -116,11 +117,17 @@ def near_rows(
 
 def near_pairs(hand: OwnHand, posed: Posed, spheres: Groups, fingers: BoolArray, near: float) -> Pairs:
     """Find all pairs of a body and a sphere no more than `near` [m] apart, world, of the fingers in `fingers` (5,)."""
+    return _by_chunks(
+        posed, lambda some: (_phalanges(hand, some, spheres, fingers, near), _palm(hand, some, spheres, near))
+    )
+
+
+def _by_chunks(posed: Posed, search: Callable[[Posed], tuple[Pairs, ...]]) -> Pairs:
+    """Pairs of a search by `CHUNK` ticks."""
     found: list[Pairs] = []
     for first in range(0, len(posed.joints), CHUNK):
         some = Posed(*(values[first : first + CHUNK] for values in posed))
-        both = (_phalanges(hand, some, spheres, fingers, near), _palm(hand, some, spheres, near))
-        found.extend(pairs._replace(tick=pairs.tick + first) for pairs in both)
+        found.extend(pairs._replace(tick=pairs.tick + first) for pairs in search(some))
     return joined(found)
 
 
@@ -138,17 +145,25 @@ def axis_places(
     Ends, centres and points have shape (N, 3), radii (N,).
     """
     axis, drop = b - a, radius_b - radius_a
-    low, high = np.zeros(len(a)), np.ones(len(a))
-    for _ in range(HALVINGS):
-        share = 0.5 * (low + high)
+
+    def falls(share: FloatArray) -> BoolArray:
         away = a + share[:, None] * axis - center
         length = np.sqrt(np.einsum("ni,ni->n", away, away))
-        falls = np.einsum("ni,ni->n", away, axis) < drop * length
-        low, high = np.where(falls, share, low), np.where(falls, high, share)
-    share = 0.5 * (low + high)
-    # Bisection never arrives at an end.
-    share = np.where(low == 0.0, 0.0, np.where(high == 1.0, 1.0, share))
+        return np.asarray(np.einsum("ni,ni->n", away, axis) < drop * length)
+
+    share = _lowest(len(a), falls)
     return a + share[:, None] * axis, radius_a + share * drop
+
+
+def _lowest(count: int, falls: Callable[[FloatArray], BoolArray]) -> FloatArray:
+    """Shares [0 to 1] of some axes where a convex distance is least, by where it `falls`, shape (count,)."""
+    low, high = np.zeros(count), np.ones(count)
+    for _ in range(HALVINGS):
+        share = 0.5 * (low + high)
+        down = falls(share)
+        low, high = np.where(down, share, low), np.where(down, high, share)
+    # Bisection never arrives at an end.
+    return np.where(low == 0.0, 0.0, np.where(high == 1.0, 1.0, 0.5 * (low + high)))
 
 
 class Phalanges(NamedTuple):
@@ -219,3 +234,140 @@ def ball_pairs(
     distance = length - size - radius
     pairs = Pairs(tick, body, leaf, distance, place - size[:, None] * normal, normal)
     return pairs.at(np.flatnonzero(distance <= near))
+
+
+class ReadyTriangles(NamedTuple):
+    """N triangles with the precomputed terms of a distance; coordinates come before triangles."""
+
+    start: FloatArray  # start of each side, the corners [m] (3, 3, N)
+    side: FloatArray  # to the next corner [m] (3, 3, N)
+    inverse: FloatArray  # inverse squared length of each side [1/m²], 1 for none (3, N)
+    inward: FloatArray  # in the plane, normal to the side, towards the triangle (3, 3, N)
+    normal: FloatArray  # unit, zero without area (3, N)
+    solid: BoolArray  # True if there is an area (N,)
+
+    def at(self, rows: IntArray | BoolArray) -> "ReadyTriangles":
+        """Triangles at `rows`: indices in their order, or a mask."""
+        return ReadyTriangles._make(values[..., rows] for values in self)
+
+
+def ready_triangles(corners: FloatArray) -> ReadyTriangles:
+    """Precompute the terms of `away_from_triangles`; corners [m], shape (N, 3, 3)."""
+    start = np.ascontiguousarray(corners.transpose(1, 2, 0))
+    side = start[[1, 2, 0]] - start
+    square = (side * side).sum(axis=1)
+    normal = np.cross(side[0], -side[2], axis=0)
+    length = np.sqrt((normal * normal).sum(axis=0))
+    solid = length > 0.0
+    normal /= np.where(solid, length, 1.0)
+    inward = np.cross(normal[None], side, axis=1)
+    return ReadyTriangles(start, side, 1.0 / np.where(square > 0.0, square, 1.0), inward, normal, solid)
+
+
+def triangle_groups(triangles: FloatArray) -> Groups:
+    """Group neighbouring triangles; corners [m], world, shape (F, 3, 3)."""
+    middle = triangles.mean(axis=1)
+    return grouped(middle, np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1))
+
+
+def near_triangle_pairs(
+    hand: OwnHand, posed: Posed, triangles: ReadyTriangles, groups: Groups, fingers: BoolArray, near: float
+) -> Pairs:
+    """Find all pairs of a body and a triangle no more than `near` [m] apart, world; `leaf` is the triangle's index.
+
+    A phalanx has pairs at its nearest point and at both ends, where it touches a face that it lies flat on. No depth
+    exceeds the radius, that of a body whose axis passes through the triangle. `fingers` (5,) selects the fingers.
+    """
+
+    def search(some: Posed) -> tuple[Pairs, ...]:
+        phalanx = _phalanges_on_triangles(hand, some, triangles, groups, fingers, near)
+        return phalanx, _palm_on_triangles(hand, some, triangles, groups, near)
+
+    return _by_chunks(posed, search)
+
+
+def _phalanges_on_triangles(
+    hand: OwnHand, posed: Posed, triangles: ReadyTriangles, groups: Groups, fingers: BoolArray, near: float
+) -> Pairs:
+    of = phalanges(hand, posed, fingers)
+    row, face = near_rows(of.a, of.b, of.thick, groups, near)
+    row, face = _not_apart(of.a, of.b, of.thick + near, triangles, row, face)
+    axis, drop, ready = (of.b - of.a)[row], (of.radius_b - of.radius_a)[row], triangles.at(face)
+    share = nearest_share(of.a[row], axis, drop, ready)
+    found = [
+        _with_triangles(row, face, of.a[row] + share[:, None] * axis, of.radius_a[row] + share * drop, ready, near)
+    ]
+    for end in (0.0, 1.0):
+        other = share != end
+        place = of.a[row[other]] + end * axis[other]
+        size = of.radius_a[row[other]] + end * drop[other]
+        found.append(_with_triangles(row[other], face[other], place, size, ready.at(other), near))
+    together = Pairs(*(np.concatenate(values) for values in zip(*found)))
+    return together._replace(tick=together.tick // 15, body=together.tick % 15)
+
+
+def _not_apart(
+    a: FloatArray, b: FloatArray, thick: FloatArray, triangles: ReadyTriangles, row: IntArray, face: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Rows of capsules and triangles that no plane of the triangle separates: its own, or one at a side."""
+    for across, start in ((triangles.normal, triangles.start[0]), *zip(-triangles.inward, triangles.start)):
+        length = np.sqrt((across * across).sum(axis=0))
+        unit = (across / np.where(length > 0.0, length, 1.0)).T[face]
+        first, last = (((at[row] - start.T[face]) * unit).sum(axis=1) for at in (a, b))
+        apart = np.minimum(first, last)
+        if across is triangles.normal:
+            apart = np.maximum(apart, -np.maximum(first, last))
+        kept = apart <= thick[row]
+        row, face = row[kept], face[kept]
+    return row, face
+
+
+def _palm_on_triangles(hand: OwnHand, posed: Posed, triangles: ReadyTriangles, groups: Groups, near: float) -> Pairs:
+    row, face = near_palm_rows(hand, posed, groups, near)
+    count, center = len(hand.palm_radius), posed.palm.reshape(-1, 3)
+    row, face = _not_apart(center, center, np.tile(hand.palm_radius, len(posed.palm)) + near, triangles, row, face)
+    pairs = _with_triangles(row, face, center[row], hand.palm_radius[row % count], triangles.at(face), near)
+    return pairs._replace(tick=pairs.tick // count, body=np.full(len(pairs.tick), PALM))
+
+
+def nearest_share(a: FloatArray, axis: FloatArray, drop: FloatArray, triangles: ReadyTriangles) -> FloatArray:
+    """Share [0 to 1] of its axis at which each round cone is nearest to its triangle, shape (N,).
+
+    Args:
+        a: Start of the axes [m], shape (N, 3).
+        axis: Vectors to their ends [m], shape (N, 3).
+        drop: Radius at the end minus radius at the start [m], shape (N,).
+        triangles: N of them.
+    """
+    start, along = np.ascontiguousarray(a.T), np.ascontiguousarray(axis.T)
+
+    def falls(share: FloatArray) -> BoolArray:
+        away = away_from_triangles(triangles, start + share * along)
+        return np.asarray((away * along).sum(axis=0) < drop * np.sqrt((away * away).sum(axis=0)))
+
+    return _lowest(len(a), falls)
+
+
+def _with_triangles(
+    row: IntArray, face: IntArray, place: FloatArray, size: FloatArray, triangles: ReadyTriangles, near: float
+) -> Pairs:
+    """Near pairs of balls and triangles, a triangle for each ball; `tick` is the row."""
+    away = away_from_triangles(triangles, place.T).T
+    return ball_pairs(row, np.zeros(len(row), np.int64), face, place, size, away, 0.0, near)
+
+
+def away_from_triangles(triangles: ReadyTriangles, points: FloatArray) -> FloatArray:
+    """Vectors to points [m], shape (3, N), from the nearest point of each one's triangle, shape (3, N).
+
+    That is the foot on its plane where the foot lies inside, else the nearest point of its sides.
+    """
+    start, side, inverse, inward, normal, solid = triangles
+    away = points - start
+    share = np.clip((away * side).sum(axis=1) * inverse, 0.0, 1.0)
+    aside = away - share[:, None] * side
+    square = (aside * aside).sum(axis=1)
+    nearest = np.where(square[1] < square[0], aside[1], aside[0])
+    nearest = np.where(square[2] < np.minimum(square[0], square[1]), aside[2], nearest)
+    over = solid & ((away * inward).sum(axis=1) >= 0.0).all(axis=0)
+    found: FloatArray = np.where(over, (away[0] * normal).sum(axis=0) * normal, nearest)
+    return found

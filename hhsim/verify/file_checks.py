@@ -24,13 +24,12 @@ from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.script import Script
 from hhsim.solver.method import never_penetrates
 from hhsim.verify.claim import HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, all_true, judged
+from hhsim.verify.tree_checks import depth_in_spheres
 
 SAMPLES = 10_000
 """Number of random points on the mesh, uniform by area, besides vertices and edge midpoints."""
 COVER = 1e-9
 """Tolerance of a point outside all leaves [m]."""
-FEW, NEIGHBOURS = 4, 24
-"""Numbers of nearest spheres tried for a point before all of them are."""
 KNOWN_STATUS = 63
 LARGEST, LEAST_SQUARE = 1e6, 1e-12
 """Limits of a usable hand: sum of its absolute values [m, rad], and squared length of its quaternion."""
@@ -249,9 +248,6 @@ def outside_spheres(vertices: FloatArray, faces: IntArray, center: FloatArray, r
     Raises:
         MeshError: Arrays that are no mesh.
     """
-    from scipy.spatial import cKDTree
-    from scipy.spatial.distance import cdist
-
     require_usable_arrays(vertices, faces, "its mesh")
     # Squares of areas would overflow.
     if np.abs(vertices).max() > LARGEST_NUMBER:
@@ -264,19 +260,7 @@ def outside_spheres(vertices: FloatArray, faces: IntArray, center: FloatArray, r
     s, t = np.where(s + t > 1.0, 1.0 - s, s), np.where(s + t > 1.0, 1.0 - t, t)
     inner = a[which] + s * (b - a)[which] + t * (c - a)[which]
     points = np.concatenate([vertices[np.unique(faces)], 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a), inner])
-    tree, out = cKDTree(center), np.ones(len(points))
-    # The nearest few spheres hold most points.
-    for count in sorted({min(FEW, len(radius)), min(NEIGHBOURS, len(radius))}):
-        rest = np.flatnonzero(out > 0.0)
-        away, near = tree.query(points[rest], count)
-        away, near = np.reshape(away, (-1, count)), np.reshape(near, (-1, count))
-        out[rest] = (away - radius[near]).min(axis=1)
-    # Of spheres of different sizes, the one that holds a point need not be among the nearest.
-    rest = np.flatnonzero(out > 0.0)
-    for rows in np.array_split(rest, max(1, len(rest) // 1000)):
-        if rows.size:
-            out[rows] = (cdist(points[rows], center) - radius).min(axis=1)
-    return np.asarray(np.maximum(out, 0.0), np.float64)
+    return np.asarray(np.maximum(-depth_in_spheres(center, radius)(points), 0.0))
 
 
 def covers(result: Result) -> bool:

@@ -13,12 +13,12 @@ from hhsim.verify.forces import (
     explained,
     fingertip_normals,
     moment,
+    on_another_part,
     on_its_way,
     proxy_forces,
     residual,
 )
 from hhsim.verify.kinematics import Posed, turn_between
-from hhsim.verify.paper_contacts import on_another_part
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
 
 FORCE = 1e-6

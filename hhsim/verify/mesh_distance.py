@@ -17,11 +17,9 @@ from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
 from hhsim.verify.coal_distance import frame_along
+from hhsim.verify.contacts import BODIES, PALM
 from hhsim.verify.tree_checks import TrueSurface, nearest_on
 
-PALM = 15
-BODIES = 16
-"""Phalanges from the thumb's proximal one on, three a finger; then the palm."""
 EXACT = 1e-8
 """Tolerance of the bounds of a phalanx's distance [m]."""
 _MOST_PIECES = 200

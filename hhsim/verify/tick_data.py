@@ -9,10 +9,20 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import Result
 from hhsim.solver.method import never_penetrates
-from hhsim.verify.contacts import PALM, Groups, Pairs, grouped, joined, near_pairs
+from hhsim.verify.contacts import (
+    PALM,
+    Groups,
+    Pairs,
+    ReadyTriangles,
+    grouped,
+    joined,
+    near_pairs,
+    near_triangle_pairs,
+    ready_triangles,
+    triangle_groups,
+)
 from hhsim.verify.file_checks import follows, leaves, usable
 from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, turn_between
-from hhsim.verify.mesh_contacts import ReadyTriangles, near_triangle_pairs, ready_triangles, triangle_groups
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD = 1, 2, 4, 8, 16, 32

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.errors import InputError, MeshError
+from hhsim.errors import MeshError
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.sphere_tree import SphereTree
+from hhsim.verify.coal_distance import coal_model, require_coal
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -78,7 +79,7 @@ def referee(
     for level in range(tree.depth + 1) if levels is None else levels:
         rng = np.random.default_rng([seed, level])
         spheres = _Spheres(*tree.spheres(level))
-        slack, seen = _least_slack(mesh, spheres, mesh_points, rng)
+        slack, seen = _least_slack(mesh, depth_in_spheres(spheres.center, spheres.radius), mesh_points, rng)
         protrusion, mean, looked = _protrusion(surface, spheres, sphere_points, rng)
         nodes, leaf_nodes = sticking_out(tree, level), sticking_out(tree, level, leaves_only=True)
         gap, count = max(0.0, -slack), len(spheres.radius)
@@ -115,16 +116,12 @@ class TrueSurface:
     """
 
     def __init__(self, mesh: Mesh, *, open_too: bool = False) -> None:
-        try:
-            import coal
-        except ImportError as error:
-            raise InputError("the referee measures with coal, which is not installed: pip install coal") from error
-        self._coal: Any = coal
+        require_coal()
         self._as_found = open_too
         if open_too:
             mesh = _without_needles(mesh)
         self.triangles = mesh.triangles
-        self.model = coal_model(mesh)
+        self.model = coal_model(mesh.vertices, mesh.faces)
         self._faces = mesh.faces
         self._low, self._high = self.triangles.min(axis=(0, 1)), self.triangles.max(axis=(0, 1))
         a, b, c = self.triangles.transpose(1, 0, 2)
@@ -223,16 +220,24 @@ def winding_number(corners: FloatArray, point: FloatArray) -> float:
     return float(np.arctan2(volume, rest).sum() / (2.0 * np.pi))
 
 
-def coal_model(mesh: Mesh) -> Any:
-    """Build coal's bounding-volume hierarchy of the mesh."""
-    import coal
+def depth_in_spheres(center: FloatArray, radius: FloatArray) -> "Callable[[FloatArray], FloatArray]":
+    """Return a function from points (n, 3) to their greatest depth in spheres [m], (n,), exact where it is negative."""
+    from scipy.spatial import cKDTree
+    from scipy.spatial.distance import cdist
 
-    model: Any = coal.BVHModelOBBRSS()
-    model.beginModel(len(mesh.faces), len(mesh.vertices))
-    model.addVertices(np.array(mesh.vertices))
-    model.addTriangles(np.array(mesh.faces))
-    model.endModel()
-    return model
+    nearest, count = cKDTree(center), min(NEIGHBOURS, len(radius))
+
+    def depth(points: FloatArray) -> FloatArray:
+        away, which = (np.reshape(found, (-1, count)) for found in nearest.query(points, k=count))
+        best = (radius[which] - away).max(axis=1)
+        # Of spheres of different sizes, the one that holds a point need not be among the nearest.
+        unsure = np.flatnonzero(best < 0.0)
+        for part in np.array_split(unsure, max(1, len(unsure) // 1000)):
+            if part.size:
+                best[part] = (radius - cdist(points[part], center)).max(axis=1)
+        return np.asarray(best, np.float64)
+
+    return depth
 
 
 class _Spheres:
@@ -242,27 +247,13 @@ class _Spheres:
         from scipy.spatial import cKDTree
 
         self.center, self.radius = center, radius
-        self.nearest = cKDTree(center)
         # Per sphere, the spheres that it meets.
-        reach = self.nearest.query_ball_point(center, radius + radius.max())
+        reach = cKDTree(center).query_ball_point(center, radius + radius.max())
         self.meets = []
         for i, near in enumerate(reach):
             others = np.array([j for j in near if j != i], np.int64)
             away = np.linalg.norm(center[others] - center[i], axis=1)
             self.meets.append(others[away < radius[others] + radius[i]])
-
-    def slack(self, points: FloatArray) -> FloatArray:
-        """Maximum of (radius − distance) [m] of points over the spheres; exact where it is negative."""
-        from scipy.spatial.distance import cdist
-
-        count = min(NEIGHBOURS, len(self.radius))
-        away, which = (np.reshape(found, (-1, count)) for found in self.nearest.query(points, k=count))
-        best = (self.radius[which] - away).max(axis=1)
-        unsure = np.flatnonzero(best < 0.0)
-        for part in np.array_split(unsure, max(1, len(unsure) // 2000)):
-            if part.size:
-                best[part] = (self.radius - cdist(points[part], self.center)).max(axis=1)
-        return np.asarray(best, np.float64)
 
     def exposed(self, points: FloatArray, owner: IntArray) -> BoolArray:
         """True for points on spheres that lie in no other sphere."""
@@ -278,7 +269,9 @@ class _Spheres:
         return free
 
 
-def _least_slack(mesh: Mesh, spheres: _Spheres, count: int, rng: np.random.Generator) -> tuple[float, int]:
+def _least_slack(
+    mesh: Mesh, depth_of: "Callable[[FloatArray], FloatArray]", count: int, rng: np.random.Generator
+) -> tuple[float, int]:
     """Minimum depth of the mesh inside the spheres [m], and the number of points examined."""
     triangles = mesh.triangles
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
@@ -294,7 +287,7 @@ def _least_slack(mesh: Mesh, spheres: _Spheres, count: int, rng: np.random.Gener
     weight = np.concatenate([weight, on_edge, np.tile(np.eye(3), (len(triangles), 1))])
 
     def depth(face: IntArray, weight: FloatArray) -> FloatArray:
-        return -spheres.slack((weight[:, :, None] * triangles[face]).sum(axis=1))
+        return -depth_of((weight[:, :, None] * triangles[face]).sum(axis=1))
 
     def moved(weight: FloatArray, step: float) -> FloatArray:
         there = np.maximum(weight + step * rng.normal(size=weight.shape), 0.0)

@@ -4,7 +4,7 @@ Kinematics use scipy's rotations, distances bisection and coal, forces least squ
 """
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from hhsim.system.counted import counted
 from hhsim.system.progress import Progress
 from hhsim.verify.again import again_claims
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
+from hhsim.verify.coal_distance import require_coal
 from hhsim.verify.depth_checks import contact_error_claim, depth_claims
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
@@ -94,7 +95,7 @@ class Verification:
             "sphere_penetration": self.sphere_penetration,
             "mesh_penetration": self.mesh_penetration,
             "stationarity": self.stationarity,
-            "claims": [claim.to_json() for claim in self.claims],
+            "claims": [asdict(claim) for claim in self.claims],
         }
 
 
@@ -148,16 +149,6 @@ def verify(
         claims += again_claims(result, report)
     stationarity = next((claim.worst for claim in claims if claim.name == "stationarity"), float("nan"))
     return Verification(tuple(claims), result.ticks, len(sampled), every, judge.sphere_penetration, depth, stationarity)
-
-
-def require_coal() -> None:
-    """Raise InputError if coal is not installed."""
-    try:
-        import coal  # noqa: F401
-    except ImportError as error:
-        raise InputError(
-            "distances to the true mesh are measured with coal, which is not installed: pip install 'hhsim[verify]'"
-        ) from error
 
 
 def chosen_ticks(result: Result, every: int) -> IntArray:

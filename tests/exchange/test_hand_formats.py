@@ -9,8 +9,7 @@ import pytest
 
 from hhsim.arrays import FloatArray
 from hhsim.exchange.hand_bodies import STEP, HandBodies, RoundCone, hand_bodies
-from hhsim.exchange.mjcf import hand_mjcf
-from hhsim.exchange.urdf import hand_urdf
+from hhsim.exchange.hand_formats import hand_mjcf, hand_urdf
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel, Side
 from hhsim.hand.quaternion import rotation_matrix

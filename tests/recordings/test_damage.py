@@ -30,11 +30,9 @@ from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.formats.hhsim import recording_of
-from hhsim.recordings.hand_displacement import FINGER_ARM, PALM_ARM, turn
 from hhsim.recordings.outliers import SUSPECT_RATIO, WINDOW, bend
-from hhsim.recordings.recording import MOTION, Recording
-from hhsim.recordings.recording_format import ManoOptions, ReadOptions
-from hhsim.recordings.registry import read_recording
+from hhsim.recordings.recording import FINGER_ARM, MOTION, PALM_ARM, Recording, turn
+from hhsim.recordings.registry import ManoOptions, ReadOptions, read_recording
 from hhsim.recordings.repair import Repaired, repair
 
 REAL = ("leap_grab", "leap_wave", "leap_confidence-demo-eighth-res", "dapg_door_03", "mediapipe")

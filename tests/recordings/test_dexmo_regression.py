@@ -24,8 +24,7 @@ from hhsim.recordings.dexmo_regression import (
     read_calibration,
 )
 from hhsim.recordings.formats.dexmo import calibration_of, has_dexmo_channels
-from hhsim.recordings.recording_format import ReadOptions
-from hhsim.recordings.registry import read_recording
+from hhsim.recordings.registry import ReadOptions, read_recording
 from hhsim.recordings.repair import default_limits
 
 DEFAULT = DexmoRegression.default()

@@ -1,4 +1,4 @@
-"""Names of joints as makers write them."""
+"""Names of joints, and of columns of stamps, as makers write them."""
 
 import pytest
 
@@ -10,6 +10,7 @@ from hhsim.recordings.joint_names import (
     joints_found,
     joints_missing,
 )
+from hhsim.recordings.unit_detection import TimeColumn, time_column
 
 
 def test_the_sets_are_as_large_as_their_standards_say() -> None:
@@ -48,3 +49,19 @@ def test_what_was_recognised_is_said_in_the_standards_words() -> None:
     assert joints_found({"wrist"}) == "1 joint"
     assert joints_missing(set(OPENXR_JOINTS)) == ""
     assert joints_missing({"wrist"}) == "thumb_metacarpal, thumb_proximal, thumb_distal, thumb_tip and 16 more"
+
+
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [
+        (["x", "y"], None),
+        (["frame", "t"], TimeColumn("t", None)),
+        (["timestamp_ms", "x"], TimeColumn("timestamp_ms", "ms")),
+        (["Time [s]"], TimeColumn("Time [s]", "s")),
+        (["timestampNs"], TimeColumn("timestampNs", "ns")),
+        (["time_seconds"], TimeColumn("time_seconds", "s")),
+        (["time_of_day", "host_time", "device_time_us"], TimeColumn("device_time_us", "us", ("host_time",))),
+    ],
+)
+def test_the_stamps_are_found_with_their_unit(names: list[str], found: TimeColumn | None) -> None:
+    assert time_column(names) == found

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from joint_samples import JointSample, Side, joint_sample
+from joint_samples import JointSample, Side, joint_sample, words
 from sampled import sampled
 
 from hhsim.arrays import FloatArray
@@ -15,17 +15,13 @@ from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.recording import Recording
-from hhsim.recordings.recording_format import ReadOptions
+from hhsim.recordings.registry import ReadOptions
 from hhsim.recordings.repair import repair
 
 
 def read(sample: JointSample, options: ReadOptions | None = None, **fields: Any) -> Recording:
     given: dict[str, Any] = {"time": sample.motion.time, "position": sample.named(), "up": "y", "unit": 1.0}
     return recording_of_joints(JointPositions(form="test", **given | fields), "take", options or ReadOptions())
-
-
-def words(recording: Recording) -> str:
-    return " | ".join(finding.text for finding in recording.findings)
 
 
 @pytest.mark.parametrize(

@@ -13,11 +13,19 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.file import load_trajectory
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings import formats
-from hhsim.recordings.column_map import parse_column_map
+from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.dexmo_regression import CHANNELS
-from hhsim.recordings.recording_format import Content, ReadOptions
-from hhsim.recordings.registry import format_of, read_content, read_recording, recording_formats, recording_suffixes
+from hhsim.recordings.registry import (
+    Content,
+    ReadOptions,
+    format_of,
+    read_content,
+    read_recording,
+    recording_formats,
+    recording_suffixes,
+)
 from hhsim.scene.motion_catalogue import resolve_trajectory
+from hhsim.system.settings_file import parse_settings
 
 JOINTS_PER_LINE = '''
 """One JSON object a line: a stamp [s] and the angles of the joints [rad]."""
@@ -27,7 +35,7 @@ import json
 import numpy as np
 
 from hhsim.recordings.recording import Recording
-from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
@@ -113,7 +121,7 @@ def test_the_content_decides(data: bytes, name: str) -> None:
 
 def test_a_mapping_of_columns_wins_over_a_gloves_channels_and_fits_no_other_format() -> None:
     table = Content(data=f"# by: me\ntime,{','.join(CHANNELS)}\n0{',0' * 11}\n".encode())
-    columns = parse_column_map("rate = 100\n[joint]\nindex_flex1 = 'index_bend'", where="glove.toml")
+    columns = parse_settings("rate = 100\n[joint]\nindex_flex1 = 'index_bend'", ColumnMap, "glove.toml")
     assert format_of(table, ReadOptions()).name == "dexmo"
     assert format_of(table, ReadOptions(columns=columns)).name == "csv"
     with pytest.raises(InputError, match="--columns explains a table, and this is BVH motion capture"):

@@ -15,8 +15,7 @@ from hhsim.motion.sample_flags import FLAG_MEANINGS, SampleFlag, marked
 from hhsim.motion.trajectory import Phase, RawChannel
 from hhsim.recordings.formats.hhsim import recording_of
 from hhsim.recordings.frames import turned
-from hhsim.recordings.hand_displacement import turn
-from hhsim.recordings.recording import Recording
+from hhsim.recordings.recording import Recording, turn
 from hhsim.recordings.repair import Repaired, RepairOptions, default_limits, repair
 
 CLEAN = smooth_recording()

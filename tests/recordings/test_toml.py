@@ -9,16 +9,17 @@ from column_map_sample import GLOVE, TABLE
 from recording_samples import read_as
 
 from hhsim.errors import HhsimError
-from hhsim.recordings.column_map import parse_column_map
+from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, format_calibration, parse_calibration
 from hhsim.recordings.repair import repair
 from hhsim.scene.demonstration import parse_demonstration
+from hhsim.system.settings_file import parse_settings
 
 VALUES = ["", "[]", "{}", "3", "-1e400", "nan", "inf", "'x'", "true", "[1, 2]", "1979-05-27", "[[joint]]", "=", '"']
 
 
 def map_columns(text: str) -> None:
-    repair(read_as("csv", TABLE, columns=parse_column_map(text, where="m.toml")))
+    repair(read_as("csv", TABLE, columns=parse_settings(text, ColumnMap, "m.toml")))
 
 
 def calibrate(text: str) -> None:

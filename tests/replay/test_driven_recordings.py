@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hhsim.recordings.recording_format import ReadOptions
-from hhsim.recordings.registry import read_recording
+from hhsim.recordings.registry import ReadOptions, read_recording
 from hhsim.recordings.repair import repair
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import load_result

@@ -6,8 +6,8 @@ import numpy as np
 import trimesh
 
 from hhsim.arrays import FloatArray
+from hhsim.verify.contacts import away_from_triangles, near_triangle_pairs, ready_triangles, triangle_groups
 from hhsim.verify.kinematics import OwnHand, Posed
-from hhsim.verify.mesh_contacts import away_from_triangles, near_triangle_pairs, ready_triangles, triangle_groups
 
 
 def sampled_distance(a: FloatArray, b: FloatArray, first: float, last: float, triangle: FloatArray) -> float:

@@ -1,4 +1,4 @@
-"""Hands against the true mesh by coal: closed forms, hhsim's own kernels, and hands that are inside."""
+"""Distances by coal against closed forms and hhsim's own kernels: hands, inside ones too, triangles without area."""
 
 import numpy as np
 import pytest
@@ -13,8 +13,11 @@ from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import RESOLUTION, mesh_clearance
-from hhsim.verify.coal_distance import frame_along
-from hhsim.verify.mesh_distance import PALM, HandReferee, palm_centers
+from hhsim.verify.coal_distance import coal_distance, frame_along, triangle_shapes
+from hhsim.verify.contacts import PALM
+from hhsim.verify.mesh_distance import HandReferee, palm_centers
+
+pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
 MESH = Mesh(np.asarray(BOX.vertices), np.asarray(BOX.faces), name="box")
@@ -94,3 +97,36 @@ def test_a_frame_along_an_axis_is_a_rotation(axis: list[float]) -> None:
     np.testing.assert_allclose(frame.T @ frame, np.eye(3), atol=1e-14)
     assert np.linalg.det(frame) == pytest.approx(1.0)
     np.testing.assert_allclose(frame[:, 2] * np.linalg.norm(along), along, atol=1e-14)
+
+
+THIRD: dict[str, tuple[float, float]] = {
+    "a corner twice": (1.0, 0.0),
+    "a corner between the others": (0.25, 0.0),
+    "a corner beyond the others": (-0.5, 0.0),
+    "higher by rounding": (0.5, 1e-17),
+    "a needle": (0.5, 1e-9),
+}
+"""Where the third corner is, along the first side and beside it [m]."""
+
+
+@pytest.mark.parametrize("name", THIRD)
+def test_a_triangle_without_area_is_as_far_as_its_line(name: str) -> None:
+    random, (share, beside) = np.random.default_rng(5), THIRD[name]
+    for _ in range(20):
+        a, b, point = random.uniform(-0.02, 0.02, (3, 3))
+        c = a + share * (b - a) + beside * np.cross(b - a, [0.6, 0.0, 0.8]) / np.linalg.norm(b - a)
+        mesh = Mesh(np.array([a, b, c]), np.array([[0, 1, 2]]))
+        found = coal_distance(point, point, 0.002, 0.002, *triangle_shapes(mesh)(0))
+        first, last = (a + bound * (b - a) for bound in (min(share, 0.0), max(share, 1.0)))
+        assert found == pytest.approx(_from_segment(point, first, last) - 0.002, abs=3e-9)
+
+
+def test_a_triangle_that_is_a_point_is_as_far_as_that() -> None:
+    mesh = Mesh(np.full((3, 3), 0.01), np.array([[0, 1, 2]]))
+    found = coal_distance(np.zeros(3), np.zeros(3), 0.002, 0.002, *triangle_shapes(mesh)(0))
+    assert found == pytest.approx(0.01 * np.sqrt(3.0) - 0.002, abs=1e-12)
+
+
+def _from_segment(point: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    share = np.clip((point - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+    return float(np.linalg.norm(point - a - share * (b - a)))

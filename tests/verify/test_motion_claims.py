@@ -1,4 +1,4 @@
-"""The claims of how hand and object move: by the samples that a motion has, and by the script that the scene names."""
+"""The claims of how hand and object move: by a motion's samples, by the script that the scene names, by figures."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +11,7 @@ from file_faults import Fault, at, forge_scene, of_scene
 from planted_faults import planted
 from recording_samples import smooth_recording
 from sampled import first_of_each, sampled
+from short_grasp import short_result
 
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.replay import replay_scene
@@ -20,8 +21,9 @@ from hhsim.solver.options import SolverOptions
 from hhsim.verify.again import again_claims
 from hhsim.verify.claim import FAILS, HOLDS, NOT_JUDGED, Claim
 from hhsim.verify.file_checks import file_claims
-from hhsim.verify.input_hand_check import motion_claim
+from hhsim.verify.input_hand_check import CORRECTION, DEPTH, input_hand_claims, motion_claim
 from hhsim.verify.object_frame import object_motion_claims
+from hhsim.verify.tick_data import JudgedTicks
 
 AIR = 155
 """A tick in which nothing touches, in the middle of a sample of the recording."""
@@ -143,3 +145,36 @@ def test_a_second_run_finds_phases_that_were_moved(script: Result, tmp_path: Pat
 
     assert motion(script).verdict == HOLDS
     assert motion(planted(script.path, tmp_path, moved_phases)).failed
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return short_result(tmp_path_factory.mktemp("replay") / "short.h5")
+
+
+def verdicts(result: Result, **figures: float) -> dict[str, str]:
+    changed = replace(result, summary={**result.summary, **figures})
+    judge = JudgedTicks(changed, np.arange(0, result.ticks, 10))
+    return {claim.name: claim.verdict for claim in input_hand_claims(judge)}
+
+
+def test_an_honest_file_holds(result: Result) -> None:
+    assert result.summary[DEPTH] > 5e-3
+    assert verdicts(result) == {"input depth": HOLDS, "correction": HOLDS}
+
+
+@pytest.mark.parametrize("off", [-1e-5, 1e-5, 1e-3, np.inf, np.nan])
+def test_a_depth_that_is_another_is_found(result: Result, off: float) -> None:
+    assert verdicts(result, **{DEPTH: float(result.summary[DEPTH]) + off})["input depth"] == FAILS
+
+
+@pytest.mark.parametrize("name", CORRECTION)
+def test_a_correction_that_is_another_is_found(result: Result, name: str) -> None:
+    assert verdicts(result, **{name: float(result.summary[name]) + 1e-8}) == {"input depth": HOLDS, "correction": FAILS}
+
+
+def test_an_older_file_claims_nothing_and_a_mesh_is_not_judged(result: Result) -> None:
+    older = replace(result, summary={name: value for name, value in result.summary.items() if name != DEPTH})
+    assert input_hand_claims(JudgedTicks(older, np.arange(0, result.ticks, 10))) == []
+    scene = {**result.scene, "solver": {**result.scene["solver"], "surface": "mesh"}}
+    assert verdicts(replace(result, scene=scene))["input depth"] == NOT_JUDGED

@@ -1,16 +1,14 @@
 """The referee and hands that are nowhere: every fault is a false claim, and none ends it with a traceback."""
 
-import shutil
-from collections.abc import Callable
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
-from sealed_change import changed
+from file_faults import Fault, at
+from planted_faults import planted
 from short_grasp import short_result
 
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import Result
 from hhsim.verify.kinematics import configurations, own_hand, pose, rotations, turn_between
 from hhsim.verify.verify import verify
 
@@ -25,29 +23,20 @@ def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
     return short_result(tmp_path_factory.mktemp("honest") / "short.h5")
 
 
-def no_orientation(file: h5py.File) -> None:
-    file["tick/graphic/orientation"][HOLD] = 0.0
-
-
-def no_number(file: h5py.File) -> None:
-    file["tick/graphic/orientation"][HOLD] = np.nan
-
-
-def no_angle(file: h5py.File) -> None:
-    file["tick/graphic/flexion"][HOLD, 1, 1] = np.nan
-
-
-@pytest.mark.parametrize("plant", [no_orientation, no_number, no_angle])
-def test_a_hand_that_is_nowhere_is_a_false_claim(
-    honest: Result, plant: Callable[[h5py.File], None], tmp_path: Path
-) -> None:
-    path = Path(shutil.copy(honest.path, tmp_path / "planted.h5"))
-    with changed(path) as file:
-        plant(file)
-    found = verify(load_result(path), every=20)
+@pytest.mark.parametrize(
+    "plant",
+    [
+        at("no_orientation", "tick/graphic/orientation", HOLD, lambda x: 0.0),
+        at("no_number", "tick/graphic/orientation", HOLD, lambda x: np.nan),
+        at("no_angle", "tick/graphic/flexion", (HOLD, 1, 1), lambda x: np.nan),
+    ],
+    ids=lambda plant: plant.__name__,
+)
+def test_a_hand_that_is_nowhere_is_a_false_claim(honest: Result, plant: Fault, tmp_path: Path) -> None:
+    found = verify(planted(honest.path, tmp_path, plant), every=20)
     false = {claim.name: claim.tick for claim in found.claims if claim.failed}
     assert false.get("kinematics") == HOLD
-    assert ("unit quaternions" in false) == (plant is not no_angle)
+    assert ("unit quaternions" in false) == (plant.__name__ != "no_angle")
 
 
 def test_one_hand_that_is_nowhere_changes_no_other(honest: Result) -> None:

@@ -20,8 +20,8 @@ from hhsim.trees.options import TreeOptions
 from hhsim.verify.claim import HOLDS
 from hhsim.verify.contacts import Pairs
 from hhsim.verify.force_checks import force_claims
+from hhsim.verify.forces import on_another_part
 from hhsim.verify.kinematics import OwnHand, Posed
-from hhsim.verify.paper_contacts import on_another_part
 from hhsim.verify.tick_data import JudgedTicks
 
 

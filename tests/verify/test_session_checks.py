@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,8 +16,8 @@ from hypothesis import strategies as st
 from live_rings import FACTS, ended
 from live_scripted import FIST, FREE, WAKING_NS, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
 from markdown_pages import documented_faults
+from planted_faults import failing, planted
 from sampled import first_of_each, sampled
-from sealed_change import changed
 
 from hhsim.kernels.live import plausibility as looked_at
 from hhsim.kernels.live import tick as live_loop
@@ -40,7 +39,8 @@ from hhsim.verify import finger_command_checks as verify_command
 from hhsim.verify import session_checks as verify_session
 from hhsim.verify import session_rows as verify_rows
 from hhsim.verify.claim import HOLDS, NOT_JUDGED
-from hhsim.verify.verify import Verification, verify
+from hhsim.verify.file_checks import file_claims
+from hhsim.verify.verify import verify
 
 pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
 
@@ -132,18 +132,17 @@ class Scripted:
         solver.tick = solve
 
 
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    path = tmp_path_factory.mktemp("session") / "session.h5"
-    scripted = Scripted(path)
+def recorded(path: Path, script: Sequence[Moment] = SCRIPT, **changes: Any) -> Result:
+    scripted = Scripted(path, script, **changes)
     assert scripted.reason == "duration"
     ended(scripted.memory, os.getpid())
     Recorder(scripted.setup, scripted.memory).run()
     return load_result(path)
 
 
-def failing(found: Verification) -> set[str]:
-    return {claim.name for claim in found.claims if claim.failed}
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return recorded(tmp_path_factory.mktemp("session") / "session.h5")
 
 
 def test_an_honest_session_with_every_mishap_holds(session: Result) -> None:
@@ -172,9 +171,7 @@ def test_an_honest_session_with_every_mishap_holds(session: Result) -> None:
 
 
 def test_a_session_in_the_names_of_the_first_ones_holds(session: Result, tmp_path: Path) -> None:
-    path = tmp_path / "first.h5"
-    shutil.copy(session.path, path)
-    with changed(path) as file:
+    def of_the_first(file: h5py.File) -> None:
         limits = str(file["live"].attrs["limits"])
         file["live"].attrs["limits"] = limits.replace("watchdog", "guardian")
         summary = file["summary"].attrs
@@ -186,8 +183,8 @@ def test_a_session_in_the_names_of_the_first_ones_holds(session: Result, tmp_pat
         scene = str(file.attrs["scene"])
         assert "step_tolerance" in scene
         file.attrs["scene"] = scene.replace("step_tolerance", "settled")
-    found = verify(load_result(path), every=50)
-    assert failing(found) == set()
+
+    assert failing(verify(planted(session.path, tmp_path, of_the_first), every=50)) == set()
 
 
 def counted(name: str, change: Callable[[dict[str, int]], object]) -> Fault:
@@ -344,25 +341,20 @@ FAULTS: dict[Fault, str] = {
 
 @pytest.mark.parametrize("fault", first_of_each(FAULTS), ids=lambda fault: fault.__name__)
 def test_what_is_forged_in_a_session_is_found_by_name(session: Result, tmp_path: Path, fault: Fault) -> None:
-    path = tmp_path / "forged.h5"
-    shutil.copy(session.path, path)
-    with changed(path) as file:
-        fault(file)
-    found = {claim.name: claim for claim in verify_session.session_claims(load_result(path))}
-    if FAULTS[fault] == "time":
-        found = {claim.name: claim for claim in verify(load_result(path), every=100).claims}
-    claim = found[FAULTS[fault]]
+    forged = planted(session.path, tmp_path, fault)
+    claims = file_claims(forged) if FAULTS[fault] == "time" else verify_session.session_claims(forged)
+    claim = next(claim for claim in claims if claim.name == FAULTS[fault])
     assert claim.failed
     assert not claim.worst <= claim.tolerance
 
 
 def test_what_the_glove_sent_is_not_judged_and_said_so(session: Result, tmp_path: Path) -> None:
-    path = tmp_path / "forged.h5"
-    shutil.copy(session.path, path)
-    with changed(path) as file:
+    def of_the_glove(file: h5py.File) -> None:
         file["live/sample/channel"][HOLD] = 0.123
         file["live/sample/battery"][HOLD] = 7
-    found = {claim.name: claim for claim in verify(load_result(path), every=1000).claims}
+
+    forged = planted(session.path, tmp_path, of_the_glove)
+    found = {claim.name: claim for claim in verify(forged, every=1000).claims}
     assert not any(claim.failed for claim in found.values())
     assert found["glove's own words"].verdict == NOT_JUDGED
     assert "raw channels" in found["glove's own words"].says
@@ -393,20 +385,15 @@ def test_a_session_whose_recorder_lost_ticks_and_samples_is_judged_by_what_is_le
     found = verify(session, every=50)
     assert failing(found) == set()
 
-    with changed(session.path) as file:
-        file["live/tick/command_stiffness"][120, 1] = 0.4
-    assert failing(verify(load_result(session.path), every=50)) >= {"command bounds", "stiffness"}
+    stiffer = at("stiffer", "live/tick/command_stiffness", (120, 1), lambda x: 0.4)
+    assert failing(verify(planted(session.path, tmp_path, stiffer), every=50)) >= {"command bounds", "stiffness"}
 
 
 def test_a_dry_run_tells_so_in_every_tick(tmp_path: Path) -> None:
-    scripted = Scripted(tmp_path / "dry.h5", SHORT, dry_run=True)
-    ended(scripted.memory, os.getpid())
-    Recorder(scripted.setup, scripted.memory).run()
-    session = load_result(tmp_path / "dry.h5")
+    session = recorded(tmp_path / "dry.h5", SHORT, dry_run=True)
     assert failing(verify(session, every=100)) == set()
-    with changed(session.path) as file:
-        file["live"].attrs["dry_run"] = 0
-    assert "reasons" in failing(verify(load_result(session.path), every=100))
+    untold = attribute("untold", "live", "dry_run", lambda x: 0)
+    assert "reasons" in failing(verify(planted(session.path, tmp_path, untold), every=100))
 
 
 @pytest.mark.parametrize("after_stall", sampled(["ease", "hold"], lambda _, after: after == "ease"))
@@ -414,28 +401,23 @@ def test_a_stall_that_is_eased_or_held_is_judged_by_what_was_asked_for(tmp_path:
     safety = SafetyLimits(watchdog=False, after_stall=after_stall)
     short, long_ = (Moment(FIST, work_ns=periods * PERIOD + PERIOD // 2) for periods in (12, 25))
     script = [*CLOSING, *HOLDING, short, *HOLDING, long_, *HOLDING]
-    scripted = Scripted(tmp_path / "stall.h5", script, safety=safety)
-    ended(scripted.memory, os.getpid())
-    Recorder(scripted.setup, scripted.memory).run()
-    session = load_result(tmp_path / "stall.h5")
-    (at,) = np.flatnonzero((session["live/tick/missed"] >= 10) & (session["live/tick/missed"] < 19))
+    session = recorded(tmp_path / "stall.h5", script, safety=safety)
+    (tick,) = np.flatnonzero((session["live/tick/missed"] >= 10) & (session["live/tick/missed"] < 19))
     least = {"ease": 0.29, "hold": 0.3}[after_stall]
-    assert session["live/tick/command_stiffness"][at, 2:].min() >= least
+    assert session["live/tick/command_stiffness"][tick, 2:].min() >= least
     assert ((session["live/tick/safety"] & Safety.OVERRUN_STREAK) > 0).any(), "the longer one frees the fingers"
     assert failing(verify(session, every=100)) == set()
-    with changed(session.path) as file:
-        file["live/tick/command_stiffness"][at + 3] = 0.28
-    assert "stiffness" in failing(verify(load_result(session.path), every=100))
+    softer = at("softer", "live/tick/command_stiffness", tick + 3, lambda x: 0.28)
+    assert "stiffness" in failing(verify(planted(session.path, tmp_path, softer), every=100))
 
 
 def test_a_session_of_before_causes_were_named_is_read_and_not_judged_by_them(session: Result, tmp_path: Path) -> None:
-    path = tmp_path / "old.h5"
-    shutil.copy(session.path, path)
-    with changed(path) as file:
+    def without_causes(file: h5py.File) -> None:
         del file["live/tick/cause"], file["live/tick/taken"]
         for name in [name for name in file["summary"].attrs if name.startswith("missed_")]:
             del file["summary"].attrs[name]
-    old = load_result(path)
+
+    old = planted(session.path, tmp_path, without_causes)
     assert old.ticks == session.ticks
     claims = {claim.name: claim.verdict for claim in verify(old, every=100).claims}
     assert claims["causes of missed periods"] == NOT_JUDGED
@@ -446,13 +428,13 @@ def test_a_session_of_before_causes_were_named_is_read_and_not_judged_by_them(se
 
 
 def test_a_session_of_before_the_set_points_were_known_is_not_judged_by_them(session: Result, tmp_path: Path) -> None:
-    path = tmp_path / "old.h5"
-    shutil.copy(session.path, path)
-    with changed(path) as file:
+    def without_bends(file: h5py.File) -> None:
         limits = json.loads(file["live"].attrs["limits"])
         del limits["bend"]
         file["live"].attrs["limits"] = json.dumps(limits)
-    claims = {claim.name: claim for claim in verify_session.session_claims(load_result(path))}
+
+    old = planted(session.path, tmp_path, without_bends)
+    claims = {claim.name: claim for claim in verify_session.session_claims(old)}
     assert claims["set points"].verdict == NOT_JUDGED
     assert not any(claim.failed for claim in claims.values())
 
@@ -519,12 +501,11 @@ def test_the_bend_of_the_referee_is_that_of_the_output() -> None:
 
 
 def test_a_session_has_the_ticks_that_every_column_of_the_loop_has(session: Result, tmp_path: Path) -> None:
-    path = tmp_path / "session.h5"
-    shutil.copy(session.path, path)
-    with changed(path) as file:
+    def shorter(file: h5py.File) -> None:
         rows = file["live/tick/cause"][:-3]
         del file["live/tick/cause"]
         file["live/tick/cause"] = rows
-    found = load_result(path)
+
+    found = planted(session.path, tmp_path, shorter)
     assert found.ticks == session.ticks - 3 == len(found["live/tick/taken/steal"])
     verify(found)

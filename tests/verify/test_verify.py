@@ -12,7 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from file_faults import Fault, attribute, forge_scene, of_scene, with_name
+from file_faults import Fault, at, attribute, forge_scene, of_scene, with_name
 from hypothesis import given
 from hypothesis import strategies as st
 from markdown_pages import documented_faults
@@ -263,10 +263,8 @@ def test_a_lag_that_is_left_out_is_found(lagging: Result, tmp_path: Path) -> Non
 
 def test_an_assumed_solid_is_named_with_what_is_outside_of_it(honest: Result, tmp_path: Path) -> None:
     said = "the guarantee is of the assumed solid: 3 % of the surface, up to 0.4 mm, lies outside it"
-
-    def assumed(file: h5py.File) -> None:
-        forge_scene(file, lambda scene: scene.update(object_repairs=["turned 1 triangle to face outward", said]))
-
+    repairs = ["turned 1 triangle to face outward", said]
+    assumed = of_scene("assumed", lambda scene: scene.update(object_repairs=repairs))
     result = planted(honest.path, tmp_path, assumed)
     mesh = next(claim for claim in verify(result, every=100).claims if claim.name == "mesh")
     assert (mesh.verdict, mesh.note) == (HOLDS, said)
@@ -296,10 +294,7 @@ def test_a_depth_set_to_zero_where_the_hand_penetrates_is_found(tmp_path: Path) 
 
 def test_a_sphere_on_a_level_beyond_counting_is_found(honest: Result, tmp_path: Path) -> None:
     """Damaged so, a file once had the referee climb a chain of as many parents."""
-
-    def raised(file: h5py.File) -> None:
-        file["object/tree/level"][-1] = 2**62
-
+    raised = at("raised", "object/tree/level", -1, lambda level: 2**62)
     claims = {claim.name: claim for claim in file_claims(planted(honest.path, tmp_path, raised))}
     assert claims["tree order"].failed
 
@@ -457,9 +452,7 @@ def test_the_command_tells_its_verdict_and_exit_code(honest: Result, tmp_path: P
 
 
 def test_a_run_that_was_stopped_is_judged_by_its_ticks(honest: Result, tmp_path: Path) -> None:
-    def stopped(file: h5py.File) -> None:
-        file.attrs["complete"] = 0
-
+    stopped = attribute("stopped", "/", "complete", lambda complete: 0)
     found = verify(planted(honest.path, tmp_path, stopped), every=40)
     assert failing(found) == set()
     assert verdict(found, "complete") == NOT_CLAIMED

@@ -1,23 +1,27 @@
-"""The referee on runs whose hand touched the mesh itself: honest ones hold, and planted faults are found there too."""
+"""The referee on runs whose hand touched a mesh as it was found: honest ones hold, planted faults are found."""
 
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from corrupted_meshes import corrupted
 from file_faults import Fault, of_scene
 from planted_faults import FAULTS, HOLD, NAMED, described_grasp, failing, planted, verdict
 from sampled import sampled
-from short_grasp import short_result
+from short_grasp import short_grasp, short_result
 
 from hhsim.arrays import IntArray
 from hhsim.bench.robustness.random_targets import RandomTargets
+from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
+from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import make_scene, open_scene
 from hhsim.solver.options import SolverOptions
+from hhsim.trees.triangle_tree import tree_of_any
 from hhsim.verify.claim import HOLDS
 from hhsim.verify.contacts import PALM
 from hhsim.verify.force_checks import force_claims
@@ -129,3 +133,32 @@ def test_an_honest_result_on_the_mesh_holds_in_every_claim(on_mesh: Result) -> N
 def test_a_planted_fault_of_a_run_on_the_mesh(on_mesh: Result, tmp_path: Path, fault: Fault) -> None:
     found = verify(planted(on_mesh.path, tmp_path, fault), every=HOLD)
     assert FAULTS.get(fault, "non-penetration") in failing(found)
+
+
+METHODS = ("coupled", "progressive")
+SOME = (14, 18, 43, 63)
+"""Turned faces, vertices that are not finite, overlaps with slivers, needles."""
+
+
+@pytest.mark.parametrize(
+    ("seed", "method"),
+    sampled(
+        [(seed, method) for seed in range(200) for method in METHODS],
+        lambda place, case: case[0] in SOME and case[1] == METHODS[SOME.index(case[0]) % 2],
+    ),
+)
+def test_a_corrupted_mesh_is_touched_as_it_is_or_refused(seed: int, method: str, tmp_path: Path) -> None:
+    vertices, faces, what = corrupted(seed)
+    try:
+        extent = Mesh(vertices, faces).extent.max()
+        mesh = Mesh((vertices - np.nanmean(vertices, axis=0)) * (0.1 / extent), faces)
+        scene = make_scene(mesh, tree_of_any(mesh, 2), HandModel.default(), short_grasp())
+    except HhsimError as error:
+        assert "\n" not in str(error), what
+        return
+    summary = replay_scene(scene, SolverOptions(method=method, surface="mesh"), tmp_path / "run.h5")
+    assert summary.attributes()["penetration_max"] == 0.0, what
+    assert summary.attributes()["stuck_ticks"] == 0, what
+    found = verify(load_result(tmp_path / "run.h5"), every=60)
+    assert [claim for claim in found.claims if claim.failed] == [], what
+    assert next(claim.verdict for claim in found.claims if claim.name == "mesh") == HOLDS, what

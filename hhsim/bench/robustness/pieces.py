@@ -19,7 +19,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.verify.mesh_contacts import ReadyTriangles, away_from_triangles, nearest_share, ready_triangles
+from hhsim.verify.contacts import ReadyTriangles, away_from_triangles, nearest_share, ready_triangles
 from hhsim.verify.tree_checks import INSIDE, winding_number
 
 

@@ -18,29 +18,19 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.bvh_parser import Bvh, Joint, looks_like_bvh, read_bvh
+from hhsim.recordings.bvh_parser import Bvh, Joint, read_bvh
 from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles, palm_origin
 from hhsim.recordings.frames import in_palm, to_our_world
-from hhsim.recordings.recorded_bones import FingerChains, Posture, recorded_bones
+from hhsim.recordings.recorded_bones import recorded_bones
 from hhsim.recordings.recording import Recording, note
-from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 from hhsim.recordings.unit_detection import LENGTH_UNITS
 
-WORDS = (
-    ("thumb", "thumb"),
-    ("index", "index"),
-    ("pointer", "index"),
-    ("middle", "middle"),
-    ("mid", "middle"),
-    ("ring", "ring"),
-    ("pinky", "little"),
-    ("pinkie", "little"),
-    ("little", "little"),
-    ("small", "little"),
-)
-"""Words for fingers, the first in a name counting."""
+WORDS = ("thumb", "index pointer", "middle mid", "ring", "pinky pinkie little small")
+"""Words for thumb to little finger, the first in a name counting."""
 BIPED = re.compile(r"finger(?P<finger>[0-4])(?P<phalanx>[0-9]?)(?:nub)?$", re.IGNORECASE)
 METACARPAL = re.compile(r"metacarp|carpal|inhand|palm", re.IGNORECASE)
 HAND_LENGTHS = (0.13, 0.25)
@@ -69,16 +59,15 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         raise TrajectoryError(f"no {side} hand with five fingers; the file has a {next(iter(hands))} one")
     chains = hands[side]
     wrist = _wrist(bvh.joints, chains)
-    at = bvh.positions()
-    fingers = _finger_points(bvh, chains, at)
+    at, turned = bvh.pose()
+    fingers = _finger_points(bvh, chains, at, turned)
     scale, length, unit = _scale(fingers, at[:, wrist], options.length_unit)
     knuckles = scale * fingers[:, 1:, 0]
     orientation = palm_from_knuckles(knuckles, scale * at[:, wrist], side)
     flexion, abduction, off = finger_angles(in_palm(np.diff(fingers, axis=2), orientation), side)
     place = palm_origin(knuckles, orientation, side)
-    fit = recorded_bones(
-        FingerChains(scale * fingers, scale * at[:, wrist]), Posture(place, orientation, flexion, abduction), side
-    )
+    posture = HandConfiguration(place, orientation, flexion, abduction)
+    fit = recorded_bones(scale * fingers, scale * at[:, wrist], posture, side)
     position, orientation = to_our_world(place, orientation, up)
     other = "; the other hand is there too: --hand" if len(hands) == 2 and not hand else ""
     return Recording(
@@ -123,7 +112,7 @@ def finger_of(name: str) -> str:
     if biped is not None:
         return FINGERS[int(biped.group("finger"))]
     lower = plain.lower()
-    return next((finger for word, finger in WORDS if word in lower), "")
+    return next((finger for finger, words in zip(FINGERS, WORDS) if any(word in lower for word in words.split())), "")
 
 
 def _chains(joints: tuple[Joint, ...], side: str) -> dict[str, _Chain]:
@@ -177,16 +166,15 @@ def _wrist(joints: tuple[Joint, ...], chains: dict[str, _Chain]) -> int:
     return shared[0]
 
 
-def _finger_points(bvh: Bvh, chains: dict[str, _Chain], at: FloatArray) -> FloatArray:
+def _finger_points(bvh: Bvh, chains: dict[str, _Chain], at: FloatArray, turned: FloatArray) -> FloatArray:
     """Return three joints and tip of each finger in the file's unit, shape (T, 5, 4, 3)."""
     points = np.empty((len(at), len(FINGERS), 4, 3))
-    turned = bvh.orientations() if any(chain.tip is None for chain in chains.values()) else None
     for f, finger in enumerate(FINGERS):
         chain = chains[finger]
         points[:, f, :3] = at[:, list(chain.joints)]
         if chain.tip is not None:
             points[:, f, 3] = at[:, chain.tip]
-        elif turned is not None:
+        else:
             # A last bone without an end continues the one before in the rest pose, at a usual length.
             bone = 0.7 * bvh.joints[chain.joints[2]].offset
             points[:, f, 3] = points[:, f, 2] + np.einsum("tij,j->ti", turned[:, chain.joints[2]], bone)
@@ -209,8 +197,10 @@ def _scale(fingers: FloatArray, wrist: FloatArray, unit: str | None) -> tuple[fl
     )
 
 
-def _sniff(content: Content, options: ReadOptions) -> bool:
-    return looks_like_bvh(content.beginning)
-
-
-FORMAT = RecordingFormat("bvh", "BVH motion capture with the joints of fingers", (".bvh",), _sniff, _read)
+FORMAT = RecordingFormat(
+    "bvh",
+    "BVH motion capture with the joints of fingers",
+    (".bvh",),
+    lambda content, options: content.beginning.lstrip()[:9].upper() == "HIERARCHY",
+    _read,
+)

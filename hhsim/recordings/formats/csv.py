@@ -9,11 +9,10 @@ from msgspec import structs
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_file import COLUMNS, CSV_SUFFIX, FLAGS, OBJECT_COLUMNS, PHASE, POSE_COLUMNS, SAMPLES, object_pose
 from hhsim.motion.object_motion import ObjectMotion
-from hhsim.recordings.column_map import OWN_COLUMNS, is_own_header
+from hhsim.recordings.column_map import OWN_COLUMNS, is_own_header, mapped
 from hhsim.recordings.csv_table import Table, read_header, read_table
-from hhsim.recordings.mapped_table import mapped
 from hhsim.recordings.recording import Recording, note
-from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 
 def _own(table: Table, name: str) -> Recording:
@@ -33,10 +32,6 @@ def _own(table: Table, name: str) -> Recording:
         text = f"{len(table.rows)} samples where the file says # {SAMPLES}: {remarks[SAMPLES]}: some are lost"
         recording = recording.found(note(text))
     return recording.changed(**stated, **object_pose(remarks))
-
-
-def _sniff(content: Content, options: ReadOptions) -> bool:
-    return content.is_text
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
@@ -77,7 +72,7 @@ FORMAT = RecordingFormat(
     "csv",
     "a table: hhsim's own columns, or any with --columns",
     (CSV_SUFFIX,),
-    _sniff,
+    lambda content, options: content.is_text,
     _read,
     rank=2,
     takes_columns=True,

@@ -14,12 +14,11 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import RawChannel
-from hhsim.recordings.column_map import ColumnMap, OrientationColumns, PositionColumns, TimeColumn
+from hhsim.recordings.column_map import ColumnMap, OrientationColumns, PositionColumns, TimeColumn, mapped
 from hhsim.recordings.csv_table import read_header, read_table
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, calibrated
-from hhsim.recordings.mapped_table import mapped
 from hhsim.recordings.recording import Finding, Recording, note
-from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 from hhsim.system.counted import counted
 
 ALIAS = {"pinky_split": "little_split", "pinky_bend": "little_bend"}

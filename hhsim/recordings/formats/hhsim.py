@@ -7,7 +7,7 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.file import HDF5_SUFFIXES, read_fields
 from hhsim.motion.trajectory import HandSide, Trajectory
 from hhsim.recordings.recording import Recording
-from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 from hhsim.result.motion import holds_a_result, load_result_motion
 from hhsim.system.checksummed_file import seal_holds
 
@@ -29,10 +29,6 @@ def _recording(given: dict[str, Any]) -> Recording:
     return Recording(**known)
 
 
-def _sniff(content: Content, options: ReadOptions) -> bool:
-    return content.head.startswith(SIGNATURE)
-
-
 def _read(content: Content, options: ReadOptions) -> Recording:
     if content.path is None:
         raise InputError("an HDF5 file is read from its path")
@@ -45,4 +41,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     return recording.changed(checksums=(recording.checksums or "held") if seal_holds(content.path) else "missing")
 
 
-FORMAT = RecordingFormat("hhsim", "a trajectory, a result or a session of hhsim, .h5", HDF5_SUFFIXES, _sniff, _read)
+FORMAT = RecordingFormat(
+    "hhsim",
+    "a trajectory, a result or a session of hhsim, .h5",
+    HDF5_SUFFIXES,
+    lambda content, options: content.head.startswith(SIGNATURE),
+    _read,
+)

@@ -23,12 +23,11 @@ from hhsim.motion.npz_arrays import array_names, numbers, read_npy, read_npz
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.csv_table import lacks_names, read_header, read_table
 from hhsim.recordings.joint_names import KEYPOINTS, joint_name
-from hhsim.recordings.joint_positions import JointPositions, chosen_side, evenly, recording_of_joints
+from hhsim.recordings.joint_positions import JointPositions, chosen_side, recording_of_joints, sample_times
 from hhsim.recordings.json_document import keys_of, number, read_json, vector
 from hhsim.recordings.recording import Finding, Recording, note
-from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
-from hhsim.recordings.time_column import time_column
-from hhsim.recordings.unit_detection import TIME_UNITS
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.unit_detection import time_column
 from hhsim.system.counted import counted
 
 COUNT = len(KEYPOINTS)
@@ -58,20 +57,14 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         points, time, unit, side = _from_json(read_json(content.text), options.hand, findings)
     else:
         points, time, unit, side = _from_table(content, options.hand, findings)
-    if time is None:
-        time, finding = evenly(len(points), options)
-        findings.append(finding)
-        unit = "s"
-    elif unit is not None:
-        finite = time[np.isfinite(time)]
-        time = (time - (finite[0] if finite.size else 0.0)) * TIME_UNITS[unit]
+    time, in_seconds, remarks = sample_times(time, unit, len(points), options)
     joints = JointPositions(
         time=time,
         position=points,
         form="keypoints",
         hand=side or options.hand,
-        time_stated=unit is not None,
-        findings=(*findings, note("21 keypoints in MediaPipe's order: wrist, thumb to little finger")),
+        time_stated=in_seconds,
+        findings=(*findings, *remarks, note("21 keypoints in MediaPipe's order: wrist, thumb to little finger")),
     )
     return recording_of_joints(joints, content.name, options).changed(checksums="held" if zipped else "")
 

@@ -3,6 +3,9 @@
 Leap's world is in millimetres with y up; `direction` points to the fingers, `palmNormal` out of the palm. The palm's
 origin is where our knuckles meet the recorded ones; joint angles are those of `hhsim.recordings.finger_ik`. Leap gives
 the thumb a metacarpal of length zero, and its next three bones are our three.
+
+LZ-string is an LZ78 whose codes are as wide as the dictionary needs, least bit first; codes 0 and 1 announce a new
+letter of 8 or 16 bits, code 2 the end.
 """
 
 from collections import Counter
@@ -13,16 +16,16 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide, RawChannel
 from hhsim.recordings.finger_ik import finger_angles, palm_origin, palm_rotation
 from hhsim.recordings.frames import in_palm, to_our_world
 from hhsim.recordings.json_document import keys_of, number, objects, read_json, vector
-from hhsim.recordings.lz_string import LETTERS, unpack
-from hhsim.recordings.recorded_bones import FingerChains, Posture, recorded_bones
+from hhsim.recordings.recorded_bones import recorded_bones
 from hhsim.recordings.recording import Finding, Recording, note
-from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 MILLIMETRE = 1e-3
 MICROSECOND = 1e-6
@@ -32,6 +35,9 @@ UNSURE = 0.5
 EXPECTED = "expected a Leap Motion recording, or the joints of a hand by name"
 DEEPEST = 12
 """Deepest nesting of packed frames."""
+LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
+MOST_LETTERS = 1 << 28
+"""Longest text; a damaged file may grow for ever."""
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
@@ -75,8 +81,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         else np.nan
     )
     place = palm_origin(MILLIMETRE * joints[:, 1:, 0], orientation, side)
-    chains = FingerChains(MILLIMETRE * joints, MILLIMETRE * wrist)
-    fit = recorded_bones(chains, Posture(place, orientation, flexion, abduction), side)
+    posture = HandConfiguration(place, orientation, flexion, abduction)
+    fit = recorded_bones(MILLIMETRE * joints, MILLIMETRE * wrist, posture, side)
     position, orientation = to_our_world(place, orientation, "y")
     first = stamps[np.isfinite(stamps)]
     confidence = np.array([number(seen.get("confidence")) for _, seen in found])
@@ -108,6 +114,55 @@ def looks_packed(text: str) -> bool:
     """True if a text consists of LZ-string's base64 letters."""
     sample = text[:2000].strip()
     return len(sample) > 20 and set(sample) <= set(LETTERS + "=")
+
+
+def unpack(text: str) -> str:
+    """Decompress LZ-string's text; raise TrajectoryError for other letters, or for one that is damaged or cut short."""
+    letters = "".join(text.split()).rstrip("=")
+    if other := set(letters) - set(LETTERS):
+        raise TrajectoryError(f"not LZ-string text: it holds {min(other)!r}; expected base64 letters")
+    six = {letter: f"{value:06b}" for value, letter in enumerate(LETTERS)}
+    bits, place = "".join(map(six.__getitem__, letters)), 0
+
+    def number(width: int) -> int:
+        nonlocal place
+        place += width
+        if place > len(bits):
+            raise TrajectoryError("LZ-string text that ends too early; was it cut short?")
+        return int(bits[place - width : place][::-1], 2)
+
+    code = number(2)
+    if code == 2:
+        return ""
+    if code == 3:
+        raise TrajectoryError("damaged LZ-string text at its first letter")
+    word = chr(number(8 if code == 0 else 16))
+    # Codes 0 to 2 are no words.
+    words: list[str] = ["", "", "", word]
+    out = [word]
+    width, left, length = 3, 4, 1
+    while True:
+        code = number(width)
+        if code == 2:
+            return "".join(out)
+        if code < 2:
+            words.append(chr(number(8 if code == 0 else 16)))
+            code = len(words) - 1
+            left -= 1
+            if left == 0:
+                left, width = 1 << width, width + 1
+        if code > len(words):
+            raise TrajectoryError(f"damaged LZ-string text: code {code} of {len(words)} words")
+        entry = words[code] if code < len(words) else word + word[0]
+        out.append(entry)
+        length += len(entry)
+        if length > MOST_LETTERS:
+            raise TrajectoryError("damaged LZ-string text: it grows beyond 250 million letters")
+        words.append(word + entry[0])
+        word = entry
+        left -= 1
+        if left == 0:
+            left, width = 1 << width, width + 1
 
 
 def _frames(document: Any) -> Iterator[Mapping[str, Any]]:

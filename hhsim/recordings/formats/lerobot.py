@@ -13,12 +13,12 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.column_map import mapped
 from hhsim.recordings.csv_table import Table
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions, chosen_side, recording_of_joints
-from hhsim.recordings.mapped_table import mapped
 from hhsim.recordings.recording import Finding, Recording, note
-from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 MAGIC = b"PAR1"
 JOINTS = len(WEBXR_JOINTS)
@@ -240,15 +240,11 @@ def _names(value: Any) -> list[str]:
     return [str(item) for item in value] if isinstance(value, list) else []
 
 
-def _sniff(content: Content, options: ReadOptions) -> bool:
-    return content.head.startswith(MAGIC)
-
-
 FORMAT = RecordingFormat(
     "lerobot",
     "a LeRobot data set's Parquet file: hand_joints, or any feature with --columns",
     (".parquet",),
-    _sniff,
+    lambda content, options: content.head.startswith(MAGIC),
     _read,
     takes_columns=True,
 )

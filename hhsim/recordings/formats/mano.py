@@ -5,7 +5,7 @@
 | .npz | `poses` (T, 48) or (T, 3 + n), or with `global_orient`; `trans` (T, 3), `betas`, `fps` or stamps, `hand` |
 | .jsonl | HOT3D's lines: a wrist's pose and n coefficients |
 
-The same 48 numbers have four meanings (`hhsim.recordings.recording_format.MANO_READINGS`) that the file does not tell
+The same 48 numbers have four meanings (`hhsim.recordings.registry.MANO_READINGS`) that the file does not tell
 apart: DexYCB's are coefficients, those of other sets are angles. So `--mano-pose` says it.
 """
 
@@ -18,24 +18,17 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.quaternion import rotation_vector
 from hhsim.motion.npz_arrays import array_names, numbers, read_npz
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.joint_positions import JointPositions, evenly, recording_of_joints
+from hhsim.recordings.joint_positions import JointPositions, recording_of_joints, sample_times
 from hhsim.recordings.mano_model import ManoModel, read_mano_model
 from hhsim.recordings.pose_lines import read_pose_lines
 from hhsim.recordings.recording import Finding, Recording, note
-from hhsim.recordings.recording_format import MANO_READINGS, Content, ReadOptions, RecordingFormat
-from hhsim.recordings.time_column import time_column
-from hhsim.recordings.unit_detection import TIME_UNITS
+from hhsim.recordings.registry import MANO_READINGS, Content, ReadOptions, RecordingFormat
+from hhsim.recordings.unit_detection import TIME_UNITS, time_column
 
 ANGLES = 45
 POSES = ("poses", "pose", "mano_pose", "hand_pose")
 TURNS = ("global_orient", "root_orient", "rot")
 SHIFTS = ("trans", "transl", "translation")
-READINGS = {
-    "axis-angle": "angles of the joints from the flat hand",
-    "axis-angle-mean": "angles of the joints from the model's mean pose",
-    "pca": "coefficients of the model's components about its mean pose",
-    "pca-flat": "coefficients of the model's components about the flat hand",
-}
 
 
 class _Poses(NamedTuple):
@@ -64,7 +57,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     model = read_mano_model(options.mano.model)
     hand = options.hand or poses.hand
     name = options.mano.model.name.lower()
-    findings = [*poses.findings, note(f"{count} numbers a pose: {READINGS[reading]} ({reading}); model {name}")]
+    findings = [*poses.findings, note(f"{count} numbers a pose: {MANO_READINGS[reading]} ({reading}); model {name}")]
     if hand and {"right": "left", "left": "right"}[hand] in name:
         text = f"{hand} hand, but the model is called {options.mano.model.name}: is it the other hand's?"
         findings.append(note(text))
@@ -72,8 +65,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     points = model.keypoints(poses.rotation, _angles(poses.pose, reading, model), translation, poses.betas)
     time, unit = poses.time, poses.unit
     if time is None:
-        time, finding = evenly(len(points), options)
-        findings.append(finding)
+        time, _, remarks = sample_times(None, None, len(points), options)
+        findings += remarks
         unit = "s"
     if poses.translation is None:
         findings.append(note("no translation: the hand turns on the spot"))
@@ -98,7 +91,7 @@ def _reading(count: int, options: ReadOptions) -> str:
         raise InputError(f"--mano-pose {wanted}: needs 45 numbers a pose, and there are {count}")
     if wanted is not None:
         return wanted
-    choices = ", ".join(MANO_READINGS if count == ANGLES else MANO_READINGS[2:])
+    choices = ", ".join(reading for reading in MANO_READINGS if count == ANGLES or reading.startswith("pca"))
     raise TrajectoryError(f"{count} numbers a pose can be read in several ways; say which: --mano-pose {choices}")
 
 

@@ -20,7 +20,7 @@ from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions, chosen_side, recording_of_joints
 from hhsim.recordings.recording import MOST_SAMPLES, Finding, Recording, note
-from hhsim.recordings.recording_format import MOST_BYTES, Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import MOST_BYTES, Content, ReadOptions, RecordingFormat
 from hhsim.system.counted import counted
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -258,10 +258,10 @@ def _text(data: bytes, place: int) -> tuple[str, int]:
     return data[place + 4 : end].decode("utf-8", errors="replace"), end
 
 
-def _sniff(content: Content, options: ReadOptions) -> bool:
-    return content.head.startswith(MAGIC)
-
-
 FORMAT = RecordingFormat(
-    "mcap", "MCAP with the hands of OpenXR, as Isaac Teleop records them", (".mcap",), _sniff, _read
+    "mcap",
+    "MCAP with the hands of OpenXR, as Isaac Teleop records them",
+    (".mcap",),
+    lambda content, options: content.head.startswith(MAGIC),
+    _read,
 )

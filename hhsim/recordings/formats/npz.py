@@ -17,7 +17,7 @@ from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.frames import OURS, to_our_palm, to_our_world
 from hhsim.recordings.recording import Finding, Recording, note
-from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 QUATERNIONS = {"wrist_quat_wxyz": (0, 1, 2, 3), "wrist_quat": (0, 1, 2, 3), "wrist_quat_xyzw": (3, 0, 1, 2)}
 """Names of the orientation, and the places of w, x, y, z in its rows."""

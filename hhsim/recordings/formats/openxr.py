@@ -16,15 +16,14 @@ from hhsim.recordings.joint_names import KEYPOINTS, JointName, joint_name, joint
 from hhsim.recordings.joint_positions import (
     JointPositions,
     chosen_side,
-    evenly,
     in_right_handed_world,
     joints_by_name,
     recording_of_joints,
+    sample_times,
 )
 from hhsim.recordings.recording import Finding, Recording, note
-from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
-from hhsim.recordings.time_column import time_column
-from hhsim.recordings.unit_detection import TIME_UNITS
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.unit_detection import time_column
 from hhsim.system.counted import counted
 
 FEWEST = 4
@@ -67,17 +66,11 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if stamps is None and options.rate is None:
         raise TrajectoryError(f"{what}, but no column with a time; add one, or say --rate")
     findings = [*table.findings, *findings, note(what)]
-    if stamps is None:
-        time, finding = evenly(count, options)
-        findings.append(finding)
-    else:
-        time = _numbers(table, [stamps.name], findings)[:, 0]
-        if stamps.unit is not None:
-            # Whole ns since 1970 keep their steps only if the first is subtracted before they are scaled.
-            finite = time[np.isfinite(time)]
-            time = (time - (finite[0] if finite.size else 0.0)) * TIME_UNITS[stamps.unit]
-        if stamps.others:
-            findings.append(note(f"stamps from column '{stamps.name}'; there are also {', '.join(stamps.others[:3])}"))
+    given = None if stamps is None else _numbers(table, [stamps.name], findings)[:, 0]
+    time, in_seconds, remarks = sample_times(given, stamps and stamps.unit, count, options)
+    findings += remarks
+    if stamps is not None and stamps.others:
+        findings.append(note(f"stamps from column '{stamps.name}'; there are also {', '.join(stamps.others[:3])}"))
     joints = hands[side]
     positions = {
         joint: _numbers(table, [joints[joint][axis] for axis in "xyz"], findings)
@@ -103,7 +96,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         doubtful=doubtful,
         # Tips with radii are centres of balls; others are points of the skin.
         tip_on_surface=radius is None,
-        time_stated=stamps is None or stamps.unit is not None,
+        time_stated=in_seconds,
         findings=tuple(findings),
     )
     return recording_of_joints(joint_positions, content.name, options)

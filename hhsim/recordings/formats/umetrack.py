@@ -22,7 +22,7 @@ from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.json_document import keys_of
 from hhsim.recordings.pose_lines import object_beside, read_pose_lines
 from hhsim.recordings.recording import Recording, note
-from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 ANGLES = 20
 PROFILE = "*user_profile.json"

@@ -28,15 +28,14 @@ from hhsim.recordings.joint_names import (
 from hhsim.recordings.joint_positions import (
     JointPositions,
     chosen_side,
-    evenly,
     in_right_handed_world,
     recording_of_joints,
+    sample_times,
 )
 from hhsim.recordings.json_document import keys_of, number, objects, read_json, vector
 from hhsim.recordings.recording import Finding, Recording, note
-from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
-from hhsim.recordings.time_column import time_column
-from hhsim.recordings.unit_detection import TIME_UNITS
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.unit_detection import time_column
 
 NAMED = re.compile(r"(thumb|index|middle)[-_ ]?(finger)?[-_ ]?(phalanx)?[-_ ]?(tip|metacarpal|proximal)", re.IGNORECASE)
 DEEPEST = 8
@@ -109,15 +108,13 @@ class _Stamp(NamedTuple):
 def _stamps(stamps: list[_Stamp], what: str, options: ReadOptions, findings: list[Finding]) -> tuple[FloatArray, bool]:
     """Return the stamps, and whether they are seconds."""
     values = np.array([stamp.value for stamp in stamps])
-    if not np.isfinite(values).any():
-        if options.rate is None:
-            raise TrajectoryError(f"{what}, but no frame has a stamp, such as time or timestamp; say --rate")
-        time, finding = evenly(len(values), options)
-        findings.append(finding)
-        return time, True
+    stamped = np.isfinite(values).any()
+    if not stamped and options.rate is None:
+        raise TrajectoryError(f"{what}, but no frame has a stamp, such as time or timestamp; say --rate")
     unit = next((stamp.unit for stamp in stamps if stamp.unit is not None), None)
-    first = values[np.isfinite(values)][0]
-    return ((values - first) * TIME_UNITS[unit], True) if unit is not None else (values, False)
+    time, in_seconds, remarks = sample_times(values if stamped else None, unit, len(values), options)
+    findings += remarks
+    return time, in_seconds
 
 
 def _plain_frames(document: Any) -> Iterator[tuple[_Stamp, dict[HandSide, _Hand]]]:

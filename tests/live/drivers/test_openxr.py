@@ -26,7 +26,7 @@ from hhsim.live.drivers.openxr import ManusGlove, encode_haptic_command
 from hhsim.live.pose.registry import PoseConfig, make_pose_source
 from hhsim.recordings.joint_names import OPENXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.recording_format import ReadOptions
+from hhsim.recordings.registry import ReadOptions
 
 BRIDGE = Path(__file__).resolve().parents[3] / "examples" / "openxr_bridge.py"
 NOT_VALID = [float("nan")] * 3

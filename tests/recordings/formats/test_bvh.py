@@ -11,7 +11,7 @@ from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.bvh_parser import read_bvh
 from hhsim.recordings.formats.bvh import finger_of, side_of
-from hhsim.recordings.hand_displacement import turn
+from hhsim.recordings.recording import turn
 from hhsim.recordings.repair import repair
 
 CLEAN = smooth_recording(25, jitter=0.0).changed(abduction=np.zeros((25, 5)))
@@ -62,7 +62,7 @@ Frame Time: 0.01
 0 0 0 90 90 0 0 0 90
 """
     bvh = read_bvh(text)
-    at = bvh.positions()
+    at, _ = bvh.pose()
     assert np.allclose(at[0], [[5, 0, 0], [4, 0, 0], [3, 0, 0]])
     # About z first, then about the turned x, which is the world's y by then: the bone's y becomes the world's z.
     assert np.allclose(at[1], [[0, 0, 0], [0, 0, 1], [0, 0, 2]])

@@ -11,15 +11,15 @@ from hhsim.errors import HhsimError, InputError, TrajectoryError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, format_csv
 from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.recordings.column_map import OWN_COLUMNS, parse_column_map, read_column_map
+from hhsim.recordings.column_map import OWN_COLUMNS, ColumnMap, euler_quaternion, read_column_map
 from hhsim.recordings.csv_table import read_table
 from hhsim.recordings.frames import turned
-from hhsim.recordings.mapped_table import euler_quaternion
 from hhsim.recordings.repair import RepairOptions, repair
+from hhsim.system.settings_file import parse_settings
 
 
 def test_a_mapping_says_what_columns_are() -> None:
-    recording = read_as("csv", TABLE, columns=parse_column_map(GLOVE, where="glove.toml"), name="take 1")
+    recording = read_as("csv", TABLE, columns=parse_settings(GLOVE, ColumnMap, "glove.toml"), name="take 1")
     assert np.allclose(recording.time, [0.0, 0.01, 0.02])
     assert np.allclose(recording.flexion[:, 1], np.radians([[10, 10, 6.67], [20, 20, 13.34], [30, 30, 20.01]]))
     assert np.allclose(recording.abduction[:, 1], 0.1)
@@ -34,13 +34,12 @@ def test_a_mapping_says_what_columns_are() -> None:
 
 
 def test_a_recording_without_a_palm_says_where_it_is() -> None:
-    fingers = parse_column_map(
-        'time = { column = "t", unit = "s" }\n[joint]\nindex_flex1 = "a"\n', where="fingers.toml"
-    )
+    text = 'time = { column = "t", unit = "s" }\n[joint]\nindex_flex1 = "a"\n'
+    fingers = parse_settings(text, ColumnMap, "fingers.toml")
     recording = read_as("csv", "t,a\n0,0\n0.01,0.1\n0.02,0.2\n", columns=fingers)
     assert (recording.position == 0.0).all()
     assert any("--place-object auto" in finding.text for finding in recording.findings)
-    whole = read_as("csv", TABLE, columns=parse_column_map(GLOVE, where="glove.toml"), name="take 1")
+    whole = read_as("csv", TABLE, columns=parse_settings(GLOVE, ColumnMap, "glove.toml"), name="take 1")
     assert not any("palm's place" in finding.text for finding in whole.findings)
 
 
@@ -136,18 +135,18 @@ def test_mappings_that_are_none(line: str, words: str) -> None:
     if "[joint]" not in text:
         text += "\n[joint]\nindex_flex1 = 'a'\n"
     with pytest.raises(InputError, match=words.replace("(", r"\(")) as error:
-        parse_column_map(text, where="m.toml")
+        parse_settings(text, ColumnMap, "m.toml")
     assert str(error.value).startswith("m.toml: ") and "\n" not in str(error.value)
 
 
 def test_mappings_need_time_and_joints(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no .time. and no rate"):
-        parse_column_map("[joint]\nindex_flex1 = 'a'", where="m.toml")
+        parse_settings("[joint]\nindex_flex1 = 'a'", ColumnMap, "m.toml")
     with pytest.raises(InputError, match="joint is missing"):
-        parse_column_map("rate = 100", where="m.toml")
+        parse_settings("rate = 100", ColumnMap, "m.toml")
     with pytest.raises(InputError, match=r"none.toml: no such file"):
         read_column_map(tmp_path / "none.toml")
-    made = read_as("csv", "a\n1\n2\n", columns=parse_column_map("rate = 50\n[joint]\nindex_flex1 = 'a'", where="m"))
+    made = read_as("csv", "a\n1\n2\n", columns=parse_settings("rate = 50\n[joint]\nindex_flex1 = 'a'", ColumnMap, "m"))
     assert made.time.tolist() == [0.0, 0.02] and "made from the rate, 50 Hz" in made.findings[0].text
     with pytest.raises(TrajectoryError, match="the columns are a, b; expected hhsim's own"):
         read_as("csv", "a,b\n1,2\n")
@@ -185,7 +184,7 @@ def _table(seconds: float, metres: float, radians: float) -> str:
 
 
 def test_a_unit_that_the_mapping_does_not_name_is_an_options_or_is_found() -> None:
-    columns = parse_column_map(UNITLESS, where="glove.toml")
+    columns = parse_settings(UNITLESS, ColumnMap, "glove.toml")
     assert columns.stated == frozenset()
     sound = repair(read_as("csv", _table(1.0, 1.0, 1.0), columns=columns)).trajectory
     degrees = 180.0 / np.pi
@@ -211,7 +210,7 @@ def test_a_unit_that_the_mapping_does_not_name_is_an_options_or_is_found() -> No
     ],
 )
 def test_a_unit_that_the_mapping_names_is_stated(text: str, stated: set[str]) -> None:
-    columns = parse_column_map(text, where="glove.toml")
+    columns = parse_settings(text, ColumnMap, "glove.toml")
     assert columns.stated == stated
     recording = read_as("csv", _table(1e3, 1.0, 1.0), columns=columns)
     if "time" in stated:

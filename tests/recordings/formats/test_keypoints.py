@@ -12,8 +12,7 @@ from recording_samples import read_as
 
 from hhsim.errors import TrajectoryError
 from hhsim.recordings.joint_names import KEYPOINTS
-from hhsim.recordings.recording_format import Content, ReadOptions
-from hhsim.recordings.registry import read_content
+from hhsim.recordings.registry import Content, ReadOptions, read_content
 
 SAMPLE = joint_sample()
 POINTS, TIME = SAMPLE.named(), SAMPLE.motion.time

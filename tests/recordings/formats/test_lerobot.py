@@ -9,10 +9,10 @@ from pose_samples import lerobot_bytes, lerobot_set
 from recording_samples import read_as
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.recordings.column_map import parse_column_map
+from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.formats import lerobot
-from hhsim.recordings.recording_format import Content, ReadOptions
-from hhsim.recordings.registry import read_content, read_recording
+from hhsim.recordings.registry import Content, ReadOptions, read_content, read_recording
+from hhsim.system.settings_file import parse_settings
 
 ANGLES = """
 hand = "right"
@@ -39,12 +39,12 @@ def test_our_own_hand_comes_back(side: Side) -> None:
 
 def test_angles_come_by_the_names_of_the_data_set(tmp_path: Path) -> None:
     path = lerobot_set(tmp_path)
-    columns = parse_column_map(ANGLES, where="map.toml")
+    columns = parse_settings(ANGLES, ColumnMap, "map.toml")
     recording = read_recording(path, ReadOptions(columns=columns))
     assert np.allclose(recording.flexion[:, 1, :2], joint_sample().motion.flexion[:, 1, :2])
     assert recording.form == "lerobot" and read_recording(path).device == "glove"
     # Without the data set around it a column has a number for a name.
-    numbered = parse_column_map(ANGLES.replace("index_mcp", "0").replace("index_pip", "1"), where="map.toml")
+    numbered = parse_settings(ANGLES.replace("index_mcp", "0").replace("index_pip", "1"), ColumnMap, "map.toml")
     assert np.allclose(read_as("lerobot", path.read_bytes(), columns=numbered).flexion, recording.flexion)
 
 

@@ -9,8 +9,7 @@ from joint_samples import Side, arrays_npz, assert_our_own, joint_sample, words
 from pose_samples import mano_fields, mano_poses
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.recordings.recording_format import Content, ManoOptions, ReadOptions
-from hhsim.recordings.registry import format_of, read_content
+from hhsim.recordings.registry import Content, ManoOptions, ReadOptions, format_of, read_content
 
 
 def numbers_of(reading: str, pose: Any, fields: dict[str, Any]) -> Any:

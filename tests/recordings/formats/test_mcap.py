@@ -10,8 +10,7 @@ from recording_samples import read_as
 
 from hhsim.errors import TrajectoryError
 from hhsim.recordings.formats import mcap
-from hhsim.recordings.recording_format import Content, ReadOptions
-from hhsim.recordings.registry import read_content
+from hhsim.recordings.registry import Content, ReadOptions, read_content
 
 
 @pytest.mark.parametrize("side", ["right", "left"])

@@ -6,11 +6,11 @@ from joint_samples import Side, assert_our_own, joint_sample, openxr_csv, words
 from recording_samples import read_as
 
 from hhsim.errors import HhsimError
-from hhsim.recordings.column_map import parse_column_map
+from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.joint_names import OPENXR_JOINTS
-from hhsim.recordings.recording_format import Content, ReadOptions
-from hhsim.recordings.registry import format_of, read_content
+from hhsim.recordings.registry import Content, ReadOptions, format_of, read_content
 from hhsim.recordings.repair import RepairOptions, repair
+from hhsim.system.settings_file import parse_settings
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -120,7 +120,7 @@ def test_a_refusal_says_what_was_recognised(change: tuple[str, str], said: str) 
 def test_a_rate_stands_in_for_stamps_and_a_mapping_goes_before() -> None:
     text = openxr_csv(joint_sample()).replace("timestamp_ms", "number")
     assert read_as("openxr", text, rate=50.0).time[-1] == pytest.approx(39 / 50)
-    columns = parse_column_map("rate = 100\n[joint]\nindex_flex1 = 'frame'", where="map.toml")
+    columns = parse_settings("rate = 100\n[joint]\nindex_flex1 = 'frame'", ColumnMap, "map.toml")
     assert format_of(Content(data=text.encode()), ReadOptions(columns=columns)).name == "csv"
     with pytest.raises(HhsimError, match="no columns named after the joints"):
         read_as("openxr", "a,b\n1,2\n")

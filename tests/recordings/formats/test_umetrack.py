@@ -10,8 +10,7 @@ from joint_samples import Side, assert_our_own, joint_sample, words
 from pose_samples import umetrack_lines, umetrack_profile
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.recordings.recording_format import ReadOptions
-from hhsim.recordings.registry import read_recording
+from hhsim.recordings.registry import ReadOptions, read_recording
 from hhsim.recordings.repair import repair
 
 
