@@ -1,6 +1,7 @@
 # Both commands need Python 3.11 to 3.13 with pip; everything else goes into .venv, once.
 #   make replay     the first result: a five-finger grasp of the Stanford bunny
 #   make test       style, types, tests, and the gate on errors and work
+#   make wheel      a wheel with its kernels compiled, in dist/; six minutes
 #   make soak       tests that repeat at length what make test has shown; half an hour
 # Another interpreter: make test PYTHON=python3.12
 
@@ -14,7 +15,7 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --disable-pip-version-check --quiet --no-compile -c constraints.txt
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: replay test soak checks kernels gate clean
+.PHONY: replay test soak wheel checks kernels gate clean
 
 replay: .venv/hhsim.stamp
 	$(BIN)/hhsim replay
@@ -27,6 +28,9 @@ test: .venv/hhsim.stamp
 soak: .venv/test.stamp
 	@$(MAKE) --no-print-directory kernels
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS) -m soak
+
+wheel: .venv/test.stamp
+	$(BIN)/python -m tools.build_wheel
 
 checks: .venv/test.stamp
 	$(BIN)/ruff check .

@@ -23,7 +23,7 @@ def matmul(first: ArrayLike, second: ArrayLike) -> FloatArray:
 
 def dot(first: ArrayLike, second: ArrayLike) -> FloatArray:
     """Return the sums of products along the last axis, shape (...)."""
-    return np.asarray((np.asarray(first, np.float64) * second).sum(axis=-1))
+    return np.asarray((np.asarray(first, np.float64) * np.asarray(second, np.float64)).sum(axis=-1))
 
 
 def norm(vectors: ArrayLike) -> FloatArray:

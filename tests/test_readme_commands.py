@@ -2,12 +2,18 @@
 
 import os
 import re
+import shutil
 import subprocess
+import sysconfig
+import venv
+import zipfile
 from pathlib import Path
 
 import pytest
 from markdown_pages import Page
 from own_command import hhsim_command
+
+from tools.build_wheel import build
 
 pytestmark = pytest.mark.slow
 
@@ -52,12 +58,16 @@ def test_every_line_can_be_pasted(repository: Path, tmp_path: Path, own: bool) -
     commands_of_own.mkdir()
     if own:
         hhsim_command(commands_of_own)
-    # One shell, so that an activated environment stays.
+    paste(commands, clone, {"PATH": f"{commands_of_own}:{os.environ['PATH']}"})
+
+
+def paste(commands: list[str], folder: Path, environment: dict[str, str]) -> None:
+    """Give the lines to one shell, so that an activated environment stays; all have to end well."""
     script = "".join(f"echo 'PASTED {number}'\n{line}\necho \"ENDED $?\"\n" for number, line in enumerate(commands))
     answer = subprocess.run(
         ["bash", "-c", script],
-        cwd=clone,
-        env={**os.environ, "PATH": f"{commands_of_own}:{os.environ['PATH']}", "NO_COLOR": "1"},
+        cwd=folder,
+        env={**os.environ, **environment, "NO_COLOR": "1"},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -67,6 +77,59 @@ def test_every_line_can_be_pasted(repository: Path, tmp_path: Path, own: bool) -
     assert len(printed) == len(commands)
     for line, told in zip(commands, printed):
         assert told.endswith("ENDED 0\n") or only_late(line, told), f"{line}\n{told[-4000:]}"
+
+
+COUNTER = """
+import os
+from numba.core import event
+
+class Counter(event.Listener):
+    def on_start(self, started):
+        with open(os.environ["COMPILED"], "a") as file:
+            print(started.data["dispatcher"], file=file)
+
+    def on_end(self, ended):
+        pass
+
+event.register("numba:compile", Counter())
+"""
+"""Start of every Python of an environment: each compilation writes a line."""
+
+
+@pytest.mark.soak
+def test_a_wheel_with_its_kernels_compiles_nothing(repository: Path, tmp_path: Path) -> None:
+    wheel, environment, temporary = build(tmp_path), tmp_path / "environment", tmp_path / "temporary"
+    assert wheel.stat().st_size < 25e6
+    venv.create(environment)
+    site = next(environment.glob("lib/python*/site-packages"))
+    with zipfile.ZipFile(wheel) as packed:
+        packed.extractall(site)
+    # What hhsim depends on is taken from here; hhsim itself, which comes first, from the wheel.
+    (site / "dependencies.pth").write_text(f"{sysconfig.get_path('purelib')}\n")
+    (site / "sitecustomize.py").write_text(COUNTER)
+    entry = environment / "bin" / "hhsim"
+    entry.write_text(f"#!{environment}/bin/python -P\nfrom hhsim.cli.main import main; main()\n")
+    entry.chmod(0o755)
+    shutil.copytree(repository / "examples", tmp_path / "work" / "examples")
+    (tmp_path / "work" / "results").mkdir()
+    temporary.mkdir()
+    (tmp_path / "no-folder").write_text("")
+    compiled = tmp_path / "compiled"
+    setting = {
+        "PATH": f"{environment}/bin:{os.environ['PATH']}",
+        "COMPILED": str(compiled),
+        "HHSIM_CACHE_DIR": str(tmp_path / "no-folder"),
+        "XDG_CACHE_HOME": str(tmp_path / "no-folder"),
+        "TMPDIR": str(temporary),
+    }
+    own = [line.replace(".venv/bin/hhsim", "hhsim") for line in lines(repository)]
+    own = [line for line in own if not ENVIRONMENT.match(line)]
+    where = "python -c 'import hhsim; print(hhsim.__file__); assert \"/site-packages/\" in hhsim.__file__'"
+    counts = "python -c 'import numba; numba.njit(lambda: 0)()'"
+    paste([where, counts, *own], tmp_path / "work", setting)
+    assert [line for line in compiled.read_text().splitlines() if "<lambda>" not in line] == []
+    assert "<lambda>" in compiled.read_text()
+    assert not list(temporary.rglob("*.nb?"))
 
 
 def only_late(line: str, told: str) -> bool:

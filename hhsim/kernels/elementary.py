@@ -45,7 +45,7 @@ _SIXTEENTHS = np.array(
 """Arc tangents [rad] of k/16, k = 0 to 16: rounded, and what is left."""
 
 _LOG_2, _LOG_2_REST = 0.6931471805599453, 2.3190468138462996e-17
-"""ln 2 rounded, and what is left of it."""
+"""Natural logarithm of 2: rounded, and what is left of it."""
 MOST_EXPONENT = 745.2
 """Exponent beyond whose magnitude the exponential is no float."""
 

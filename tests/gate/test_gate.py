@@ -90,7 +90,7 @@ def test_figures_are_those_of_the_runs_own_table(stored: Path, figures: RunFigur
 def test_a_result_beside_itself_is_the_same(stored: Path, figures: RunFigures) -> None:
     report = gate_result(load_result(stored), TINY, load_result(stored))
     assert (report.verdict, report.exit_code) == ("same", 0)
-    assert {row.kind for row in report.rows} == {"inputs", "error", "counter"}
+    assert {row.kind for row in report.rows} == {"inputs", "bits", "error", "counter"}
     assert sum(row.kind == "counter" for row in report.rows) == len(COUNTERS)
     assert figures.counters["pair_tests"] > 0
 

@@ -21,8 +21,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from hhsim.kernels.arithmetic import LANES
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, generic, jit, jit_inline, jit_once
-from hhsim.kernels.qp.qr_update import LANES, append, back_substitute, project, remove, resolve, work_dtype
+from hhsim.kernels.qp.qr_update import append, back_substitute, project, remove, resolve, work_dtype
 from hhsim.kernels.qp.row_scan import (
     ROWS_NAN,
     ROWS_ZERO,
