@@ -17,6 +17,7 @@ from typing import Any
 
 from numba import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.runtime import rtsys
 
 from hhsim.kernels.cache_folder import cache_root
 from hhsim.kernels.shipped import ShippedCache, is_shipped
@@ -171,8 +172,12 @@ class KernelCache(_FolderCache):
         foreign = self._foreign(sig)
         if foreign:
             return foreign.load_overload(sig, target_context)
-        found = self._shipped.load_overload(sig, target_context) if self._shipped else None
-        return super().load_overload(sig, target_context) if found is None else found
+        if self._stored is not Stored:
+            return super().load_overload(sig, target_context)
+        # Machine code needs numba's runtime alone; numba would also import scipy's BLAS and all that it can compile.
+        rtsys.initialize(target_context)
+        found = self._shipped._load_overload(sig, target_context) if self._shipped else None
+        return self._load_overload(sig, target_context) if found is None else found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep compiled code for its signature."""

@@ -5,8 +5,6 @@ fingers close until they touch. The best grasp is kept: all named fingers press 
 its distance, the fingers oppose each other and keep hold in a slide, and the hand comes from above or the side.
 """
 
-import copy
-import hashlib
 import math
 from dataclasses import replace
 from functools import cache
@@ -23,6 +21,7 @@ from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.reproducible import dot, matmul, norm, sine_and_cosine
 from hhsim.scene.finger_closure import OPEN_SHARE, Closer, FingerClosure, body_distances, make_work
+from hhsim.scene.kept_closures import kept_closure
 from hhsim.scene.script import Script, ScriptPhase
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -68,11 +67,6 @@ STATIONS = (0.25, 0.5, 0.75, 1.0)
 UPRIGHT = 0.5
 """An axis whose level part is shorter than this share of it gives no direction on a table."""
 
-KEPT = 64
-"""Number of closures that a process caches."""
-
-_found: dict[tuple[Script, bytes], tuple[FingerClosure, float]] = {}
-
 
 class _Candidate(NamedTuple):
     """A palm orientation, the point of the palm frame that comes over the object's middle, and the grasp it gives."""
@@ -89,8 +83,9 @@ def plan_finger_closure(script: Script, hand: HandModel, tree: SphereTree) -> Fi
     Raises:
         TrajectoryError: No named finger reaches the object from any side, or the palm cannot touch it.
     """
-    closure, bound = _searched(_closing(script), hand, tree)
-    closure.require_touch(script, f"the object, {2.0 * bound:.3g} m across, from any side")
+    closing = _closing(script)
+    closure = kept_closure(closing, hand, tree, lambda: _Search(closing, hand, tree).best())
+    closure.require_touch(script, f"the object, {2.0 * bounding_radius(tree):.3g} m across, from any side")
     return closure
 
 
@@ -111,19 +106,10 @@ def _closing(script: Script) -> Script:
     )
 
 
-def _searched(script: Script, hand: HandModel, tree: SphereTree) -> tuple[FingerClosure, float]:
-    """Result of the search, and the object's radius [m]; searched once in a process."""
-    arrays = hashlib.blake2b()
-    for values in (*hand.arrays(), *tree.arrays()):
-        arrays.update(np.asarray(values).tobytes())
-    question = script, arrays.digest()
-    if question not in _found:
-        search = _Search(script, hand, tree)
-        if len(_found) == KEPT:
-            del _found[next(iter(_found))]
-        _found[question] = search.best(), search.bound
-    closure, bound = _found[question]
-    return copy.deepcopy(closure), bound
+def bounding_radius(tree: SphereTree) -> float:
+    """Return the radius [m] of the sphere about the middle of a tree's bounds that holds it."""
+    middle = 0.5 * (tree.bounds[0] + tree.bounds[1])
+    return float((np.linalg.norm(tree.leaf_center - middle, axis=1) + tree.leaf_radius).max())
 
 
 @cache
@@ -167,7 +153,7 @@ class _Search(Closer):
         self.middle = 0.5 * (low + high)
         self.floor = float(low[2])
         self.half_height = 0.5 * float(high[2] - low[2])
-        self.bound = float((np.linalg.norm(tree.leaf_center - self.middle, axis=1) + tree.leaf_radius).max())
+        self.bound = bounding_radius(tree)
         finger_reach = float((self.hand.reach + self.hand.radius[:, :3]).max())
         self.reach = max(finger_reach, float(self.hand.palm_reach[0] + self.hand.palm_radius.max()))
         self.abduction = np.zeros(len(FINGERS))

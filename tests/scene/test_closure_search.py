@@ -1,4 +1,6 @@
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import PALM_BODY, HandArrays
 from hhsim.kernels.jit import JIT_ENABLED
-from hhsim.scene import closure_search
+from hhsim.scene import closure_search, kept_closures
 from hhsim.scene.closure_search import MARGIN, best_slide, plan_finger_closure
 from hhsim.scene.finger_closure import REACH_DEPTH, body_distances, closure_rates, make_work
 from hhsim.scene.motion_catalogue import load_script
@@ -26,6 +28,15 @@ from hhsim.trees.sphere_tree import SphereTree
 
 RIGHT = HandModel.default("right")
 LEFT = HandModel.default("left")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def empty_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """A cache without the closures that other runs have found."""
+    folder = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kept_closures, "cache_root", lambda: folder)
+        yield
 
 
 def cluster(seed: int, count: int = 60) -> SphereTree:
@@ -291,13 +302,14 @@ def test_a_script_without_a_slide_has_no_direction() -> None:
 
 @pytest.mark.skipif(not JIT_ENABLED, reason="kernels run as Python: NUMBA_DISABLE_JIT is set")
 def test_kernels_have_one_signature() -> None:
-    plan_finger_closure(load_script("whole-hand"), RIGHT, ball())
+    closure_search._Search(load_script("whole-hand"), RIGHT, ball()).best()
     names = ("body_distances", "advance_hand", "close_finger", "deepen_finger", "contact_normal", "sphere_distance")
     assert {name: len(getattr(kernel, name).signatures) for name in names} == dict.fromkeys(names, 1)
 
 
-def test_a_search_is_made_once_for_what_it_depends_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(closure_search, "_found", {})
+def test_a_search_is_made_once_for_what_it_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept_closures, "cache_root", lambda: tmp_path)
+    monkeypatch.setattr(kept_closures, "_found", {})
     searched: list[Any] = []
     search = closure_search._Search.best
 
@@ -324,6 +336,3 @@ def test_a_search_is_made_once_for_what_it_depends_on(monkeypatch: pytest.Monkey
         count = len(searched)
         plan_finger_closure(*other)
         assert len(searched) == count + 1
-    monkeypatch.setattr(closure_search, "KEPT", len(searched))
-    plan_finger_closure(script, RIGHT, ball(0.02))
-    assert len(closure_search._found) == closure_search.KEPT

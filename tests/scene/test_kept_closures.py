@@ -1,0 +1,130 @@
+"""Closures that ship or lie in the cache are those that the search finds, and damage to them is healed."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.scene import kept_closures
+from hhsim.scene.closure_search import plan_finger_closure
+from hhsim.scene.kept_closures import decoded, encoded, shipped_closures
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
+from hhsim.trees.sphere_tree import SphereTree
+from tools.build_closures import searched
+
+DUE = "not what ships: raise SEARCH_VERSION if the search changed, and run `python -m tools.build_closures`"
+
+
+def tree_of(name: str, level: int) -> SphereTree:
+    return cached_sphere_tree(load_object(name).mesh, TreeOptions(level=level))
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The cache, empty, of a process that has searched for nothing."""
+    monkeypatch.setattr(kept_closures, "cache_root", lambda: tmp_path)
+    monkeypatch.setattr(kept_closures, "_found", {})
+    return tmp_path / "closures"
+
+
+@pytest.fixture
+def searches(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """A name for each search."""
+    done: list[str] = []
+    keep = kept_closures.kept_closure
+
+    def counted(script: Any, hand: Any, tree: Any, search: Any) -> Any:
+        def noted() -> Any:
+            done.append(script.name)
+            return search()
+
+        return keep(script, hand, tree, noted)
+
+    monkeypatch.setattr("hhsim.scene.closure_search.kept_closure", counted)
+    return done
+
+
+def test_those_that_ship_are_what_the_search_finds() -> None:
+    shipped = shipped_closures()
+    for key, fields in searched(("cylinder",)).items():
+        assert shipped.get(key) == fields, DUE
+
+
+@pytest.mark.soak
+def test_all_that_ship_are_what_the_search_finds() -> None:
+    assert searched(object_names()) == shipped_closures(), DUE
+
+
+def test_the_catalogue_needs_no_search(folder: Path, searches: list[str]) -> None:
+    item = load_object("bunny")
+    plan_finger_closure(load_script("grasp"), HandModel.default(), tree_of("bunny", item.level))
+    assert searches == [] and not folder.exists()
+
+
+def test_a_search_is_kept_by_the_process_and_by_the_cache(
+    folder: Path, searches: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    question = load_script("pinch"), HandModel.default(hand_length=0.2), tree_of("cube", 2)
+    first = plan_finger_closure(*question)
+    first.open[:] = 0.0
+    again = plan_finger_closure(*question)
+    monkeypatch.setattr(kept_closures, "_found", {})
+    read = plan_finger_closure(*question)
+    assert len(searches) == 1 and len(list(folder.glob("*.json"))) == 1
+    assert again.open.any() and encoded(again) == encoded(read)
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", "null", '{"open": []}', "shape", "nan", "finger"])
+def test_a_damaged_file_is_searched_for_again(
+    content: str, folder: Path, searches: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    question = load_script("pinch"), HandModel.default(hand_length=0.2), tree_of("cube", 2)
+    wanted = encoded(plan_finger_closure(*question))
+    (path,) = folder.glob("*.json")
+    fields = json.loads(path.read_text())
+    faults = {"shape": {"open": [0.0]}, "nan": {"back": [float("nan")] * 3}, "finger": {"missed": ["toe"]}}
+    path.write_text(json.dumps(fields | faults[content]) if content in faults else content)
+    monkeypatch.setattr(kept_closures, "_found", {})
+    assert encoded(plan_finger_closure(*question)) == wanted
+    assert len(searches) == 2
+    assert json.loads(path.read_text()) == wanted
+
+
+def test_every_digit_is_kept() -> None:
+    for fields in shipped_closures().values():
+        assert encoded(decoded(json.loads(json.dumps(fields)))) == fields
+
+
+def test_another_source_of_the_search_makes_the_cache_stale(
+    folder: Path, searches: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    question = load_script("pinch"), HandModel.default(hand_length=0.2), tree_of("cube", 2)
+    plan_finger_closure(*question)
+    monkeypatch.setattr(kept_closures, "_found", {})
+    monkeypatch.setattr(kept_closures, "_sources", lambda: "edited")
+    plan_finger_closure(*question)
+    assert len(searches) == 2
+
+
+SOURCES = """
+import sys
+import hhsim.scene.closure_search
+print(*(module.__file__ for name, module in sys.modules.items() if name.startswith("hhsim.") and module.__file__))
+"""
+
+
+def test_the_cache_knows_every_source_that_a_search_depends_on() -> None:
+    done = subprocess.run([sys.executable, "-c", SOURCES], capture_output=True, text=True, check=True)
+    library = Path(kept_closures.__file__).parents[1]
+    needed = {Path(name).relative_to(library).as_posix() for name in done.stdout.split()}
+    # Kernels count by a digest of their own; hand and tree by every number of theirs.
+    by_content = ("kernels/", "hand/", "trees/", "mesh/", "system/", "motion/", "metrics/", "recordings/")
+    unknown = {name for name in needed if not name.startswith(by_content) and not name.endswith("__init__.py")}
+    assert unknown - {*kept_closures._SOURCES} == {"arrays.py", "errors.py", "ranges.py", "scene/kept_closures.py"}
