@@ -1,4 +1,5 @@
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix, rotation_matrix
 from hhsim.motion.trajectory import Trajectory
 from hhsim.motion.tremor import Disturbance
-from hhsim.scene import closure_search
+from hhsim.scene import kept_closures
 from hhsim.scene.closure_search import level, plan_finger_closure
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.motion_catalogue import load_script
@@ -86,13 +87,15 @@ def test_a_slide_goes_the_stated_distance_along_the_palm() -> None:
 
 
 def test_the_same_arguments_give_the_same_bytes_and_the_seed_only_moves_the_noise(
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     script = load_script("grasp")
     noise = Disturbance(tremor_position=1e-4, tremor_rotation=0.0035, sensor_counts=4096, sensor_noise=0.001)
     quiet = []
     for seed in (0, 5):
-        monkeypatch.setattr(closure_search, "_found", {})  # it searches twice, too
+        # It searches twice, too.
+        monkeypatch.setattr(kept_closures, "_found", {})
+        monkeypatch.setattr(kept_closures, "cache_root", lambda folder=tmp_path / str(seed): folder)
         quiet.append(bytes_of(synthesize(script, HAND, ball(0.035), seed)))
     assert quiet[0] == quiet[1]
     noisy = [synthesize(script, HAND, ball(0.035), seed, disturbance=noise) for seed in (0, 5)]
