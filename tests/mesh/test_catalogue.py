@@ -71,7 +71,7 @@ def test_bunny_names_its_terms() -> None:
 
 
 def test_every_file_of_the_folder_belongs_to_an_object() -> None:
-    wanted = {"__init__.py", "palm-tree.h5", "left-palm-tree.h5"}
+    wanted = {"__init__.py", "closures.json", "palm-tree.h5", "left-palm-tree.h5"}
     wanted |= {f"{name}.ply" for name in REFERENCE_SHAPES}
     for name in object_names():
         description = object_description(name)
