@@ -9,7 +9,6 @@ processors. FOLDER is dist/ where none is named. The wheel's tag names Python, s
 import argparse
 import hashlib
 import os
-import pickle
 import platform
 import shlex
 import shutil
@@ -17,10 +16,6 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
-
-from llvmlite import binding as llvm
-from numba.core.serialize import dumps
 
 from hhsim.kernels import shipped
 from hhsim.kernels.callee import CALLEE_PREFIX
@@ -61,22 +56,6 @@ def compile_all(cache: Path) -> None:
         run("-c", MAIN, "build-tree", "examples/mug.stl", "--unit", "mm", "--level", "3", "--out", f"{place}/mug.h5")
 
 
-def without_bitcode(stored: Any) -> Any:
-    """Return a stored kernel with machine code alone; its bitcode serves kernels that call it, of which there are none.
-
-    numba writes a library as a triple of its name, "object", and a pair of machine code and bitcode. It reads from the
-    bitcode which functions there are: their names stay, with nothing in them.
-    """
-    if not isinstance(stored, tuple):
-        return stored
-    if len(stored) == 3 and stored[1] == "object":
-        code, bitcode = stored[2]
-        names = [function.name for function in llvm.parse_bitcode(bitcode).functions if not function.is_declaration]
-        empty = llvm.parse_assembly("".join(f'define void @"{name}"() {{ ret void }}\n' for name in names))
-        return stored[0], stored[1], (code, empty.as_bitcode())
-    return tuple(without_bitcode(part) for part in stored)
-
-
 def pack(cache: Path, folder: Path) -> None:
     """Copy the kernels that Python calls, with their digests."""
     lines = []
@@ -86,8 +65,6 @@ def pack(cache: Path, folder: Path) -> None:
         name = path.relative_to(cache / "kernels")
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         content = path.read_bytes()
-        if path.suffix == ".nbc":
-            content = dumps(without_bitcode(pickle.loads(content)))
         (folder / name).write_bytes(content)
         lines.append(f"{hashlib.sha256(content).hexdigest()}  {name.as_posix()}\n")
     (folder / shipped.SUMS).write_text("".join(lines), encoding="utf-8")

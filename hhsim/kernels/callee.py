@@ -148,11 +148,12 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
             pipeline_class=functools.partial(_EntryCompiler, self._stored_callee),
         )
         self._cached = cached
-        if cached:
-            self._cache = KernelCache(function)
 
     def compile(self, sig: Any) -> Any:
         """Load machine code for a signature from the cache, or compile it."""
+        # A program declares hundreds of kernels and calls a few: the others' folders need not be known.
+        if self._cached and not isinstance(self._cache, KernelCache):
+            self._cache = KernelCache(self.py_func)
         with collector_at_rest():
             return super().compile(sig)
 

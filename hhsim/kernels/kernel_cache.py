@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from llvmlite import binding as llvm
 from numba import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.runtime import rtsys
@@ -106,7 +107,7 @@ def module_digest(module: str) -> str:
 KERNEL_CACHE: Path = cache_root() / "kernels"
 """Folder of compiled kernels, with a folder for each module."""
 
-_folders: set[Path] = set()
+_written: list[str] = []
 
 
 def module_cache(module: str) -> Path:
@@ -142,6 +143,26 @@ class Stored(CompileResultCacheImpl):  # type: ignore[misc]
         self._lineno = function.__code__.co_firstlineno
         self._filename_base = self.prefix + self.get_filename_base(function.__qualname__, sys.abiflags)
 
+    def reduce(self, data: Any) -> Any:
+        """Return what is written: machine code alone, since its bitcode serves callers, which take the callee's."""
+        return without_bitcode(super().reduce(data))
+
+
+def without_bitcode(stored: Any) -> Any:
+    """Return a stored kernel with machine code alone.
+
+    numba writes a library as a triple of its name, "object", and a pair of machine code and bitcode. It reads from the
+    bitcode which functions there are: their names stay, with nothing in them.
+    """
+    if not isinstance(stored, tuple):
+        return stored
+    if len(stored) == 3 and stored[1] == "object":
+        code, bitcode = stored[2]
+        names = [function.name for function in llvm.parse_bitcode(bitcode).functions if not function.is_declaration]
+        empty = llvm.parse_assembly("".join(f'define void @"{name}"() {{ ret void }}\n' for name in names))
+        return stored[0], stored[1], (code, empty.as_bitcode())
+    return tuple(without_bitcode(part) for part in stored)
+
 
 class _FolderCache(FunctionCache):  # type: ignore[misc]
     """numba's file cache of one kernel, in a given folder."""
@@ -162,7 +183,6 @@ class KernelCache(_FolderCache):
     def __init__(self, function: Callable[..., Any], stored: type[Stored] = Stored) -> None:
         folder = module_cache(function.__module__)
         super().__init__(function, folder, stored)
-        _folders.add(Path(self.cache_path))
         # A callee's code is part of the shipped kernels that call it.
         ships = stored is Stored and is_shipped(folder.name)
         self._shipped = ShippedCache(function, stored, folder.name) if ships else None
@@ -181,6 +201,7 @@ class KernelCache(_FolderCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep compiled code for its signature."""
+        _written.append(self._py_func.__qualname__)
         foreign = self._foreign(sig)
         if foreign:
             foreign.save_overload(sig, data)
@@ -207,9 +228,9 @@ def _foreign_sources(argument: types.Type) -> Iterator[str]:
             yield from _foreign_sources(inner)
 
 
-def cached_kernels() -> int:
-    """Return the number of compiled kernels in the cache, of the modules imported so far."""
-    return sum(1 for folder in _folders for _ in folder.rglob("*.nbc"))
+def compiled_kernels() -> int:
+    """Return the number of kernels that this process has compiled and not loaded."""
+    return len(_written)
 
 
 def is_cached() -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from hhsim.hand.model import HandModel
 from hhsim.kernels.callee import collector_at_rest
 from hhsim.kernels.jit import JIT_ENABLED
-from hhsim.kernels.kernel_cache import cached_kernels
+from hhsim.kernels.kernel_cache import compiled_kernels
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.tick.shown_hand import look_at
 from hhsim.mesh.mesh import Mesh
@@ -38,7 +38,7 @@ def start_numba() -> None:
 def warm_up(hand: HandModel, options: SolverOptions, free: FreeObject | None = None) -> WarmUp:
     """Run one tick of a hand far from a small object, fixed or free, with every kernel of a replay."""
     began = time.perf_counter()
-    before = cached_kernels()
+    before = compiled_kernels()
     far = np.full((3, 3), 100.0) + 0.01 * np.eye(3)
     tree = SphereTree(far[:1], np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
     surface = contact_surface(options.surface, Mesh(far, np.array([[0, 1, 2]])), tree).arrays
@@ -57,4 +57,4 @@ def warm_up(hand: HandModel, options: SolverOptions, free: FreeObject | None = N
     penetration(surface, hand.radius, palm, arrays.palm_radius, block.joints, block.position, block.orientation)
     if not method.compiled:
         look_at(solver.workspace.hand, surface, solver.workspace.tick_options, solver.workspace.states)
-    return WarmUp(time.perf_counter() - began, JIT_ENABLED and cached_kernels() > before)
+    return WarmUp(time.perf_counter() - began, JIT_ENABLED and compiled_kernels() > before)

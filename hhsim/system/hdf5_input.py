@@ -64,8 +64,11 @@ def read_numbers(dataset: h5py.Dataset, rows: Any = ...) -> NDArray[Any]:
     return values
 
 
-def open_hdf5(path: Path) -> h5py.File:
+def open_hdf5(path: Path, shipped: bool = False) -> h5py.File:
     """Open a file for reading after a child process has read it.
+
+    Args:
+        shipped: It came with hhsim: where its checksum holds, no child process reads it.
 
     Raises:
         DamagedFileError: No ordinary file, other bytes than were sealed, or one that cannot be read to its end.
@@ -81,7 +84,7 @@ def open_hdf5(path: Path) -> h5py.File:
     state = _state(path)
     fault = _KNOWN.get(state)
     if fault is None:
-        fault = _fault(path)
+        fault = "" if shipped and seal_holds(path) else _fault(path)
         if time.time_ns() - state[2] > _SETTLED_NS and _state(path) == state:
             _KNOWN[state] = fault
     if fault:

@@ -48,7 +48,7 @@ def shipped_tree(mesh: Mesh, options: TreeOptions) -> SphereTree | None:
         return None
     try:
         with as_file(file) as path:
-            tree = load_tree(path)
+            tree = load_tree(path, shipped=True)
     except InputError:
         return None
     if tree.mesh_sha256 != mesh.sha256 or options.leaf_level > tree.depth:

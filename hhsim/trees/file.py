@@ -80,13 +80,17 @@ def _write_dataset(group: h5py.Group, name: str, data: AnyArray, units: str, lon
     put_dataset(group, name, data, units, long_name, **packing)
 
 
-def load_tree(path: str | Path) -> SphereTree:
-    """Read and check a tree; InputError if there is no hhsim-tree file of a known version, or no valid tree in it."""
+def load_tree(path: str | Path, shipped: bool = False) -> SphereTree:
+    """Read and check a tree, of a user or shipped with hhsim.
+
+    Raises:
+        InputError: There is no hhsim-tree file of a known version, or no valid tree in it.
+    """
     source = Path(path)
     if not source.exists():
         raise InputError(f"{source}: no such file; expected a sphere tree (.h5)")
     try:
-        with open_hdf5(source) as file:
+        with open_hdf5(source, shipped) as file:
             return _read(file)
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
