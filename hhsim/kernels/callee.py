@@ -141,6 +141,8 @@ def collector_at_rest() -> Iterator[None]:
 class Kernel(CPUDispatcher):  # type: ignore[misc]
     """A compiled function that Python calls, by numba's options; if cached, in the folder of the function's module."""
 
+    _cache: Any
+
     def __init__(self, function: Callable[..., Any], options: dict[str, Any], cached: bool) -> None:
         super().__init__(
             function,
