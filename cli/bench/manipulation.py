@@ -47,7 +47,7 @@ def command(settings: ManipulationSettings, output: Output) -> int:
       hhsim bench manipulation --case slope,thresholds
       hhsim bench manipulation --out manipulation.h5 --json
     """
-    from hhsim.bench.manipulation.table import COLUMNS, ManipulationOptions, measure, missed, remarks
+    from hhsim.bench.manipulation.answers import COLUMNS, ManipulationOptions, measure, missed, remarks
 
     run = quick_or_whole(ManipulationOptions, settings)
     table = SuiteTable(output, "manipulation", COLUMNS, asdict(run))

@@ -1,21 +1,47 @@
-"""Known answers of a free object with friction, and the solver's.
+"""`hhsim bench manipulation`: known answers of a free object with friction, and the solver's, a row for each figure.
 
 Motions from rest are compared with the sum of the implicit Euler method, a Δt² n (n + 1) / 2, the stated
 discretisation: it is a Δt t / 2 ahead of a t² / 2, 0.3 % after 0.3 s.
 """
 
+import importlib.util
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import BoolArray
-from hhsim.bench.manipulation.gripper import BEHIND, INDEX, REACH, THUMB, closed, gripped, gripper, gripper_options
-from hhsim.bench.manipulation.pinch import RATE, Pinch, Rest
-from hhsim.bench.manipulation.stage import Played, away, ball, block, play, touched, turned_by
+from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS, mujoco_pinch, mujoco_rest
+from hhsim.bench.manipulation.stage import (
+    BEHIND,
+    INDEX,
+    RATE,
+    REACH,
+    THUMB,
+    Pinch,
+    PinchOutcome,
+    Played,
+    Rest,
+    away,
+    ball,
+    block,
+    closed,
+    gripped,
+    gripper,
+    gripper_options,
+    own_outcome,
+    play,
+    touched,
+    turned_by,
+)
+from hhsim.errors import InputError, check_known
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
+from hhsim.system.progress import Progress, silent
+from hhsim.table.table import Column
 
 GRAVITY = 9.81
 SLOPE = math.radians(30.0)
@@ -53,11 +79,25 @@ class Answer:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lengths:
-    """Durations [s] of a rest on a table, and of a hold at 1.05 times the least squeeze."""
+class ManipulationOptions:
+    """Options of the suite: names of cases, none for all, and durations of rest and hold [s]."""
 
+    cases: tuple[str, ...] = ()
     rest: float = 600.0
     held: float = 60.0
+
+    def __post_init__(self) -> None:
+        """Raise InputError for an unknown case or a duration out of range."""
+        check_known("case", self.cases, case_names())
+        for name in ("rest", "held"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 1.0):
+                raise InputError(f"{name} is {value:g} s: it must be at least 1 s")
+
+    @classmethod
+    def quick(cls, **named: Any) -> "ManipulationOptions":
+        """Return options with short rests and holds, but for those given."""
+        return cls(**{"rest": 10.0, "held": 5.0, **named})
 
 
 def _near(case: str, what: str, unit: str, exact: float, measured: float) -> Answer:
@@ -78,7 +118,7 @@ def _alone(free: FreeObject, size: tuple[float, float, float], ticks: int) -> Pl
     return play(free, touched(block(size)), gripper(0.05, TIP_RADIUS), gripper_options(), away(ticks))
 
 
-def slope(lengths: Lengths) -> list[Answer]:
+def slope(options: ManipulationOptions) -> list[Answer]:
     """Answer for a block on a slope of 30° that slides, and one that sticks."""
     size, ticks = (0.06, 0.06, 0.04), 300
     free = FreeObject.of_mesh(block(size), mass=0.1, friction=0.3, table=-0.02, gravity=_down())
@@ -95,7 +135,7 @@ def slope(lengths: Lengths) -> list[Answer]:
     ]
 
 
-def rolling(lengths: Lengths) -> list[Answer]:
+def rolling(options: ManipulationOptions) -> list[Answer]:
     """Answer for balls on a slope of 30°: one rolls with 5/7 g sin θ, one slides and spins up by friction."""
     radius, mass, ticks = 0.038, 0.2, 500
     inertia = 0.4 * mass * radius**2
@@ -118,7 +158,7 @@ def rolling(lengths: Lengths) -> list[Answer]:
     return found
 
 
-def flight(lengths: Lengths) -> list[Answer]:
+def flight(options: ManipulationOptions) -> list[Answer]:
     """Answer for a body in free flight, and one that tumbles on a table."""
     size, ticks = (0.1, 0.06, 0.02), 2000
     free = FreeObject.of_mesh(
@@ -143,7 +183,7 @@ def flight(lengths: Lengths) -> list[Answer]:
     ]
 
 
-def tipping(lengths: Lengths) -> list[Answer]:
+def tipping(options: ManipulationOptions) -> list[Answer]:
     """Answer for a cube pushed by a smooth fingertip: it slides below a height of a / 2 μ, and tips above it."""
     side, friction, low, high = 0.07, 0.8, 0.02, 0.065
     while high - low > 1e-4:
@@ -166,7 +206,7 @@ def _tips(side: float, friction: float, height: float) -> bool:
     return max(turned_by(played.orientation[0], turn) for turn in played.orientation[::50]) > math.radians(1.0)
 
 
-def thresholds(lengths: Lengths) -> list[Answer]:
+def thresholds(options: ManipulationOptions) -> list[Answer]:
     """Answer for held blocks, let go slowly: each begins to slip at a squeeze of m g / 2 μ."""
     found = []
     for mass in (0.01, 0.1, 1.0):
@@ -182,7 +222,7 @@ def thresholds(lengths: Lengths) -> list[Answer]:
     return found
 
 
-def torsion(lengths: Lengths) -> list[Answer]:
+def torsion(options: ManipulationOptions) -> list[Answer]:
     """Answer for a block held beside its centre, which turns once friction and torsion exceed their common limit.
 
     A contact bears (|f| / μ)² + (τ / γ)² up to its normal force squared: the weight's share is m g / 2 μ, the moment's
@@ -208,9 +248,9 @@ def _normal_before(played: Played, event: BoolArray, pinch: Pinch) -> float:
     return float(normal[pinch.eased_from + at[0] - 1]) if at.size and at[0] > 0 else math.nan
 
 
-def held(lengths: Lengths) -> list[Answer]:
+def held(options: ManipulationOptions) -> list[Answer]:
     """Answer for a block that is held at 1.05 times the least squeeze: its height, and that it stays there."""
-    pinch = Pinch(hold=lengths.held, easing=1.0)
+    pinch = Pinch(hold=options.held, easing=1.0)
     pinch = replace(pinch, squeeze=1.3 * pinch.threshold, eased=1.05 / 1.3)
     played = gripped(pinch)
     quiet = pinch.held_from + round(0.25 * RATE)
@@ -221,13 +261,13 @@ def held(lengths: Lengths) -> list[Answer]:
     creep = float(np.linalg.norm(center - center[0], axis=1).max()) if height > 0.5 * pinch.lift else math.nan
     return [
         _near(case, "hangs below the command", "m", sinks, pinch.lift - height),
-        Answer(case, f"creep in {lengths.held:g} s", "m", 0.0, creep, 1e-6),
+        Answer(case, f"creep in {options.held:g} s", "m", 0.0, creep, 1e-6),
     ]
 
 
-def rest(lengths: Lengths) -> list[Answer]:
+def rest(options: ManipulationOptions) -> list[Answer]:
     """Answer for a cube on a table."""
-    task = Rest(lengths.rest)
+    task = Rest(options.rest)
     size, table = (task.side, task.side, task.side), -0.5 * task.side
     free = FreeObject.of_mesh(block(size), mass=task.mass, friction=task.friction, table=table)
     played = _alone(free, size, round(RATE * task.seconds))
@@ -243,7 +283,7 @@ def rest_answers(task: Rest, creep: float, depth: float) -> list[Answer]:
     ]
 
 
-CASES: dict[str, Callable[[Lengths], list[Answer]]] = {
+CASES: dict[str, Callable[[ManipulationOptions], list[Answer]]] = {
     "slope": slope,
     "rolling": rolling,
     "flight": flight,
@@ -254,3 +294,105 @@ CASES: dict[str, Callable[[Lengths], list[Answer]]] = {
     "rest": rest,
 }
 """Cases by name."""
+
+
+Row = Mapping[str, Any]
+
+OURS = "coupled"
+PINCH = "pinch"
+REST = "rest"
+"""Cases that engines play too."""
+SQUEEZES = (1.05, 1.5, 3.0)
+"""Squeezes of the pinches over the least one that bears the weight."""
+COLUMNS = (
+    Column("case", "what was played"),
+    Column("method", "by which method"),
+    Column("figure", "what was measured"),
+    Column("unit", "of the next four; 1 for shares and truths"),
+    Column("exact", "what it should be"),
+    Column("measured", "what it is"),
+    Column("off", "by how much it is off"),
+    Column("allowed", "by how much it may be off; NaN: nothing is promised"),
+    Column("holds", "1 where it is off by no more than that, 0 where it is, -1 where nothing is promised"),
+)
+
+
+def case_names() -> tuple[str, ...]:
+    """Return the names of all cases."""
+    return (*CASES, PINCH)
+
+
+def measure(options: ManipulationOptions, progress: Progress = silent) -> list[Row]:
+    """Play the cases and return the rows of the table."""
+    rows: list[Row] = []
+    chosen = options.cases or case_names()
+    for done, name in enumerate(chosen):
+        progress(name, done, len(chosen))
+        if name == PINCH:
+            rows += pinch_rows(options.held)
+        else:
+            rows += [_row(OURS, answer) for answer in CASES[name](options)]
+        if name == REST and has_mujoco():
+            rows += _engine_rests(Rest(options.rest))
+    return rows
+
+
+def _engine_rests(rest: Rest) -> list[Row]:
+    rows = []
+    for name, configuration in CONFIGURATIONS.items():
+        answers = rest_answers(rest, *mujoco_rest(rest, configuration))
+        rows += [_row(name, answer, promised=False) for answer in answers]
+    return rows
+
+
+def pinch_rows(held: float) -> list[Row]:
+    """Return the rows of a pinch by our method, and by MuJoCo with its options if it is installed."""
+    players: dict[str, Callable[[Pinch], PinchOutcome]] = {OURS: own_outcome}
+    if has_mujoco():
+        for name, configuration in CONFIGURATIONS.items():
+            players[name] = partial(mujoco_pinch, options=configuration)
+    rows = []
+    for share in SQUEEZES:
+        pinch = Pinch(hold=held)
+        pinch = replace(pinch, squeeze=share * pinch.threshold)
+        for name, player in players.items():
+            found = player(pinch)
+            case = f"100 g pinched with {share:g} times the least squeeze, μ 0.5"
+            promised = name == OURS
+            figures = [
+                Answer(case, "lifted", "1", 1.0, float(found.lifted), 0.0),
+                Answer(case, f"creep in {held - 0.5:g} s", "m", 0.0, found.creep, 1e-6),
+                Answer(case, "fingertip in the block, most", "m", 0.0, found.depth, 1e-9),
+            ]
+            rows += [_row(name, answer, promised=promised) for answer in figures]
+    return rows
+
+
+def has_mujoco() -> bool:
+    """Return True if MuJoCo is installed."""
+    return importlib.util.find_spec("mujoco") is not None
+
+
+def missed(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows whose figure is off by more than allowed."""
+    return [row for row in rows if row["holds"] == 0]
+
+
+def remarks() -> list[str]:
+    """Return remarks on the table."""
+    note = "MuJoCo is not installed, so pinch and rest have our rows alone: pip install 'hhsim[mujoco]'"
+    return [] if has_mujoco() else [note]
+
+
+def _row(method: str, answer: Answer, *, promised: bool = True) -> Row:
+    return {
+        "case": answer.case,
+        "method": method,
+        "figure": answer.what,
+        "unit": answer.unit,
+        "exact": answer.exact,
+        "measured": answer.measured,
+        "off": answer.off,
+        "allowed": answer.allowed if promised else math.nan,
+        "holds": int(answer.holds) if promised else -1,
+    }

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhsim.bench.manipulation.pinch import QUIET, RATE, Pinch, PinchOutcome, Rest
+from hhsim.bench.manipulation.stage import QUIET, RATE, Pinch, PinchOutcome, Rest
 
 TIP_MASS = 0.02
 """Mass of a fingertip [kg]."""

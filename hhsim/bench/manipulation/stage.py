@@ -1,7 +1,15 @@
-"""Stage of the known answers: a free block or ball, a hand, and their recorded motion."""
+"""Stage of the known answers: a free block or ball, the tasks pinch and rest, and a hand whose squeeze is known.
 
+The hand has two opposed fingers. Thumb and index lie along the palm's y axis, one at either side, and curl towards each
+other in the plane of the palm. They are as thick as their tips throughout, so that the tip alone touches a flat face
+between them. The palm's spheres are far behind. The palm's coupling bears the weight, the joints' the squeeze,
+independently: a block between the tips, at a distance L before the palm, sinks by m g (1 / k_t + L² / k_r) below the
+command.
+"""
+
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,8 +23,9 @@ from hhsim.hand.quaternion import quaternion_product, rotation_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.analytic_motion import still
 from hhsim.scene.free_object import FreeObject
+from hhsim.scene.synthesis import minimum_jerk
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -160,3 +169,223 @@ def turned_by(first: ArrayLike, second: ArrayLike) -> float:
     back = np.asarray(second) * [1.0, -1.0, -1.0, -1.0]
     w, *rest = quaternion_product(first, back)
     return float(2.0 * np.arctan2(np.linalg.norm(rest), abs(w)))
+
+
+RATE = 1000.0
+"""Tick rate [Hz]."""
+QUIET = 500
+"""Ticks of a hold, or a quarter of it, until the lift has decayed."""
+LIFTED = 0.9
+"""Least share of the way of a block that was lifted."""
+
+
+@dataclass(frozen=True)
+class PinchOutcome:
+    """Outcome of a pinch; figures of the hold are those after its first `QUIET` ticks.
+
+    Attributes:
+        lifted: True if the block was lifted.
+        creep: Change of the block's height in the hold [m]; NaN if it was not lifted.
+        depth: Largest depth of a fingertip in the block [m].
+    """
+
+    lifted: bool
+    creep: float
+    depth: float
+
+
+@dataclass(frozen=True)
+class Pinch:
+    """Task of a pinch.
+
+    Attributes:
+        mass: Of the block [kg].
+        friction: μ of all contacts.
+        squeeze: Normal force of each fingertip [N].
+        hold: Duration of the hold [s].
+        side: Of the block, a cube [m].
+        stiffness: Of the coupling of each fingertip, in all directions [N/m].
+        lift: Height of the lift [m].
+        gap: Between fingertip and block at first [m].
+        closing, settling, lifting, easing: Durations before the hold [s].
+        eased: Share of the squeeze that is left after the easing.
+        gravity: [m/s²].
+    """
+
+    mass: float = 0.1
+    friction: float = 0.5
+    squeeze: float = 1.03
+    hold: float = 20.0
+    side: float = 0.04
+    tip_radius: float = 0.008
+    stiffness: float = 1000.0
+    lift: float = 0.03
+    gap: float = 0.002
+    closing: float = 0.3
+    settling: float = 0.2
+    lifting: float = 1.0
+    easing: float = 0.0
+    eased: float = 1.0
+    gravity: float = 9.81
+
+    @property
+    def threshold(self) -> float:
+        """Least squeeze that bears the weight, m g / 2 μ [N]."""
+        return self.mass * self.gravity / (2.0 * self.friction)
+
+    @property
+    def held_from(self) -> int:
+        """First tick of the hold."""
+        return self.eased_from + round(RATE * self.easing)
+
+    @property
+    def eased_from(self) -> int:
+        """First tick of the easing."""
+        return round(RATE * (self.closing + self.settling + self.lifting))
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks."""
+        return self.held_from + round(RATE * self.hold)
+
+    def closed_at(self, tick: ArrayLike) -> FloatArray:
+        """Return the share of the way to first contact at the ticks: 0 to 1 in the first half of the closing."""
+        return minimum_jerk(np.asarray(tick) / (0.5 * RATE * self.closing))
+
+    def squeeze_at(self, tick: ArrayLike) -> FloatArray:
+        """Return the commanded force at the ticks [N]: it grows at the end of the closing, and falls in the easing."""
+        pressed = self.squeeze * minimum_jerk(np.asarray(tick) / (0.5 * RATE * self.closing) - 1.0)
+        if self.easing == 0.0:
+            return np.asarray(pressed)
+        gone = np.clip((np.asarray(tick) - self.eased_from) / (RATE * self.easing), 0.0, 1.0)
+        return np.asarray(pressed * (1.0 - (1.0 - self.eased) * gone))
+
+    def height_at(self, tick: ArrayLike) -> FloatArray:
+        """Return the commanded height at the ticks [m]."""
+        start = RATE * (self.closing + self.settling)
+        return self.lift * minimum_jerk((np.asarray(tick) - start) / (RATE * self.lifting))
+
+    def outcome(self, height: FloatArray, depth: float) -> PinchOutcome:
+        """Return the outcome from the block's height over its start at every tick [m], shape (ticks,)."""
+        held = height[self.held_from :]
+        lifted = bool(held[0] > LIFTED * self.lift)
+        rest = held[min(QUIET, len(held) // 4) :]
+        creep = float(np.abs(rest - rest[0]).max()) if lifted else float("nan")
+        return PinchOutcome(lifted, creep, depth)
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Task of a cube at rest on a table, in s, kg, m and m/s²; `friction` is μ of cube and table."""
+
+    seconds: float = 600.0
+    mass: float = 0.24
+    friction: float = 0.6
+    side: float = 0.07
+    gravity: float = 9.81
+
+    def creep(self, center: FloatArray, orientation: FloatArray) -> float:
+        """Return the largest way of a corner [m].
+
+        Args:
+            center: Of the cube at every tick [m], shape (ticks, 3).
+            orientation: Of the first and the last of them, (w, x, y, z), shape (2, 4).
+        """
+        moved = float(np.linalg.norm(center - center[0], axis=1).max())
+        return moved + 0.5 * self.side * math.sqrt(3.0) * turned_by(orientation[0], orientation[1])
+
+
+LENGTHS = (0.04, 0.03, 0.03)
+"""Lengths of the phalanges [m]."""
+REACH = sum(LENGTHS)
+"""Distance of the straight fingertips' centres from the palm's origin [m]."""
+THUMB, INDEX = 0, 1
+BEHIND = np.array([0.0, -0.5, 0.0])
+"""Place of the palm's spheres [m]: out of the way."""
+FLEXION = 0.0145
+"""k_θ of a fingertip held by 1 N/m: Σ lever² of its joints [m²]."""
+AXIS_POINTS = 21
+"""Points of a phalanx's axis at which its clearance is measured; its end, which touches, is one of them."""
+TORSION = 0.005
+"""Torsional limit of a fingertip [m]: about half the radius of a soft finger's contact."""
+
+
+def gripper(opening: float, tip_radius: float) -> HandModel:
+    """Return the hand, `opening` [m] between the surfaces of its straight fingers of radius `tip_radius` [m]."""
+    hand = HandModel.default()
+    base, distal, dorsal = np.zeros((5, 3)), np.tile([0.0, 1.0, 0.0], (5, 1)), np.tile([1.0, 0.0, 0.0], (5, 1))
+    base[THUMB, 0], base[INDEX, 0] = -0.5 * opening - tip_radius, 0.5 * opening + tip_radius
+    dorsal[THUMB] *= -1.0
+    base[2:] = BEHIND
+    return replace(
+        hand,
+        base=base,
+        distal=distal,
+        dorsal=dorsal,
+        length=np.tile(LENGTHS, (5, 1)),
+        radius=np.full((5, 4), tip_radius),
+        flexion_min=np.full((5, 3), -1.5),
+        flexion_max=np.full((5, 3), 1.5),
+        palm_mesh=hand.palm_mesh.transformed(np.eye(3), BEHIND),
+        palm_tree=hand.palm_tree.transformed(np.eye(3), BEHIND),
+    )
+
+
+def gripper_options(stiffness: float = 1000.0) -> SolverOptions:
+    """Return the solver's options: the mesh, two fingers, palm and fingertips held by `stiffness` [N/m].
+
+    The palm hardly turns: k_r is that of `stiffness` at a lever of 1 m.
+    """
+    coupling = Stiffness(translation=stiffness, rotation=stiffness, flexion=FLEXION * stiffness)
+    return SolverOptions(method="coupled", surface="mesh", fingers=("thumb", "index"), stiffness=coupling)
+
+
+def closed(inward: FloatArray, position: FloatArray) -> HandConfiguration:
+    """Return the haptic hand whose fingertips have moved inward.
+
+    Args:
+        inward: Way of either tip along its arc about the first joint [m], shape (T,).
+        position: Of the palm [m], world, shape (T, 3).
+    """
+    ticks = len(inward)
+    flexion = np.zeros((ticks, 5, 3))
+    flexion[:, THUMB, 0] = flexion[:, INDEX, 0] = np.asarray(inward) / REACH
+    return HandConfiguration(
+        np.ascontiguousarray(position), np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), flexion, np.zeros((ticks, 5))
+    )
+
+
+def gripped(pinch: Pinch, *, torsion: float = TORSION, off_center: float = 0.0) -> Played:
+    """Pinch, lift, ease and hold.
+
+    Args:
+        torsion: Limit of the torsional moment of a contact over its normal force [m].
+        off_center: Distance of the centre of mass before the line between the fingertips [m].
+    """
+    mesh = block([pinch.side] * 3, [0.0, REACH, 0.0])
+    free = FreeObject.of_mesh(mesh, mass=pinch.mass, friction=pinch.friction, torsion=torsion, table=-0.5 * pinch.side)
+    free = replace(free, center=(0.0, REACH + off_center, 0.0), gravity=(0.0, 0.0, -pinch.gravity))
+    ticks = np.arange(1, pinch.ticks + 1)
+    position = np.zeros((pinch.ticks, 3))
+    position[:, 2] = pinch.height_at(ticks)
+    inward = pinch.gap * pinch.closed_at(ticks) + pinch.squeeze_at(ticks) / pinch.stiffness
+    hand = gripper(pinch.side + 2.0 * pinch.gap, pinch.tip_radius)
+    return play(free, touched(mesh), hand, gripper_options(pinch.stiffness), closed(inward, position))
+
+
+def own_outcome(pinch: Pinch) -> PinchOutcome:
+    """Return the outcome of a pinch by hhsim."""
+    played = gripped(pinch)
+    height = played.center[:, 2] - played.center[0, 2]
+    return pinch.outcome(height, max(0.0, -float(clearance(played, pinch).min())))
+
+
+def clearance(played: Played, pinch: Pinch) -> FloatArray:
+    """Return the signed distance of the two fingers from the block at every tick [m], shape (T,)."""
+    joints = played.joints[:, (THUMB, INDEX)]
+    share = np.linspace(0.0, 1.0, AXIS_POINTS)[:, None]
+    axis = joints[:, :, :-1, None] * (1.0 - share) + joints[:, :, 1:, None] * share
+    beyond = np.abs(axis - [0.0, REACH, 0.0]) - 0.5 * pinch.side
+    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
+    distance = outside + np.minimum(beyond.max(axis=-1), 0.0) - pinch.tip_radius
+    return np.asarray(distance.reshape(len(distance), -1).min(axis=1))

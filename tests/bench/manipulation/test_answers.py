@@ -6,17 +6,35 @@ import numpy as np
 import pytest
 from sampled import sampled
 
-from hhsim.bench.manipulation.answers import CASES, Answer, Lengths, slope
-from hhsim.bench.manipulation.gripper import LENGTHS, REACH, clearance, closed, gripped, gripper, gripper_options
+from hhsim.bench.manipulation.answers import (
+    CASES,
+    COLUMNS,
+    Answer,
+    ManipulationOptions,
+    measure,
+    missed,
+    slope,
+)
 from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS
-from hhsim.bench.manipulation.pinch import Pinch, Rest
-from hhsim.bench.manipulation.stage import ball, block, turned_by
-from hhsim.bench.manipulation.table import COLUMNS, ManipulationOptions, measure, missed
+from hhsim.bench.manipulation.stage import (
+    LENGTHS,
+    REACH,
+    Pinch,
+    Rest,
+    ball,
+    block,
+    clearance,
+    closed,
+    gripped,
+    gripper,
+    gripper_options,
+    turned_by,
+)
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.mesh.mesh import mass_properties
 from hhsim.trees.contact_surface import encloses
 
-SHORT = Lengths(rest=1.0, held=1.0)
+SHORT = ManipulationOptions(rest=1.0, held=1.0)
 
 
 @pytest.mark.parametrize("case", sampled(CASES, lambda _, case: case in ("slope", "tipping", "rest")))
