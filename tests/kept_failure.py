@@ -4,8 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from hhsim.bench.robustness.delta_debugging import Trace
-from hhsim.bench.robustness.failure import MADE_BY, Provenance, Solver, failure_of, make_trial
+from hhsim.bench.robustness.failure import MADE_BY, Provenance, Solver, Trace, failure_of, make_trial
 from hhsim.bench.robustness.pieces import pieces_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel

@@ -18,10 +18,10 @@ from kept_failure import rerun_failure
 from sphere_scenes import bumpy_ball, cloud
 
 from hhsim.arrays import FloatArray
-from hhsim.bench.robustness.delta_debugging import delta_debug
 from hhsim.bench.robustness.failure import (
     Provenance,
     Solver,
+    delta_debug,
     failure_of,
     keep_failure,
     make_trial,

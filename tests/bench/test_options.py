@@ -65,6 +65,9 @@ IMPOSSIBLE: tuple[tuple[type, dict[str, Any], str], ...] = (
 COMMANDS = (
     ("stress --surface mesh --method paper", "method paper takes the surface spheres, not mesh: "),
     ("stress bunyn", "unknown object 'bunyn': did you mean bunny?"),
+    ("speed-error --motion never", "touches nothing"),
+    ("speed-error --level 0", "expected whole numbers from 1 to 5"),
+    ("speed-error --out none/a.h5", "there is no folder"),
     ("stress --out x.csv", "x.csv must end in .h5: the CSV file of the same name goes beside it"),
     ("hard fast-swip", "unknown hard case 'fast-swip': did you mean fast-swipe?"),
     ("hard flat-finger", "hard case 'flat-finger' is made of triangles alone: it takes --surface mesh"),
@@ -96,5 +99,5 @@ def test_impossible_values_are_refused(options: type, values: dict[str, Any], me
 def test_a_command_refuses_before_the_work(run: Run, tmp_path: Path, words: str, message: str) -> None:
     (tmp_path / "thesis.parquet").write_text("no programs")
     answer = run("bench", *words.split())
-    assert answer.code == 2 and message in answer.err
+    assert (answer.code, answer.out) == (2, "") and message in answer.err
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["thesis.parquet"]

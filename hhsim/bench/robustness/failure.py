@@ -1,32 +1,210 @@
-"""Failures of a tick, trials of a motion for one, and the file that a failure is kept in.
+"""Failures of a tick: trials of a motion for one, its shrinking, and the file that it is kept in.
 
-The file is an ordinary trajectory, so that `hhsim replay OBJECT failing.h5` shows the failure; its `source` is JSON
-with the failure's origin and the command that replays it.
+A long motion that fails is shrunk to a few ticks that still fail by delta debugging (Zeller & Hildebrandt, "Simplifying
+and isolating failure-inducing input", 2002). A fresh solver runs every candidate from its first sample, as
+`hhsim replay` does. The file is an ordinary trajectory, so that `hhsim replay OBJECT failing.h5` shows the failure; its
+`source` is JSON with the failure's origin and the command that replays it.
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import BoolArray
-from hhsim.bench.robustness.delta_debugging import Shrunk, Trace, Trial
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.bench.robustness.local_optimality import way_out
 from hhsim.bench.robustness.pieces import Pieces
-from hhsim.errors import check_known
-from hhsim.hand.configuration import HandConfiguration
+from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.metrics.metrics import Penetration, penetration
 from hhsim.motion.file import save_trajectory
-from hhsim.motion.tick_motion import hold_readings, trajectory_of
+from hhsim.motion.tick_motion import hold_readings, replayed, trajectory_of
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+
+MOST_RUNS = 3000
+"""Limit of the candidates that are tried."""
+MOST_TICKS = 1_000_000
+"""Limit of the ticks of all candidates."""
+FEW_TICKS = 30
+"""Largest length of a motion that is held tick by tick, channel by channel."""
+
+
+class Trace(NamedTuple):
+    """Failed ticks of a run, shape (T,), and the graphic hand after each tick."""
+
+    failed: BoolArray
+    graphic: HandConfiguration
+
+
+Place = tuple[int | slice, ...]
+Trial = Callable[[HandConfiguration], Trace]
+"""Runs a motion from its first sample with a solver of its own; the same motion gives the same trace."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shrunk:
+    """A motion that fails.
+
+    Attributes:
+        motion: Its first sample is where the graphic hand starts.
+        trace: Of its run.
+        ticks_before: Length of the motion before shrinking.
+        runs: Number of candidates that were tried.
+    """
+
+    motion: HandConfiguration
+    trace: Trace
+    ticks_before: int
+    runs: int
+
+    @property
+    def tick(self) -> int:
+        """First tick that fails."""
+        return int(np.argmax(self.trace.failed))
+
+
+def delta_debug(motion: HandConfiguration, trial: Trial, *, graphic: HandConfiguration | None = None) -> Shrunk:
+    """Shrink a failing motion.
+
+    It cuts off the ticks after the failure, starts later, drops ticks between, holds fingers, abduction, rotation and
+    position, and rounds numbers, each as long as the motion still fails.
+
+    Args:
+        motion: Haptic hand, tick by tick; ticks that are no reading repeat the last one, as for the solver.
+        graphic: Graphic hand after each tick of a longer run that `motion` is the last stretch of and whose last tick
+            fails; needed if the motion alone does not fail from its first sample on.
+
+    Raises:
+        InputError: Neither the motion nor any end of it fails.
+    """
+    search = _Search(trial)
+    whole = replayed(motion)
+    best = search.failing(whole)
+    if best is None and graphic is not None:
+        # The long run had the solver's memory too; without it a start close to the failure may fail as well.
+        best = search.first(_starts(whole, graphic, whole.ticks - 1))
+    if best is None:
+        raise InputError(f"the motion of {motion.ticks:,} ticks does not fail when it is run from its first sample on")
+    size = None
+    while size != _size(best.motion):
+        size = _size(best.motion)
+        best = search.first(_starts(best.motion, best.graphic, best.motion.ticks - 1)) or best
+        best = _drop(best, search)
+        best = _simplify(best, search)
+    best = _round(best, search)
+    return Shrunk(best.motion, Trace(best.failed, best.graphic), motion.ticks, search.runs)
+
+
+class _Failing(NamedTuple):
+    motion: HandConfiguration
+    failed: BoolArray
+    graphic: HandConfiguration
+
+
+class _Search:
+    """Runs candidates, counts them, and cuts off what follows the failure."""
+
+    def __init__(self, trial: Trial) -> None:
+        self._trial = trial
+        self.runs = 0
+        self.ticks = 0
+
+    def failing(self, motion: HandConfiguration) -> _Failing | None:
+        """Return the motion up to its first failing tick; None if it does not fail, or a limit is reached."""
+        if motion.ticks == 0 or self.runs >= MOST_RUNS or self.ticks >= MOST_TICKS:
+            return None
+        motion = replayed(motion)
+        self.runs += 1
+        self.ticks += motion.ticks
+        trace = self._trial(motion)
+        if not trace.failed.any():
+            return None
+        end = int(np.argmax(trace.failed)) + 1
+        return _Failing(motion.part(0, end), trace.failed[:end], trace.graphic.part(0, end))
+
+    def first(self, candidates: Iterator[HandConfiguration]) -> _Failing | None:
+        """Return the first of the candidates that fails."""
+        return next((found for motion in candidates if (found := self.failing(motion)) is not None), None)
+
+
+def _size(motion: HandConfiguration) -> tuple[int, int]:
+    """Number of ticks, and of values that change from one tick to the next."""
+    return motion.ticks, sum(int(np.count_nonzero(np.diff(values, axis=0))) for values in motion)
+
+
+def _starts(motion: HandConfiguration, graphic: HandConfiguration, failed: int) -> Iterator[HandConfiguration]:
+    """Last 1, 2, 4, … samples up to the failing one, after the graphic hand that was shown before them."""
+    length = 1
+    while length < failed:
+        first = failed + 1 - length
+        yield sequence(graphic.part(first - 1, first), motion.part(first, failed + 1))
+        length *= 2
+
+
+def _drop(best: _Failing, search: _Search) -> _Failing:
+    """Zeller's ddmin over the samples after the first one."""
+    pieces = 2
+    while best.motion.ticks > 2:
+        middle = np.arange(1, best.motion.ticks)
+        pieces = min(pieces, len(middle))
+        cuts = np.array_split(middle, pieces)
+        found = search.first(
+            best.motion.at(np.setdiff1d(np.arange(best.motion.ticks), cut, assume_unique=True)) for cut in cuts
+        )
+        if found is not None:
+            best = found
+            pieces = max(pieces - 1, 2)
+        elif pieces == len(middle):
+            break
+        else:
+            pieces *= 2
+    return best
+
+
+def _simplify(best: _Failing, search: _Search) -> _Failing:
+    """Hold every channel by itself: as in the first sample throughout, else as in the sample before, tick by tick."""
+    for channel, place in _CHANNELS:
+        throughout: Place = (slice(None), *place)
+        best = _with(best, search, channel, throughout, best.motion[channel][:1].copy()[throughout])
+        tick = 1
+        while tick < best.motion.ticks <= FEW_TICKS:
+            best = _with(best, search, channel, (tick, *place), best.motion[channel][(tick - 1, *place)])
+            tick += 1
+    return best
+
+
+_CHANNELS: tuple[tuple[int, tuple[int, ...]], ...] = (*((2, (i,)) for i in range(5)), (3, ()), (1, ()), (0, ()))
+"""Field of `HandConfiguration` and place in it: each finger's flexion, the abduction, the orientation, the position."""
+
+
+def _with(best: _Failing, search: _Search, channel: int, place: Place, values: FloatArray) -> _Failing:
+    changed = best.motion.copy()
+    changed[channel][place] = values
+    if np.array_equal(changed[channel], best.motion[channel]):
+        return best
+    return search.failing(changed) or best
+
+
+def _round(best: _Failing, search: _Search) -> _Failing:
+    """Round all samples but the first: a rounded start can be inside the object."""
+    for channel in (0, 2, 3):
+        for digits in (2, 3, 4, 5):
+            changed = best.motion.copy()
+            changed[channel][1:] = np.round(changed[channel][1:], digits)
+            found = search.failing(changed)
+            if found is not None:
+                best = found
+                break
+    return best
+
 
 Solver = Callable[[], HandSolver]
 Fails = Callable[[HandConfiguration, TickRecord, Penetration], BoolArray]
@@ -52,11 +230,6 @@ def not_finite(record: TickRecord) -> BoolArray:
     return bad
 
 
-def penetrates(limit: float = SAFE_DEPTH) -> Fails:
-    """Return the failure of a hand that is deeper than `limit` [m] in the object, or not finite."""
-    return lambda motion, record, depth: ~(depth.depth <= limit)
-
-
 def is_stuck(hand: HandModel, pieces: Pieces, options: SolverOptions) -> Fails:
     """Return the failure of a stuck tick with a free step; finds only the first."""
 
@@ -64,8 +237,7 @@ def is_stuck(hand: HandModel, pieces: Pieces, options: SolverOptions) -> Fails:
         found = np.zeros(motion.ticks, dtype=bool)
         wanted, shown = hold_readings(motion), HandConfiguration.of(record)
         for tick in np.flatnonzero(record.status & STATUS_STUCK).tolist():
-            goal, here = wanted.part(tick, tick + 1), shown.part(tick, tick + 1)
-            if way_out(hand, pieces, options, here, goal) > 0.0:
+            if way_out(hand, pieces, options, shown, wanted, tick) > 0.0:
                 found[tick] = True
                 break
         return found
@@ -74,17 +246,12 @@ def is_stuck(hand: HandModel, pieces: Pieces, options: SolverOptions) -> Fails:
 
 
 def failure_of(kind: str, hand: HandModel, pieces: Pieces, options: SolverOptions) -> Fails:
-    """Return the failure of a name: penetration, not finite or stuck.
-
-    Raises:
-        UnknownNameError: No such name.
-    """
+    """Return the failure of a name: penetration, not finite or stuck."""
     kinds: dict[str, Fails] = {
-        "penetration": penetrates(),
+        "penetration": lambda motion, record, depth: ~(depth.depth <= SAFE_DEPTH),
         "not finite": lambda motion, record, depth: not_finite(record),
         "stuck": is_stuck(hand, pieces, options),
     }
-    check_known("failure", [kind], kinds)
     return kinds[kind]
 
 
@@ -129,28 +296,15 @@ class Provenance:
     hand: str = "right"
 
     def command(self, path: Path) -> str:
-        """Return the command that replays the file, with every option that has a flag."""
+        """Return the command that replays the file, with every option that `hhsim bench stress` can set."""
+        plain = SolverOptions(method=self.method).to_json()
+        changed = {name: value for name, value in self.solver.items() if value != plain[name]}
         words = ["hhsim replay", self.object, str(path), f"--method {self.method}", "--samples hold"]
-        plain, used = SolverOptions(method=self.method).to_json(), self.solver
         if self.object_options:
             words.append(self.object_options)
-        if self.hand != "right":
-            words.append(f"--hand {self.hand}")
-        flags = ("surface", "qp", "force", "linearisations", "budget", "tolerance", "frustum_ends")
-        words += [
-            f"--{name.replace('_', '-')} {used[name]}" for name in flags if used.get(name, plain[name]) != plain[name]
-        ]
-        if used.get("margin", plain["margin"]) != plain["margin"]:
-            words.append(f"--margin {1e3 * used['margin']:.15g}")
-        if tuple(used.get("fingers", plain["fingers"])) != tuple(plain["fingers"]):
-            words.append("--fingers " + ",".join(used["fingers"]))
-        stiffness = used.get("stiffness", plain["stiffness"])
-        usual = plain["stiffness"]
-        coupling = ("translation", "rotation", "flexion")
-        if any(stiffness[n] != usual[n] for n in coupling):
-            words.append("--stiffness " + ",".join(repr(stiffness[n]) for n in coupling))
-        if self.method == "penalty" and stiffness.get("penalty", usual["penalty"]) != usual["penalty"]:
-            words.append(f"--penalty-stiffness {stiffness['penalty']!r}")
+        words += [f"--{name} {changed[name]}" for name in ("surface", "linearisations") if name in changed]
+        if "margin" in changed:
+            words.append(f"--margin {1e3 * changed['margin']:.15g}")
         return " ".join(words)
 
 

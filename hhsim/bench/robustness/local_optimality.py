@@ -28,7 +28,12 @@ DIFFERENCE = 1e-6
 
 
 def way_out(
-    hand: HandModel, pieces: Pieces, options: SolverOptions, graphic: HandConfiguration, haptic: HandConfiguration
+    hand: HandModel,
+    pieces: Pieces,
+    options: SolverOptions,
+    graphic: HandConfiguration,
+    haptic: HandConfiguration,
+    tick: int = 0,
 ) -> float:
     """Return the fraction of a step towards the haptic hand that was free and worth taking; 0 if there is none.
 
@@ -38,11 +43,11 @@ def way_out(
     Args:
         pieces: Of the object, world.
         options: Stiffness, margin and offset.
-        graphic: One tick, at which the hand stood still.
-        haptic: One tick, a reading of a hand.
+        graphic: Hand that stood still at the tick.
+        haptic: A reading of a hand at the tick.
     """
-    here: Pose = tuple(values[0] for values in graphic)
-    goal: Pose = tuple(values[0] for values in haptic)
+    here: Pose = tuple(values[tick] for values in graphic)
+    goal: Pose = tuple(values[tick] for values in haptic)
     stiffness = options.stiffness.diagonal()
     target = _between(hand, here, goal)
     lever = float((hand.arrays().reach + hand.radius[:, 1:]).max())

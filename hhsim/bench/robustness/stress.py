@@ -3,7 +3,7 @@
 A run of any length takes the same memory: ticks are run, measured and dropped block by block.
 """
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.robustness.delta_debugging import Shrunk, delta_debug
 from hhsim.bench.robustness.failure import (
     SAFE_DEPTH,
     Provenance,
+    Shrunk,
+    delta_debug,
     failure_of,
     keep_failure,
     make_trial,
@@ -28,15 +29,16 @@ from hhsim.bench.robustness.failure import (
 from hhsim.bench.robustness.local_optimality import way_out
 from hhsim.bench.robustness.pieces import Pieces, hand_distance, pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
+from hhsim.bench.run_errors import hand_clearance, placed_of
 from hhsim.bench.table import columns_of, cpu_times, figure, metric, totals_of
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
-from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
+from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.metrics import Penetration, hand_clearance
+from hhsim.metrics.metrics import Penetration
 from hhsim.motion.tick_motion import hold_readings, replayed
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
@@ -213,13 +215,11 @@ class StressMeasure:
         self._deepest = np.zeros(3)
         self._force = (-np.inf, np.nan)
         self._force_ratio = 0.0
-        self._counts = dict.fromkeys(
-            ("penetrating", "penetrating_deep", "not_finite", "stuck", "lag", "held", "touching"), 0
-        )
+        self._counts: Counter[str] = Counter()
         self._candidates = 0
         self._stuck_run = self._longest_stuck = 0
-        self._stuck_checked = self._unexplained = 0
-        self._brute_ticks, self._brute_difference = 0, 0.0
+        self._stuck_checked = 0
+        self._brute_difference = 0.0
         self._before: HandConfiguration | None = None
         self.ticks = 0
 
@@ -258,12 +258,12 @@ class StressMeasure:
 
     def _brute(self, record: TickRecord) -> None:
         case, shape = self._case, hand_shape(self._case.hand)
-        for tick in range(-self.ticks % BRUTE_EVERY, len(record.status), BRUTE_EVERY):
-            shown = record.joints[tick], record.position[tick], record.orientation[tick]
-            brute = hand_distance(case.pieces, shape, *shown)
-            by_tree = hand_clearance(case.surface, *shape, *PlacedHand(*(values[None] for values in shown)), limit=FAR)
-            difference = abs(min(brute, FAR) - float(np.minimum(by_tree[0], by_tree[1].min(axis=1))[0]))
-            self._brute_ticks += 1
+        looked = range(-self.ticks % BRUTE_EVERY, len(record.status), BRUTE_EVERY)
+        self._counts["brute_ticks"] += len(looked)
+        for tick in looked:
+            shown = placed_of(record).at([tick])
+            brute = hand_distance(case.pieces, shape, *(values[0] for values in shown))
+            difference = abs(min(brute, FAR) - float(hand_clearance(case.hand, case.surface, shown, FAR)[0]))
             self._brute_difference = max(self._brute_difference, difference)
 
     def _readings(self, motion: HandConfiguration) -> HandConfiguration:
@@ -284,9 +284,8 @@ class StressMeasure:
             self._longest_stuck = max(self._longest_stuck, self._stuck_run)
             if is_stuck and self._stuck_checked < MOST_STUCK_CHECKED:
                 self._stuck_checked += 1
-                goal, here = haptic.part(tick, tick + 1), shown.part(tick, tick + 1)
-                unexplained[tick] = way_out(case.hand, case.pieces, case.solver, here, goal) > 0.0
-        self._unexplained += int(unexplained.sum())
+                unexplained[tick] = way_out(case.hand, case.pieces, case.solver, shown, haptic, tick) > 0.0
+        self._counts["unexplained"] += int(unexplained.sum())
         return unexplained
 
     def figures(self, failures: tuple[KeptFailure, ...]) -> StressFigures:
@@ -304,13 +303,11 @@ class StressMeasure:
             penetration=deepest,
             penetration_palm=palm,
             penetration_finger=finger,
-            unexplained=self._unexplained,
             longest_stuck=self._longest_stuck,
             candidates_max=self._candidates,
             force_max=max(self._force[0], 0.0),
             coupling_force=self._force[1],
             force_ratio=self._force_ratio,
-            brute_ticks=self._brute_ticks,
             brute_difference=self._brute_difference,
             cpu=self._cpu,
             failures=failures,
@@ -318,29 +315,21 @@ class StressMeasure:
         )
 
 
-MakeSolver = Callable[[StressCase], HandSolver]
-
 BLOCK = 2048
 """Ticks that are run and measured at a time."""
 STRETCH_BLOCKS = 4
 """Blocks up to a failure that are kept to shrink it from."""
 
 
-def run_case(
-    case: StressCase, *, make_solver: MakeSolver = StressCase.new_solver, check: Callable[[], None] = lambda: None
-) -> StressFigures:
-    """Run one case.
-
-    Args:
-        make_solver: Makes the solver, for the run and for every candidate of the shrinking.
-        check: Called between blocks.
+def run_case(case: StressCase, check: Callable[[], None] = lambda: None) -> StressFigures:
+    """Run one case, with a check between its blocks.
 
     Raises:
         HhsimError: More pairs were near than the solver holds, or a failure could not be written.
     """
     warm_up(case.hand, case.solver)
     measure = StressMeasure(case)
-    solver = make_solver(case)
+    solver = case.new_solver()
     stretch: deque[tuple[HandConfiguration, HandConfiguration]] = deque(maxlen=STRETCH_BLOCKS)
     kept: dict[str, KeptFailure] = {}
     for motion in case.targets().blocks(case.ticks, BLOCK):
@@ -352,7 +341,7 @@ def run_case(
         for kind, ticks in failing.items():
             if case.keep is not None and kind not in kept and ticks.any():
                 tick = int(np.argmax(ticks))
-                kept[kind] = _keep(case, make_solver, kind, first + tick, tick, list(stretch))
+                kept[kind] = _keep(case, case.keep, kind, first + tick, tick, list(stretch))
         check()
     return measure.figures(tuple(kept.values()))
 
@@ -372,7 +361,7 @@ def run_stress(cases: Sequence[StressCase], *, jobs: int = 1, progress: Progress
 def _run_all(cases: Sequence[StressCase], jobs: int, check: Callable[[], None]) -> Iterator[StressFigures]:
     if jobs <= 1 or len(cases) <= 1:
         for case in cases:
-            yield run_case(case, check=check)
+            yield run_case(case, check)
         return
     # Spawned, not forked: a fork of a process with threads copies locks that nobody will release.
     pool = ProcessPoolExecutor(min(jobs, len(cases)), mp_context=get_context("spawn"))
@@ -386,17 +375,16 @@ def _run_all(cases: Sequence[StressCase], jobs: int, check: Callable[[], None]) 
 
 def _keep(
     case: StressCase,
-    make_solver: MakeSolver,
+    folder: Path,
     kind: str,
     tick: int,
     tick_in_block: int,
     stretch: list[tuple[HandConfiguration, HandConfiguration]],
 ) -> KeptFailure:
-    assert case.keep is not None
     behind = stretch[-1][0].ticks - tick_in_block - 1
     motion, graphic = (sequence(*pieces) for pieces in zip(*stretch))
     end = motion.ticks - behind
-    trial = make_trial(case.hand, lambda: make_solver(case), failure_of(kind, case.hand, case.pieces, case.solver))
+    trial = make_trial(case.hand, case.new_solver, failure_of(kind, case.hand, case.pieces, case.solver))
     reproduced = True
     try:
         shrunk = delta_debug(motion.part(0, end), trial, graphic=graphic.part(0, end))
@@ -406,7 +394,7 @@ def _keep(
         shrunk = Shrunk(whole, trial(whole), tick + 1, 1)
         reproduced = bool(shrunk.trace.failed.any())
     last = shrunk.tick if reproduced else shrunk.motion.ticks - 1
-    solver = make_solver(case)
+    solver = case.new_solver()
     record = solver.run(*shrunk.motion)
     depth = float(recorded_penetration(case.hand, solver.workspace.surface, record).depth[last])
     provenance = Provenance(
@@ -422,10 +410,10 @@ def _keep(
         solver=case.solver.to_json(),
         hand=case.hand.side,
     )
-    case.keep.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     stem = Path(case.object).stem
     touched = "" if case.solver.surface == "spheres" else f"-{case.solver.surface}"
     name = f"{stem}-{case.solver.method}{touched}-{kind.replace(' ', '-')}-seed{case.seed}-tick{tick}.h5"
-    path = free_name(case.keep / name)
+    path = free_name(folder / name)
     command = keep_failure(path, shrunk, provenance)
     return KeptFailure(kind, tick, str(path), shrunk.motion.ticks, last, depth, reproduced, command)

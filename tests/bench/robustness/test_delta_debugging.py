@@ -14,19 +14,26 @@ from hypothesis import strategies as st
 from kept_failure import provenance_of, rerun_failure
 from sphere_scenes import bumpy_ball
 
-from hhsim.bench.robustness import delta_debugging
-from hhsim.bench.robustness.delta_debugging import Trace, Trial, delta_debug
-from hhsim.bench.robustness.failure import Provenance, failure_of, keep_failure, make_trial, penetrates
+from hhsim.bench.robustness import failure
+from hhsim.bench.robustness.failure import (
+    Provenance,
+    Trace,
+    Trial,
+    delta_debug,
+    failure_of,
+    keep_failure,
+    make_trial,
+)
 from hhsim.bench.robustness.pieces import pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK, WORK_TOUCHING
 from hhsim.motion.file import load_trajectory
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.options import SolverOptions
 
 HAND = HandModel.default()
 BALL = bumpy_ball(300)
@@ -109,7 +116,7 @@ def test_a_stretch_that_needs_its_past_is_started_at_the_hand_shown() -> None:
     solver = SlippingSolver(HAND, BALL.arrays(), SolverOptions())
     motion = RandomTargets(HAND, 1).take(3000)
     record = solver.run(*motion)
-    trial = make_trial(HAND, lambda: SlippingSolver(HAND, BALL.arrays(), SolverOptions()), penetrates())
+    trial = make_trial(HAND, lambda: SlippingSolver(HAND, BALL.arrays(), SolverOptions()), penetrates)
     # The stretch begins inside the object, from where a fresh start retreats to another side of it.
     failing = int(np.argmax(trial(motion).failed))
     stretch, graphic = (
@@ -129,15 +136,18 @@ def test_a_budget_ends_the_search_with_what_fails(monkeypatch: pytest.MonkeyPatc
 
     motion = RandomTargets(HAND, 6, JUMPS).take(400)
     with monkeypatch.context() as few:
-        few.setattr(delta_debugging, "MOST_RUNS", 5)
+        few.setattr(failure, "MOST_RUNS", 5)
         shrunk = delta_debug(motion, counted)
     assert len(calls) == shrunk.runs == 5
     assert inner(shrunk.motion).failed.any()
     calls.clear()
-    monkeypatch.setattr(delta_debugging, "MOST_TICKS", 500)
+    monkeypatch.setattr(failure, "MOST_TICKS", 500)
     shrunk = delta_debug(motion, counted)
     assert sum(calls[:-1]) < 500
     assert inner(shrunk.motion).failed.any()
+
+
+penetrates = failure_of("penetration", HAND, pieces_of("spheres", None, BALL), SolverOptions())
 
 
 def provenance(solver: SolverOptions, kind: str = "penetration", **more: Any) -> Provenance:
@@ -167,7 +177,7 @@ def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
     def faulty() -> HandSolver:
         return SlippingSolver(HAND, tree.arrays(), options)
 
-    trial = make_trial(HAND, faulty, penetrates())
+    trial = make_trial(HAND, faulty, penetrates)
     motion = RandomTargets(HAND, 3).take(2500)
     shrunk = delta_debug(motion, trial)
     assert shrunk.motion.ticks <= 3
@@ -193,13 +203,8 @@ def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
 
 def test_a_kept_file_says_where_it_is_from(tmp_path: Path) -> None:
     shrunk = delta_debug(RandomTargets(HAND, 1, JUMPS).take(50), in_order(lambda p, q, f, a: p[0] > 0.0))
-    options = SolverOptions(stiffness=Stiffness(2000.0, 3.0, 0.4), force="paper")
-    made = provenance(options, kind="stuck", hand="left", stress=JUMPS.to_json())
-    command = keep_failure(tmp_path / "kept.h5", shrunk, made)
-    assert command.endswith("--method coupled --samples hold --hand left --force paper --stiffness 2000.0,3.0,0.4")
-    springs = SolverOptions(method="penalty", stiffness=Stiffness(penalty=3000.0))
-    springy = keep_failure(tmp_path / "springs.h5", shrunk, provenance(springs, kind="stuck", hand="left", stress={}))
-    assert springy.endswith("--method penalty --samples hold --hand left --penalty-stiffness 3000.0")
+    made = provenance(SolverOptions(), kind="stuck", stress=JUMPS.to_json())
+    assert keep_failure(tmp_path / "kept.h5", shrunk, made).endswith("kept.h5 --method coupled --samples hold")
     trajectory = load_trajectory(tmp_path / "kept.h5")
     assert trajectory.name == "kept"
     assert asdict(provenance_of(trajectory)) == json.loads(json.dumps(asdict(made)))
@@ -228,15 +233,3 @@ def test_every_kind_of_failure_is_seen() -> None:
     assert not trial["stuck"](motion, record, depth).any(), "it is where the user has it"
     motion.position[2, 0] += 0.01
     np.testing.assert_array_equal(trial["stuck"](motion, record, depth), [False, False, True])
-    with pytest.raises(UnknownNameError, match="stuck"):
-        failure_of("stock", HAND, pieces_of("spheres", None, BALL), options)
-
-
-def test_the_command_names_every_option_that_a_replay_has_a_flag_for() -> None:
-    options = SolverOptions(
-        method="paper", frustum_ends="flat", margin=3e-4, fingers=("thumb", "index"), budget=900, tolerance=1e-7
-    )
-    assert provenance(options).command(Path("kept.h5")) == (
-        "hhsim replay cube kept.h5 --method paper --samples hold --budget 900 --tolerance 1e-07 --frustum-ends flat"
-        " --margin 0.3 --fingers thumb,index"
-    )

@@ -77,10 +77,6 @@ class Planted(HandSolver):
         return record
 
 
-def planted(made: StressCase) -> HandSolver:
-    return Planted(made.hand, made.surface, made.solver)
-
-
 class Lazy(HandSolver):
     """A hand that stays where it was whenever the thumb is bent, and says that it is stuck."""
 
@@ -127,10 +123,11 @@ def test_the_figures_are_those_of_the_ticks(method: str) -> None:
         assert figures.force_ratio < 1.1
 
 
-def test_planted_faults_are_counted_kept_and_shrunk(tmp_path: Path) -> None:
+def test_planted_faults_are_counted_kept_and_shrunk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stress, "HandSolver", Planted)
     wanted = case(keep=tmp_path / "kept")
-    figures = run_case(wanted, make_solver=planted)
-    record = planted(wanted).run(*wanted.targets().take(TICKS))
+    figures = run_case(wanted)
+    record = wanted.new_solver().run(*wanted.targets().take(TICKS))
     deep = -record_clearance(HAND, BALL, record)
     over = (deep > 1e-6).any(axis=1)
     assert figures.penetrating == figures.penetrating_deep == over.sum() > 0
@@ -146,7 +143,7 @@ def test_planted_faults_are_counted_kept_and_shrunk(tmp_path: Path) -> None:
         assert failure.reproduced
         assert failure.ticks <= 4
         assert failure.command == f"hhsim replay ball {failure.path} --method coupled --samples hold"
-        again = rerun_failure(Path(failure.path), HAND, BALL, lambda: planted(wanted))
+        again = rerun_failure(Path(failure.path), HAND, BALL, wanted.new_solver)
         assert np.flatnonzero(again.failed).tolist() == [failure.failing_tick]
         assert not rerun_failure(Path(failure.path), HAND, BALL).failed.any()
 
@@ -171,31 +168,29 @@ def test_a_mesh_that_the_kernels_and_brute_force_see_differently_is_a_missed_lim
     assert 3e-5 < measure.figures(()).brute_difference < 4.5e-5 and measure.figures(()).missed
 
 
-def test_a_failure_on_the_mesh_is_kept_with_its_surface(tmp_path: Path) -> None:
+def test_a_failure_on_the_mesh_is_kept_with_its_surface(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stress, "HandSolver", Planted)
     wanted = case(ticks=900, keep=tmp_path, surface="mesh")
-    figures = run_case(wanted, make_solver=planted)
+    figures = run_case(wanted)
     failure = next(kept for kept in figures.failures if kept.kind == "penetration")
     path = Path(failure.path)
     assert failure.reproduced and figures.missed and path.name.startswith("ball-coupled-mesh-penetration-")
     assert failure.command == f"hhsim replay ball {path} --method coupled --samples hold --surface mesh"
-    again = rerun_failure(path, HAND, BALL, lambda: planted(wanted), wanted.mesh)
+    again = rerun_failure(path, HAND, BALL, wanted.new_solver, wanted.mesh)
     assert np.flatnonzero(again.failed).tolist() == [failure.failing_tick]
     assert not rerun_failure(path, HAND, BALL, mesh=wanted.mesh).failed.any()
 
 
 def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stress, "MOST_STUCK_CHECKED", 40)
-
-    def make(made: StressCase) -> HandSolver:
-        return Lazy(made.hand, made.surface, made.solver)
-
-    figures = run_case(case(ticks=900, keep=tmp_path), make_solver=make)
+    monkeypatch.setattr(stress, "HandSolver", Lazy)
+    figures = run_case(case(ticks=900, keep=tmp_path))
     assert figures.stuck > figures.unexplained > 10
     assert figures.longest_stuck > 10
     assert figures.missed
     (failure,) = figures.failures
     assert failure.kind == "stuck" and failure.ticks <= 4
-    assert rerun_failure(Path(failure.path), HAND, BALL, lambda: make(case())).failed[failure.failing_tick]
+    assert rerun_failure(Path(failure.path), HAND, BALL, case().new_solver).failed[failure.failing_tick]
 
 
 def test_a_failure_that_needs_all_that_came_before_is_kept_whole(
@@ -215,22 +210,22 @@ def test_a_failure_that_needs_all_that_came_before_is_kept_whole(
                 record.total[late - first] = np.nan
             return record
 
-    figures = run_case(
-        case(ticks=late + 300, keep=tmp_path), make_solver=lambda c: Late(c.hand, c.tree.arrays(), c.solver)
-    )
+    monkeypatch.setattr(stress, "HandSolver", Late)
+    figures = run_case(case(ticks=late + 300, keep=tmp_path))
     (failure,) = figures.failures
     assert (failure.kind, failure.tick, failure.ticks, failure.failing_tick) == ("not finite", late, late + 1, late)
     assert failure.reproduced
 
 
-def test_a_force_without_a_pull_has_no_bound() -> None:
+def test_a_force_without_a_pull_has_no_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     class Pushing(HandSolver):
         def run(self, *haptic: Any) -> TickRecord:
             record = super().run(*haptic)
             record.total[:, 0] = 2.0
             return record
 
-    figures = run_case(case(ticks=30), make_solver=lambda made: Pushing(HAND, BALL.arrays(), made.solver))
+    monkeypatch.setattr(stress, "HandSolver", Pushing)
+    figures = run_case(case(ticks=30))
     assert (figures.force_max, figures.coupling_force, figures.force_ratio) == (2.0, 0.0, np.inf)
 
 

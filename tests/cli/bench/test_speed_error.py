@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import pytest
 from conftest import Run
 
 from hhsim.bench.table import load_table
@@ -68,32 +67,6 @@ def test_without_a_name_it_goes_to_results(run: Run, tmp_path: Path) -> None:
     assert (answer.code, answer.out) == (0, "")
     names = sorted(path.suffix for path in (tmp_path / "results").iterdir())
     assert names == [".csv", ".h5", ".png"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--object", "buny"), "unknown object 'buny': did you mean bunny"),
-        (("--motion", "never"), "touches nothing"),
-        (("--qp", "gurobi-like"), "unknown QP solver"),
-        (("--level", "0"), "expected whole numbers from 1 to 5"),
-        (("--level", "9"), "expected whole numbers from 1 to 5"),
-        (("--surface", "mash"), "unknown surface 'mash': did you mean mesh"),
-        (("--surface", "mesh", "--method", "paper"), "method paper takes the surface spheres, not mesh"),
-        (("--method", "coupled,"), "expected names with commas between"),
-        (("--out", "a.txt"), "must end in .h5"),
-        (("--plot", "a.h5"), "no picture by its ending"),
-        (("--out", "none/a.h5"), "there is no folder"),
-    ],
-)
-def test_bad_input_is_one_line_and_leaves_nothing(
-    run: Run, tmp_path: Path, arguments: tuple[str, ...], message: str
-) -> None:
-    answer = run("bench", "speed-error", *arguments)
-    assert answer.code == 2
-    assert message in answer.err
-    assert answer.out == ""
-    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
 def test_a_picture_of_yours_is_not_replaced(run: Run, tmp_path: Path) -> None:
