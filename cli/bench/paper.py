@@ -60,7 +60,7 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
       hhsim bench paper --quick --method coupled
     """
     from hhsim.bench.paper.bench import PaperOptions, measure
-    from hhsim.bench.paper.table import ROW_COLUMNS, SCENE_COLUMNS, missed, paper_rows, scene_rows
+    from hhsim.bench.paper.table import ROW_COLUMNS, SCENE_COLUMNS, missed, paper_rows
     from hhsim.bench.table import check_table_path, table_document, write_table
 
     run = quick_or_whole(PaperOptions, settings)
@@ -73,8 +73,8 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
         check_folder(plot)
     with measuring(output) as report:
         runs = measure(run, report)
-        rows, played = paper_rows(runs, run), scene_rows(runs)
-        table.write([row.to_json() for row in rows])
+        rows, played = paper_rows(runs, run), Table(SCENE_COLUMNS, runs.scenes).records
+        table.write(Table(ROW_COLUMNS, rows).records)
         write_table(scenes, "paper", SCENE_COLUMNS, played, asdict(run))
         pictures: list[Path] = []
         if plot is not None:
@@ -85,7 +85,7 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
     if output.as_json:
         written = {"scenes_table": str(scenes), "pictures": [str(picture) for picture in pictures]}
         document = table_document(table.path, SCENE_COLUMNS, asdict(run), **written)
-        missing, whole = ([row.to_json() for row in some] for some in (failed, rows))
+        missing, whole = (Table(ROW_COLUMNS, some).records for some in (failed, rows))
         print_json({**document, "passed": not failed, "missed": missing, "rows": whole, "scenes": played})
     elif not output.quiet:
         _print_rows(rows, run.methods)

@@ -297,19 +297,19 @@ def _errors(
         moving[hold] = False
     steps = np.linalg.norm(np.diff(record.total, axis=0), axis=1)[moving[1:]]
     return PeerErrors(
-        mesh_depth_max=_most(depth),
+        mesh_depth_max=worst(depth),
         mesh_depth_p95=float(np.percentile(depth, 95)) if depth.size else np.nan,
-        contact_error_mean=float(apart.mean()) if apart.size else np.nan,
-        contact_error_max=_most(apart),
+        contact_error_mean=mean(apart),
+        contact_error_max=worst(apart),
         # NaN for a hand that nothing pushes, which would be perfect otherwise.
-        mesh_error=float(np.maximum(_most(depth), _most(apart))),
-        palm_off_mean=float(off[scene.contact].mean()) if scene.contact.any() else np.nan,
-        palm_lag_max=_most(off[~scene.contact & ~(push > 0.0).any(axis=1)]),
+        mesh_error=float(np.maximum(worst(depth), worst(apart))),
+        palm_off_mean=mean(off[scene.contact]),
+        palm_lag_max=worst(off[~scene.contact & ~(push > 0.0).any(axis=1)]),
         force_hold=run_figure("force_hold_mean", run),
         force_variation_hold=run_figure("force_variation_hold", run),
         force_variation_tremor=first_hold_tremor(hand, surface, solver_options, haptic, record, options.seed),
         force_step=run_figure("force_step", run),
-        force_step_newton=_most(steps),
+        force_step_newton=worst(steps),
         samples=len(looked),
     )
 
@@ -319,10 +319,6 @@ def pushes(record: TickRecord) -> FloatArray:
     phalanges = np.linalg.norm(record.phalanx, axis=-1).reshape(len(record.phalanx), -1)
     palm = np.linalg.norm(record.total - record.phalanx.sum(axis=(1, 2)), axis=1)
     return np.concatenate([phalanges, palm[:, None]], axis=1)
-
-
-def _most(values: FloatArray) -> float:
-    return float(values.max()) if values.size else np.nan
 
 
 Row = dict[str, Any]

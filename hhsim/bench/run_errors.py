@@ -103,10 +103,10 @@ class MeshReferee:
         # A hand at rest touches at the same points over and over.
         points, times = np.unique(np.round(found.point, SAME), axis=0, return_counts=True)
         away = nearest_on(self._model, points)[0]
-        mean, most = (float(np.average(away, weights=times)), float(away.max())) if away.size else (np.nan, np.nan)
+        average = float(np.average(away, weights=times)) if away.size else np.nan
         depth = self._depth(shape, placed, np.union1d(contact, also), also)
-        deepest, p95 = (float(depth.max()), float(np.percentile(depth, 95))) if depth.size else (np.nan, np.nan)
-        return MeshErrors(deepest, p95, mean, most, len(points), depth.size)
+        p95 = float(np.percentile(depth, 95)) if depth.size else np.nan
+        return MeshErrors(worst(depth), p95, average, worst(away), len(points), depth.size)
 
     def _depth(self, shape: HandShape, placed: PlacedHand, ticks: IntArray, also: IntArray) -> FloatArray:
         """Depth [m] at the measured ticks; empty for a mesh that is not closed."""
@@ -219,10 +219,8 @@ def error_scene(
     """Return the reference of runs of one motion on one object.
 
     Args:
-        referee: Of the true mesh, world.
         surface: Arrays of the surface `mesh`, closed or not.
         options: Stiffness and lengths of the runs.
-        seed: Of the tremor.
 
     Raises:
         HhsimError: The optimum on this mesh has more candidate pairs than the solver holds.
@@ -317,8 +315,8 @@ def run_errors(
         **mesh._asdict(),
         mesh_error=float(np.maximum(mesh.mesh_depth_max, mesh.contact_error_max) if closed else mesh.contact_error_max),
         tracking_excess=_excess(scene, surface, options, record, clearance) if held else np.nan,
-        off_optimum_mean=float(off.mean()) if off.size else np.nan,
-        off_optimum_max=float(off.max()) if off.size else np.nan,
+        off_optimum_mean=mean(off),
+        off_optimum_max=worst(off),
         force_hold=run_figure("force_hold_mean", run),
         force_variation_hold=run_figure("force_variation_hold", run),
         force_variation_tremor=(

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 
 import h5py
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hhsim.arrays import AnyArray
 from hhsim.errors import DamagedFileError, InputError, OutputError
@@ -84,8 +85,6 @@ def write_table(
     """Write a table as `output_path` (.h5) and as CSV beside it; files of those names are replaced in one step each.
 
     Args:
-        output_path: The HDF5 file; its name ends in .h5.
-        suite: Name of the suite, as after `hhsim bench`.
         rows: Values of exactly the columns, by their names. The values of a column have one type: str, bool, int or
             float; None is a missing number (NaN), or a missing word (empty) in a column of words.
         options: Of the run, as JSON-able values.
@@ -217,12 +216,12 @@ def _array(name: str, values: Sequence[Any]) -> AnyArray:
 Total = Callable[[Sequence[Any]], Any]
 
 
-def mean(values: Sequence[float]) -> float:
+def mean(values: ArrayLike) -> float:
     """Return the mean of the values that are not NaN; NaN without any."""
     return statistics(values).mean
 
 
-def worst(values: Sequence[float]) -> float:
+def worst(values: ArrayLike) -> float:
     """Return the largest of the values that are not NaN; NaN without any."""
     return statistics(values).max
 

@@ -26,6 +26,7 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import mesh_clearance
+from hhsim.motion.analytic_motion import still
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from hhsim.solver.hand_solver import HandSolver
@@ -60,9 +61,7 @@ def triangles(mesh: Mesh = MESH) -> Any:
 
 
 def run(scene: ErrorScene, surface: Any, options: SolverOptions) -> TickRecord:
-    ticks = scene.haptic
-    solver = HandSolver(scene.hand, surface, options)
-    return solver.run(ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)
+    return HandSolver(scene.hand, surface, options).run(*HandConfiguration.of(scene.haptic))
 
 
 def shifted(record: TickRecord, shift: np.ndarray) -> TickRecord:
@@ -186,11 +185,7 @@ def test_a_stretch_has_no_figures_of_the_hold(world: World) -> None:
 
 def over(heights: list[float]) -> PlacedHand:
     """A flat hand whose lowest point is so high over the middle of the cube's top [m], at one tick each."""
-    ticks = len(heights)
-    pose = HandConfiguration(
-        np.zeros((ticks, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), np.zeros((ticks, 5, 3)), np.zeros((ticks, 5))
-    )
-    placed = forward_kinematics(HAND, *pose)
+    placed = forward_kinematics(HAND, *still(np.zeros(3), ticks=len(heights)))
     center = np.concatenate([placed.joints[0].reshape(-1, 3), SHAPE.palm_center])
     radius = np.concatenate([SHAPE.phalanx_radius.ravel(), SHAPE.palm_radius])
     lowest = int((center[:, 2] - radius).argmin())

@@ -11,7 +11,7 @@ from drawings_alone import drawn, leave_charts_undrawn
 from sampled import sampled
 
 from hhsim.bench import mesh_size, peers, speed_error_table, threads, trees
-from hhsim.bench.manipulation import table as manipulation
+from hhsim.bench.manipulation import answers as manipulation
 from hhsim.bench.paper import table as paper
 from hhsim.bench.qp import bench as qp
 from hhsim.bench.robustness import hard, recorded, stress

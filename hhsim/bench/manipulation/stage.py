@@ -48,10 +48,8 @@ class Played:
         velocity, angular_velocity: [m/s] and [rad/s], shape (T, 3).
         hand_wrench, table_wrench: On the object, [N] and [N·m] about the centre of mass, shape (T, 6).
         table_distance: Of its lowest point [m], shape (T,).
-        palm: Position of the graphic palm [m], shape (T, 3).
         joints: Of the graphic hand [m], in the object's frame, shape (T, 5, 4, 3).
-        status: Flags of the ticks, shape (T,).
-        tick, body, point, normal_force, slip: Of every contact that bears a force, first axis the contact.
+        tick, body, normal_force, slip: Of every contact that bears a force, first axis the contact.
         period: Of a tick [s].
     """
 
@@ -63,12 +61,9 @@ class Played:
     hand_wrench: FloatArray
     table_wrench: FloatArray
     table_distance: FloatArray
-    palm: FloatArray
     joints: FloatArray
-    status: NDArray[np.int64]
     tick: NDArray[np.int64]
     body: NDArray[np.int64]
-    point: FloatArray
     normal_force: FloatArray
     slip: FloatArray
     period: float
@@ -126,16 +121,12 @@ def _blocks(solver: HandSolver, haptic: HandConfiguration) -> Iterator[dict[str,
         record = solver.run(*haptic.part(first, first + BLOCK))
         found = solver.object_ticks
         ticks, rows = len(found.turn), int(found.contact[-1])
-        # The hand is recorded in the object's frame.
-        palm = np.einsum("tij,tj->ti", rotation_matrix(found.turn), record.position) + found.shift
         names = ("turn", "shift", "velocity", "angular_velocity", "hand_wrench", "table_wrench", "table_distance")
         yield {
             **{name: getattr(found, name) for name in names},
-            **{name: np.array(getattr(found, name)[:rows]) for name in ("body", "point", "normal_force", "slip")},
+            **{name: np.array(getattr(found, name)[:rows]) for name in ("body", "normal_force", "slip")},
             "tick": begun + np.repeat(np.arange(ticks), np.diff(found.contact[: ticks + 1])),
-            "palm": palm,
             "joints": record.joints,
-            "status": record.status.astype(np.int64),
         }
         begun += ticks
 

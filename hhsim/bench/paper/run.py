@@ -39,6 +39,8 @@ NOISES: dict[str, tuple[Disturbance, float | None]] = {
     "trembling": (replace(TREMOR, sensor_counts=GLOVE.sensor_counts, sensor_noise=GLOVE.sensor_noise), GLOVE_RATE),
 }
 """Noises of a repeated hold: sensors of the glove alone, and with tremor of the palm."""
+BISECTIONS = 10
+"""Bisections of the margin that gives a number of contacts."""
 CARRIES = 0.25
 """Least share of its force of a component that is measured (three equal ones have 0.58 each): a nearly zero one varies
 by large shares of itself. The medians over all holds differ by 0.06 % at most from 0.1 to 0.5."""
@@ -204,7 +206,7 @@ def play_again(run: SceneRun) -> None:
     _keep_times(run, record)
 
 
-def at_contacts(stage: Stage, options: SolverOptions, wanted: float, rounds: int = 10) -> tuple[float, SceneRun]:
+def at_contacts(stage: Stage, options: SolverOptions, wanted: float) -> tuple[float, SceneRun]:
     """Return the margin [m] with which the hold of a stage's first motion has about `wanted` candidate pairs; its run.
 
     A wider margin lets more candidate pairs in, which costs time and changes nothing else. Found by bisection.
@@ -213,7 +215,7 @@ def at_contacts(stage: Stage, options: SolverOptions, wanted: float, rounds: int
     held = held_ticks(one)
     low, high = 1e-4, 2e-2
     best: tuple[float, float] | None = None
-    for _ in range(rounds):
+    for _ in range(BISECTIONS):
         margin = math.sqrt(low * high)
         try:
             (record,) = _run(one, replace(options, margin=margin))

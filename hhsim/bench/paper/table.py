@@ -1,23 +1,22 @@
 """Rows of the paper's evaluation: the paper's figures, each method's, and our own bars."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from hhsim.arrays import AnyArray
 from hhsim.bench.paper.bench import CONTACTS, PaperOptions, PaperRuns, percentile
 from hhsim.bench.paper.run import NOISES, SceneRun
 from hhsim.bench.paper.scene import CASES, SLIDING, held_ticks
-from hhsim.bench.table import metric_column
+from hhsim.bench.table import mean, metric_column
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.mesh.catalogue import object_names
 from hhsim.metrics.run.registry import run_figure
 from hhsim.solver.method import never_penetrates
 from hhsim.system.counted import counted
-from hhsim.table.table import Column, Table
+from hhsim.table.table import Column
 
 SIMPLE_MEAN = {
     "sphere": 0.41e-3,
@@ -68,10 +67,6 @@ class PaperRow:
         """True if the bar is kept or there is none; NaN keeps no bar."""
         return bool(math.isnan(self.bar) or self.ours <= self.bar)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the row of ROW_COLUMNS."""
-        return Table(ROW_COLUMNS, [self]).records[0]
-
 
 ROW_COLUMNS = (
     Column("row", "name of the figure", of="name"),
@@ -112,9 +107,9 @@ def missed(rows: Sequence[PaperRow]) -> list[PaperRow]:
 def _simple_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
     for name, paper in SIMPLE_MEAN.items():
         if played := runs.of(method, "11", object_name=name):
-            mean = _pooled(played, np.mean)
+            ours = _pooled_mean(played)
             yield PaperRow(
-                f"mean_{name}", "11", f"mean tick, {name}", method, "s", paper, f"{1e3 * paper:.2f} ms", mean,
+                f"mean_{name}", "11", f"mean tick, {name}", method, "s", paper, f"{1e3 * paper:.2f} ms", ours,
                 paper / FASTER, "touch, pinch, grasp with the palm; ticks in contact",
             )  # fmt: skip
     for run in runs.of(method, "12"):
@@ -160,7 +155,7 @@ def _complex_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
                 f"case_p99_{case}", "15", f"p99 tick, {CASE_NAMES[case]}", method, "s", 1e-3 if stated else math.nan,
                 "≈ 1 ms" if stated else "in a plot only", percentile(worst, 99.0), COMPLEX_P99,
                 f"worst object: {worst.scenario.object_name}; {instances} instances, {min(contacts):.0f} to "
-                f"{max(contacts):.0f} contacts; mean of all {1e6 * _pooled(played, np.mean):.1f} µs",
+                f"{max(contacts):.0f} contacts; mean of all {1e6 * _pooled_mean(played):.1f} µs",
             )  # fmt: skip
     for found in runs.at_contacts:
         if found.run.options.method == method:
@@ -190,21 +185,21 @@ def _all_scenes(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
     for noise in NOISES if played else ():
         sizes = np.array([run.variation[noise].size for run in played])
         parts = np.array([run.variation[noise].component for run in played])
-        for number, (mean, spread) in enumerate(VARIATION):
+        for number, (paper, spread) in enumerate(VARIATION):
             values = sizes if number == 0 else parts[:, number - 1]
             middle = [float(value) for value in _median(values)]
             count = int(np.isfinite(values[:, 0]).sum())
             part = "size" if number == 0 else "xyz"[number - 1]
-            above = int((values[:, 0] > mean).sum())
+            above = int((values[:, 0] > paper).sum())
             defined = np.where(np.isfinite(values[:, 0]), values[:, 0], -1.0)
             largest = f"largest {defined.max():.2f} % ({played[int(defined.argmax())].scenario.name})"
             yield PaperRow(
                 f"variation_{noise}_{part}", "V-D", f"index force, {part}, {names[noise]}", method, "%",
-                mean, f"{mean:.2f} ± {spread:.2f} %", middle[0],
-                mean if noise == "glove" else math.nan,
+                paper, f"{paper:.2f} ± {spread:.2f} %", middle[0],
+                paper if noise == "glove" else math.nan,
                 "not measured: the force is large enough in no hold" if not count else
                 f"change a tick, glove's sensors; ± {middle[1]:.2f} %; median of {counted(count, 'hold')}, {above} "
-                f"above {mean:.2f} %; {largest}",
+                f"above {paper:.2f} %; {largest}",
             )  # fmt: skip
     if whole:
         demanded = sum(len(run.touches) for run in whole)
@@ -218,10 +213,9 @@ def _all_scenes(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
         )  # fmt: skip
 
 
-def _pooled(runs: Sequence[SceneRun], statistic: Callable[[Any], Any]) -> float:
-    """Statistic of the CPU times of all ticks in contact [s]."""
-    times = np.concatenate([run.tick_cpu[run.contact] for run in runs])
-    return float(statistic(times)) if times.size else math.nan
+def _pooled_mean(runs: Sequence[SceneRun]) -> float:
+    """Mean CPU time of all ticks in contact [s]."""
+    return mean(np.concatenate([run.tick_cpu[run.contact] for run in runs]))
 
 
 def _deepest(runs: Sequence[SceneRun]) -> float:
@@ -250,15 +244,15 @@ SCENE_COLUMNS = (
     ),
     Column(
         "contacts_mean", "candidate pairs in the holds, mean",
-        of=lambda run: _mean(run.candidates[held_ticks(run.stage)]),
+        of=lambda run: mean(run.candidates[held_ticks(run.stage)]),
     ),
     metric_column("candidates_max", "contacts_max", lambda run: int(run_figure("candidates_max", run.ticks))),
     metric_column("touching_max", of=lambda run: int(run_figure("touching_max", run.ticks))),
-    Column("cpu_mean", "tick, thread time, mean", "s", lambda run: _mean(run.tick_cpu[run.contact])),
+    Column("cpu_mean", "tick, thread time, mean", "s", lambda run: mean(run.tick_cpu[run.contact])),
     Column("cpu_p50", "tick, thread time, median", "s", lambda run: percentile(run, 50.0)),
     Column("cpu_p99", "tick, thread time, p99", "s", lambda run: percentile(run, 99.0)),
     Column("cpu_max", "longest of all ticks, thread time", "s", lambda run: float(run.tick_cpu.max())),
-    Column("wall_mean", "tick, wall time, mean", "s", lambda run: _mean(run.tick_wall[run.contact])),
+    Column("wall_mean", "tick, wall time, mean", "s", lambda run: mean(run.tick_wall[run.contact])),
     Column(
         "detection", "contact detection, wall time, mean of ticks that were not interrupted", "s",
         lambda run: _mean_of_parts(run, DURATION_DETECT),
@@ -281,15 +275,6 @@ SCENE_COLUMNS = (
     metric_column("stuck_ticks", of=lambda run: int(run_figure("stuck_ticks", run.ticks))),
     metric_column("lag_ticks", of=lambda run: int(run_figure("lag_ticks", run.ticks))),
 )  # fmt: skip
-
-
-def scene_rows(runs: PaperRuns) -> list[dict[str, Any]]:
-    """Return a row for each scene and method, by the names of SCENE_COLUMNS."""
-    return Table(SCENE_COLUMNS, runs.scenes).records
-
-
-def _mean(values: AnyArray) -> float:
-    return float(values.mean()) if values.size else math.nan
 
 
 def _mean_of_parts(run: SceneRun, *parts: int) -> float:

@@ -42,7 +42,6 @@ def hard_cases(
     """Return the cases of these names in the catalogue's order; without names all that the surfaces allow.
 
     Args:
-        names: In kebab-case.
         ticks: Length of the case `endurance`.
         surfaces: Surfaces that are touched; without `mesh` there are no cases of triangles alone.
 

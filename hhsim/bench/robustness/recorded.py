@@ -200,11 +200,10 @@ def bench_recorded(
     files: Sequence[Path],
     objects: Sequence[BenchObject],
     solvers: Sequence[SolverOptions],
-    options: RecordedOptions | None = None,
+    options: RecordedOptions,
     progress: Progress = silent,
 ) -> Iterator[RecordedFigures]:
     """Run every recording against every object by every method, in this order."""
-    options = options or RecordedOptions()
     hands = {side: HandModel.default(side) for side in ("right", "left")}
     each = len(objects) * len(solvers)
     with interruptible_between() as check:
@@ -231,25 +230,18 @@ def _runs(
     options: RecordedOptions,
     check: Callable[[], None],
 ) -> Iterator[RecordedFigures]:
+    rows = [
+        RecordedFigures(recording=name, object=at.name, method=solver.method, surface=solver.surface)
+        for solver in solvers
+    ]
     try:
         scene, text = _scene(motion, hand, at, options)
     except HhsimError as error:
-        for solver in solvers:
-            yield RecordedFigures(
-                recording=name, object=at.name, method=solver.method, surface=solver.surface, reason=str(error)
-            )
+        yield from (replace(row, reason=str(error)) for row in rows)
         return
-    for solver in solvers:
-        known = RecordedFigures(
-            recording=name,
-            object=at.name,
-            method=solver.method,
-            surface=solver.surface,
-            placement=text,
-            samples=motion.sample_count,
-            rate=options.rate,
-            fastest=fastest_fingertip(scene.ticks, hand),
-        )
+    fastest = fastest_fingertip(scene.ticks, hand)
+    for row, solver in zip(rows, solvers):
+        known = replace(row, placement=text, samples=motion.sample_count, rate=options.rate, fastest=fastest)
         try:
             yield run_scene(scene, solver, known, options.seed, check)
         except HhsimError as error:
@@ -279,13 +271,12 @@ def fastest_fingertip(ticks: TickInput, hand: HandModel) -> float:
 
 
 def run_scene(
-    scene: Scene, solver: SolverOptions, known: RecordedFigures, seed: int = 0, check: Callable[[], None] = lambda: None
+    scene: Scene, solver: SolverOptions, known: RecordedFigures, seed: int, check: Callable[[], None]
 ) -> RecordedFigures:
     """Run one scene by one method and measure every tick.
 
     Args:
         known: Figures that do not come from the run.
-        seed: Of the choice of ticks that are recomputed by brute force.
         check: Called between blocks.
 
     Raises:

@@ -6,7 +6,7 @@ A run of any length takes the same memory: ticks are run, measured and dropped b
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from multiprocessing import get_context
 from pathlib import Path
@@ -123,16 +123,8 @@ COLUMNS = (*columns_of(StressFigures), Column("safe", "kept what a safe method p
 def total(rows: Sequence[StressFigures]) -> StressFigures:
     """Return all cases of one solver as one: counts are added, the largest is kept, percentiles are over all ticks."""
     strongest = max(rows, key=lambda row: row.force_max)
-    return StressFigures(
-        object="all",
-        method=rows[0].method,
-        surface=rows[0].surface,
-        seed=rows[0].seed,
-        force_max=strongest.force_max,
-        coupling_force=strongest.coupling_force,
-        failures=tuple(failure for row in rows for failure in row.failures),
-        **totals_of(StressFigures, rows),
-    )
+    failures = tuple(failure for row in rows for failure in row.failures)
+    return replace(strongest, object="all", failures=failures, **totals_of(StressFigures, rows))
 
 
 DEEP = 1e-5

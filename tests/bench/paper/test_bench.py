@@ -5,6 +5,7 @@ import math
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -13,14 +14,16 @@ from conftest import Run
 from hhsim.bench.paper.bench import PaperOptions, PaperRuns, measure
 from hhsim.bench.paper.run import COUNTS, GLOVE, NOISES, play, play_again
 from hhsim.bench.paper.scene import Scenario, held_ticks, make_stage
-from hhsim.bench.paper.table import PaperRow, missed, paper_rows, scene_rows
+from hhsim.bench.paper.table import SCENE_COLUMNS, PaperRow, missed, paper_rows
 from hhsim.bench.table import load_table
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
+from hhsim.motion.analytic_motion import still
 from hhsim.replay import tremor_hold
 from hhsim.solver.options import SolverOptions
+from hhsim.table.table import Table
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
@@ -104,7 +107,7 @@ def test_ticks_in_contact_are_those_of_closing_holding_and_sliding(runs: PaperRu
 
 
 def test_scene_rows_hold_one_line_a_scene(runs: PaperRuns) -> None:
-    rows = scene_rows(runs)
+    rows = Table(SCENE_COLUMNS, runs.scenes).records
     assert len(rows) == len(runs.scenes)
     assert {one["instances"] for one in rows if one["figure"] == "15"} == {2}
     for one in rows:
@@ -174,30 +177,13 @@ def test_every_instance_touches_what_the_scene_names(object_name: str, motion: s
 def test_a_glove_s_samples_are_held_and_flicker_by_a_count(monkeypatch: pytest.MonkeyPatch) -> None:
     given: list[HandConfiguration] = []
 
-    class Spy:
-        def __init__(self, *_: object) -> None:
-            pass
-
-        def place(self, *_: object) -> None:
-            pass
-
-        def run(
-            self, position: np.ndarray, orientation: np.ndarray, flexion: np.ndarray, abduction: np.ndarray
-        ) -> None:
-            given.append(HandConfiguration(position, orientation, flexion, abduction))
-
-    monkeypatch.setattr(tremor_hold, "HandSolver", Spy)
-    ticks = 500
+    spy = Mock(run=lambda *posed: given.append(HandConfiguration(*posed)))
+    monkeypatch.setattr(tremor_hold, "HandSolver", lambda *_: spy)
     flexion = np.random.default_rng(3).uniform(0.0, 1.0, (5, 3))
-    still = HandConfiguration(
-        np.zeros((ticks, 3)),
-        np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)),
-        np.tile(flexion, (ticks, 1, 1)),
-        np.zeros((ticks, 5)),
-    )
+    held = still(np.zeros(3), flexion=flexion, ticks=500)
     tree = cached_sphere_tree(load_object("cube").mesh, TreeOptions(level=1)).arrays()
     for noise, rate in NOISES.values():
-        tremor_hold.trembling_hold(HAND, tree, SolverOptions(), still, still, 1000.0, 0, noise, rate)
+        tremor_hold.trembling_hold(HAND, tree, SolverOptions(), held, held, 1000.0, 0, noise, rate)
     glove, trembling = given
     count = 2.0 * np.pi / COUNTS
     for poses in given:
@@ -206,7 +192,7 @@ def test_a_glove_s_samples_are_held_and_flicker_by_a_count(monkeypatch: pytest.M
         off = (poses.flexion - flexion) / count
         assert np.abs(off).max() <= 2.0 and np.abs(off).mean() < 0.5
         assert np.allclose(poses.flexion / count, np.round(poses.flexion / count), atol=1e-6)
-    assert not glove.position.any() and np.array_equal(glove.orientation, still.orientation)
+    assert not glove.position.any() and np.array_equal(glove.orientation, held.orientation)
     assert np.linalg.norm(trembling.position, axis=1).max() == pytest.approx(1e-4, rel=0.05)
     assert GLOVE.tremor_position == 0.0
 

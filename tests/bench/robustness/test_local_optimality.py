@@ -35,9 +35,8 @@ CLEAR = 5e-7
 """What a contact keeps clear [m]."""
 
 
-def floor(size: float = 0.6) -> Mesh:
-    """The plane z = 0, of two triangles."""
-    return sheet_mesh(size, size)
+FLOOR = sheet_mesh(0.6, 0.6)
+"""The plane z = 0, of two triangles."""
 
 
 def wedge(angle: float) -> Mesh:
@@ -49,15 +48,11 @@ def wedge(angle: float) -> Mesh:
     return joined_mesh(sides)
 
 
-def tick_of(record: object, tick: int) -> HandConfiguration:
-    return HandConfiguration(*(getattr(record, name)[tick : tick + 1] for name in HandConfiguration._fields))
-
-
 def test_in_free_space_the_way_is_free() -> None:
     motion = RandomTargets(HAND, 0).take(2)
     goal = motion.part(1, 2).copy()
     goal.position[0, 0] += 0.05
-    for pieces in (LEAVES, pieces_of("mesh", floor(), None)):
+    for pieces in (LEAVES, pieces_of("mesh", FLOOR, None)):
         assert way_out(HAND, pieces, OPTIONS, motion.part(0, 1), goal) == 1.0
         assert way_out(HAND, pieces, OPTIONS, goal, goal) == 0.0
 
@@ -83,7 +78,7 @@ def test_at_an_optimum_there_is_none_and_away_from_it_there_is(seed: int, surfac
     touching, moving = 0, 0
     for hold in range(1, holds):
         end = 200 * hold + 199
-        rest = tick_of(record, end)
+        rest = HandConfiguration.of(record).part(end, end + 1)
         touching += int(record.work[end, 6] > 0)
         assert way_out(HAND, pieces, options, rest, motion.part(end, end + 1)) == 0.0
         next_goal = motion.part((end + 1) % ticks, (end + 1) % ticks + 1)
@@ -122,33 +117,28 @@ def resting(mesh: Mesh, start: HandConfiguration, way: tuple[float, float, float
     return hand, pieces
 
 
-def towards(hand: HandConfiguration, pieces: Pieces, way: tuple[float, float, float]) -> float:
-    goal = hand.copy()
-    goal.position[0] += way
-    return way_out(HAND, pieces, ON_MESH, hand, goal)
-
-
 DOWN, UP = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0)
+STIFF = replace(ON_MESH, stiffness=Stiffness(rotation=1e9, flexion=1e9))
+"""Of a hand whose rotation and joints are too stiff to yield."""
 
 
-def stiff(hand: HandConfiguration, pieces: Pieces, way: tuple[float, float, float]) -> float:
-    """As `towards`, for a hand whose rotation and joints are too stiff to yield."""
-    goal = hand.copy()
-    goal.position[0] += way
-    options = replace(ON_MESH, stiffness=Stiffness(rotation=1e9, flexion=1e9))
+def towards(
+    hand: HandConfiguration, pieces: Pieces, way: tuple[float, float, float], options: SolverOptions = STIFF
+) -> float:
+    goal = hand._replace(position=hand.position + way)
     return way_out(HAND, pieces, options, hand, goal)
 
 
 def test_on_a_plane_straight_down_is_no_way_and_obliquely_is_one() -> None:
-    hand, pieces = resting(floor(), still((0.0, 0.0, 0.2)), DOWN)
-    assert stiff(hand, pieces, (0.0, 0.0, -0.02)) == 0.0
-    assert stiff(hand, pieces, (0.02, 0.01, -0.02)) > 0.0
-    assert stiff(hand, pieces, (0.0, 0.0, 0.02)) == 1.0
+    hand, pieces = resting(FLOOR, still((0.0, 0.0, 0.2)), DOWN)
+    assert towards(hand, pieces, (0.0, 0.0, -0.02)) == 0.0
+    assert towards(hand, pieces, (0.02, 0.01, -0.02)) > 0.0
+    assert towards(hand, pieces, (0.0, 0.0, 0.02)) == 1.0
     # From below alike: a sheet has two sides.
-    hand, pieces = resting(floor(), still((0.0, 0.0, -0.2)), UP)
-    assert stiff(hand, pieces, (0.0, 0.0, 0.02)) == 0.0
-    assert stiff(hand, pieces, (0.02, 0.01, 0.02)) > 0.0
-    assert stiff(hand, pieces, (0.0, 0.0, -0.02)) == 1.0
+    hand, pieces = resting(FLOOR, still((0.0, 0.0, -0.2)), UP)
+    assert towards(hand, pieces, (0.0, 0.0, 0.02)) == 0.0
+    assert towards(hand, pieces, (0.02, 0.01, 0.02)) > 0.0
+    assert towards(hand, pieces, (0.0, 0.0, -0.02)) == 1.0
 
 
 def test_a_plane_of_many_triangles_is_as_free_as_one_of_two() -> None:
@@ -156,15 +146,15 @@ def test_a_plane_of_many_triangles_is_as_free_as_one_of_two() -> None:
     lines = np.arange(-0.2, 0.2001, 0.008)
     fine = strips_mesh(list(lines), [lines] * (len(lines) - 1))
     hand, pieces = resting(fine, still((0.001, 0.0007, 0.2)), DOWN)
-    assert stiff(hand, pieces, (0.0, 0.0, -0.02)) == 0.0
+    assert towards(hand, pieces, (0.0, 0.0, -0.02)) == 0.0
     for way in ((0.02, 0.01, -0.02), (-0.01, 0.01, -0.02), (0.0, -0.02, 0.0)):
-        assert stiff(hand, pieces, way) > 0.0, way
-    assert stiff(hand, pieces, (0.0, 0.0, 0.02)) == 1.0
+        assert towards(hand, pieces, way) > 0.0, way
+    assert towards(hand, pieces, (0.0, 0.0, 0.02)) == 1.0
 
 
 def test_a_hand_that_can_turn_or_bend_about_its_contact_has_a_way() -> None:
-    hand, pieces = resting(floor(), still((0.0, 0.0, 0.2)), DOWN)
-    assert towards(hand, pieces, (0.0, 0.0, -0.02)) > 0.0
+    hand, pieces = resting(FLOOR, still((0.0, 0.0, 0.2)), DOWN)
+    assert towards(hand, pieces, (0.0, 0.0, -0.02), ON_MESH) > 0.0
 
 
 def test_a_finger_across_a_ridge_goes_along_it_and_off_it_and_not_through() -> None:
@@ -175,10 +165,10 @@ def test_a_finger_across_a_ridge_goes_along_it_and_off_it_and_not_through() -> N
     placed = forward_kinematics(HAND, *hand).joints[0, INDEX]
     # It is the axis that is at the edge, and neither end of it.
     assert placed[1, 1] < -0.005 and placed[2, 1] > 0.005
-    assert stiff(hand, pieces, (0.0, 0.0, -0.02)) == 0.0
-    assert stiff(hand, pieces, (0.02, 0.0, 0.0)) > 0.0
-    assert stiff(hand, pieces, (0.0, 0.02, -0.02)) > 0.0
-    assert stiff(hand, pieces, (0.0, 0.0, 0.02)) == 1.0
+    assert towards(hand, pieces, (0.0, 0.0, -0.02)) == 0.0
+    assert towards(hand, pieces, (0.02, 0.0, 0.0)) > 0.0
+    assert towards(hand, pieces, (0.0, 0.02, -0.02)) > 0.0
+    assert towards(hand, pieces, (0.0, 0.0, 0.02)) == 1.0
 
 
 def test_in_a_wedge_of_two_faces_only_along_it_and_out_of_it() -> None:
@@ -188,7 +178,7 @@ def test_in_a_wedge_of_two_faces_only_along_it_and_out_of_it() -> None:
     above = still(np.array([0.0, 0.0, 0.2]) - tip, turn, POINTING)
     hand, pieces = resting(wedge(0.5), above, DOWN)
     for way in ((0.0, 0.0, -0.02), (0.0, 0.005, -0.02), (0.0, -0.005, -0.02)):
-        assert stiff(hand, pieces, way) == 0.0, way
-    assert stiff(hand, pieces, (0.02, 0.0, -0.02)) > 0.0
-    assert stiff(hand, pieces, (0.0, 0.02, 0.04)) > 0.0
-    assert stiff(hand, pieces, (0.0, 0.0, 0.02)) == 1.0
+        assert towards(hand, pieces, way) == 0.0, way
+    assert towards(hand, pieces, (0.02, 0.0, -0.02)) > 0.0
+    assert towards(hand, pieces, (0.0, 0.02, 0.04)) > 0.0
+    assert towards(hand, pieces, (0.0, 0.0, 0.02)) == 1.0
