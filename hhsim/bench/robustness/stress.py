@@ -3,7 +3,7 @@
 A run of any length takes the same memory: ticks are run, measured and dropped block by block.
 """
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -70,7 +70,7 @@ class KeptFailure:
     command: str
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass
 class StressFigures(CpuTimes):
     """Figures of a case.
 
@@ -83,26 +83,28 @@ class StressFigures(CpuTimes):
     level: int = figure("level of the sphere tree", total=max)
     spheres: int = figure("leaf spheres of the object", total=sum)
     seed: int = figure("seed of the random targets")
-    ticks: int = figure("ticks run", total=sum)
-    penetration: float = figure("deepest penetration", "m", max)
-    penetration_palm: float = figure("deepest penetration of the palm", "m", max)
-    penetration_finger: float = figure("deepest penetration of a finger", "m", max)
-    penetrating: int = figure("ticks deeper than 1 um", total=sum)
-    penetrating_deep: int = figure("ticks deeper than 10 um", total=sum)
-    not_finite: int = figure("ticks whose hand or force is not finite", total=sum)
-    stuck: int = figure("ticks that kept the last feasible hand", total=sum)
-    unexplained: int = figure("stuck ticks that had a way out", total=sum)
-    longest_stuck: int = figure("longest run of stuck ticks", total=max)
-    lag: int = figure("ticks whose budget ended on the way", total=sum)
-    held: int = figure("ticks whose input was no reading of a hand", total=sum)
-    touching: int = figure("ticks in touch with the object", total=sum)
-    candidates_max: int = metric(max)
-    force_max: float = figure("largest total force", "N")
-    coupling_force: float = figure("the coupling's own force at that tick", "N")
-    force_ratio: float = figure("largest ratio of the total force to the coupling's own at the same tick", total=max)
+    ticks: int = figure("ticks run", total=sum, default=0)
+    penetration: float = figure("deepest penetration", "m", max, default=0.0)
+    penetration_palm: float = figure("deepest penetration of the palm", "m", max, default=0.0)
+    penetration_finger: float = figure("deepest penetration of a finger", "m", max, default=0.0)
+    penetrating: int = figure("ticks deeper than 1 um", total=sum, default=0)
+    penetrating_deep: int = figure("ticks deeper than 10 um", total=sum, default=0)
+    not_finite: int = figure("ticks whose hand or force is not finite", total=sum, default=0)
+    stuck: int = figure("ticks that kept the last feasible hand", total=sum, default=0)
+    unexplained: int = figure("stuck ticks that had a way out", total=sum, default=0)
+    longest_stuck: int = figure("longest run of stuck ticks", total=max, default=0)
+    lag: int = figure("ticks whose budget ended on the way", total=sum, default=0)
+    held: int = figure("ticks whose input was no reading of a hand", total=sum, default=0)
+    touching: int = figure("ticks in touch with the object", total=sum, default=0)
+    candidates_max: int = metric(max, default=0)
+    force_max: float = figure("largest total force", "N", default=0.0)
+    coupling_force: float = figure("the coupling's own force at that tick", "N", default=np.nan)
+    force_ratio: float = figure(
+        "largest ratio of the total force to the coupling's own at the same tick", total=max, default=0.0
+    )
     cpu: LogHistogram = cpu_times("a tick")  # noqa: RUF009
-    brute_ticks: int = figure("ticks recomputed by brute force", total=sum)
-    brute_difference: float = figure("largest disagreement with brute force", "m", max)
+    brute_ticks: int = figure("ticks recomputed by brute force", total=sum, default=0)
+    brute_difference: float = figure("largest disagreement with brute force", "m", max, 0.0)
     failures: tuple[KeptFailure, ...] = ()
 
     @property
@@ -203,60 +205,50 @@ class StressMeasure:
 
     def __init__(self, case: StressCase) -> None:
         self._case = case
-        self._cpu = LogHistogram()
-        self._deepest = np.zeros(3)
-        self._force = (-np.inf, np.nan)
-        self._force_ratio = 0.0
-        self._counts: Counter[str] = Counter()
-        self._candidates = 0
-        self._stuck_run = self._longest_stuck = 0
-        self._stuck_checked = 0
-        self._brute_difference = 0.0
+        self._stuck_run = 0
         self._before: HandConfiguration | None = None
-        self.ticks = 0
+        solver, tree = case.solver, case.tree
+        self.figures = StressFigures(case.object, solver.method, solver.surface, tree.depth, tree.leaf_count, case.seed)
 
     def add(self, motion: HandConfiguration, record: TickRecord, depth: Penetration) -> dict[str, BoolArray]:
         """Measure a block; return its failed ticks, shape (T,), by the name of the failure."""
-        deepest = [float(np.max(values)) for values in (depth.depth, depth.palm, depth.finger)]
-        self._deepest = np.maximum(self._deepest, deepest)
+        made = self.figures
+        self._brute(record)
+        made.ticks += motion.ticks
+        # np.maximum, unlike max, keeps a NaN whichever side it is on.
+        made.penetration = float(np.maximum(made.penetration, depth.depth.max()))
+        made.penetration_palm = float(np.maximum(made.penetration_palm, depth.palm.max()))
+        made.penetration_finger = float(np.maximum(made.penetration_finger, depth.finger.max()))
         penetrating, lost = ~(depth.depth <= SAFE_DEPTH), not_finite(record)
-        for name, ticks in (
-            ("penetrating", penetrating),
-            ("penetrating_deep", ~(depth.depth <= DEEP)),
-            ("not_finite", lost),
-            ("stuck", (record.status & STATUS_STUCK) > 0),
-            ("lag", (record.status & STATUS_LAG) > 0),
-            ("held", (record.status & STATUS_INPUT_INVALID) > 0),
-            ("touching", record.work[:, WORK_TOUCHING] > 0),
-        ):
-            self._counts[name] += int(ticks.sum())
-        self._candidates = max(self._candidates, int(record.work[:, WORK_CANDIDATES].max()))
-        self._cpu.add(record.duration_cpu)
+        made.penetrating += int(penetrating.sum())
+        made.penetrating_deep += int((~(depth.depth <= DEEP)).sum())
+        made.not_finite += int(lost.sum())
+        made.lag += int(((record.status & STATUS_LAG) > 0).sum())
+        made.held += int(((record.status & STATUS_INPUT_INVALID) > 0).sum())
+        made.touching += int((record.work[:, WORK_TOUCHING] > 0).sum())
+        made.candidates_max = max(made.candidates_max, int(record.work[:, WORK_CANDIDATES].max()))
+        made.cpu.add(record.duration_cpu)
         haptic = self._readings(motion)
         size = np.linalg.norm(record.total, axis=1)
         top = int(np.argmax(np.where(np.isfinite(size), size, -1.0)))
         own = coupling_force(self._case, haptic, record)
-        if size[top] > self._force[0]:
-            self._force = float(size[top]), float(own[top])
+        if size[top] > made.force_max or (size[top] == 0.0 and np.isnan(made.coupling_force)):
+            made.force_max, made.coupling_force = float(size[top]), float(own[top])
         pushed = size >= LEAST_FORCE
         if pushed.any():
             # A method that is not held back by its coupling can push where the coupling's own force is zero.
             with np.errstate(divide="ignore"):
-                self._force_ratio = max(self._force_ratio, float((size[pushed] / own[pushed]).max()))
-        self._brute(record)
-        unexplained = self._explain(haptic, record)
-        self.ticks += motion.ticks
-        return {"penetration": penetrating, "not finite": lost, "stuck": unexplained}
+                made.force_ratio = max(made.force_ratio, float((size[pushed] / own[pushed]).max()))
+        return {"penetration": penetrating, "not finite": lost, "stuck": self._explain(haptic, record)}
 
     def _brute(self, record: TickRecord) -> None:
         case, shape = self._case, hand_shape(self._case.hand)
-        looked = range(-self.ticks % BRUTE_EVERY, len(record.status), BRUTE_EVERY)
-        self._counts["brute_ticks"] += len(looked)
-        for tick in looked:
+        for tick in range(-self.figures.ticks % BRUTE_EVERY, len(record.status), BRUTE_EVERY):
             shown = placed_of(record).at([tick])
             brute = hand_distance(case.pieces, shape, *(values[0] for values in shown))
             difference = abs(min(brute, FAR) - float(hand_clearance(case.hand, case.surface, shown, FAR)[0]))
-            self._brute_difference = max(self._brute_difference, difference)
+            self.figures.brute_ticks += 1
+            self.figures.brute_difference = max(self.figures.brute_difference, difference)
 
     def _readings(self, motion: HandConfiguration) -> HandConfiguration:
         """Readings as the solver holds them, across blocks too."""
@@ -270,41 +262,15 @@ class StressMeasure:
     def _explain(self, haptic: HandConfiguration, record: TickRecord) -> BoolArray:
         stuck = (record.status & STATUS_STUCK) > 0
         unexplained = np.zeros(len(stuck), dtype=bool)
-        case, shown = self._case, HandConfiguration.of(record)
+        case, made, shown = self._case, self.figures, HandConfiguration.of(record)
         for tick, is_stuck in enumerate(stuck):
             self._stuck_run = self._stuck_run + 1 if is_stuck else 0
-            self._longest_stuck = max(self._longest_stuck, self._stuck_run)
-            if is_stuck and self._stuck_checked < MOST_STUCK_CHECKED:
-                self._stuck_checked += 1
+            made.longest_stuck = max(made.longest_stuck, self._stuck_run)
+            if is_stuck and made.stuck < MOST_STUCK_CHECKED:
                 unexplained[tick] = way_out(case.hand, case.pieces, case.solver, shown, haptic, tick) > 0.0
-        self._counts["unexplained"] += int(unexplained.sum())
+            made.stuck += int(is_stuck)
+        made.unexplained += int(unexplained.sum())
         return unexplained
-
-    def figures(self, failures: tuple[KeptFailure, ...]) -> StressFigures:
-        """Return the figures of all blocks."""
-        case = self._case
-        deepest, palm, finger = self._deepest.tolist()
-        return StressFigures(
-            object=case.object,
-            method=case.solver.method,
-            surface=case.solver.surface,
-            level=case.tree.depth,
-            spheres=case.tree.leaf_count,
-            seed=case.seed,
-            ticks=self.ticks,
-            penetration=deepest,
-            penetration_palm=palm,
-            penetration_finger=finger,
-            longest_stuck=self._longest_stuck,
-            candidates_max=self._candidates,
-            force_max=max(self._force[0], 0.0),
-            coupling_force=self._force[1],
-            force_ratio=self._force_ratio,
-            brute_difference=self._brute_difference,
-            cpu=self._cpu,
-            failures=failures,
-            **self._counts,
-        )
 
 
 BLOCK = 2048
@@ -325,7 +291,7 @@ def run_case(case: StressCase, check: Callable[[], None] = lambda: None) -> Stre
     stretch: deque[tuple[HandConfiguration, HandConfiguration]] = deque(maxlen=STRETCH_BLOCKS)
     kept: dict[str, KeptFailure] = {}
     for motion in case.targets().blocks(case.ticks, BLOCK):
-        first = measure.ticks
+        first = measure.figures.ticks
         record = solver.run(*motion)
         depth = recorded_penetration(case.hand, solver.workspace.surface, record)
         stretch.append((motion, HandConfiguration.of(record).copy()))
@@ -335,7 +301,7 @@ def run_case(case: StressCase, check: Callable[[], None] = lambda: None) -> Stre
                 tick = int(np.argmax(ticks))
                 kept[kind] = _keep(case, case.keep, kind, first + tick, tick, list(stretch))
         check()
-    return measure.figures(tuple(kept.values()))
+    return replace(measure.figures, failures=tuple(kept.values()))
 
 
 def run_stress(cases: Sequence[StressCase], *, jobs: int = 1, progress: Progress = silent) -> Iterator[StressFigures]:

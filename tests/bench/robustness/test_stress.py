@@ -165,7 +165,7 @@ def test_a_mesh_that_the_kernels_and_brute_force_see_differently_is_a_missed_lim
     motion = wrong.targets().take(1000)
     record = wrong.new_solver().run(*motion)
     measure.add(motion, record, recorded_penetration(HAND, wrong.surface, record))
-    assert 3e-5 < measure.figures(()).brute_difference < 4.5e-5 and measure.figures(()).missed
+    assert 3e-5 < measure.figures.brute_difference < 4.5e-5 and measure.figures.missed
 
 
 def test_a_failure_on_the_mesh_is_kept_with_its_surface(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
