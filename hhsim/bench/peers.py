@@ -24,7 +24,7 @@ from hhsim.bench.run_errors import (
     placed_of,
     sampled,
 )
-from hhsim.bench.speed_error_table import ALL, GAIN, failure_remark, frontier, joined, percentile, summed_rows
+from hhsim.bench.speed_error_table import ALL, GAIN, failure_remark, frontier, percentile, summed_rows, tick_times
 from hhsim.bench.table import columns_of, figure, mean, metric, totals_of, worst
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
@@ -153,7 +153,7 @@ class PeerRun:
 
     Attributes:
         cpu: CPU times of the ticks in contact [s], one array of shape (n,) a repetition.
-        native: CPU times of the engine's own step in the same ticks.
+        native: CPU times of the engine's own step in the same ticks; of the whole tick of a method of ours.
         seconds: CPU time of all ticks of the first repetition.
         failure: Message of the error that ended it, or "".
     """
@@ -166,16 +166,6 @@ class PeerRun:
     errors: PeerErrors | None = None
     seconds: float = 0.0
     failure: str = ""
-
-    @property
-    def tick_cpu(self) -> FloatArray:
-        """CPU time of each tick in contact, the median of the repetitions [s], shape (n,)."""
-        return np.asarray(np.median(self.cpu, axis=0)) if self.cpu else np.zeros(0)
-
-    @property
-    def tick_native(self) -> FloatArray:
-        """CPU time of the engine's own step in each tick in contact [s]; of the whole tick of a method of ours."""
-        return np.asarray(np.median(self.native, axis=0)) if self.native else np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -382,7 +372,7 @@ def won_by_others(rows: Sequence[Row]) -> list[Row]:
 
 def _row(object_name: str, motion: str, runs: Sequence[PeerRun]) -> Row:
     peer = runs[0].peer
-    cpu, native = (joined([getattr(run, kind) for run in runs]) for kind in ("tick_cpu", "tick_native"))
+    cpu, native = tick_times([run.cpu for run in runs]), tick_times([run.native for run in runs])
     errors = [run.errors for run in runs if run.errors is not None]
     return {
         "object": object_name,

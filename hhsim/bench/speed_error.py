@@ -175,16 +175,6 @@ class Run:
     ticks: int = 0
     failure: str = ""
 
-    @property
-    def tick_cpu(self) -> FloatArray:
-        """CPU time of each tick in contact, the median of the repetitions [s], shape (n,)."""
-        return np.asarray(np.median(self.cpu, axis=0)) if self.cpu else np.zeros(0)
-
-    @property
-    def tick_wall(self) -> FloatArray:
-        """Wall time of each tick in contact, the median of the repetitions [s], shape (n,)."""
-        return np.asarray(np.median(self.wall, axis=0)) if self.wall else np.zeros(0)
-
 
 @dataclass(frozen=True)
 class _Scene:

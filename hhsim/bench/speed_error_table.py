@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hhsim.arrays import AnyArray, IntArray
+from hhsim.arrays import AnyArray, FloatArray, IntArray
 from hhsim.bench.run_errors import RunErrors
 from hhsim.bench.speed_error import NO_LEVEL, Run
 from hhsim.bench.table import columns_of, metric_column, totals_of
@@ -96,7 +96,7 @@ def touched(surface: str, level: int) -> str:
 def remarks(runs: Sequence[Run]) -> list[str]:
     """Return remarks on the table, a sentence each."""
     measured = [(run, run.errors) for run in runs if run.errors is not None]
-    ticks = sum(run.tick_cpu.size for run, _ in measured)
+    ticks = sum(run.candidates.size for run, _ in measured)
     points = sum(errors.contact_points for _, errors in measured)
     samples = sum(errors.samples for _, errors in measured)
     found = [
@@ -127,9 +127,8 @@ def failure_remark(runs: Sequence[Any], name: Callable[[Any], str]) -> list[str]
 
 def _row(object_name: str, motion: str, runs: Sequence[Run]) -> Row:
     configuration = runs[0].configuration
-    cpu, wall = (joined([getattr(run, kind) for run in runs]) for kind in ("tick_cpu", "tick_wall"))
-    candidates = joined([run.candidates for run in runs])
-    work = joined([run.work for run in runs])
+    cpu, wall = tick_times([run.cpu for run in runs]), tick_times([run.wall for run in runs])
+    candidates, work = (np.concatenate([getattr(run, kind) for run in runs]) for kind in ("candidates", "work"))
     errors = [run.errors for run in runs if run.errors is not None]
     return {
         "object": object_name,
@@ -154,9 +153,9 @@ def _row(object_name: str, motion: str, runs: Sequence[Run]) -> Row:
     }
 
 
-def joined(parts: Sequence[AnyArray]) -> AnyArray:
-    """Return the ticks of several runs in one array; empty without a run."""
-    return np.concatenate(parts) if parts else np.zeros(0)
+def tick_times(runs: Sequence[Sequence[FloatArray]]) -> FloatArray:
+    """Return the times of the ticks of several runs, each the median of its repetitions, from those of all."""
+    return np.concatenate([np.median(repetitions, axis=0) if repetitions else np.zeros(0) for repetitions in runs])
 
 
 def percentile(values: AnyArray, percent: float) -> float:

@@ -70,9 +70,7 @@ def _simple(mesh: Mesh) -> Part | None:
     low, high = points.min(axis=0), points.max(axis=0)
     center = 0.5 * (low + high)
     hull = ConvexHull(points)
-    corners = mesh.vertices[mesh.faces] - center
-    volume = float(np.einsum("fi,fi->f", corners[:, 0], np.cross(*corners[:, 1:].swapaxes(0, 1))).sum())
-    if abs(volume / 6.0 - hull.volume) > CONVEX * hull.volume:
+    if abs(mesh.volume - hull.volume) > CONVEX * hull.volume:
         return None
     if abs(hull.volume - float(np.prod(high - low))) <= CONVEX * hull.volume:
         return Box(center, 0.5 * (high - low))

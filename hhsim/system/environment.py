@@ -58,7 +58,7 @@ def machine() -> dict[str, str | int]:
 
 def package_versions() -> dict[str, str]:
     """Return the versions of the installed packages that hhsim depends on, by name."""
-    installed = {name: _version(name) for name, _ in _requirements()}
+    installed = {name: package_version(name) for name, _ in _requirements()}
     return {name: version for name, version in installed.items() if version is not None}
 
 
@@ -131,7 +131,8 @@ def _requirements() -> list[tuple[str, str]]:
 
 
 @cache
-def _version(package: str) -> str | None:
+def package_version(package: str) -> str | None:
+    """Return the installed version of a package; None for one that is not installed."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
@@ -141,6 +142,6 @@ def _version(package: str) -> str | None:
 def _missing_packages() -> dict[str, list[str]]:
     missing: dict[str, list[str]] = {}
     for name, extra in _requirements():
-        if _version(name) is None:
+        if package_version(name) is None:
             missing.setdefault(extra or "required", []).append(name)
     return missing

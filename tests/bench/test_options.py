@@ -72,7 +72,6 @@ COMMANDS = (
     ("hard fast-swip", "unknown hard case 'fast-swip': did you mean fast-swipe?"),
     ("hard flat-finger", "hard case 'flat-finger' is made of triangles alone: it takes --surface mesh"),
     ("hard --method couple", "unknown method 'couple': did you mean coupled?"),
-    ("trees --spheres 0", "'0', expected whole numbers from 1 to 32768"),
     ("trees --plot a.h5", "no picture by its ending"),
     ("qp --qp dapq", "daqp"),
     ("qp --programs qp.npz", ".parquet"),

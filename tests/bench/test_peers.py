@@ -91,7 +91,7 @@ def test_a_hand_inside_is_told_by_how_much() -> None:
     assert other.errors.mesh_depth_max > 1e-3
     assert other.errors.contact_error_max > 0.01
     assert other.errors.palm_off_mean == 0.0
-    np.testing.assert_allclose(other.tick_native, 7e-9)
+    np.testing.assert_allclose(other.native, 7e-9)
     rows = table_rows([ours, other])
     assert [set(row) for row in rows] == [{column.name for column in COLUMNS}] * len(rows)
 

@@ -120,9 +120,7 @@ def make_stage(scenario: Scenario, hand: HandModel, tree: SphereTree, instances:
     """Find the hand's places and make the motions.
 
     Args:
-        tree: The object.
         instances: Limit of the motions; a scene that is shown once has one.
-        seed: Of the instances' places.
 
     Raises:
         TrajectoryError: The motion cannot be done on this object.

@@ -5,12 +5,10 @@ answer is checked from the program alone (`hhsim.bench.qp.program`). A fair samp
 solver in turns, and timed.
 """
 
-import importlib.metadata
 import random
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -35,6 +33,7 @@ from hhsim.bench.qp.program import (
 from hhsim.bench.qp.recorded_problems import QpBenchOptions, harvest
 from hhsim.errors import OutputError
 from hhsim.solver.qp import ACTIVE_SET
+from hhsim.system.environment import package_version
 from hhsim.system.input_file import read_input
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
@@ -282,11 +281,7 @@ def missed_programs(rows: Sequence[dict[str, Any]]) -> list[str]:
 def solver_versions(backends: Sequence[str]) -> dict[str, str]:
     """Return the installed version of each solver besides ours; empty if it has none."""
     distributions = {"proxqp": "proxsuite", "highs": "highspy", "sip": "sip_python"}
-    versions = dict.fromkeys(backends, "")
-    for backend in backends:
-        with suppress(importlib.metadata.PackageNotFoundError):
-            versions[backend] = importlib.metadata.version(distributions.get(backend, backend))
-    return versions
+    return {backend: package_version(distributions.get(backend, backend)) or "" for backend in backends}
 
 
 def _percentile(values: list[float], share: float, unit: float = 1.0) -> float | None:
