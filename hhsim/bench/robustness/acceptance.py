@@ -4,13 +4,10 @@ Only the bit of a stuck tick is taken from the solver: penetration is recomputed
 tick is explained only if `hhsim.bench.robustness.local_optimality`, which shares nothing with a tick, finds no step.
 """
 
-from typing import Any
-
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.bench.robustness.case import DEEPEST, Figure, Outcome
-from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.local_optimality import way_out
 from hhsim.bench.robustness.pieces import Pieces
 from hhsim.bench.run_errors import placed_of
@@ -18,7 +15,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_STUCK
+from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.motion.tick_motion import hold_readings
 from hhsim.solver.options import SolverOptions
 
@@ -39,12 +36,6 @@ def common_figures(outcomes: list[Outcome]) -> list[Figure]:
         Figure("joint beyond its limit", max(outcome.limit_excess for outcome in outcomes), LIMIT_TOLERANCE, "rad"),
         Figure("stuck ticks that nothing explains", sum(outcome.unexplained for outcome in outcomes), 0),
     ]
-
-
-def worst_penetration(hand: HandModel, surface: Any, record: TickRecord) -> float:
-    """Return the deepest penetration of the recorded hands [m]; NaN if one is not finite."""
-    depth = recorded_penetration(hand, surface, record).depth
-    return float(depth.max()) if len(depth) else 0.0
 
 
 def part_of(record: TickRecord, first: int | None, last: int | None = None) -> TickRecord:
@@ -106,9 +97,3 @@ def unexplained_stuck(
 def sound_samples(motion: HandConfiguration) -> BoolArray:
     """Return the samples that are a hand's, shape (T,), from the input itself."""
     return np.array([is_finite_configuration(*sample) for sample in zip(*motion, strict=True)], dtype=bool)
-
-
-def held(record: TickRecord) -> BoolArray:
-    """Return the ticks whose status says that the input was unusable, shape (T,)."""
-    flags: BoolArray = (record.status & STATUS_INPUT_INVALID) > 0
-    return flags

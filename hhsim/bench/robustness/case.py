@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
-from hhsim.bench.robustness.sphere_objects import right_hand, usual_ball
-from hhsim.bench.robustness.triangle_objects import usual_ball_mesh
+from hhsim.bench.robustness.sphere_objects import ball, right_hand
+from hhsim.bench.robustness.triangle_objects import ball_mesh
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
@@ -76,7 +76,7 @@ class HardRun:
 
 def ball_run(name: str, motion: HandConfiguration) -> HardRun:
     """Return a run against the ball that most scenes have."""
-    return HardRun(name, motion, usual_ball(), usual_ball_mesh())
+    return HardRun(name, motion, ball(4000), ball_mesh())
 
 
 @dataclass(frozen=True, eq=False)

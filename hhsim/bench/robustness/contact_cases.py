@@ -29,14 +29,13 @@ from hhsim.bench.robustness.postures import (
     threaded,
     tip_at,
 )
-from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of, usual_ball
+from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of
 from hhsim.bench.robustness.triangle_objects import (
     ball_mesh,
     box_mesh,
     joined_mesh,
     ring_mesh,
     roof_mesh,
-    usual_ball_mesh,
 )
 from hhsim.bench.run_errors import hand_clearance, placed_of
 from hhsim.hand.configuration import HandConfiguration, sequence
@@ -144,7 +143,7 @@ def _judge_released(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
 
 def _inside(seed: int) -> Sequence[HardRun]:
     usual, wall = (
-        (usual_ball(), usual_ball_mesh()),
+        (ball(4000), ball_mesh()),
         (tree_of(plate(0.3, 0.3, 3e-3, 0.0), 2.3e-3), box_mesh(0.3, 0.3, 4.6e-3)),
     )
     runs = []

@@ -14,10 +14,10 @@ from hhsim.bench.robustness.acceptance import (
     limit_excess,
     shown_points,
     unexplained_stuck,
-    worst_penetration,
 )
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.contact_cases import CONTACT_CASES
+from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.input_cases import INPUT_CASES
 from hhsim.bench.robustness.invariance_cases import INVARIANCE_CASES, endurance_case
 from hhsim.bench.robustness.pieces import pieces_of
@@ -186,7 +186,7 @@ def _counted(outcome: Outcome, surface: Any, motion: HandConfiguration, record: 
         record=record,
         ticks_done=outcome.ticks_done + motion.ticks,
         # np.maximum, unlike max, keeps a NaN whichever side it is on.
-        penetration=float(np.maximum(outcome.penetration, worst_penetration(run.hand, surface, record))),
+        penetration=float(np.maximum(outcome.penetration, recorded_penetration(run.hand, surface, record).depth.max())),
         nonfinite=outcome.nonfinite + count_nonfinite(record),
         limit_excess=float(np.maximum(outcome.limit_excess, limit_excess(run.hand, record))),
         stuck=outcome.stuck + int(((record.status & STATUS_STUCK) > 0).sum()),

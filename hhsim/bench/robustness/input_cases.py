@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.bench.robustness.acceptance import held, motion_difference, part_of, shown_points, sound_samples
+from hhsim.bench.robustness.acceptance import motion_difference, part_of, shown_points, sound_samples
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome, ball_run, rest_figure
 from hhsim.bench.robustness.postures import HALF, POINTING, RIM, crossings, handling, tip_at
 from hhsim.bench.robustness.sphere_objects import ball, disc, plate, tree_of
@@ -13,6 +13,7 @@ from hhsim.bench.robustness.triangle_objects import ball_mesh, box_mesh, disc_me
 from hhsim.bench.run_errors import hand_clearance, placed_of
 from hhsim.hand.configuration import sequence
 from hhsim.hand.quaternion import quaternion, quaternion_product
+from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
 from hhsim.motion.analytic_motion import UPRIGHT, still
 from hhsim.motion.tick_motion import hold_readings
 
@@ -141,7 +142,8 @@ def _bad_samples(seed: int) -> Sequence[HardRun]:
 
 def _judge_bad_samples(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     dirty, repeated, late, first = (outcome.ticks for outcome in outcomes)
-    differing = sum(int((held(o.ticks) == sound_samples(o.run.motion)).sum()) for o in outcomes)
+    invalid = [(outcome.ticks.status & STATUS_INPUT_INVALID) > 0 for outcome in outcomes]
+    differing = sum(int((bad == sound_samples(o.run.motion)).sum()) for bad, o in zip(invalid, outcomes))
     return [
         Figure("difference to the last good sample repeated", motion_difference(dirty, repeated), 0.0, "m"),
         Figure("difference to a hand that waits for its first sample", motion_difference(late, first), 0.0, "m"),

@@ -10,8 +10,8 @@ from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.acceptance import shown_points
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome, ball_run
 from hhsim.bench.robustness.postures import HALF, handling
-from hhsim.bench.robustness.sphere_objects import coarse_ball, right_hand, scaled_hand, tree_of
-from hhsim.bench.robustness.triangle_objects import coarse_ball_mesh, loose_mesh
+from hhsim.bench.robustness.sphere_objects import ball, right_hand, scaled_hand, tree_of
+from hhsim.bench.robustness.triangle_objects import ball_mesh, loose_mesh
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
 from hhsim.mesh.mesh import Mesh
@@ -186,7 +186,7 @@ def _doubled(seed: int) -> Sequence[Variant]:
 
 def _stiffness_ratios(seed: int) -> Sequence[HardRun]:
     motion = random_targets(right_hand(), 600, np.random.default_rng([seed, 20]))
-    scene = HardRun("", motion, coarse_ball(), coarse_ball_mesh())
+    scene = HardRun("", motion, ball(1200), ball_mesh(subdivisions=3))
     return [
         replace(scene, name=f"{ratio:g} {name}", adapt=_stiffer(*(ratio if i == j else 1.0 for j in range(3))))
         for ratio in (1e-3, 1e-1, 1e1, 1e3, 1e6)
@@ -207,7 +207,7 @@ def _loops(repeats: int) -> Sequence[HardRun]:
     around = _around(pressed, LOOP - 600)
     through_air = sequence(above.hold(49).line(pressed, 250), around).hold(60).line(above, 220).hold(20)
     in_contact = _around(pressed, LOOP - 100).hold(100)
-    scene = HardRun("", through_air, coarse_ball(), coarse_ball_mesh(), repeats=repeats)
+    scene = HardRun("", through_air, ball(1200), ball_mesh(subdivisions=3), repeats=repeats)
     lead = above.line(pressed, 250).hold(50)
     return [
         replace(scene, name="through air and contact", marks=(LOOP - 242, LOOP - 1)),

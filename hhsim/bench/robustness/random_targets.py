@@ -8,7 +8,7 @@ stretch of a long run can be made again.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
 
@@ -115,11 +115,6 @@ class RandomTargets:
         whole = sequence(*pieces)
         self._left = whole.part(ticks, have).copy()
         return whole.part(0, ticks).copy()
-
-    def blocks(self, ticks: int, size: int) -> Iterator[HandConfiguration]:
-        """Yield the next `ticks` ticks in blocks of `size`, the last one shorter."""
-        for first in range(0, ticks, size):
-            yield self.take(min(size, ticks - first))
 
     def _hold(self) -> HandConfiguration:
         # Seeded by the number of the target: the draws of one do not shift the next.

@@ -27,18 +27,6 @@ def right_hand() -> HandModel:
     return HandModel.default()
 
 
-@cache
-def coarse_ball() -> SphereTree:
-    """Return the ball of `BALL_RADIUS` with 1,200 spheres and bumps of a millimetre."""
-    return ball(1200, BALL_RADIUS)
-
-
-@cache
-def usual_ball() -> SphereTree:
-    """Return the ball of `BALL_RADIUS` with 4,000 spheres."""
-    return ball(4000, BALL_RADIUS)
-
-
 def tree_of(center: ArrayLike, radius: ArrayLike) -> SphereTree:
     """Return a tree over these leaf spheres, shapes (n, 3) and (n,), or one radius for all [m]."""
     points = np.asarray(center, np.float64).reshape(-1, 3)
@@ -49,7 +37,8 @@ def tree_of(center: ArrayLike, radius: ArrayLike) -> SphereTree:
     return build_hierarchy(points, radii, level, BRANCHING)
 
 
-def ball(leaves: int, radius: float) -> SphereTree:
+@cache
+def ball(leaves: int, radius: float = BALL_RADIUS) -> SphereTree:
     """Return a ball about the origin, its surface of overlapping spheres on a Fibonacci lattice [m]."""
     index = np.arange(leaves) + 0.5
     polar, turn = np.arccos(1.0 - 2.0 * index / leaves), np.pi * (1.0 + 5.0**0.5) * index

@@ -290,8 +290,9 @@ def run_case(case: StressCase, check: Callable[[], None] = lambda: None) -> Stre
     solver = case.new_solver()
     stretch: deque[tuple[HandConfiguration, HandConfiguration]] = deque(maxlen=STRETCH_BLOCKS)
     kept: dict[str, KeptFailure] = {}
-    for motion in case.targets().blocks(case.ticks, BLOCK):
-        first = measure.figures.ticks
+    targets = case.targets()
+    for first in range(0, case.ticks, BLOCK):
+        motion = targets.take(min(BLOCK, case.ticks - first))
         record = solver.run(*motion)
         depth = recorded_penetration(case.hand, solver.workspace.surface, record)
         stretch.append((motion, HandConfiguration.of(record).copy()))

@@ -21,18 +21,7 @@ ALONG_X = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 
 
 @cache
-def coarse_ball_mesh() -> Mesh:
-    """Return the ball of `BALL_RADIUS` with 1,280 triangles, a few millimetres wide."""
-    return ball_mesh(BALL_RADIUS, 3)
-
-
-@cache
-def usual_ball_mesh() -> Mesh:
-    """Return the ball of `BALL_RADIUS` with 5,120 triangles."""
-    return ball_mesh(BALL_RADIUS)
-
-
-def ball_mesh(radius: float, subdivisions: int = 4) -> Mesh:
+def ball_mesh(radius: float = BALL_RADIUS, subdivisions: int = 4) -> Mesh:
     """Return a ball about the origin [m], 20 · 4ⁿ triangles."""
     return _made("icosphere", subdivisions=subdivisions, radius=radius)
 

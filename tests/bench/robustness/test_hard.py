@@ -13,8 +13,9 @@ from conftest import Run
 from sphere_scenes import record_clearance
 
 from hhsim.bench.robustness import hard as suite
-from hhsim.bench.robustness.acceptance import part_of, sound_samples, unexplained_stuck, worst_penetration
+from hhsim.bench.robustness.acceptance import part_of, sound_samples, unexplained_stuck
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun
+from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.hard import (
     CaseResult,
     bench_hard,
@@ -27,7 +28,7 @@ from hhsim.bench.robustness.hard import (
 from hhsim.bench.robustness.pieces import pieces_of
 from hhsim.bench.robustness.postures import HALF
 from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, right_hand, tree_of
-from hhsim.bench.robustness.triangle_objects import usual_ball_mesh
+from hhsim.bench.robustness.triangle_objects import ball_mesh
 from hhsim.bench.table import load_table
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
@@ -161,7 +162,7 @@ def test_penetration_is_that_of_brute_force() -> None:
         lowered.joints[..., 2] -= depth
         lowered.position[:, 2] -= depth
         brute = max(0.0, -record_clearance(hand, BALL, lowered).min())
-        assert abs(worst_penetration(hand, BALL.arrays(), lowered) - brute) < 1e-12
+        assert abs(recorded_penetration(hand, BALL.arrays(), lowered).depth.max() - brute) < 1e-12
         assert (brute > 0.5 * depth) == (depth > 0.0)
 
 
@@ -264,7 +265,7 @@ def test_a_run_without_triangles_is_that_of_the_spheres() -> None:
     assert kept.options == SolverOptions()
     usual = run_scene(run, SolverOptions())
     np.testing.assert_array_equal(kept.ticks.position, usual.ticks.position)
-    touched = run_scene(replace(run, mesh=usual_ball_mesh()), SolverOptions(surface="mesh"))
+    touched = run_scene(replace(run, mesh=ball_mesh()), SolverOptions(surface="mesh"))
     assert touched.options.surface == "mesh" and touched.penetration == 0.0
     assert not np.array_equal(touched.ticks.position, usual.ticks.position)
 

@@ -35,9 +35,6 @@ def test_any_cut_gives_the_same_motion(sizes: list[int], seed: int, wild: bool, 
     pieces = [targets.take(size) for size in sizes]
     assert [piece.ticks for piece in pieces] == sizes
     assert equal(sequence(*pieces), RandomTargets(HAND, seed, options).take(sum(sizes)))
-    blocks = list(RandomTargets(HAND, seed, options).blocks(203, 64))
-    assert [block.ticks for block in blocks] == [64, 64, 64, 11]
-    assert equal(sequence(*blocks), RandomTargets(HAND, seed, options).take(203))
 
 
 def test_targets_are_as_wide_as_they_say() -> None:

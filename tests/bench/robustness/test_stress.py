@@ -25,7 +25,7 @@ from hhsim.bench.robustness.stress import (
     run_stress,
     total,
 )
-from hhsim.bench.robustness.triangle_objects import coarse_ball_mesh
+from hhsim.bench.robustness.triangle_objects import ball_mesh
 from hhsim.bench.table import load_table
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -52,7 +52,7 @@ def case(
     return StressCase(
         object="ball",
         tree=BALL,
-        mesh=coarse_ball_mesh(),
+        mesh=ball_mesh(subdivisions=3),
         hand=HAND,
         solver=SolverOptions(method=method, surface=surface),
         stress=StressOptions(wild=wild),
@@ -159,7 +159,7 @@ def test_on_the_mesh_the_figures_are_of_the_mesh(method: str) -> None:
 
 
 def test_a_mesh_that_the_kernels_and_brute_force_see_differently_is_a_missed_limit() -> None:
-    wrong = replace(case(ticks=1000, surface="mesh"), mesh=coarse_ball_mesh().scaled(1.001))
+    wrong = replace(case(ticks=1000, surface="mesh"), mesh=ball_mesh(subdivisions=3).scaled(1.001))
     measure = stress.StressMeasure(wrong)
     vars(wrong)["pieces"] = case(surface="mesh").pieces
     motion = wrong.targets().take(1000)
