@@ -5,7 +5,7 @@ By default the same few examples run; HHSIM_FUZZ=500 runs 500 new ones, HHSIM_FU
 
 import os
 import tempfile
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -155,7 +155,7 @@ def _kept(scene: Scene, kind: str, tick: int, path: Path, solver: Solver, motion
         seed=scene.seed,
         tick=tick,
         failing_tick=shrunk.tick,
-        stress=scene.stress.to_json(),
+        stress=asdict(scene.stress),
         solver=scene.solver.to_json(),
         hand=scene.side,
     )

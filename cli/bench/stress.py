@@ -130,7 +130,7 @@ def command(
         "level": level,
         "ticks": targets.ticks,
         "seed": seed,
-        "stress": stress.to_json(),
+        "stress": asdict(stress),
         "solver": [solver.to_json() for solver in chosen],
     }
     table = SuiteTable(output, "stress", COLUMNS, described)

@@ -8,6 +8,7 @@ triangles of the mesh.
 
 import hashlib
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -74,11 +75,9 @@ class MeshReferee:
         require_coal()
         self.most_hands = most_hands
         self._model = coal_model(mesh.vertices, mesh.faces)
-        self._depths: HandReferee | None
-        try:
+        self._depths: HandReferee | None = None
+        with suppress(MeshError):
             self._depths = HandReferee(mesh)
-        except MeshError:
-            self._depths = None
 
     @property
     def closed(self) -> bool:

@@ -58,7 +58,7 @@ IMPOSSIBLE: tuple[tuple[type, dict[str, Any], str], ...] = (
     (StressOptions, {"position_spread": -1.0}, "position_spread"),
     (StressOptions, {"rotation_spread": np.nan}, "rotation_spread"),
     (StressOptions, {"longest_step": 0.0}, "longest_step"),
-    (StressOptions, {"bound": "finger"}, "palm, hand, none"),
+    (StressOptions, {"bound": "finger"}, "unknown bound 'finger': known: hand, none, palm"),
     (StressOptions, {"flexion_range": (0.5, 1.5)}, "flexion_range"),
     (StressOptions, {"flexion_range": (0.6, 0.5)}, "flexion_range"),
 )

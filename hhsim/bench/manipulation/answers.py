@@ -143,8 +143,8 @@ def rolling(options: ManipulationOptions) -> list[Answer]:
     found = []
     for friction in (0.6, 0.1):
         free = FreeObject(mass, (0.0, 0.0, 0.0), rows, friction=friction, table=-radius, gravity=_down())
-        options = SolverOptions(method="coupled", surface="spheres", fingers=("thumb", "index"))
-        played = play(free, ball(radius), gripper(0.05, TIP_RADIUS), options, away(ticks))
+        solver = SolverOptions(method="coupled", surface="spheres", fingers=("thumb", "index"))
+        played = play(free, ball(radius), gripper(0.05, TIP_RADIUS), solver, away(ticks))
         rolls = friction > 2.0 / 7.0 * math.tan(SLOPE)
         rolled = 5.0 / 7.0 * GRAVITY * math.sin(SLOPE)
         slid = GRAVITY * (math.sin(SLOPE) - friction * math.cos(SLOPE))
@@ -333,15 +333,10 @@ def measure(options: ManipulationOptions, progress: Progress = silent) -> list[R
         else:
             rows += [_row(OURS, answer) for answer in CASES[name](options)]
         if name == REST and has_mujoco():
-            rows += _engine_rests(Rest(options.rest))
-    return rows
-
-
-def _engine_rests(rest: Rest) -> list[Row]:
-    rows = []
-    for name, configuration in CONFIGURATIONS.items():
-        answers = rest_answers(rest, *mujoco_rest(rest, configuration))
-        rows += [_row(name, answer, promised=False) for answer in answers]
+            task = Rest(options.rest)
+            for engine, configuration in CONFIGURATIONS.items():
+                answers = rest_answers(task, *mujoco_rest(task, configuration))
+                rows += [_row(engine, answer, promised=False) for answer in answers]
     return rows
 
 

@@ -25,8 +25,6 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
-QUICK_LEVEL = 3
-QUICK_INSTANCES = 3
 CONTACTS = {"TF": 131.0, "WH": 250.0}
 """Numbers of contacts for which the paper states a time, by case of Fig. 15."""
 CONTACTS_OBJECT = "bunny"
@@ -64,7 +62,7 @@ class PaperOptions:
     @classmethod
     def quick(cls, **given: Any) -> "PaperOptions":
         """Return options for every row from coarse spheres, few instances, once, a test of it; but for those given."""
-        return cls(**{"level": QUICK_LEVEL, "instances": QUICK_INSTANCES, "repetitions": 1, **given})
+        return cls(**{"level": 3, "instances": 3, "repetitions": 1, **given})
 
     @property
     def whole(self) -> bool:

@@ -7,10 +7,9 @@ broken devices. The n-th target depends on seed and n alone, and the motion does
 stretch of a long run can be made again.
 """
 
-import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion
 from hhsim.kernels.rotation import rotation_vector_between
+from hhsim.system.settings_file import Positive, between, check_fields
 
 Bound = Literal["palm", "hand", "none"]
 
@@ -40,34 +40,21 @@ class StressOptions:
         wild: True to add faults of broken devices in about every other hold.
     """
 
-    hold: int = 60
-    position_spread: float = 0.06
-    rotation_spread: float = 0.8
+    hold: Annotated[int, between(1, 1_000_000_000)] = 60
+    position_spread: Annotated[float, between(0.0)] = 0.06
+    rotation_spread: Annotated[float, between(0.0)] = 0.8
     flexion_range: tuple[float, float] = (0.0, 1.0)
     sweep: bool = True
-    longest_step: float = 2e-3
+    longest_step: Positive = 2e-3
     bound: Bound = "palm"
     wild: bool = False
 
     def __post_init__(self) -> None:
         """Raise InputError for a value out of its range."""
-        if self.hold < 1:
-            raise InputError(f"hold is {self.hold}: a target needs at least 1 tick")
-        if self.bound not in get_args(Bound):
-            raise InputError(f"bound is '{self.bound}': expected {', '.join(get_args(Bound))}")
-        for name in ("position_spread", "rotation_spread"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise InputError(f"{name} is {value:g}: it must be finite and not negative")
-        if not self.longest_step > 0.0:
-            raise InputError(f"longest_step is {self.longest_step:g} m: it must be positive")
+        check_fields(self)
         low, high = self.flexion_range
         if not 0.0 <= low <= high <= 1.0:
             raise InputError(f"flexion_range is {low:g} to {high:g}: expected 0 <= low <= high <= 1")
-
-    def to_json(self) -> dict[str, Any]:
-        """Return all options as plain values."""
-        return asdict(self)
 
 
 class RandomTargets:

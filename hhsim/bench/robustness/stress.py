@@ -6,7 +6,7 @@ A run of any length takes the same memory: ticks are run, measured and dropped b
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from multiprocessing import get_context
 from pathlib import Path
@@ -365,7 +365,7 @@ def _keep(
         tick=tick,
         failing_tick=last,
         depth=depth,
-        stress=case.stress.to_json(),
+        stress=asdict(case.stress),
         solver=case.solver.to_json(),
         hand=case.hand.side,
     )
