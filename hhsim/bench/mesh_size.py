@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.errors import HhsimError, InputError, check_known
+from hhsim.errors import HhsimError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
@@ -31,6 +31,7 @@ from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress, silent
+from hhsim.system.settings_file import between, check_fields
 from hhsim.table.table import Column
 from hhsim.trees.cache import cache_path, cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
@@ -54,14 +55,12 @@ class MeshSizeOptions:
     """Options of the suite; `subdivisions` counts how often each triangle becomes four, besides the object as it is."""
 
     object_name: str = "bunny"
-    subdivisions: tuple[int, ...] = (2, 4)
+    subdivisions: tuple[Annotated[int, between(1, MOST_SUBDIVISIONS)], ...] = (2, 4)
 
     def __post_init__(self) -> None:
         """Raise InputError for an unknown object or a number out of range."""
         check_known("object", (self.object_name,), object_names())
-        for times in self.subdivisions:
-            if not 1 <= times <= MOST_SUBDIVISIONS:
-                raise InputError(f"{times} subdivisions, expected 1 to {MOST_SUBDIVISIONS}")
+        check_fields(self)
 
 
 COLUMNS = (

@@ -48,6 +48,7 @@ from hhsim.solver.method_names import declared_methods
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
+from hhsim.system.settings_file import Count, Names, check_fields
 from hhsim.table.table import Column
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
@@ -78,31 +79,26 @@ class PeersOptions:
         hands: Limit of the hands of a run that are measured against the true mesh.
     """
 
-    objects: tuple[str, ...] = ("bunny", "teapot", "cube", "sphere")
-    motions: tuple[str, ...] = ("grasp", "slide", "whole-hand")
-    methods: tuple[str, ...] | None = None
-    repetitions: int = 3
+    objects: Names = ("bunny", "teapot", "cube", "sphere")
+    motions: Names = ("grasp", "slide", "whole-hand")
+    methods: Names | None = None
+    repetitions: Count = 3
     rate: float = 1000.0
     seed: int = 0
-    hands: int = 200
+    hands: Count = 200
 
     def __post_init__(self) -> None:
         """Fill in the methods; raise InputError for unknown names, empty lists and numbers out of range."""
+        check_fields(self)
         if self.methods is None:
             declared = (
                 name for name, entry in declared_methods().items() if entry.dist and entry.dist.name == OUR_PACKAGE
             )
             object.__setattr__(self, "methods", (*dict.fromkeys(name for name, _ in OURS), *sorted(declared)))
         check_scenes(self.objects, self.motions)
-        for item in ("objects", "motions", "methods"):
-            if not getattr(self, item):
-                raise InputError(f"{item}: name at least one")
         for name in self.methods or ():
             if FORCES not in find_method(name).gives:
                 raise InputError(f"method {name} gives no forces: what it touches cannot be known")
-        for item in ("repetitions", "hands"):
-            if getattr(self, item) < 1:
-                raise InputError(f"{getattr(self, item)} {item}: at least 1 is needed")
 
     @classmethod
     def quick(cls, **given: Any) -> "PeersOptions":

@@ -8,7 +8,7 @@ against the mesh and the optimum on it; the others must give the same poses.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from hhsim.bench.run_errors import (
     error_scene,
     run_errors,
 )
-from hhsim.errors import HhsimError, InputError, check_known
+from hhsim.errors import HhsimError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_UNITS
@@ -40,10 +40,13 @@ from hhsim.solver.qp import ACTIVE_SET, available_backends
 from hhsim.solver.surface import SURFACES
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
+from hhsim.system.settings_file import Count, Names, a_list, between, check_fields
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.verify.coal_distance import require_coal
+
+Level = Annotated[int, between(1, MOST_LEVEL)]
 
 DEFAULT_LEVEL = 4
 NO_LEVEL = 0
@@ -76,20 +79,21 @@ class SpeedErrorOptions:
         hands: Limit of the hands of a run whose depth in the mesh is measured; identical ones count once.
     """
 
-    objects: tuple[str, ...] = ("bunny", "teapot", "cube")
-    motions: tuple[str, ...] = ("grasp", "pinch", "whole-hand", "slide")
-    methods: tuple[str, ...] | None = None
-    surfaces: tuple[str, ...] = ("spheres", "mesh")
-    levels: tuple[int, ...] = (2, 3, 4, 5)
-    linearisations: tuple[int, ...] | None = None
+    objects: Names = ("bunny", "teapot", "cube")
+    motions: Names = ("grasp", "pinch", "whole-hand", "slide")
+    methods: Names | None = None
+    surfaces: Names = ("spheres", "mesh")
+    levels: Annotated[tuple[Level, ...], a_list("2, 3")] = (2, 3, 4, 5)
+    linearisations: Annotated[tuple[Count, ...], a_list("1, 12")] | None = None
     backends: tuple[str, ...] | None = None
-    repetitions: int = 3
+    repetitions: Count = 3
     rate: float = 1000.0
     seed: int = 0
     hands: int = MOST_HANDS
 
     def __post_init__(self) -> None:
         """Fill in what is installed; raise InputError for unknown names, empty lists and numbers out of range."""
+        check_fields(self)
         check_known("surface", self.surfaces, SURFACES.names())
         if self.methods is None:
             known = tuple(name for name in METHODS if self.surfaces_of(name))
@@ -99,21 +103,10 @@ class SpeedErrorOptions:
         check_scenes(self.objects, self.motions)
         check_known("method", self.methods or (), list(METHODS))
         check_known("QP solver", self.backends or (), available_backends())
-        for item in ("objects", "motions", "methods", "surfaces", "levels", "linearisations"):
-            if getattr(self, item) == ():
-                raise InputError(f"{item}: name at least one")
         for method in self.methods or ():
             if not self.surfaces_of(method):
                 # The solver raises its own error for this pair.
                 SolverOptions(method=method, surface=self.surfaces[0])
-        for level in self.levels:
-            if not 1 <= level <= MOST_LEVEL:
-                raise InputError(f"tree level {level}, expected 1 to {MOST_LEVEL}")
-        least = min(self.linearisations or (1,))
-        if least < 1:
-            raise InputError(f"linearisations is {least}: a tick needs at least 1")
-        if self.repetitions < 1:
-            raise InputError(f"{self.repetitions} repetitions: at least 1 is needed")
 
     @classmethod
     def quick(cls, **given: Any) -> "SpeedErrorOptions":

@@ -8,7 +8,7 @@ Threads save wall time and cost the processor time of all of them, waiting for w
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import methods_that
 from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress, silent
+from hhsim.system.settings_file import Count, between, check_fields
 from hhsim.table.table import Column
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -47,28 +48,24 @@ class ThreadsOptions:
 
     Attributes:
         objects: The paper's figure shows a cup and a bunny.
-        threads: Numbers of threads; 1 is always among them.
+        threads: Numbers of threads, up to the five fingers and the palm; 1 is always among them.
         level: Of the sphere trees.
         instances: Ticks in contact that a row is averaged over.
         rounds: Replays of each, of which the median counts.
     """
 
     objects: tuple[str, ...] = ("cup", "bunny")
-    threads: tuple[int, ...] = (1, 2)
+    threads: tuple[Annotated[int, between(1, PARTS)], ...] = (1, 2)
     level: int = 4
-    instances: int = 100
-    rounds: int = 9
+    instances: Count = 100
+    rounds: Count = 9
 
     def __post_init__(self) -> None:
         """Raise InputError for unknown objects and numbers out of range."""
         check_known("object", self.objects, object_names())
-        for threads in self.threads:
-            if not 1 <= threads <= PARTS:
-                raise InputError(f"threads is {threads}: 1 to {PARTS}, the five fingers and the palm")
+        check_fields(self)
         if max(self.threads) == 1:
             raise InputError("one thread has nothing to be compared with: name another number, such as --threads 2")
-        if min(self.instances, self.rounds) < 1:
-            raise InputError("instances and rounds must be at least 1")
         if 1 not in self.threads:
             object.__setattr__(self, "threads", (1, *self.threads))
 

@@ -8,15 +8,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from importlib.util import find_spec
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from hhsim.errors import HhsimError, InputError
+from hhsim.errors import HhsimError
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.file import read_own_ply
 from hhsim.mesh.mesh import Mesh
 from hhsim.system.progress import Progress, silent
+from hhsim.system.settings_file import between, check_fields
 from hhsim.table.table import Column
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
@@ -45,16 +46,14 @@ class TreesOptions:
     """
 
     objects: tuple[str, ...] = ("bunny", "teapot", "cube", "hexagonal-prism", "cylinder", "cup")
-    spheres: tuple[int, ...] = (64, 512, 4096)
+    spheres: tuple[Annotated[int, between(1, MOST_SPHERES)], ...] = (64, 512, 4096)
     size: float = EXTENT
     seed: int = 0
     points: int = 200_000
 
     def __post_init__(self) -> None:
         """Raise InputError for a number of spheres out of range or an unknown object."""
-        for count in self.spheres:
-            if not 1 <= count <= MOST_SPHERES:
-                raise InputError(f"{count:,} spheres, expected 1 to {MOST_SPHERES:,}")
+        check_fields(self)
         for name in self.objects:
             load_object(name)
 

@@ -73,6 +73,10 @@ def between(least: float, most: float = MOST, unit: str = "") -> msgspec.Meta:
     return msgspec.Meta(ge=least, le=most, extra={"unit": unit})
 
 
+Count = Annotated[int, between(1, 1_000_000_000)]
+Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1, description="at least one name")]
+
+
 def read_settings(path: Path, kind: type[Content], what: str, error: type[InputError] = InputError) -> Content:
     """Read a TOML file, such as a "calibration" (`what`), as the type `kind` declares it.
 

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -37,10 +37,11 @@ from hhsim.bench.manipulation.stage import (
     touched,
     turned_by,
 )
-from hhsim.errors import InputError, check_known
+from hhsim.errors import check_known
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress, silent
+from hhsim.system.settings_file import between, check_fields
 from hhsim.table.table import Column
 
 GRAVITY = 9.81
@@ -83,16 +84,13 @@ class ManipulationOptions:
     """Options of the suite: names of cases, none for all, and durations of rest and hold [s]."""
 
     cases: tuple[str, ...] = ()
-    rest: float = 600.0
-    held: float = 60.0
+    rest: Annotated[float, between(1.0)] = 600.0
+    held: Annotated[float, between(1.0)] = 60.0
 
     def __post_init__(self) -> None:
         """Raise InputError for an unknown case or a duration out of range."""
         check_known("case", self.cases, case_names())
-        for name in ("rest", "held"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 1.0):
-                raise InputError(f"{name} is {value:g} s: it must be at least 1 s")
+        check_fields(self)
 
     @classmethod
     def quick(cls, **named: Any) -> "ManipulationOptions":

@@ -12,7 +12,7 @@ import numpy as np
 
 from hhsim.bench.paper.run import SceneRun, at_contacts, play, play_again
 from hhsim.bench.paper.scene import Stage, make_stage, paper_scenarios
-from hhsim.errors import InputError, check_known
+from hhsim.errors import check_known
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.solver.compile import warm_up
@@ -20,6 +20,7 @@ from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
+from hhsim.system.settings_file import Count, Names, check_fields
 from hhsim.system.thread_pool import usual_threads
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -43,21 +44,18 @@ class PaperOptions:
         seed: Of the instances' places.
     """
 
-    methods: tuple[str, ...] = ("paper", "progressive", "coupled")
-    objects: tuple[str, ...] | None = None
+    methods: Names = ("paper", "progressive", "coupled")
+    objects: Names | None = None
     level: int | None = None
-    instances: int = 100
-    repetitions: int = 3
+    instances: Count = 100
+    repetitions: Count = 3
     seed: int = 0
 
     def __post_init__(self) -> None:
         """Raise InputError for unknown names, empty lists and numbers out of range."""
         check_known("method", self.methods, list(METHODS))
         check_known("object", self.objects or (), object_names())
-        if not self.methods or self.objects == ():
-            raise InputError("name at least one method and one object")
-        if min(self.instances, self.repetitions) < 1:
-            raise InputError("instances and repetitions must be at least 1")
+        check_fields(self)
 
     @classmethod
     def quick(cls, **given: Any) -> "PaperOptions":
