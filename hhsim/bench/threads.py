@@ -137,16 +137,14 @@ def _groups(options: ThreadsOptions, hand: HandModel, progress: Progress) -> lis
 def _run(replay: _Replay, instances: int) -> None:
     ticks = replay.scene.ticks
     solver = HandSolver(replay.scene.hand, replay.scene.tree.arrays(), replay.solver)
-    last = max(
-        (phase.last_tick for phase in ticks.phases if phase.name not in PHASES_APART), default=len(ticks.time) - 1
-    )
+    acting = [phase for phase in ticks.phases if phase.name not in PHASES_APART]
+    last = max((phase.last_tick for phase in acting), default=len(ticks.time) - 1)
     record = solver.run(*HandConfiguration.of(ticks).part(0, last + 1))
     if replay.instances is None:
         # Ticks with candidate pairs, evenly spread over the phases in which the hand closes and holds.
         inside = np.zeros(len(record.status), dtype=bool)
-        for phase in ticks.phases:
-            if phase.name not in PHASES_APART:
-                inside[phase.first_tick : phase.last_tick + 1] = True
+        for phase in acting:
+            inside[phase.first_tick : phase.last_tick + 1] = True
         found = np.flatnonzero(inside & (record.work[:, WORK_CANDIDATES] > 0))
         if len(found) == 0:
             raise InputError(f"{replay.labels['object']}, {replay.labels['motion']}: no tick is in contact")

@@ -1,6 +1,5 @@
 """The engines themselves: how the missing ones are refused, and that those here stop at a ball and push back."""
 
-import importlib
 import json
 from typing import Any
 
@@ -73,12 +72,6 @@ def test_an_engine_stops_at_a_ball_and_pushes_the_hand_back(name: str) -> None:
     assert np.linalg.norm(shown.total[-1] - ours.total[-1]) < 0.3 * np.linalg.norm(ours.total[-1])
     assert np.linalg.norm(ours.total[-1]) > 0.1
     assert (shown.duration[:, 1] > 0).all()
-
-
-def test_no_module_of_the_engines_needs_its_engine() -> None:
-    for name in ENGINES:
-        module, _, attribute = declared_methods()[name].value.partition(":")
-        assert getattr(importlib.import_module(module), attribute).name == name
 
 
 def test_large_triangles_are_split_since_mujoco_misses_contacts_of_them() -> None:

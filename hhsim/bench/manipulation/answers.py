@@ -8,7 +8,6 @@ import importlib.util
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -42,7 +41,7 @@ from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress, silent
 from hhsim.system.settings_file import between, check_fields
-from hhsim.table.table import Column
+from hhsim.table.table import Column, Table
 
 GRAVITY = 9.81
 SLOPE = math.radians(30.0)
@@ -59,7 +58,7 @@ EASED_FROM, EASED_TO = 1.3, 0.8
 
 @dataclass(frozen=True)
 class Answer:
-    """One figure of a case in its SI unit: exact, measured, and the allowed difference."""
+    """One figure of a case in its SI unit: exact, measured, and the allowed difference; NaN: nothing is promised."""
 
     case: str
     what: str
@@ -67,6 +66,7 @@ class Answer:
     exact: float
     measured: float
     allowed: float
+    method: str = "coupled"
 
     @property
     def off(self) -> float:
@@ -74,9 +74,13 @@ class Answer:
         return self.measured - self.exact
 
     @property
-    def holds(self) -> bool:
-        """True if the difference is allowed."""
-        return abs(self.off) <= self.allowed
+    def holds(self) -> int:
+        """1 if the difference is allowed, else 0; -1 if nothing is promised."""
+        return -1 if math.isnan(self.allowed) else int(abs(self.off) <= self.allowed)
+
+    def of_engine(self, engine: str) -> "Answer":
+        """Return the figure as another engine's, which promises nothing."""
+        return replace(self, method=engine, allowed=math.nan)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -296,7 +300,6 @@ CASES: dict[str, Callable[[ManipulationOptions], list[Answer]]] = {
 
 Row = Mapping[str, Any]
 
-OURS = "coupled"
 PINCH = "pinch"
 REST = "rest"
 """Cases that engines play too."""
@@ -305,7 +308,7 @@ SQUEEZES = (1.05, 1.5, 3.0)
 COLUMNS = (
     Column("case", "what was played"),
     Column("method", "by which method"),
-    Column("figure", "what was measured"),
+    Column("figure", "what was measured", of="what"),
     Column("unit", "of the next four; 1 for shares and truths"),
     Column("exact", "what it should be"),
     Column("measured", "what it is"),
@@ -322,43 +325,38 @@ def case_names() -> tuple[str, ...]:
 
 def measure(options: ManipulationOptions, progress: Progress = silent) -> list[Row]:
     """Play the cases and return the rows of the table."""
-    rows: list[Row] = []
+    answers: list[Answer] = []
     chosen = options.cases or case_names()
     for done, name in enumerate(chosen):
         progress(name, done, len(chosen))
-        if name == PINCH:
-            rows += pinch_rows(options.held)
-        else:
-            rows += [_row(OURS, answer) for answer in CASES[name](options)]
+        answers += pinch_answers(options.held) if name == PINCH else CASES[name](options)
         if name == REST and has_mujoco():
             task = Rest(options.rest)
             for engine, configuration in CONFIGURATIONS.items():
-                answers = rest_answers(task, *mujoco_rest(task, configuration))
-                rows += [_row(engine, answer, promised=False) for answer in answers]
-    return rows
+                found = rest_answers(task, *mujoco_rest(task, configuration))
+                answers += [answer.of_engine(engine) for answer in found]
+    return Table(COLUMNS, answers).records
 
 
-def pinch_rows(held: float) -> list[Row]:
-    """Return the rows of a pinch by our method, and by MuJoCo with its options if it is installed."""
-    players: dict[str, Callable[[Pinch], PinchOutcome]] = {OURS: own_outcome}
-    if has_mujoco():
-        for name, configuration in CONFIGURATIONS.items():
-            players[name] = partial(mujoco_pinch, options=configuration)
-    rows = []
+def pinch_answers(held: float) -> list[Answer]:
+    """Return the figures of a pinch by our method, and by MuJoCo with its options if it is installed."""
+    answers = []
     for share in SQUEEZES:
-        pinch = Pinch(hold=held)
+        case, pinch = f"100 g pinched with {share:g} times the least squeeze, μ 0.5", Pinch(hold=held)
         pinch = replace(pinch, squeeze=share * pinch.threshold)
-        for name, player in players.items():
-            found = player(pinch)
-            case = f"100 g pinched with {share:g} times the least squeeze, μ 0.5"
-            promised = name == OURS
-            figures = [
-                Answer(case, "lifted", "1", 1.0, float(found.lifted), 0.0),
-                Answer(case, f"creep in {held - 0.5:g} s", "m", 0.0, found.creep, 1e-6),
-                Answer(case, "fingertip in the block, most", "m", 0.0, found.depth, 1e-9),
-            ]
-            rows += [_row(name, answer, promised=promised) for answer in figures]
-    return rows
+        answers += _pinched(case, held, own_outcome(pinch))
+        for engine, configuration in CONFIGURATIONS.items() if has_mujoco() else ():
+            found = _pinched(case, held, mujoco_pinch(pinch, configuration))
+            answers += [answer.of_engine(engine) for answer in found]
+    return answers
+
+
+def _pinched(case: str, held: float, found: PinchOutcome) -> list[Answer]:
+    return [
+        Answer(case, "lifted", "1", 1.0, float(found.lifted), 0.0),
+        Answer(case, f"creep in {held - 0.5:g} s", "m", 0.0, found.creep, 1e-6),
+        Answer(case, "fingertip in the block, most", "m", 0.0, found.depth, 1e-9),
+    ]
 
 
 def has_mujoco() -> bool:
@@ -375,17 +373,3 @@ def remarks() -> list[str]:
     """Return remarks on the table."""
     note = "MuJoCo is not installed, so pinch and rest have our rows alone: pip install 'hhsim[mujoco]'"
     return [] if has_mujoco() else [note]
-
-
-def _row(method: str, answer: Answer, *, promised: bool = True) -> Row:
-    return {
-        "case": answer.case,
-        "method": method,
-        "figure": answer.what,
-        "unit": answer.unit,
-        "exact": answer.exact,
-        "measured": answer.measured,
-        "off": answer.off,
-        "allowed": answer.allowed if promised else math.nan,
-        "holds": int(answer.holds) if promised else -1,
-    }

@@ -123,9 +123,7 @@ def bench_hard(
         try:
             runs = case.build(seed)
         except Exception as error:  # a scene that cannot be built is a fault of the bench, reported as one
-            results += [
-                CaseResult(case.name, options.method, options.surface, (), reason=_reason(error)) for options in taking
-            ]
+            results += [_ended(case, options, error) for options in taking]
             continue
         for i, options in enumerate(taking):
             results.append(judge_case(case, runs, options))
@@ -142,7 +140,7 @@ def judge_case(case: HardCase, runs: Sequence[HardRun], options: SolverOptions) 
         figures = [*common_figures(sound)] if sound else []
         figures += case.judge(outcomes) if not refusals else ()
     except Exception as error:
-        return CaseResult(case.name, options.method, options.surface, (), reason=_reason(error))
+        return _ended(case, options, error)
     return CaseResult(
         case=case.name,
         method=options.method,
@@ -244,5 +242,5 @@ def missed(results: Sequence[CaseResult]) -> list[CaseResult]:
     return [result for result in results if never_penetrates(result.method) and not result.passed]
 
 
-def _reason(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}"
+def _ended(case: HardCase, options: SolverOptions, error: Exception) -> CaseResult:
+    return CaseResult(case.name, options.method, options.surface, (), f"{type(error).__name__}: {error}")

@@ -28,7 +28,7 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STU
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import MOST_CONTACT_ERROR, MOST_TICKS, TouchedObject
 from hhsim.metrics.metrics import contact_force_step, force_variation_rate, sample_variation_rate, statistics
-from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
+from hhsim.motion.trajectory import ResampleMode, Trajectory
 from hhsim.scene.motion_catalogue import RECORDING_SUFFIXES, imported_suffixes, load_recorded
 from hhsim.scene.recorded_grasp_pose import place_at_grasp
 from hhsim.scene.scene import Scene, make_scene
@@ -239,7 +239,8 @@ def _runs(
     except HhsimError as error:
         yield from (replace(row, reason=str(error)) for row in rows)
         return
-    fastest = fastest_fingertip(scene.ticks, hand)
+    tips = forward_kinematics(hand, *HandConfiguration.of(scene.ticks)).joints[:, :, 3]
+    fastest = float(np.linalg.norm(np.diff(tips, axis=0), axis=2).max(initial=0.0))
     for row, solver in zip(rows, solvers):
         known = replace(row, placement=text, samples=motion.sample_count, rate=options.rate, fastest=fastest)
         try:
@@ -262,12 +263,6 @@ def _scene(motion: Trajectory, hand: HandModel, at: BenchObject, options: Record
     part = slice(first, first + options.ticks)
     arrays: dict[str, Any] = {key: np.ascontiguousarray(getattr(scene.ticks, key)[part]) for key in keys}
     return replace(scene, ticks=replace(scene.ticks, phases=(), **arrays)), text
-
-
-def fastest_fingertip(ticks: TickInput, hand: HandModel) -> float:
-    """Return the largest way of a fingertip's centre in a tick [m]; 0 for a single tick."""
-    tips = forward_kinematics(hand, *HandConfiguration.of(ticks)).joints[:, :, 3]
-    return float(np.linalg.norm(np.diff(tips, axis=0), axis=2).max(initial=0.0))
 
 
 def run_scene(

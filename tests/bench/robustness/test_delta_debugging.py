@@ -23,6 +23,7 @@ from hhsim.bench.robustness.failure import (
     failure_of,
     keep_failure,
     make_trial,
+    recorded_penetration,
 )
 from hhsim.bench.robustness.pieces import pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
@@ -38,6 +39,7 @@ from hhsim.solver.options import SolverOptions, Stiffness
 HAND = HandModel.default()
 BALL = bumpy_ball(300)
 JUMPS = StressOptions(hold=1, bound="none")
+PENETRATES = failure_of("penetration", HAND, pieces_of("spheres", None, BALL), SolverOptions())
 
 
 class SlippingSolver(HandSolver):
@@ -116,7 +118,7 @@ def test_a_stretch_that_needs_its_past_is_started_at_the_hand_shown() -> None:
     solver = SlippingSolver(HAND, BALL.arrays(), SolverOptions())
     motion = RandomTargets(HAND, 1).take(3000)
     record = solver.run(*motion)
-    trial = make_trial(HAND, lambda: SlippingSolver(HAND, BALL.arrays(), SolverOptions()), penetrates)
+    trial = make_trial(HAND, lambda: SlippingSolver(HAND, BALL.arrays(), SolverOptions()), PENETRATES)
     # The stretch begins inside the object, from where a fresh start retreats to another side of it.
     failing = int(np.argmax(trial(motion).failed))
     stretch, graphic = (
@@ -147,9 +149,6 @@ def test_a_budget_ends_the_search_with_what_fails(monkeypatch: pytest.MonkeyPatc
     assert inner(shrunk.motion).failed.any()
 
 
-penetrates = failure_of("penetration", HAND, pieces_of("spheres", None, BALL), SolverOptions())
-
-
 def provenance(solver: SolverOptions, kind: str = "penetration", **more: Any) -> Provenance:
     return Provenance(
         kind=kind,
@@ -177,7 +176,7 @@ def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
     def faulty() -> HandSolver:
         return SlippingSolver(HAND, tree.arrays(), options)
 
-    trial = make_trial(HAND, faulty, penetrates)
+    trial = make_trial(HAND, faulty, PENETRATES)
     motion = RandomTargets(HAND, 3).take(2500)
     shrunk = delta_debug(motion, trial)
     assert shrunk.motion.ticks <= 3
@@ -225,8 +224,6 @@ def test_every_kind_of_failure_is_seen() -> None:
     }
     sound = make_trial(HAND, lambda: HandSolver(HAND, BALL.arrays(), options), trial["penetration"])(motion)
     assert not sound.failed.any()
-    from hhsim.bench.robustness.failure import recorded_penetration
-
     depth = recorded_penetration(HAND, BALL.arrays(), record)
     assert not any(fails(motion, record, depth).any() for fails in trial.values())
     depth.depth[:] = [0.0, 2e-6, np.nan]
