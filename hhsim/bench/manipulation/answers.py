@@ -6,7 +6,7 @@ discretisation: it is a Δt t / 2 ahead of a t² / 2, 0.3 % after 0.3 s.
 
 import importlib.util
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -298,7 +298,7 @@ CASES: dict[str, Callable[[ManipulationOptions], list[Answer]]] = {
 """Cases by name."""
 
 
-Row = Mapping[str, Any]
+Row = dict[str, Any]
 
 PINCH = "pinch"
 REST = "rest"
