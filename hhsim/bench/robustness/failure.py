@@ -237,7 +237,8 @@ def is_stuck(hand: HandModel, pieces: Pieces, options: SolverOptions) -> Fails:
         found = np.zeros(motion.ticks, dtype=bool)
         wanted, shown = hold_readings(motion), HandConfiguration.of(record)
         for tick in np.flatnonzero(record.status & STATUS_STUCK).tolist():
-            if way_out(hand, pieces, options, shown, wanted, tick) > 0.0:
+            goal, here = wanted.part(tick, tick + 1), shown.part(tick, tick + 1)
+            if way_out(hand, pieces, options, here, goal) > 0.0:
                 found[tick] = True
                 break
         return found

@@ -28,12 +28,7 @@ DIFFERENCE = 1e-6
 
 
 def way_out(
-    hand: HandModel,
-    pieces: Pieces,
-    options: SolverOptions,
-    graphic: HandConfiguration,
-    haptic: HandConfiguration,
-    tick: int = 0,
+    hand: HandModel, pieces: Pieces, options: SolverOptions, graphic: HandConfiguration, haptic: HandConfiguration
 ) -> float:
     """Return the fraction of a step towards the haptic hand that was free and worth taking; 0 if there is none.
 
@@ -43,11 +38,11 @@ def way_out(
     Args:
         pieces: Of the object, world.
         options: Stiffness, margin and offset.
-        graphic: Hand that stood still at the tick.
-        haptic: A reading of a hand at the tick.
+        graphic: One tick, at which the hand stood still.
+        haptic: One tick, a reading of a hand.
     """
-    here: Pose = tuple(values[tick] for values in graphic)
-    goal: Pose = tuple(values[tick] for values in haptic)
+    here: Pose = tuple(values[0] for values in graphic)
+    goal: Pose = tuple(values[0] for values in haptic)
     stiffness = options.stiffness.diagonal()
     target = _between(hand, here, goal)
     lever = float((hand.arrays().reach + hand.radius[:, 1:]).max())

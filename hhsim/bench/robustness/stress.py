@@ -267,7 +267,8 @@ class StressMeasure:
             self._stuck_run = self._stuck_run + 1 if is_stuck else 0
             made.longest_stuck = max(made.longest_stuck, self._stuck_run)
             if is_stuck and made.stuck < MOST_STUCK_CHECKED:
-                unexplained[tick] = way_out(case.hand, case.pieces, case.solver, shown, haptic, tick) > 0.0
+                goal, here = haptic.part(tick, tick + 1), shown.part(tick, tick + 1)
+                unexplained[tick] = way_out(case.hand, case.pieces, case.solver, here, goal) > 0.0
             made.stuck += int(is_stuck)
         made.unexplained += int(unexplained.sum())
         return unexplained
