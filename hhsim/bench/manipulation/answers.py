@@ -342,7 +342,8 @@ def pinch_answers(held: float) -> list[Answer]:
     """Return the figures of a pinch by our method, and by MuJoCo with its options if it is installed."""
     answers = []
     for share in SQUEEZES:
-        case, pinch = f"100 g pinched with {share:g} times the least squeeze, μ 0.5", Pinch(hold=held)
+        case = f"100 g pinched with {share:g} times the least squeeze, μ 0.5"
+        pinch = Pinch(hold=held)
         pinch = replace(pinch, squeeze=share * pinch.threshold)
         answers += _pinched(case, held, own_outcome(pinch))
         for engine, configuration in CONFIGURATIONS.items() if has_mujoco() else ():
