@@ -151,6 +151,9 @@ def degenerate_set(name: str, variables: int, count: int, seed: int) -> Iterator
         yield dense_program(name, *make(rng, variables, rows), tolerance=DEGENERATE_TOLERANCE)
 
 
+SIZES = ((3, 10), (3, 100), (6, 100), (6, 250), (21, 50), (21, 250), (21, 500))
+"""Variables and rows."""
+
 PATCH = 8
 """Contacts of a patch, on average."""
 TRANSLATION, ROTATION, FLEXION = 1000.0, 5.0, 0.5
