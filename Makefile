@@ -2,6 +2,7 @@
 #   make replay     the first result: a five-finger grasp of the Stanford bunny
 #   make test       style, types, tests, and the gate on errors and work
 #   make wheel      a wheel with its kernels compiled, in dist/; six minutes
+#   make sdist      the sources as a distribution, in dist/;  make check-dist  checks what lies there
 #   make soak       tests that repeat at length what make test has shown; half an hour
 # Another interpreter: make test PYTHON=python3.12
 
@@ -15,7 +16,10 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --disable-pip-version-check --quiet --no-compile -c constraints.txt
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: replay test soak wheel checks kernels gate clean
+# A live session and what tells of its machine need Linux; the rest has types that hold on other systems too.
+LINUX_ONLY := '/(live|doctor\.py|scheduling_facts\.py|cpu_accounts\.py|wakeups\.py)(/|$$)'
+
+.PHONY: replay test soak wheel sdist check-dist checks platforms kernels gate clean
 
 replay: .venv/hhsim.stamp
 	$(BIN)/hhsim replay
@@ -26,11 +30,22 @@ test: .venv/hhsim.stamp
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
 
 soak: .venv/test.stamp
-	@$(MAKE) --no-print-directory kernels
+	@$(MAKE) --no-print-directory kernels platforms
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS) -m soak
 
 wheel: .venv/test.stamp
 	$(BIN)/python -m tools.build_wheel
+
+sdist: .venv/release.stamp
+	$(BIN)/python -m build --sdist
+
+check-dist: .venv/release.stamp
+	$(BIN)/twine check --strict dist/*
+	for wheel in dist/*.whl; do if [ -e "$$wheel" ]; then $(BIN)/check-wheel-contents "$$wheel"; fi; done
+
+platforms: .venv/test.stamp
+	$(BIN)/mypy --platform darwin --follow-imports silent --exclude $(LINUX_ONLY) hhsim cli
+	$(BIN)/mypy --platform win32 --follow-imports silent --exclude $(LINUX_ONLY) hhsim cli
 
 checks: .venv/test.stamp
 	$(BIN)/ruff check .
@@ -56,6 +71,10 @@ gate: kernels
 # By its name, hhsim is found installed and left as it is: kernels are compiled by it meanwhile.
 .venv/test.stamp: .venv/hhsim.stamp
 	$(PIP) 'hhsim[test,lint]'
+	@touch $@
+
+.venv/release.stamp: .venv/test.stamp
+	$(PIP) 'hhsim[release]'
 	@touch $@
 
 clean:

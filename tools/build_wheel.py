@@ -1,9 +1,9 @@
-"""Build a wheel that holds all kernels as machine code, for this Python and this kind of processor.
+"""Build a wheel that holds all kernels as machine code, for this Python and each named target of this machine.
 
     python -m tools.build_wheel [FOLDER]
 
 compiles them into an empty cache, runs the commands of the README by it, and packs what Python calls: 6 minutes of two
-processors. FOLDER is dist/ where none is named. The wheel's tag names Python, system and processor.
+processors for each target. FOLDER is dist/ where none is named. The wheel's tag names Python, system and processor.
 """
 
 import argparse
@@ -15,13 +15,16 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from hhsim.kernels import shipped
 from hhsim.kernels.callee import CALLEE_PREFIX
-from hhsim.kernels.target import NAMED, TARGET
+from hhsim.kernels.target import BUILT_FOR, NAMED, known_targets
 from tools.import_graph import REPOSITORY
 
+PLATFORM = "manylinux_2_17"
+"""Oldest C library whose functions the kernels call, in the words of a wheel's tag: that of numba's own wheels."""
 LEFT_OUT = (".git", ".venv", "build", "dist", "*.egg-info", "__pycache__", "results", ".*_cache", ".hypothesis")
 MAIN = "import sys; from hhsim.cli.main import main; sys.argv[0] = 'hhsim'; main()"
 BUILD = "import sys; from setuptools.build_meta import build_wheel; print(build_wheel(sys.argv[1], eval(sys.argv[2])))"
@@ -37,13 +40,15 @@ COMMANDS = (
 """Runs that scenes and measures take kernels for, which no list of ticks has; each is verified and reported."""
 
 
-def compile_all(cache: Path) -> None:
-    """Compile every kernel that ships into an empty cache."""
-    known = {name: value for name, value in os.environ.items() if name not in (NAMED, "NUMBA_BOUNDSCHECK")}
-    environment = known | {"HHSIM_CACHE_DIR": str(cache)}
+def compile_all(cache: Path, target: str) -> str:
+    """Compile every kernel that ships for a named target into a cache; return the target's text."""
+    known = {name: value for name, value in os.environ.items() if name != "NUMBA_BOUNDSCHECK"}
+    environment = known | {"HHSIM_CACHE_DIR": str(cache), NAMED: target}
 
-    def run(*arguments: str) -> None:
-        subprocess.run([sys.executable, *arguments], cwd=REPOSITORY, env=environment, check=True, capture_output=True)
+    def run(*arguments: str) -> str:
+        command = [sys.executable, *arguments]
+        done = subprocess.run(command, cwd=REPOSITORY, env=environment, check=True, capture_output=True, text=True)
+        return done.stdout.strip()
 
     run("tests/compile_kernels.py")
     with tempfile.TemporaryDirectory() as place:
@@ -54,10 +59,11 @@ def compile_all(cache: Path) -> None:
             run("-c", MAIN, "report", result, "--out", f"{place}/{number}.html")
         run("-c", MAIN, "compare", f"{place}/0.h5", f"{place}/1.h5")
         run("-c", MAIN, "build-tree", "examples/mug.stl", "--unit", "mm", "--level", "3", "--out", f"{place}/mug.h5")
+    return run("-c", "from hhsim.kernels.target import TARGET; print(TARGET)")
 
 
-def pack(cache: Path, folder: Path) -> None:
-    """Copy the kernels that Python calls, with their digests."""
+def pack(cache: Path, folder: Path, targets: Sequence[str]) -> None:
+    """Copy the kernels that Python calls, with their digests and the texts of their targets."""
     lines = []
     for path in sorted(cache.joinpath("kernels").glob("*/*.nb[ic]")):
         if path.name.startswith(CALLEE_PREFIX):
@@ -68,7 +74,7 @@ def pack(cache: Path, folder: Path) -> None:
         (folder / name).write_bytes(content)
         lines.append(f"{hashlib.sha256(content).hexdigest()}  {name.as_posix()}\n")
     (folder / shipped.SUMS).write_text("".join(lines), encoding="utf-8")
-    (folder / shipped.BUILT_FOR).write_text(f"{TARGET}\n", encoding="utf-8")
+    (folder / BUILT_FOR).write_text("".join(f"{target}\n" for target in targets), encoding="utf-8")
 
 
 def build(folder: Path) -> Path:
@@ -76,11 +82,11 @@ def build(folder: Path) -> Path:
     with tempfile.TemporaryDirectory() as name:
         source, cache = Path(name) / "source", Path(name) / "cache"
         cache.mkdir(mode=0o700)
-        compile_all(cache)
+        targets = [compile_all(cache, target) for target in known_targets()]
         shutil.copytree(REPOSITORY, source, ignore=shutil.ignore_patterns(*LEFT_OUT))
-        pack(cache, source / shipped.FOLDER.relative_to(REPOSITORY))
+        pack(cache, source / shipped.FOLDER.relative_to(REPOSITORY), targets)
         tags = {"--build-option": [f"--python-tag=cp{sys.version_info.major}{sys.version_info.minor}"]}
-        tags["--build-option"].append(f"--plat-name={sys.platform}_{platform.machine()}")
+        tags["--build-option"].append(f"--plat-name={PLATFORM}_{platform.machine()}")
         call = [sys.executable, "-c", BUILD, str(folder.resolve()), repr(tags)]
         done = subprocess.run(call, cwd=source, check=True, capture_output=True, text=True)
     return folder / done.stdout.split()[-1]

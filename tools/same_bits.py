@@ -3,12 +3,13 @@
     python -m tools.same_bits [--scene NAME ...] [--environment NAME ...] [--python PATH ...]
 
 runs the named scenes (all, where none is named) as this machine has it, then with each library told to take the code
-of another processor, and with each other Python that has hhsim. The table says, for each environment, which scenes
-have other bytes; every dataset counts, but times and what names the machine.
+of another processor, and with each other Python that has hhsim (`tools.foreign_python` makes some). The table says, for
+each environment, which scenes have other bytes; every dataset counts, but times and what names the machine.
 """
 
 import argparse
 import hashlib
+import json
 import os
 import shutil
 import subprocess
@@ -32,6 +33,7 @@ ENVIRONMENTS: Mapping[str, Mapping[str, str]] = {
     "BLAS of a Haswell": {"OPENBLAS_CORETYPE": "Haswell"},
     "BLAS of a Zen": {"OPENBLAS_CORETYPE": "Zen"},
     "libm without FMA": {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2,-AVX512F"},
+    "kernels for x86-64-v3": {"HHSIM_CPU": "x86-64-v3"},
     "kernels for this processor": {"HHSIM_CPU": "native"},
 }
 """Environment variables by what they stand for."""
@@ -50,11 +52,14 @@ SCENES: Mapping[str, str] = {
     "recording": "replay bunny finger-tap",
     "tree and script of a mesh": f"replay {CUBE} grasp --level 3",
     "motion of a live session": "replay cube SESSION",
+    "live session run again": "replay SESSION",
 }
 """Commands by name; SESSION is a live session that was recorded before."""
 SESSION = "SESSION"
 MAIN = "import sys; from hhsim.cli.main import main; sys.argv[0] = 'hhsim'; main()"
 """What the command `hhsim` runs."""
+KIND = "import platform as p; print('Python', p.python_version(), p.machine(), *p.libc_ver())"
+"""Program that says what a Python is."""
 
 
 def digest(path: Path) -> str:
@@ -73,12 +78,18 @@ def digest(path: Path) -> str:
 
 
 def run(program: Sequence[str], command: Sequence[str], environment: Mapping[str, str], folder: Path) -> str:
-    """Run a command in a process of its own; return the digest of its file, or why there is none."""
+    """Run a command in a process of its own; return the digest of its file, or why there is none.
+
+    A result that is run again is compared with itself, and has no file: the number of identical arrays is returned.
+    """
     out = folder / "run.h5"
     out.unlink(missing_ok=True)
-    done = subprocess.run(
-        [*program, *command, "--out", str(out)], env=os.environ | environment, capture_output=True, text=True
-    )
+    again = len(command) == 2
+    written = ["--json"] if again else ["--out", str(out)]
+    done = subprocess.run([*program, *command, *written], env=os.environ | environment, capture_output=True, text=True)
+    if again and done.stdout:
+        identical = [array["identical"] for array in json.loads(done.stdout)["arrays"]]
+        return f"{sum(identical)} of {len(identical)} arrays"
     if not out.exists():
         return f"code {done.returncode}: {(done.stderr.strip().splitlines() or ['no file'])[-1]}"
     return digest(out)
@@ -97,13 +108,13 @@ def fresh_cache(folder: Path) -> Path:
 
 def programs(pythons: Sequence[str]) -> Mapping[str, tuple[Sequence[str], Mapping[str, str]]]:
     """Return command and environment variables of each column of the table."""
-    own = [sys.executable, "-c", MAIN]
+    own = [sys.executable, "-P", "-c", MAIN]
     found: dict[str, tuple[Sequence[str], Mapping[str, str]]] = {
         name: (own, more) for name, more in ENVIRONMENTS.items()
     }
     for python in pythons:
-        version = subprocess.run([python, "-V"], capture_output=True, text=True, check=True).stdout.strip()
-        found[version] = ([python, "-c", MAIN], {})
+        said = subprocess.run([python, "-c", KIND], capture_output=True, text=True, check=True).stdout.strip()
+        found[said] = ([python, "-P", "-c", MAIN], {})
     return found
 
 
@@ -124,7 +135,7 @@ def main() -> None:
         folder = Path(name)
         session = folder / "session.h5"
         record = ["live", "glove", "cube", "--device", "sim", "--duration", "2", "--out", str(session)]
-        subprocess.run([sys.executable, "-c", MAIN, *record], check=True, capture_output=True)
+        subprocess.run([sys.executable, "-P", "-c", MAIN, *record], check=True, capture_output=True)
         print(f"| scene | {' | '.join(columns)} |", "|---" * (len(columns) + 1) + "|", sep="\n", flush=True)
         for scene in given.scene or SCENES:
             command = [str(session) if word == SESSION else word for word in SCENES[scene].split()]

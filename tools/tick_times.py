@@ -2,8 +2,8 @@
 
     python -m tools.tick_times before=../before/.venv/bin/python after=.venv/bin/python --out times.json
 
-Each revision is a Python that has it installed, and one process of it runs all scenes. A scene is run by each
-revision in turn, `--runs` times; of each tick in contact the least CPU time counts, which no interruption makes
+Each revision is a Python that has it installed, and one process of it runs all scenes by the library. A scene is run
+by each revision in turn, `--runs` times; of each tick in contact the least CPU time counts, which no interruption makes
 longer. The first revision is what the others are compared with.
 """
 
@@ -16,35 +16,50 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 WORKER = """
 import json, os, sys
-from hhsim.cli.main import main
+import numpy as np
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.state import WORK_TOUCHING
+from hhsim.mesh.catalogue import load_object
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.scene import make_scene
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.contact_surface import contact_surface
+from hhsim.trees.options import TreeOptions
 answers = os.fdopen(os.dup(1), "w")
-os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+os.dup2(2, 1)
+made = {}
 for line in sys.stdin:
-    sys.argv = ["hhsim", *json.loads(line)]
-    try:
-        code = main()
-    except SystemExit as left:
-        code = left.code
-    print(json.dumps(code or 0), file=answers, flush=True)
+    object_, motion, surface, level, method, path = json.loads(line)
+    key = object_, motion, surface, level
+    if key not in made:
+        made.clear()
+        mesh = load_object(object_).mesh
+        tree = cached_sphere_tree(mesh, TreeOptions(level=level))
+        made[key] = make_scene(mesh, tree, HandModel.default(), load_script(motion))
+    scene = made[key]
+    arrays = contact_surface(surface, scene.mesh, scene.tree).arrays
+    solver = HandSolver(scene.hand, arrays, SolverOptions(method=method, surface=surface))
+    record = solver.run(*HandConfiguration.of(scene.ticks))
+    np.save(path, np.where(record.work[:, WORK_TOUCHING] > 0, 1e-3 * record.duration_cpu, np.nan))
+    print("done", file=answers, flush=True)
 """
-"""Program of a revision's process: runs a command a line, and answers with its exit code."""
+"""Program of a revision's process: for each line of JSON, runs the ticks of a scene and saves their times [µs]."""
 OBJECTS = (
     *("sphere", "cylinder", "triangular-prism", "cube", "hexagonal-prism"),
     *("rock", "shamrock", "cup", "teapot", "bunny"),
 )
 MOTIONS = ("touch", "pinch", "grasp", "whole-hand", "slide")
 METHODS = ("coupled", "progressive")
-SURFACES: Mapping[str, Sequence[str]] = {
-    "mesh": ("--surface", "mesh"),
-    "level 4": ("--level", "4"),
-    "level 5": ("--level", "5"),
-}
+SURFACES: Mapping[str, tuple[str, int]] = {"mesh": ("mesh", 4), "level 4": ("spheres", 4), "level 5": ("spheres", 5)}
+"""Surface and tree level of the solver by what the table calls them."""
 TAIL = 3.0
 """A scene has a long tail if its p99 is more than this many times its p50."""
 Times = NDArray[np.float64]
@@ -54,22 +69,20 @@ class Revision:
     """A revision of hhsim, in a process that runs one command after another."""
 
     def __init__(self, python: str) -> None:
+        # -P: hhsim is that of the Python, and not of the current folder.
         self._process = subprocess.Popen(
-            [python, "-P", "-c", WORKER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+            [python, "-P", "-c", WORKER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
 
-    def times(self, command: Sequence[str], path: Path) -> Times:
-        """Run a replay; return the CPU time of each tick [µs], NaN out of contact."""
+    def times(self, scene: Sequence[str | int], path: Path) -> Times:
+        """Run the ticks of a scene; return the CPU time of each [µs], NaN out of contact."""
         assert self._process.stdin is not None and self._process.stdout is not None
-        path.unlink(missing_ok=True)
-        self._process.stdin.write(json.dumps([*command, "--quiet", "--out", str(path)]) + "\n")
+        self._process.stdin.write(json.dumps([*scene, str(path)]) + "\n")
         self._process.stdin.flush()
-        answer = self._process.stdout.readline()
-        if answer.strip() != "0":
-            raise RuntimeError(f"{' '.join(command)}: exit code {answer.strip() or 'none'}")
-        with h5py.File(path) as file:
-            times = 1e-3 * np.asarray(file["tick/duration/total_cpu"], float)
-            return np.where(np.asarray(file["tick/contacts/touching"]) > 0, times, np.nan)
+        if self._process.stdout.readline().strip() != "done":
+            raise RuntimeError(f"{scene}: a revision failed")
+        times: Times = np.load(path)
+        return times
 
     def close(self) -> None:
         """End the process."""
@@ -115,13 +128,13 @@ def main(words: Sequence[str]) -> None:
     names, found = list(revisions), []
     with tempfile.TemporaryDirectory() as folder:
         for surface, method in itertools.product(chosen.surface, chosen.method):
-            rows = []
+            rows: list[dict[str, dict[str, float]]] = []
             for object_, motion in itertools.product(chosen.object, chosen.motion):
-                command = ["replay", object_, motion, "--method", method, *SURFACES[surface]]
+                of_scene = object_, motion, *SURFACES[surface], method
                 runs: dict[str, list[Times]] = {name: [] for name in names}
                 for _ in range(chosen.runs):
                     for name, revision in revisions.items():
-                        runs[name].append(revision.times(command, Path(folder) / "run.h5"))
+                        runs[name].append(revision.times(of_scene, Path(folder) / "times.npy"))
                 rows.append({name: figures(of) for name, of in runs.items()})
                 scene = {"surface": surface, "method": method, "object": object_, "motion": motion}
                 found.append({**scene, **rows[-1]})

@@ -5,8 +5,6 @@ coplanar, as in a scan. Preparation (reading the file, the tree that closes a sc
 contacts) is measured in a fresh process, without and with a cached tree. The ticks of all sizes take turns in this one.
 """
 
-import resource
-import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
@@ -30,6 +28,7 @@ from hhsim.scene.scene import make_scene
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.system.posix import used_memory
 from hhsim.system.progress import Progress, silent
 from hhsim.system.settings_file import between, check_fields
 from hhsim.table.table import Column
@@ -111,13 +110,7 @@ def prepare(path: Path, level: int) -> Preparation:
 
 
 def _most_memory() -> float:
-    # getrusage counts the memory of the parent process too, so /proc is read where there is one.
-    try:
-        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
-        return 1024.0 * next(float(line.split()[1]) for line in lines if line.startswith("VmHWM"))
-    except OSError:
-        unit = 1.0 if sys.platform == "darwin" else 1024.0
-        return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return used_memory()[1]
 
 
 @dataclass

@@ -5,7 +5,6 @@ of them. Of each tick the median over the rounds counts; a row is the mean over 
 Threads save wall time and cost the processor time of all of them, waiting for work included.
 """
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any
@@ -26,6 +25,7 @@ from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import methods_that
 from hhsim.solver.options import SolverOptions
+from hhsim.system.posix import own_processors
 from hhsim.system.progress import Progress, silent
 from hhsim.system.settings_file import Count, between, check_fields
 from hhsim.table.table import Column
@@ -212,7 +212,7 @@ def _verdict(rows: Sequence[Mapping[str, Any]]) -> str:
 def remarks(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return remarks on the machine: too few processors, or helpers that did not run."""
     notes = []
-    processors = len(os.sched_getaffinity(0))
+    processors = len(own_processors())
     most = max(row["threads"] for row in rows)
     if most > processors:
         notes.append(

@@ -1,6 +1,5 @@
 """Optional engines: what is missing of one, and loading one silently."""
 
-import ctypes
 import os
 import sys
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from importlib.util import find_spec
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 from hhsim.solver.outside_method import MethodScene
+from hhsim.system.posix import flush_c_output
 
 
 def lack_of(extra: str, *modules: str) -> str:
@@ -49,7 +49,7 @@ def silent() -> Iterator[None]:
         os.dup2(nowhere, 2)
         yield
         # The C library's own buffer would be written out later.
-        ctypes.CDLL(None).fflush(None)
+        flush_c_output()
     finally:
         for place, was in zip((1, 2), kept):
             os.dup2(was, place)

@@ -1,5 +1,6 @@
 """Clocks that a kernel can read, so that a block of ticks in one compiled call is timed tick by tick, and waits."""
 
+import sys
 import time
 from collections.abc import Callable
 from typing import Any, cast
@@ -11,8 +12,11 @@ from numba.extending import intrinsic
 
 from hhsim.kernels.jit import JIT_ENABLED, as_int64, jit
 
-CLOCK_MONOTONIC = 1
-CLOCK_THREAD_CPU = 3
+CLOCK_MONOTONIC = 0 if sys.platform == "win32" else time.CLOCK_MONOTONIC
+CLOCK_THREAD_CPU = 0 if sys.platform == "win32" else time.CLOCK_THREAD_CPUTIME_ID
+"""Numbers of the system's clocks. Windows has one that is fine enough: there CPU times are wall times."""
+_COUNTS_TO_NS = 100
+"""Period of Windows' performance counter [ns]: it counts at 10 MHz since Windows 10."""
 _TIMER_ABSTIME = 1
 _POLLIN = 1
 _SECOND = 1_000_000_000
@@ -25,6 +29,12 @@ def call_c(builder: Any, name: str, result: Any, *arguments: Any) -> Any:
 
 
 def _clock_gettime(typing: Any, clock: Any) -> Any:
+    def count(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        integer = ir.IntType(64)
+        now = cgutils.alloca_once(builder, integer)
+        call_c(builder, "QueryPerformanceCounter", ir.IntType(32), now)
+        return builder.mul(builder.load(now), integer(_COUNTS_TO_NS))
+
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         integer, number = ir.IntType(64), ir.IntType(32)
         now = cgutils.alloca_once(builder, ir.ArrayType(integer, 2))
@@ -32,7 +42,7 @@ def _clock_gettime(typing: Any, clock: Any) -> Any:
         seconds, rest = (builder.load(cgutils.gep_inbounds(builder, now, 0, i)) for i in range(2))
         return builder.add(builder.mul(seconds, integer(_SECOND)), rest)
 
-    return types.int64(types.int64), generate
+    return types.int64(types.int64), count if sys.platform == "win32" else generate
 
 
 def _clock_nanosleep(typing: Any, time_ns: Any) -> Any:
@@ -102,7 +112,7 @@ if JIT_ENABLED:
 else:
 
     def _read(clock: int) -> int:
-        return time.clock_gettime_ns(clock)
+        return time.perf_counter_ns() if sys.platform == "win32" else time.clock_gettime_ns(clock)
 
     def _sleep(time_ns: int) -> int:
         time.sleep(max(0.0, 1e-9 * (time_ns - time.monotonic_ns())))

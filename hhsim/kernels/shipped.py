@@ -14,13 +14,10 @@ from typing import Any
 
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
-from hhsim.kernels.target import NAMED, TARGET, is_named
+from hhsim.kernels.target import BUILT_FOR, COMPILED, NAMED, TARGET, is_named
 
-FOLDER = Path(__file__).parent / "compiled"
-"""Folder of a wheel's kernels; there is none in the sources."""
+FOLDER = COMPILED
 SUMS = "SHA256SUMS"
-BUILT_FOR = "TARGET"
-"""File with the text of the target that they were compiled for."""
 
 
 class ShippedKernelWarning(UserWarning):
@@ -32,12 +29,13 @@ def sums() -> dict[str, str]:
     """Return the digest of each file by its path in the folder; none where nothing is shipped."""
     try:
         lines = (FOLDER / SUMS).read_text(encoding="utf-8").splitlines()
-        built_for = (FOLDER / BUILT_FOR).read_text(encoding="utf-8").strip()
+        built_for = (FOLDER / BUILT_FOR).read_text(encoding="utf-8").splitlines()
     except OSError:
         return {}
-    if built_for != TARGET:
+    if TARGET not in built_for:
         if is_named():
-            _warn(f"the kernels of this wheel are for {built_for!r} and this is {TARGET!r}: they are compiled here")
+            found = " and ".join(map(repr, built_for))
+            _warn(f"the kernels of this wheel are for {found} and this is {TARGET!r}: they are compiled here")
         return {}
     return {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
 

@@ -40,6 +40,7 @@ from hhsim.system import environment as info
 from hhsim.system.checksummed_file import seal_file
 from hhsim.system.counted import counted
 from hhsim.system.output_path import free_name
+from hhsim.system.posix import allocate
 
 Scalar: TypeAlias = str | int | float | bool
 
@@ -228,13 +229,7 @@ class ResultWriter:
 
     def _claim(self, size: int) -> None:
         """Allocate `size` bytes of the file system behind HDF5's own."""
-        if not hasattr(os, "posix_fallocate"):
-            return
-        descriptor = os.open(self.path, os.O_RDWR)
-        try:
-            os.posix_fallocate(descriptor, self._file.id.get_filesize(), size)
-        finally:
-            os.close(descriptor)
+        allocate(self.path, self._file.id.get_filesize(), size)
 
     def _drop_half_a_block(self) -> None:
         # An interrupt may have come between two datasets, or between the growth of one and its values.

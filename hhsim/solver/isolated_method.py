@@ -4,12 +4,9 @@ The process imports the method, is given the scene, and answers each tick with p
 unpickled. Its death is a named error, and a tick that never ends can be interrupted.
 """
 
-import ctypes
 import json
 import os
 import pickle
-import re
-import resource
 import signal
 import struct
 import subprocess
@@ -18,8 +15,7 @@ from contextlib import suppress
 from functools import cache
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from pathlib import Path
-from time import clock_gettime_ns, monotonic, perf_counter_ns
+from time import monotonic, perf_counter_ns
 from typing import TYPE_CHECKING, Any
 from weakref import finalize
 
@@ -32,6 +28,7 @@ from hhsim.solver.method_names import facts_of, outside_class
 from hhsim.solver.outside_method import SHAPES, MethodHere, MethodScene, OutsideEngine, TickAnswer, checked_answer
 from hhsim.system.deferred_sigint import interrupt_is_noted
 from hhsim.system.foreign_call import Timed
+from hhsim.system.posix import limit_as_child, process_cpu_ns
 
 if TYPE_CHECKING:
     from hhsim.solver.workspace import TickWorkspace
@@ -52,7 +49,6 @@ AT_FIRST, EACH_TICK = 1_000_000_000, 500_000
 """CPU time that the process may take beside twice its ticks [ns]: once, and for each tick."""
 MEMORY_SHARE = 0.9
 """Share of the memory available at the start that the process may have."""
-PR_SET_PDEATHSIG = 1
 
 
 class IsolatedMethod:
@@ -157,10 +153,7 @@ class IsolatedMethod:
 
     def _cpu(self) -> int:
         """CPU time of the process by the system's count [ns], which no code in it can change."""
-        try:
-            return clock_gettime_ns((~self._process.pid << 3) | 2)
-        except OSError:
-            return 0
+        return process_cpu_ns(self._process.pid)
 
 
 def _end(process: "subprocess.Popen[bytes]", link: Connection) -> None:
@@ -197,12 +190,7 @@ def _unpacked(numbers: FloatArray) -> HandConfiguration:
 
 def serve(descriptor: int, name: str) -> None:
     """Run a method for the process at the other end of a connection, until that is closed."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    available = re.search(r"MemAvailable: *([0-9]+) kB", Path("/proc/meminfo").read_text())
-    assert available is not None
-    most = int(MEMORY_SHARE * 1024 * int(available[1]))
-    resource.setrlimit(resource.RLIMIT_DATA, (most, most))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    limit_as_child(MEMORY_SHARE)
     link = Connection(descriptor)
     try:
         made = outside_class(name)

@@ -16,6 +16,7 @@ from hhsim.kernels.parallel.thread_team import assemble, dismiss
 from hhsim.kernels.qp.active_set import QpWork, new_work
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.thread_team_worker import help_out
+from hhsim.system.posix import thread_clock
 
 ARRIVAL = 1.0
 """A block begins without the helpers that have not arrived after this [s]: they can join at any tick."""
@@ -109,7 +110,7 @@ class _Helper(threading.Thread):
 
     def run(self) -> None:
         try:
-            self.clock = time.pthread_getcpuclockid(threading.get_ident())
+            self.clock = thread_clock()
             self.arrived.release()
             self.work.help_out(self.given)
         except BaseException as error:  # handed to the thread that asked for help

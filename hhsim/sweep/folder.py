@@ -5,7 +5,6 @@
 """
 
 import contextlib
-import fcntl
 import json
 import os
 from collections.abc import Iterator, Mapping
@@ -16,6 +15,7 @@ from hhsim.errors import InputError, OutputError
 from hhsim.sweep.cell import Cell
 from hhsim.sweep.plan import PlannedCell, SweepPlan
 from hhsim.system import environment as info
+from hhsim.system import posix
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
 from hhsim.system.plain_json import plain_json
@@ -49,12 +49,12 @@ class SweepFolder:
         """Make and lock the folder and remove unfinished files; OutputError if it is not writable, or locked."""
         try:
             self.cells.mkdir(parents=True, exist_ok=True)
-            lock = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            lock = os.open(self.path / LOCK, posix.CREATE_FLAGS, 0o644)
         except OSError as error:
             raise OutputError(f"cannot write in {self.path}: {error.strerror or error}") from error
         try:
             try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                posix.lock(lock)
             except BlockingIOError:
                 raise OutputError(f"another sweep works in {self.path}: wait for it, or name another folder") from None
             except OSError:

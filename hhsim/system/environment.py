@@ -17,9 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from hhsim import __version__
+from hhsim.system.posix import own_processors
 
 UNKNOWN = "unknown"
-DEVELOPMENT_EXTRAS = frozenset({"test", "lint"})
+DEVELOPMENT_EXTRAS = frozenset({"test", "lint", "release"})
 
 
 def collect() -> dict[str, Any]:
@@ -51,7 +52,7 @@ def file_attributes() -> dict[str, str | bool]:
 def machine() -> dict[str, str | int]:
     """Describe what decides how fast a tick is, without naming the computer; `cores` are those of this process."""
     # Affinity of the process: a thread may be pinned to one core (`hhsim.system.own_core`).
-    cores = len(os.sched_getaffinity(os.getpid())) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = len(own_processors())
     system = f"{platform.system()} {platform.release()} {platform.machine()}"
     return {"cpu": _cpu_name(), "cores": cores, "system": system, "python": platform.python_version()}
 

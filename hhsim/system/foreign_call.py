@@ -5,7 +5,6 @@ interpreter included, becomes one exception. This protects from accidents; malic
 (`hhsim.solver.isolated_method`).
 """
 
-import ctypes
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -15,8 +14,7 @@ from time import perf_counter_ns, process_time_ns
 from typing import Any, NamedTuple
 
 from hhsim.system.deferred_sigint import watched_sigint
-
-_libc = ctypes.CDLL(None)
+from hhsim.system.posix import flush_c_output
 
 
 class ForeignError(Exception):
@@ -64,7 +62,7 @@ def _own_output() -> Iterator[None]:
     finally:
         if sys.__stdout__ is not None:
             sys.__stdout__.flush()
-        _libc.fflush(None)
+        flush_c_output()
         os.dup2(descriptor, 1)
         os.close(descriptor)
         sys.stdout = shown

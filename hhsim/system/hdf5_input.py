@@ -5,14 +5,8 @@ of time and memory therefore reads each file first: a fork, which has h5py alrea
 seal (`hhsim.system.checksummed_file`) is checked before that: it shows accidents, and does not authenticate.
 """
 
-import faulthandler
-import gc
-import os
-import resource
-import signal
 import sys
 import time
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,6 +18,7 @@ from numpy.typing import NDArray
 from hhsim.errors import DamagedFileError
 from hhsim.system.checksummed_file import SIZE, seal_holds
 from hhsim.system.input_file import check_ordinary
+from hhsim.system.posix import TIMED_OUT, call_in_child
 
 DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError, OverflowError)
 """Errors of h5py for a file with wrong bytes."""
@@ -51,7 +46,6 @@ ALWAYS, PER_BYTE = 1 << 28, 100
 """Largest stated size of all datasets [byte]: so many, and so many more for each byte of the file."""
 
 _SOUND, _BUSY, _UNSOUND = 0, 3, 4
-_ENDLESS = (signal.SIGXCPU, signal.SIGALRM)
 
 
 def read_numbers(dataset: h5py.Dataset, rows: Any = ...) -> NDArray[Any]:
@@ -154,70 +148,25 @@ def probe(path: Path, size: int, seconds: int, patience: float) -> str:
     Raises:
         BlockingIOError: Another process is writing it.
     """
-    with warnings.catch_warnings():
-        # Python warns of threads, whose locks a child may find held: this one takes that of h5py, which is made for it.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        told, tell = os.pipe()
-        child = os.fork()
-    if child == 0:
-        _be_the_child(path, size, seconds, patience, tell)
-    os.close(tell)
-    try:
-        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        os.set_blocking(told, False)
-        reason = os.read(told, 1000).decode(errors="replace") if code == _UNSOUND else ""
-    except BaseException:
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-        raise
-    finally:
-        os.close(told)
+
+    def read() -> tuple[int, str]:
+        try:
+            read_to_end(path, size)
+        except BlockingIOError:
+            return _BUSY, ""
+        except Exception as error:
+            # Whatever h5py raises over wrong bytes: it has no list of them.
+            return _UNSOUND, (str(error).splitlines() or [type(error).__name__])[0][:120]
+        return _SOUND, ""
+
+    code, reason = call_in_child(read, seconds, patience, MEMORY)
     if code == _BUSY:
         raise BlockingIOError("another process is writing it")
-    if -code in _ENDLESS:
+    if code == TIMED_OUT:
         return f"a damaged file: reading it does not end within {seconds} s"
     if code == _UNSOUND:
         return f"a damaged HDF5 file: {reason}"
     return "" if code == _SOUND else "a damaged file: the HDF5 library breaks down over it"
-
-
-def _be_the_child(path: Path, size: int, seconds: int, patience: float, tell: int) -> None:
-    """Read the file, report its fault, and exit; the library's own output is discarded."""
-    code = 1
-    try:
-        # Finalisers of the parent's garbage would remove its folders and close its files.
-        gc.disable()
-        faulthandler.disable()
-        for number in (signal.SIGINT, signal.SIGTERM, *_ENDLESS):
-            signal.signal(number, signal.SIG_DFL)
-        signal.pthread_sigmask(signal.SIG_SETMASK, ())
-        signal.setitimer(signal.ITIMER_REAL, patience)
-        _limit(resource.RLIMIT_CORE, 0)
-        _limit(resource.RLIMIT_CPU, seconds)
-        _limit(resource.RLIMIT_AS, _address_space() + MEMORY)
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, 1)
-        os.dup2(nowhere, 2)
-        read_to_end(path, size)
-        code = _SOUND
-    except BlockingIOError:
-        code = _BUSY
-    except Exception as error:
-        # Whatever h5py raises over wrong bytes: it has no list of them.
-        code = _UNSOUND
-        os.write(tell, (str(error).splitlines() or [type(error).__name__])[0][:120].encode(errors="replace"))
-    finally:
-        os._exit(code)
-
-
-def _limit(what: int, value: int) -> None:
-    most = resource.getrlimit(what)[1]
-    resource.setrlimit(what, (value if most == resource.RLIM_INFINITY else min(value, most), most))
-
-
-def _address_space() -> int:
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-    return pages * resource.getpagesize()
 
 
 def read_to_end(path: Path, size: int) -> None:

@@ -7,6 +7,8 @@ import stat
 import sys
 from pathlib import Path
 
+from hhsim.system.posix import READ_FLAGS
+
 MOST_BYTES = 1 << 30
 """Size of the largest file that is read whole [byte]."""
 LFS_POINTER = b"version https://git-lfs.github.com/spec/v1"
@@ -39,7 +41,7 @@ def open_input(path: Path, most: int = sys.maxsize) -> io.BufferedReader:
     """Open an ordinary file for reading; raise OSError as `check_ordinary`, or if it cannot be opened."""
     check_ordinary(path, most)
     # Something else may take the file's place between the look and the opening.
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    descriptor = os.open(path, READ_FLAGS)
     try:
         _check(path, os.fstat(descriptor), most)
         return os.fdopen(descriptor, "rb")

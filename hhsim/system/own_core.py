@@ -5,7 +5,6 @@ system releases when its holder ends. One thread of each physical core is claime
 """
 
 import contextlib
-import fcntl
 import os
 import tempfile
 import time
@@ -13,6 +12,8 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TypeVar
+
+from hhsim.system.posix import CREATE_FLAGS, can_pin, lock, own_processors, pin, user_number
 
 Answer = TypeVar("Answer")
 
@@ -22,10 +23,10 @@ LOOK_AGAIN = 0.05
 
 def physical_cores() -> list[int]:
     """Return a processor of each physical core that this process may use; none if the system cannot pin threads."""
-    if not hasattr(os, "sched_getaffinity"):
+    if not can_pin():
         return []
     found: dict[str, int] = {}
-    for number in sorted(os.sched_getaffinity(os.getpid())):
+    for number in own_processors():
         siblings = Path(f"/sys/devices/system/cpu/cpu{number}/topology/thread_siblings_list")
         try:
             core = siblings.read_text(encoding="ascii").strip()
@@ -49,14 +50,14 @@ def _pinned(work: Callable[[], Answer]) -> tuple[Answer, bool]:
     with _claimed_core() as core:
         if core is None:
             return work(), False
-        os.sched_setaffinity(0, {core})
+        pin(core)
         return work(), True
 
 
 @contextlib.contextmanager
 def _claimed_core() -> Iterator[int | None]:
     cores = physical_cores()
-    folder = Path(tempfile.gettempdir()) / f"hhsim-cores-{os.getuid()}"
+    folder = Path(tempfile.gettempdir()) / f"hhsim-cores-{user_number()}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
     except OSError:
@@ -66,9 +67,9 @@ def _claimed_core() -> Iterator[int | None]:
         return
     while True:
         for core in cores:
-            file = os.open(folder / str(core), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            file = os.open(folder / str(core), CREATE_FLAGS, 0o600)
             try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock(file)
             except OSError:
                 os.close(file)
                 continue

@@ -3,13 +3,13 @@
 The parts do not depend on the number of threads, so the results are the same bytes.
 """
 
-import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from typing import Any, TypeVar
 
 from hhsim.errors import InputError
+from hhsim.system.posix import own_processors
 
 MOST_THREADS = 64
 
@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 def usual_threads() -> int:
     """Return one for each processor of this process, at most 4, since more hardly save time."""
-    return min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1, 4)
+    return min(len(own_processors()), 4)
 
 
 class Workers(AbstractContextManager["Workers"]):

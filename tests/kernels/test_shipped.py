@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from hhsim.kernels.jit import JIT_ENABLED
-from hhsim.kernels.shipped import BUILT_FOR, SUMS
+from hhsim.kernels.shipped import SUMS
+from hhsim.kernels.target import BUILT_FOR, TARGET
 from tools.build_wheel import pack
 
 pytestmark = pytest.mark.skipif(not JIT_ENABLED, reason="without the compiler nothing is compiled")
@@ -50,7 +51,7 @@ def wheel(tmp_path: Path) -> Path:
     assert out != LOADED and out.endswith(COMPILED)
     folder = tmp_path / "compiled"
     folder.mkdir()
-    pack(tmp_path / "built", folder)
+    pack(tmp_path / "built", folder, [TARGET])
     return folder
 
 

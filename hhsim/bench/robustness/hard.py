@@ -1,9 +1,7 @@
 """`hhsim bench hard`: the catalogue of the hard cases, and every one by every method; no case can end the bench."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +27,7 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
+from hhsim.system.posix import used_memory
 from hhsim.system.progress import Progress, silent
 from hhsim.table.table import Column, Table
 
@@ -196,12 +195,7 @@ def _counted(outcome: Outcome, surface: Any, motion: HandConfiguration, record: 
 
 def resident_memory() -> float:
     """Return the resident memory of this process [B]; its largest so far on a system without /proc."""
-    try:
-        return float(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except OSError:
-        import resource
-
-        return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return used_memory()[0]
 
 
 COLUMNS = (

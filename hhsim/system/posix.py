@@ -1,0 +1,201 @@
+"""Calls that only POSIX systems or Linux alone have, and what stands in for them elsewhere.
+
+A live session and `hhsim doctor` need Linux and call it themselves; all else asks here.
+"""
+
+import contextlib
+import ctypes
+import faulthandler
+import gc
+import os
+import re
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+READ_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+"""Flags to open a file that may turn out to be a pipe, which must not block."""
+CREATE_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0)
+"""Flags to open a file for a lock."""
+KILLED, TIMED_OUT = -1, -2
+"""Codes of a child that ended without an answer, and of one that reached a limit of time."""
+_ANSWER_BYTES = 1000
+
+
+def user_number() -> int:
+    """Return the user's number; 0 where the system has none."""
+    return 0 if sys.platform == "win32" else os.getuid()
+
+
+def own_processors() -> list[int]:
+    """Return the processors that this process may use; all of the machine where the system does not tell."""
+    if sys.platform == "linux":
+        return sorted(os.sched_getaffinity(os.getpid()))
+    return list(range(os.cpu_count() or 1))
+
+
+def can_pin() -> bool:
+    """Return True if a thread can be pinned to a processor."""
+    return sys.platform == "linux"
+
+
+def pin(processor: int) -> None:
+    """Pin the calling thread to a processor; without effect where `can_pin` is False."""
+    if sys.platform == "linux":
+        os.sched_setaffinity(0, {processor})
+
+
+def lock(descriptor: int) -> None:
+    """Lock a file until its descriptor is closed.
+
+    Raises:
+        BlockingIOError: Another process holds the lock.
+        OSError: The file system has no locks.
+    """
+    if sys.platform == "win32":
+        import msvcrt
+
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except OSError as error:
+            raise BlockingIOError(*error.args) from None
+    else:
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def allocate(path: Path, end: int, size: int) -> None:
+    """Allocate `size` bytes behind the end of a file; a full disk is an OSError. Without effect but on Linux."""
+    if sys.platform == "linux":
+        descriptor = os.open(path, os.O_RDWR)
+        try:
+            os.posix_fallocate(descriptor, end, size)
+        finally:
+            os.close(descriptor)
+
+
+def flush_c_output() -> None:
+    """Write out what compiled code has left in the buffers of the C library."""
+    (ctypes.CDLL("msvcrt") if sys.platform == "win32" else ctypes.CDLL(None)).fflush(None)
+
+
+def used_memory() -> tuple[float, float]:
+    """Return this process's resident memory and the most that it has been [byte]; NaN for what nothing tells."""
+    if sys.platform == "win32":
+        return float("nan"), float("nan")
+    import resource
+
+    with contextlib.suppress(OSError):
+        # The system's own counters: `getrusage` counts the memory of the parent process too.
+        lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text("ascii").splitlines())
+        return 1024.0 * float(lines["VmRSS"].split()[0]), 1024.0 * float(lines["VmHWM"].split()[0])
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1.0 if sys.platform == "darwin" else 1024.0)
+    return most, most
+
+
+def process_cpu_ns(process: int) -> int:
+    """Return the CPU time of a process [ns] by the system's count; 0 where it has ended or nothing tells."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError):
+            # Clock of a process, see clock_getcpuclockid(3).
+            return time.clock_gettime_ns((~process << 3) | 2)
+    return 0
+
+
+def thread_clock() -> int:
+    """Return the number of the calling thread's CPU clock, for any thread to read; that of the reader elsewhere."""
+    if sys.platform == "linux":
+        return time.pthread_getcpuclockid(threading.get_ident())
+    return 0 if sys.platform == "win32" else time.CLOCK_THREAD_CPUTIME_ID
+
+
+def limit_as_child(memory_share: float) -> None:
+    """End this process with its parent, and limit its memory to a share of what is free; Linux alone."""
+    if sys.platform == "linux":
+        import resource
+        import signal
+
+        set_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
+        ctypes.CDLL(None).prctl(set_death_signal, signal.SIGKILL, 0, 0, 0)
+        available = re.search(r"MemAvailable: *([0-9]+) kB", Path("/proc/meminfo").read_text())
+        assert available is not None
+        most = int(memory_share * 1024 * int(available[1]))
+        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def call_in_child(work: Callable[[], tuple[int, str]], seconds: int, patience: float, memory: int) -> tuple[int, str]:
+    """Call a function in a forked child with limits; where the system has no fork, call it here without any.
+
+    Args:
+        work: Returns a code from 0 to 127, and a text.
+        seconds: Limit of processor time.
+        patience: Limit of wall-clock time [s].
+        memory: Address space that the child may take besides what it has [byte]; Linux alone.
+
+    Returns:
+        Code and text of `work`, the text cut short; `KILLED` or `TIMED_OUT` where it gave none.
+    """
+    if sys.platform == "win32":
+        return work()
+    import signal
+
+    with warnings.catch_warnings():
+        # Python warns of threads, whose locks a child may find held: `work` takes none of them.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        told, tell = os.pipe()
+        child = os.fork()
+    if child == 0:
+        _be_the_child(work, seconds, patience, memory, tell)
+    os.close(tell)
+    try:
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        os.set_blocking(told, False)
+        text = os.read(told, _ANSWER_BYTES).decode(errors="replace") if code > 0 else ""
+    except BaseException:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        raise
+    finally:
+        os.close(told)
+    if -code in (signal.SIGXCPU, signal.SIGALRM):
+        return TIMED_OUT, ""
+    return (code, text) if code >= 0 else (KILLED, "")
+
+
+def _be_the_child(work: Callable[[], tuple[int, str]], seconds: int, patience: float, memory: int, tell: int) -> None:
+    """Call the function, tell its text, and exit with its code; the output of libraries is discarded."""
+    if sys.platform == "win32":
+        return
+    import resource
+    import signal
+
+    def limit(what: int, value: int) -> None:
+        most = resource.getrlimit(what)[1]
+        resource.setrlimit(what, (value if most == resource.RLIM_INFINITY else min(value, most), most))
+
+    code = 1
+    try:
+        # Finalisers of the parent's garbage would remove its folders and close its files.
+        gc.disable()
+        faulthandler.disable()
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGXCPU, signal.SIGALRM):
+            signal.signal(number, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_SETMASK, ())
+        signal.setitimer(signal.ITIMER_REAL, patience)
+        limit(resource.RLIMIT_CORE, 0)
+        limit(resource.RLIMIT_CPU, seconds)
+        if sys.platform == "linux":
+            pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+            limit(resource.RLIMIT_AS, pages * resource.getpagesize() + memory)
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, 1)
+        os.dup2(nowhere, 2)
+        code, text = work()
+        os.write(tell, text.encode(errors="replace")[:_ANSWER_BYTES])
+    finally:
+        os._exit(code)
