@@ -15,6 +15,8 @@ BIN := .venv/bin
 # tests start hundreds of processes, so that a shell which forbids bytecode would have each compile its own.
 PIP := $(BIN)/python -m pip install --disable-pip-version-check --quiet --no-compile -c constraints.txt
 unexport PYTHONDONTWRITEBYTECODE
+# Kernels are compiled as soon as this is there.
+KERNELS_NEED := numpy numba h5py msgspec
 
 # A live session and what tells of its machine need Linux; the rest has types that hold on other systems too.
 LINUX_ONLY := '/(live|doctor\.py|scheduling_facts\.py|cpu_accounts\.py|wakeups\.py)(/|$$)'
@@ -65,7 +67,8 @@ gate: kernels
 	@touch $@
 
 .venv/hhsim.stamp: .venv/python.stamp pyproject.toml constraints.txt
-	$(PIP) -e .
+	$(PIP) $(KERNELS_NEED)
+	$(BIN)/python -m tools.compile_ahead & $(PIP) -e .; code=$$?; wait; exit $$code
 	@touch $@
 
 # By its name, hhsim is found installed and left as it is: kernels are compiled by it meanwhile.

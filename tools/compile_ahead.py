@@ -1,0 +1,56 @@
+"""Compile the kernels of `hhsim replay` while pip installs what they do not need: `make` runs it.
+
+    python -m tools.compile_ahead
+
+needs numpy, numba, h5py and msgspec. One process compiles the tick, one what measures its hands.
+"""
+
+import gc
+import subprocess
+import sys
+
+import numpy as np
+
+
+def compile_ticks() -> None:
+    """Compile the ticks of the usual method."""
+    from hhsim.hand.model import HandModel
+    from hhsim.solver.compile import warm_up
+    from hhsim.solver.options import SolverOptions
+
+    warm_up(HandModel.default(), SolverOptions())
+
+
+def compile_measures() -> None:
+    """Compile what a run's hands are measured with, by one hand on the bunny."""
+    from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
+    from hhsim.hand.model import HandModel
+    from hhsim.mesh.catalogue import load_object
+    from hhsim.metrics.input_hand import input_hand, object_depths
+    from hhsim.metrics.mesh_penetration import TouchedObject
+    from hhsim.motion.analytic_motion import still
+    from hhsim.solver.options import SolverOptions
+    from hhsim.trees.cache import cached_sphere_tree
+    from hhsim.trees.contact_surface import contact_surface
+    from hhsim.trees.options import TreeOptions
+
+    hand, mesh = HandModel.default(), load_object("bunny").mesh
+    surface = contact_surface("spheres", mesh, cached_sphere_tree(mesh, TreeOptions(level=4))).arrays
+    shape, fingers, touching = hand_shape(hand), np.ones(5, np.bool_), np.ones(1, np.bool_)
+    motion = still(mesh.vertices[0])
+    placed = forward_kinematics(hand, *motion)
+    TouchedObject(mesh, surface, shape, fingers, SolverOptions().touch).contact_error(placed, touching)
+    input_hand(hand, object_depths(surface, mesh, shape, fingers), motion, placed, touching, touching)
+
+
+PARTS = {"ticks": compile_ticks, "measures": compile_measures}
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        # numba asks for scipy, whose files may come just now, for a BLAS that no kernel calls.
+        sys.modules["scipy"] = None  # type: ignore[assignment]
+        gc.disable()  # a third of the time, in a process that soon ends
+        PARTS[sys.argv[1]]()
+    else:
+        running = [subprocess.Popen([sys.executable, "-m", "tools.compile_ahead", part]) for part in PARTS]
+        sys.exit(max(process.wait() for process in running))
