@@ -55,7 +55,11 @@ class Revision:
 
     def __init__(self, python: str) -> None:
         self._process = subprocess.Popen(
-            [python, "-P", "-c", WORKER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+            [python, "-P", "-c", WORKER],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
         )
 
     def times(self, command: Sequence[str], path: Path) -> Times:

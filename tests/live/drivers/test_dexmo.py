@@ -24,10 +24,10 @@ from hhsim.live.device import GLOVE_SAMPLE, Capability, DeviceError, FingerComma
 from hhsim.live.devices.registry import configure, open_device
 from hhsim.live.drivers.dexmo import MOST_MALFORMED, DexmoGlove
 from hhsim.live.link.dexmo_codec import CHANNELS, GloveMessage, encode_frame, framed
-from hhsim.live.simulators.dexmo_server import COUNT_LOW, COUNT_SPAN
-from hhsim.live.simulators.peer import fake_channels
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
+from tools.dexmo_server import COUNT_LOW, COUNT_SPAN
 from tools.fake_gloves import FakeDexmo
+from tools.fake_peer import fake_channels
 
 RIGHT = 337785601
 DEFAULT = DexmoRegression.default()

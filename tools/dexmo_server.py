@@ -1,8 +1,8 @@
-"""Dexmo server without gloves, as another process: `python -m hhsim.live.simulators.dexmo_server`.
+"""Dexmo server without gloves, as another process: `python -m tools.dexmo_server`.
 
 It speaks the published format to any number of clients at a steady rate. A frame in its log is the number of the client
 and of the sample; a command is the number of the client and of the glove, 1 where it must be kept, five values of
-stiffness and five set points. It takes the orders of `hhsim.live.simulators.peer`, and these:
+stiffness and five set points. It takes the orders of `tools.fake_peer`, and these:
 
 | order | effect |
 |---|---|
@@ -23,7 +23,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
 from hhsim.live.link.dexmo_codec import LENGTH, GloveMessage, MessageStream, decode_impedances, encode_frame, framed
-from hhsim.live.simulators.peer import FakePeer, FakeServer, PeerLog, peer_parser
+from tools.fake_peer import FakePeer, FakeServer, PeerLog, peer_parser
 
 COUNT_LOW, COUNT_SPAN = 700.0, 2400.0
 """Raw counts at 0, and from 0 to 1."""
