@@ -7,12 +7,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 LAST_OUTPUT_BYTES = 4_000
 """Bytes at the end of a process's output that `ChildProcess.last_line` looks at."""
 LOOK = 0.05
-"""Time between two looks at the CPU accounts of a process that is waited for [s]."""
+"""Time between two looks at the progress of a process that is waited for [s]."""
 
 
 class ChildProcess:
@@ -70,30 +69,19 @@ class ChildProcess:
         lines = [line.strip() for line in tail.decode("utf-8", "replace").splitlines() if line.strip()]
         return lines[-1].removeprefix("hhsim: ").removeprefix("error: ") if lines else ""
 
-    def wait(self, seconds: float) -> bool:
-        """Wait for its end, at most `seconds`; True if it has ended."""
-        try:
-            self._process.wait(max(seconds, 0.0))
-        except subprocess.TimeoutExpired:
-            return False
-        return True
-
-    def wait_own_time(self, seconds: float, progress: Callable[[], object] = lambda: None) -> bool:
-        """Wait until it has ended, or has had `seconds` of its own time (`OwnTime`) for it.
+    def wait(self, seconds: float, progress: Callable[[], object] = lambda: None) -> bool:
+        """Wait for its end, at most `seconds` after the last change of `progress`; True if it has ended.
 
         Args:
-            progress: Called at every look; the time starts anew when its value changes.
-
-        Returns:
-            True if it has ended.
+            progress: Called at every look; a new value restarts the time.
         """
-        own, done = OwnTime(self.pid), progress()
-        while not self.wait(LOOK):
+        done, began = progress(), time.monotonic()
+        while self.running and (left := began + seconds - time.monotonic()) > 0.0:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(min(left, LOOK))
             if (now := progress()) != done:
-                own, done = OwnTime(self.pid), now
-            if own.passed() >= seconds:
-                return False
-        return True
+                done, began = now, time.monotonic()
+        return not self.running
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal if it still runs."""
@@ -105,41 +93,3 @@ class ChildProcess:
         if self._output >= 0:
             os.close(self._output)
             self._output = -1
-
-
-class OwnTime:
-    """Time in which a process and its descendants compute or sleep, without their waits for a processor.
-
-    It is wall time on a system without scheduler accounts.
-
-    Args:
-        process: Process id.
-    """
-
-    def __init__(self, process: int) -> None:
-        self._process = process
-        self._passed, self._then = 0.0, time.monotonic()
-        self._ran, self._waited = _processor_time(process)
-
-    def passed(self) -> float:
-        """Return the time since the beginning [s]; to be called every `LOOK` seconds."""
-        then, ran, waited = self._then, self._ran, self._waited
-        self._then, (self._ran, self._waited) = time.monotonic(), _processor_time(self._process)
-        # The caller may have had to wait for a processor, too.
-        asleep = min(self._then - then, 2.0 * LOOK) - max(0.0, self._waited - waited)
-        self._passed += max(self._ran - ran, asleep, 0.0)
-        return self._passed
-
-
-def _processor_time(process: int) -> tuple[float, float]:
-    """Sum over threads and descendants of the time computed, and of the time waited for a processor [s]."""
-    ran = waited = 0.0
-    # Any of them may end while it is looked at.
-    with contextlib.suppress(OSError):
-        for task in Path(f"/proc/{process}/task").iterdir():
-            with contextlib.suppress(OSError):
-                numbers = (task / "schedstat").read_text().split()
-                times = [(1e-9 * int(numbers[0]), 1e-9 * int(numbers[1]))]
-                times += map(_processor_time, map(int, (task / "children").read_text().split()))
-                ran, waited = ran + sum(time[0] for time in times), waited + sum(time[1] for time in times)
-    return ran, waited

@@ -33,8 +33,8 @@ from hhsim.solver.compile import warm_up
 StartDriver = Callable[[LiveSetup, SessionMemory], ChildProcess]
 TELL_SECONDS = 0.02
 """Period at which the loop's notes are logged [s]."""
-DRIVER_PATIENCE = 2.0
-"""Own time (`OwnTime`) that the driver has to release the glove and end [s]."""
+DRIVER_PATIENCE = 10.0
+"""Time that the driver has to release the glove and end [s]."""
 BELOW_DRIVER = -2
 DEVICE_FACTS = ("name", "hand", "channels", "unit", "capabilities", "doubtful")
 COMMAND_KILLED = "the command was killed"
@@ -91,10 +91,10 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver:
     loop.story.tell()
     if thread.failure is not None:
         raise thread.failure
-    if not driver.wait_own_time(DRIVER_PATIENCE):
+    if not driver.wait(DRIVER_PATIENCE):
         memory.log(FAULT, "the glove's driver does not end: it is killed")
         driver.send(signal.SIGKILL)
-        driver.wait_own_time(DRIVER_PATIENCE)
+        driver.wait(DRIVER_PATIENCE)
     loop.story.tell()
     counters = dict(zip(COUNTERS, map(int, memory.status["counters"]), strict=True))
     memory.write_facts(thread.facts | {"summary": loop.summary() | {"counters": counters}})
@@ -198,7 +198,7 @@ def main(arguments: Sequence[str] | None = None, start: StartDriver = start_driv
         return exit_code(body, lambda text: memory.log(FAULT, text))
     finally:
         memory.status["stage"] = Stage.ENDING
-        if driver is not None and not driver.wait_own_time(DRIVER_PATIENCE):
+        if driver is not None and not driver.wait(DRIVER_PATIENCE):
             driver.send(signal.SIGKILL)
         memory.status["stage"] = Stage.ENDED
 

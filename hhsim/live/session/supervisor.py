@@ -43,17 +43,17 @@ MODULES = {
     VIEWER: "hhsim.live.session.viewer",
 }
 
-LOOP_PATIENCE = 3.0
-"""Own time (`OwnTime`) [s] that the loop has to end before SIGTERM, and again before SIGKILL."""
-PREPARATION = 60.0
-"""Own time [s] of a loop that has not begun, which gets SIGTERM at once: a kernel in compilation is finished first."""
+LOOP_PATIENCE = 15.0
+"""Time [s] that the loop has to end before SIGTERM, and again before SIGKILL: a busy machine may keep it waiting."""
+PREPARATION = 300.0
+"""The same for a loop that has not begun, which gets SIGTERM at once: a kernel in compilation is finished first."""
 RECORDER_PATIENCE = 60.0
-"""Own time [s] of the recorder without writing a tick."""
+"""Time [s] that the recorder has to end after it wrote a tick."""
 TOLD = 1.0
 """Longer waits than this are reported [s]."""
 RELEASE_PATIENCE = 0.25
 """Time for the watchdog to free the fingers after a loop that did not [s]: a dozen times what it needs."""
-VIEWER_PATIENCE, WATCHDOG_PATIENCE = 5.0, 2.0
+VIEWER_PATIENCE, WATCHDOG_PATIENCE = 15.0, 10.0
 SILENCE = 0.5
 """Age of the loop's heartbeat that is reported [s]; the watchdog has freed the fingers long before."""
 RESTART_PAUSES = (0.0, 0.1, 0.5, 2.0)
@@ -303,7 +303,7 @@ class Supervisor:
             self._record_failed = recorder.last_line() or recorder.how_it_ended()
 
     def _end_child(self, name: str, patience: float, activity: Callable[[], str]) -> bool:
-        """Wait for a process that does `activity`, `patience` [s] of own time before SIGTERM; True if it just ends."""
+        """Wait for a process that does `activity`, `patience` [s] before SIGTERM; True if it just ends."""
         child = self._children.get(name)
         if child is None:
             return True
@@ -317,13 +317,13 @@ class Supervisor:
                 self._notice(f"waiting for the {name}, which {doing}", INFORMATION)
             return int(self.memory.status["recorder_ticks" if name == RECORDER else "stage"])
 
-        if child.wait_own_time(patience, progress):
+        if child.wait(patience, progress):
             return True
         for number in (signal.SIGTERM, signal.SIGKILL):
             level = WARNING if name == VIEWER else FAULT
             self._notice(f"the {name} does not end: it gets {number.name}", level)
             child.send(number)
-            if child.wait_own_time(min(patience, LOOP_PATIENCE), progress):
+            if child.wait(min(patience, LOOP_PATIENCE), progress):
                 break
         return False
 

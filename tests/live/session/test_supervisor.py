@@ -12,7 +12,6 @@ from sampled import sampled
 
 from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
-from hhsim.live import child_process
 from hhsim.live.device import DeviceError
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
@@ -213,24 +212,23 @@ def test_a_loop_that_does_not_end_is_ended(make: Make, program: str, last: str) 
     assert session.end().reason == "a key"
 
 
-def test_the_end_waits_for_a_loop_that_others_keep_from_the_processor(
+def test_the_end_waits_for_what_is_under_way_and_says_what_it_waits_for(
     make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     go = tmp_path / "go"
     session = make(loop=SLOW_LOOP.format(go=str(go)))
     monkeypatch.setattr(supervisor, "TOLD", 0.0)
-    looks = [0]
+    monkeypatch.setattr(supervisor, "LOOP_PATIENCE", 60.0)
+    notice = session._notice
 
-    def accounts(process: int) -> tuple[float, float]:
-        """As of a process that gets a hundredth of a processor, for as many looks as its patience has and more."""
-        looks[0] += 1
-        if looks[0] == 3 * round(supervisor.LOOP_PATIENCE / child_process.LOOK):
+    def noticed(text: str, level: int, **more: bool) -> None:
+        notice(text, level, **more)
+        if "has the glove released" in text:
             go.touch()
-        return 5e-4 * looks[0], 1.0 * looks[0]
 
+    session._notice = noticed  # type: ignore[method-assign]
     with session:
         run(session, lambda: running(session))
-        monkeypatch.setattr(child_process, "_processor_time", accounts)
         session.request_stop("a key")
     assert notices(session, WARNING) == "" and session.end().loop_failed == ""
     assert "waiting for the loop, which has the glove released" in notices(session)
