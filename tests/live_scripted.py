@@ -14,7 +14,7 @@ from hhsim.kernels.clock import sleep_until
 from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss
 from hhsim.kernels.live.deadlines import NOTHING, due_time, next_deadline, woken
 from hhsim.kernels.live.loop import wake_driver
-from hhsim.kernels.live.tick import begin_tick, command_tick, count_work, look_for_stop, publish_tick, waiting_since
+from hhsim.kernels.live.tick import begin_tick, command_tick, look_for_stop, publish_tick, waiting_since
 from hhsim.live.device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
@@ -264,7 +264,6 @@ class SteppedLoop(LiveLoop):
         done = clock.now()
         name_misses(self.misses, at, self.accounts)
         publish_tick(live, done, solved)
-        count_work(live, clock.now())
 
 
 class InStep:

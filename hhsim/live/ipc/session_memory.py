@@ -185,7 +185,7 @@ class SessionMemory:
         | real_time | the achieved mode, `hhsim.live.real_time` |
         | device | name, hand, channels, unit, capabilities, doubtful |
         | pose | name of the source of the palm's pose |
-        | summary | at the end: ticks, missed, wakeup and latency with their percentiles [ns], counters, reason |
+        | reason | at the end: its reason |
         """
         return self._facts.read()
 

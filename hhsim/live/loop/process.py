@@ -19,7 +19,7 @@ from typing import Any
 
 from hhsim.errors import HhsimError
 from hhsim.live.child_process import ChildProcess
-from hhsim.live.device import COUNTERS, Capability, GloveInfo
+from hhsim.live.device import Capability, GloveInfo
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import SessionMemory, exit_code, session_process
 from hhsim.live.ipc.status import DriverSetup, Stage, oldest_heartbeat
@@ -96,8 +96,7 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver:
         driver.send(signal.SIGKILL)
         driver.wait(DRIVER_PATIENCE)
     loop.story.tell()
-    counters = dict(zip(COUNTERS, map(int, memory.status["counters"]), strict=True))
-    memory.write_facts(thread.facts | {"summary": loop.summary() | {"counters": counters}})
+    memory.write_facts(thread.facts | {"reason": loop.stopped})
     if died:
         raise HhsimError(died)
 

@@ -118,8 +118,7 @@ class Recorder:
         status = self._memory.status
         gone = self._loop_gone()
         if status["stage"] == Stage.ENDED:
-            reason = self._memory.read_facts().get("summary", {}).get("reason")
-            return str(reason or LOOP_DIED)
+            return str(self._memory.read_facts().get("reason") or LOOP_DIED)
         if gone:
             return LOOP_DIED
         if status["loop_pid"] == 0 and os.getppid() != self._parent:

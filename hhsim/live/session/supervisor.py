@@ -357,7 +357,7 @@ class Supervisor:
         if not self._record_failed and status["recorder_failed"]:
             self._record_failed = "the recorder failed"
         return SessionOutcome(
-            reason=self._reason or str(facts.get("summary", {}).get("reason", "")) or "the loop ended",
+            reason=self._reason or str(facts.get("reason", "")) or "the loop ended",
             seconds=float((status["ticks"] + status["missed"]) / self.setup.rate),
             ticks=int(status["ticks"]),
             missed=int(status["missed"]),

@@ -106,12 +106,9 @@ def test_every_period_and_every_sample_is_accounted_for(session: Ran) -> None:
 
 def test_the_summary_is_what_the_loop_counted(session: Ran) -> None:
     result, outcome = session
-    counted = outcome.facts["summary"]
     assert result.live is not None
     assert json.loads(result.live["real_time"]) == outcome.facts["real_time"]
-    assert result.summary["missed"] == counted["missed"]
+    assert result.summary["missed"] == outcome.missed
     # The loop may tick before the first sample: there is no hand yet, and nothing for the file.
-    assert result.summary["ticks"] == result.ticks <= counted["ticks"]
-    assert result.summary["wakeup_max"] <= 1e-9 * counted["wakeup"]["max"]
+    assert result.summary["ticks"] == result.ticks <= outcome.ticks
     assert outcome.facts["device"]["name"] == "simulated glove"
-    assert result.summary["latency_max"] == pytest.approx(1e-9 * counted["latency"]["max"])
