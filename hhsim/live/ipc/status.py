@@ -1,8 +1,10 @@
 """Status block of a live session, and the setups of the processes that need little: watchdog and driver."""
 
+import os
+import select
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -71,6 +73,34 @@ PERIODS = 2.5
 def oldest_heartbeat(heartbeat_stale: float, period_ns: int) -> int:
     """Return the largest age of a loop's heartbeat [ns], of the limit [s] and its period."""
     return max(round(1e9 * heartbeat_stale), round(PERIODS * period_ns))
+
+
+class LoopProcess:
+    """Process of the loop, whose end wakes a process that did not start it; `status` is the record of `LIVE_STATUS`."""
+
+    def __init__(self, status: Any) -> None:
+        self._status = status
+        self._descriptor = -1
+        self.known = self.gone = False
+
+    @property
+    def alive(self) -> bool:
+        """True from its begin to its end, as far as `wait` has seen either."""
+        return self.known and not self.gone
+
+    def wait(self, timeout: float = 0.0) -> None:
+        """Sleep for `timeout` [s], or until the process ends."""
+        number = int(self._status["loop_pid"])
+        if not self.known and number:
+            self.known = True
+            try:
+                self._descriptor = os.pidfd_open(number)
+            except ProcessLookupError:
+                self.gone = True
+        ended, _, _ = select.select([self._descriptor] if self.alive else [], [], [], timeout)
+        if ended:
+            self.gone = True
+            os.close(self._descriptor)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ It imports little: its own setup, the status block, and the part of the glove's 
 
 import argparse
 import os
-import select
 import signal
 import sys
 import time
@@ -20,12 +19,12 @@ from types import FrameType
 
 from hhsim.live.device import DeviceError, FingerRelease
 from hhsim.live.devices.registry import open_release
-from hhsim.live.ipc.status import LIVE_STATUS, Stage, WatchdogSetup, oldest_heartbeat
+from hhsim.live.ipc.status import LIVE_STATUS, LoopProcess, Stage, WatchdogSetup, oldest_heartbeat
 from hhsim.live.real_time import become_ordinary, become_real_time, keep_off, name_process
 from hhsim.live.shared_memory import SharedBlock, read_setup
 
-WATCH_MS = 4
-"""Longest time between two looks [ms]."""
+WATCH_SECONDS = 0.004
+"""Longest time between two looks [s]."""
 RELEASE_NS = 20_000_000
 """Time between two releases while the loop fails [ns]."""
 CONNECT_NS = 250_000_000
@@ -47,7 +46,7 @@ class Watchdog:
         self._block = SharedBlock(setup.status, LIVE_STATUS)
         self._status = self._block.array[0]
         self._device = device
-        self._loop = _LoopProcess()
+        self._loop = LoopProcess(self._status)
         self._opened = False
         self._armed = False
         self._tried_ns = -CONNECT_NS
@@ -69,12 +68,11 @@ class Watchdog:
             self._free_fingers()
             if self._opened and self._device is not None:
                 self._device.close()
-            self._loop.close()
 
     def _step(self) -> bool:
         """Look once; True if there is nothing left to watch."""
         status = self._status
-        self._loop.wait(int(status["loop_pid"]), WATCH_MS)
+        self._loop.wait(WATCH_SECONDS)
         now = time.monotonic_ns()
         status["watchdog_ns"] = now
         self._stay_connected(now)
@@ -129,57 +127,6 @@ class Watchdog:
 
     def _free_fingers(self) -> bool:
         return self._opened and self._device is not None and self._device.release()
-
-
-class _LoopProcess:
-    """Process of the loop, whose end wakes the watchdog."""
-
-    def __init__(self) -> None:
-        self.known = False
-        self.gone = False
-        self._pid = 0
-        self._descriptor = -1
-        self._poll = select.poll()
-
-    @property
-    def alive(self) -> bool:
-        return self.known and not self.gone
-
-    def wait(self, pid: int, timeout_ms: int) -> None:
-        """Sleep, at most until the process ends; `pid` is 0 if there is none."""
-        if pid != self._pid:
-            self._take(pid)
-        ended = bool(self._poll.poll(timeout_ms))
-        if self.alive and (ended or (self._descriptor < 0 and not _exists(pid))):
-            self.gone = True
-            self.close()
-
-    def close(self) -> None:
-        if self._descriptor >= 0:
-            self._poll.unregister(self._descriptor)
-            os.close(self._descriptor)
-            self._descriptor = -1
-
-    def _take(self, pid: int) -> None:
-        self.close()
-        self._pid, self.known, self.gone = pid, True, False
-        try:
-            self._descriptor = os.pidfd_open(pid)
-        except ProcessLookupError:
-            self.gone = True
-        except OSError:
-            # A system without this call: `wait` checks for the process.
-            self._descriptor = -1
-        else:
-            self._poll.register(self._descriptor, select.POLLIN)
-
-
-def _exists(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except OSError:
-        return False
-    return True
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -9,7 +9,6 @@ where the written part is). After 1 and 2 `recorder_failed` is set in the status
 """
 
 import os
-import select
 import signal
 import sys
 import time
@@ -19,7 +18,7 @@ from types import FrameType
 
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import SessionMemory, exit_code, session_process
-from hhsim.live.ipc.status import Stage
+from hhsim.live.ipc.status import LoopProcess, Stage
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.session.writer import RINGS, SessionWriter
@@ -51,7 +50,7 @@ class Recorder:
         self._memory = memory
         self._readers = {ring: RingReader(getattr(memory, ring)) for ring in RINGS}
         self._parent = os.getppid()
-        self._loop = -1
+        self._loop = LoopProcess(memory.status)
         self._stop = False
 
     def stop(self, number: int, frame: FrameType | None) -> None:
@@ -116,26 +115,14 @@ class Recorder:
     def _end(self) -> str:
         """Return the reason why the session has ended, "" while it goes on."""
         status = self._memory.status
-        gone = self._loop_gone()
+        self._loop.wait()
         if status["stage"] == Stage.ENDED:
             return str(self._memory.read_facts().get("reason") or LOOP_DIED)
-        if gone:
+        if self._loop.gone:
             return LOOP_DIED
-        if status["loop_pid"] == 0 and os.getppid() != self._parent:
+        if not self._loop.known and os.getppid() != self._parent:
             return "the session's supervisor died before the loop began"
         return ""
-
-    def _loop_gone(self) -> bool:
-        """Return True if the loop's process has ended, even if its exit code was not collected yet."""
-        if self._loop < 0:
-            number = int(self._memory.status["loop_pid"])
-            if number == 0:
-                return False
-            try:
-                self._loop = os.pidfd_open(number)
-            except ProcessLookupError:
-                return True
-        return bool(select.select([self._loop], [], [], 0.0)[0])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
