@@ -7,7 +7,6 @@ have the same line open, as the watchdog needs; only one of them reads.
 import contextlib
 import errno
 import os
-import select
 import termios
 import time
 
@@ -65,7 +64,6 @@ class SerialLink(ByteLink):
             }.get(error.errno or 0, "")
             raise DeviceError(f"{self.name}: cannot open: {error.strerror or error}{hint}") from None
         except termios.error:
-            self.close()
             raise DeviceError(f"{self.name}: not a serial line; expected one such as /dev/ttyUSB0") from None
 
     def reconnect(self) -> bool:
@@ -79,7 +77,6 @@ class SerialLink(ByteLink):
         try:
             self._open()
         except (OSError, termios.error):
-            self.close()
             return False
         return True
 
@@ -89,39 +86,15 @@ class SerialLink(ByteLink):
         if ready(self._file, 0, 0.0):
             raise self._gone(self.ENDED)
 
-    def send_within(self, data: bytes, timeout: float) -> bool:
-        """Send data instead of all that still waits, on this line or one opened anew; never raises.
-
-        Args:
-            data: Bytes that begin with an end of line: the data before may be cut off.
-            timeout: Longest wait [s].
-
-        Returns:
-            True if it was handed to the system.
-        """
-        deadline = time.monotonic() + timeout
+    def _reopen(self, timeout: float) -> None:
         # A line that was unplugged and is back needs a new descriptor.
-        for _ in range(2):
-            try:
-                if self._file < 0:
-                    self._open()
-                return self._send_until(data, deadline)
-            except (OSError, termios.error):
-                self.close()
-        return False
+        self._let_go()
+        self._open()
 
-    def _send_until(self, data: bytes, deadline: float) -> bool:
-        termios.tcflush(self._file, termios.TCOFLUSH)
-        self._rest = b""
-        while data:
-            try:
-                data = data[os.write(self._file, data) :]
-            except BlockingIOError:
-                left = deadline - time.monotonic()
-                if left <= 0.0:
-                    return False
-                ready(self._file, select.POLLOUT, left)
-        return True
+    def _discard_unsent(self) -> None:
+        if self.connected:
+            termios.tcflush(self._file, termios.TCOFLUSH)
+            self._rest = b""
 
     def _read(self) -> bytes:
         return os.read(self._file, MOST_READ)
@@ -137,6 +110,15 @@ class SerialLink(ByteLink):
 
     def _open(self) -> None:
         self._file = os.open(self.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            self._make_raw()
+        except termios.error:
+            self._let_go()
+            raise
+        self._rest = b""
+        self.connection += 1
+
+    def _make_raw(self) -> None:
         mode = termios.tcgetattr(self._file)
         mode[0] = mode[1] = mode[3] = 0
         # Without HUPCL: closing one of several descriptors must not reset the board.
@@ -145,5 +127,3 @@ class SerialLink(ByteLink):
         # VMIN 1: reading a silent line differs from reading one that is gone.
         mode[6][termios.VMIN], mode[6][termios.VTIME] = 1, 0
         termios.tcsetattr(self._file, termios.TCSANOW, mode)
-        self._rest = b""
-        self.connection += 1
