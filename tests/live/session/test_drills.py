@@ -142,7 +142,7 @@ def test_glove_changes_hands(drill: Drill) -> None:
     drill.grasp()
     swapped = drill.order("swap")
     drill.until_over(swapped, lambda: drill.ticks)
-    assert drill.session.memory.status["safety"] & Safety.DEVICE_LOST
+    assert drill.session.memory.status["safety"] & Safety.STALE_INPUT
     assert_free_in_time(drill.ticks, swapped)
     assert_free_in_time(drill.commands(), swapped)
     drill.until(lambda: "says that it is a left hand's now" in " ".join(drill.log), "word of it")
