@@ -2,13 +2,11 @@
 
 import json
 import signal
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.errors import InputError
 from hhsim.metrics.run_metric import Figure
 from hhsim.result.miss_cause import WORDS
 from hhsim.result.reader import Result
@@ -89,18 +87,19 @@ SESSION_FAULTS = (
 
 
 def recorded_faults(session: Result) -> FaultCounts:
-    """Count the faults of a recorded session; NaN for what its file lacks, or has damaged."""
+    """Count the faults of a recorded session; NaN for packets that its file does not tell of."""
     early = float(bool(broken_off(session)))
-
-    def glove(name: str) -> float:
-        return float(json.loads((session.live or {}).get("counters") or "{}").get(name, 0))
-
+    try:
+        counters = json.loads((session.live or {})["counters"])
+        malformed, frames = float(counters["malformed"]), float(counters["frames"])
+    except (KeyError, ValueError, TypeError):
+        malformed = frames = np.nan
     return FaultCounts(
         early=early,
-        faults=_known(lambda: max(early, float(np.sum(session["live/event/level"] == FAULT)))),
-        malformed=_known(lambda: glove("malformed")),
-        frames=_known(lambda: glove("frames")),
-        freed=_known(lambda: float(np.sum(session["live/tick/safety"] & int(FREED_BY_FAULT) > 0))),
+        faults=max(early, float(np.sum(session["live/event/level"] == FAULT))),
+        malformed=malformed,
+        frames=frames,
+        freed=float(np.sum(session["live/tick/safety"] & int(FREED_BY_FAULT) > 0)),
         ticks=float(session.ticks),
     )
 
@@ -125,8 +124,7 @@ def ended_before_its_time(result: Result) -> str:
 def broken_off(result: Result) -> str:
     """Reason of an end out of order; "" of any other run."""
     ended = how_it_ended(result)
-    # A file that does not tell the duration tells the signal of a loop whose command was killed.
-    in_order = ended in SIGNALS and result.scene.get("duration", "unknown") is None
+    in_order = ended in SIGNALS and result.scene.get("duration") is None
     if not ended or ended in IN_ORDER or in_order:
         return ""
     return ended_before_its_time(result) or _in_words(ended)
@@ -142,13 +140,6 @@ def first_mishap(session: Result) -> str:
 
 def _in_words(ended: str) -> str:
     return f"ended by {ended}" if ended in SIGNALS else ended
-
-
-def _known(count: Callable[[], float]) -> float:
-    try:
-        return count()
-    except (InputError, ValueError, TypeError, AttributeError):
-        return np.nan
 
 
 def _share(count: float, of: float) -> float:

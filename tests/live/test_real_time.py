@@ -109,7 +109,7 @@ from hhsim.live.real_time import lock_memory
 from hhsim.live.shared_memory import SharedBlock
 block = SharedBlock.create("block", numpy.dtype((numpy.int64, 100_000)))
 try:
-    lock_memory(interpreter=False)
+    lock_memory()
 except OSError:
     raise SystemExit(77)
 locked = {}

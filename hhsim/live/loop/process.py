@@ -134,7 +134,7 @@ class LoopThread(threading.Thread):
         """Become real time, log the mode, and run the loop."""
         loop = self._loop
         try:
-            mode = become_real_time(loop.setup.real_time, interpreter=not loop.compiled)
+            mode = become_real_time(loop.setup.real_time)
             with processors_awake(loop.setup.real_time, mode):
                 self._run(mode)
             become_ordinary()

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.kernels.rotation import rotate_quaternion, rotation_vector_between
+from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
 from hhsim.live.pose.fixed import checked_pose
 from hhsim.live.pose.registry import PoseConfig, PoseSource
 
@@ -92,7 +92,7 @@ class PalmKeys:
                 position[:] = np.clip(moved, self._home[0] - REACH, self._home[0] + REACH)
             elif key in TURNS:
                 turn = math.radians(DEGREES_PER_METRE * self.step) * np.array(TURNS[key])
-                rotate_quaternion(orientation.copy(), *_turned(orientation, turn), orientation)
+                orientation[:] = quaternion_product(orientation, quaternion(turn))
             elif key == HOME:
                 position[:], orientation[:] = self._home
             elif key in (FINER, COARSER):
@@ -103,8 +103,7 @@ class PalmKeys:
         """Glide towards the target for a time [s], and return whether the palm moved."""
         position, orientation = self._target
         shift = position - self.position
-        turn = np.empty(3)
-        rotation_vector_between(self.orientation, orientation, turn)
+        turn = rotation_vector(quaternion_product(orientation, conjugate(self.orientation)))
         distance, angle = float(np.linalg.norm(shift)), float(np.linalg.norm(turn))
         if distance == 0.0 and angle < 1e-12:
             return False
@@ -113,8 +112,7 @@ class PalmKeys:
         if angle <= TURNING * seconds:
             self.orientation[:] = orientation
         else:
-            x, y, z = map(float, TURNING * seconds / angle * turn)
-            rotate_quaternion(self.orientation.copy(), x, y, z, self.orientation)
+            self.orientation[:] = quaternion_product(quaternion(TURNING * seconds / angle * turn), self.orientation)
         return True
 
 
@@ -157,11 +155,3 @@ def write_keyboard_pose(status: "SharedBlock", position: ArrayLike, orientation:
     record["pose_position"] = place
     record["pose_orientation"] = turn
     record["pose_version"] += 1
-
-
-def _turned(orientation: FloatArray, vector: FloatArray) -> tuple[float, float, float]:
-    """Rotate a vector from the palm frame to the world."""
-    w, axis = orientation[0], orientation[1:]
-    across = 2.0 * np.cross(axis, vector)
-    turned = vector + w * across + np.cross(axis, across)
-    return float(turned[0]), float(turned[1]), float(turned[2])
