@@ -21,11 +21,8 @@ class ChildProcess:
     memory for `last_line`.
 
     Attributes:
-        command: Interpreter arguments before `arguments`; by default they run the module.
         reported: True if the supervisor has reported its end.
     """
-
-    command: tuple[str, ...] = ()
 
     def __init__(self, name: str, module: str, arguments: Sequence[str], descriptors: Sequence[int]) -> None:
         self.name = name
@@ -33,7 +30,7 @@ class ChildProcess:
         self._output = os.memfd_create(f"hhsim-{name}-output")
         self._process = subprocess.Popen(
             # -P: the working directory may hold a folder or a file named as a module.
-            [sys.executable, "-P", *(self.command or ("-m", module)), *arguments],
+            [sys.executable, "-P", "-m", module, *arguments],
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=self._output,

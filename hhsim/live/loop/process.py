@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from types import FrameType
 from typing import Any
@@ -30,7 +30,6 @@ from hhsim.live.shared_memory import write_setup
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
 from hhsim.solver.compile import warm_up
 
-StartDriver = Callable[[LiveSetup, SessionMemory], ChildProcess]
 TELL_SECONDS = 0.02
 """Period at which the loop's notes are logged [s]."""
 DRIVER_PATIENCE = 10.0
@@ -178,8 +177,8 @@ def start_driver(setup: LiveSetup, memory: SessionMemory) -> ChildProcess:
     return child
 
 
-def main(arguments: Sequence[str] | None = None, start: StartDriver = start_driver) -> int:
-    """Run the loop of a session with the driver that `start` starts; returns the exit code."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the loop of a session; returns the exit code."""
     setup, memory = session_process("loop", LiveSetup, arguments)
     ending = Ending()
     driver: ChildProcess | None = None
@@ -190,7 +189,7 @@ def main(arguments: Sequence[str] | None = None, start: StartDriver = start_driv
         nonlocal driver
         if not end_with(setup.supervisor):
             raise HhsimError("the loop's supervisor ended before the loop began")
-        driver = start(setup, memory)
+        driver = start_driver(setup, memory)
         run_session(setup, memory, ending, driver)
 
     try:

@@ -130,21 +130,12 @@ class Watchdog:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Watch a session; returns the exit code."""
+    """Watch a session under real-time scheduling; signals do not end it while the loop lives. Returns the exit code."""
     name_process("watchdog")
     parser = argparse.ArgumentParser(prog="python -m hhsim.live.loop.watchdog", description=__doc__)
     parser.add_argument("--setup", type=int, required=True, metavar="FD")
     setup = read_setup(parser.parse_args(arguments).setup, WatchdogSetup)
-    watch(setup, None if setup.device is None else open_release(setup.device))
-    return 0
-
-
-def watch(setup: WatchdogSetup, device: FingerRelease | None) -> None:
-    """Watch a session in this process, under real-time scheduling; `device` as for `Watchdog`.
-
-    Signals do not end it while the loop lives.
-    """
-    watchdog = Watchdog(setup, device)
+    watchdog = Watchdog(setup, None if setup.device is None else open_release(setup.device))
 
     def end(number: int, frame: FrameType | None) -> None:
         watchdog.allow_end()
@@ -155,6 +146,7 @@ def watch(setup: WatchdogSetup, device: FingerRelease | None) -> None:
     become_real_time(replace(setup.real_time, cpu=-1), above=1)
     watchdog.watch()
     become_ordinary()
+    return 0
 
 
 if __name__ == "__main__":
