@@ -325,7 +325,6 @@ def publish_tick(live: LiveArrays, done: int, solved: bool) -> None:
         _publish(live)
     status.ticks += 1
     status.missed = deadlines.missed_total
-    status.streak = live.interlock[0].streak
     status.safety = loop.safety
     status.contacts = live.row[0].work[WORK_TOUCHING]
     copy_values(live.commander[0].force[:], status.force[:])

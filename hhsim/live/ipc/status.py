@@ -33,7 +33,7 @@ LIVE_STATUS = np.dtype(
         # Written by the loop.
         *_integers("heartbeat_ns", "stage", "loop_pid", "ticks", "missed"),
         ("missed_by", np.int64, (4,)),
-        *_integers("streak", "safety", "contacts", "battery", "sample_ns"),
+        *_integers("safety", "contacts", "battery", "sample_ns"),
         ("force", np.float64, (5,)),
         ("command_bend", np.float64, (5,)),
         ("command_stiffness", np.float64, (5,)),
@@ -51,7 +51,7 @@ LIVE_STATUS = np.dtype(
         # Written by the watchdog.
         *_integers("watchdog_ns", "watchdog_armed", "watchdog_releases"),
         # Written by the recorder and by the viewer.
-        *_integers("recorder_ns", "recorder_ticks", "recorder_lost", "recorder_failed", "viewer_ns"),
+        *_integers("recorder_ticks", "recorder_lost", "recorder_failed", "viewer_ns"),
         # Written by the supervisor.
         *_integers("stop_requested", "pose_version"),
         ("pose_position", np.float64, (3,)),

@@ -67,7 +67,7 @@ class Recorder:
             # The glove is being connected; without it there is no session.
             if self._end() or self._stop:
                 return
-            self._breathe()
+            self._loop.wait(POLL)
         with SessionWriter(self._path, self._setup, options, self._memory.read_facts()) as writer:
             ended = self._follow(writer)
             become_ordinary()
@@ -96,7 +96,7 @@ class Recorder:
             if over:
                 return ended or CUT_SHORT
             if not more:
-                self._breathe()
+                self._loop.wait(POLL)
 
     def _take(self, writer: SessionWriter) -> bool:
         """Take at most `BLOCK_RECORDS` of each ring; True if there may be more."""
@@ -107,10 +107,6 @@ class Recorder:
             writer.lost[ring] = reader.lost
             more = more or len(records) == BLOCK_RECORDS
         return more
-
-    def _breathe(self) -> None:
-        self._memory.status["recorder_ns"] = time.monotonic_ns()
-        time.sleep(POLL)
 
     def _end(self) -> str:
         """Return the reason why the session has ended, "" while it goes on."""

@@ -56,10 +56,8 @@ RELEASE_PATIENCE = 0.25
 VIEWER_PATIENCE, WATCHDOG_PATIENCE = 15.0, 10.0
 SILENCE = 0.5
 """Age of the loop's heartbeat that is reported [s]; the watchdog has freed the fingers long before."""
-RESTART_PAUSES = (0.0, 0.1, 0.5, 2.0)
-"""Pauses before the first, second and further restarts of a watchdog [s]."""
-STEADY = 10.0
-"""A watchdog that has lived so long begins again with the first pause [s]."""
+RESTART_SECONDS = 0.5
+"""Shortest time from the begin of a watchdog to that of the next one [s]."""
 
 
 @dataclass
@@ -119,8 +117,7 @@ class Supervisor:
         self._children: dict[str, ChildProcess] = {}
         self._notices: list[tuple[float, int, str]] = []
         self._reason = self._loop_failed = self._record_failed = ""
-        self._watchdog_deaths = self._watchdog_restarts = 0
-        self._watchdog_due = 0.0
+        self._watchdog_restarts = 0
         self._began = time.monotonic()
         self._never_ran = self._loop_hangs = False
         self._processors = os.sched_getaffinity(0)
@@ -255,14 +252,12 @@ class Supervisor:
         watchdog = self._children.get(WATCHDOG)
         if watchdog is None or watchdog.running or self.stage == Stage.ENDED:
             return
-        now = time.monotonic()
         if not watchdog.reported:
             watchdog.reported = True
-            self._watchdog_deaths = 0 if now - watchdog.began > STEADY else self._watchdog_deaths + 1
-            self._watchdog_due = now + RESTART_PAUSES[min(max(self._watchdog_deaths, 1), len(RESTART_PAUSES)) - 1]
             text = f"the watchdog {watchdog.how_it_ended()}: it is started again, the fingers are free until it is back"
             self._notice(text, FAULT)
-        if now >= self._watchdog_due and self.memory.status["stop_requested"] == 0:
+        due = watchdog.began + RESTART_SECONDS
+        if time.monotonic() >= due and self.memory.status["stop_requested"] == 0:
             watchdog.close()
             self._watchdog_restarts += 1
             self._start(WATCHDOG)
