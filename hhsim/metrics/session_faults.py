@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.metrics.run_metric import Figure
 from hhsim.result.miss_cause import WORDS
 from hhsim.result.reader import Result
@@ -41,6 +42,29 @@ SIGNALS = frozenset(number.name for number in signal.Signals)
 """Reasons of an end by another process: orderly where no duration was asked for."""
 FREED_BY_FAULT = ~(Safety.STOPPING | Safety.DRY_RUN | Safety.NO_INPUT_YET)
 """Reasons of free fingers that nobody asked for."""
+
+
+class SessionLog(NamedTuple):
+    """Events of a session: time since its first tick was due [s], level (0 information, 1 warning, 2 fault), text."""
+
+    time: FloatArray
+    level: IntArray
+    text: list[str]
+
+    @property
+    def faults(self) -> FloatArray:
+        """Times of the faults [s]."""
+        return self.time[self.level >= FAULT]
+
+
+def session_log(result: Result) -> SessionLog:
+    """Read the log of a session; it is empty for a replay."""
+    if result.live is None:
+        return SessionLog(np.empty(0), np.empty(0, np.int64), [])
+    times, levels, texts = (result[f"live/event/{name}"] for name in ("time", "level", "text"))
+    begin = (result["live/tick/deadline"] if result.ticks else times)[:1].sum()
+    # Differences of whole nanoseconds: seconds since the machine's start would lose the last digits.
+    return SessionLog(1e-9 * (times - begin), levels, [bytes(text).decode("utf-8", "replace") for text in texts])
 
 
 class FaultCounts(NamedTuple):
@@ -96,7 +120,7 @@ def recorded_faults(session: Result) -> FaultCounts:
         malformed = frames = np.nan
     return FaultCounts(
         early=early,
-        faults=max(early, float(np.sum(session["live/event/level"] == FAULT))),
+        faults=max(early, float(len(session_log(session).faults))),
         malformed=malformed,
         frames=frames,
         freed=float(np.sum(session["live/tick/safety"] & int(FREED_BY_FAULT) > 0)),
@@ -134,8 +158,8 @@ def first_mishap(session: Result) -> str:
     """Reason of an end out of order, else the first fault of the log, else ""."""
     if ended := broken_off(session):
         return ended
-    faults = np.flatnonzero(session["live/event/level"] == FAULT)
-    return bytes(session["live/event/text"][faults[0]]).decode("utf-8", "replace") if faults.size else ""
+    log = session_log(session)
+    return next((text for level, text in zip(log.level, log.text) if level >= FAULT), "")
 
 
 def _in_words(ended: str) -> str:
