@@ -20,21 +20,25 @@ class ChildProcess:
     Ctrl-C, Ctrl-Z and a lost terminal reach the supervisor alone, which ends the processes in order. Output is kept in
     memory for `last_line`.
 
+    Args:
+        setup: Descriptor of its setup (`hhsim.live.shared_memory.write_setup`), named on its command line.
+        descriptors: Further ones that it inherits.
+
     Attributes:
         reported: True if the supervisor has reported its end.
     """
 
-    def __init__(self, name: str, module: str, arguments: Sequence[str], descriptors: Sequence[int]) -> None:
+    def __init__(self, name: str, module: str, setup: int, descriptors: Sequence[int]) -> None:
         self.name = name
         self.reported = False
         self._output = os.memfd_create(f"hhsim-{name}-output")
         self._process = subprocess.Popen(
             # -P: the working directory may hold a folder or a file named as a module.
-            [sys.executable, "-P", "-m", module, *arguments],
+            [sys.executable, "-P", "-m", module, "--setup", str(setup)],
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=self._output,
-            pass_fds=list(descriptors),
+            pass_fds=[setup, *descriptors],
             start_new_session=True,
         )
         self.pid = self._process.pid

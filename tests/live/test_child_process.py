@@ -18,9 +18,9 @@ def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     started = []
 
-    def begin(program: str, *arguments: str, descriptors: tuple[int, ...] = ()) -> ChildProcess:
+    def begin(program: str, setup: int = 0) -> ChildProcess:
         (tmp_path / "child_program.py").write_text(program)
-        started.append(ChildProcess("child", "child_program", arguments, descriptors))
+        started.append(ChildProcess("child", "child_program", setup, []))
         return started[-1]
 
     yield begin
@@ -65,11 +65,7 @@ def test_what_it_has_done_begins_its_time_anew(start: Start) -> None:
 
 def test_it_inherits_its_descriptors_and_leads_a_session_of_its_own(start: Start) -> None:
     descriptor = os.memfd_create("test")
-    child = start(
-        "import os, sys\nos.write(int(sys.argv[1]), f'{os.getsid(0)} {os.getpid()}'.encode())",
-        str(descriptor),
-        descriptors=(descriptor,),
-    )
+    child = start("import os, sys\nos.write(int(sys.argv[2]), f'{os.getsid(0)} {os.getpid()}'.encode())", descriptor)
     assert child.wait(60.0)
     assert child.code == 0
     assert os.pread(descriptor, 100, 0) == f"{child.pid} {child.pid}".encode()

@@ -15,7 +15,7 @@ from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.real_time import RealTimeWishes, described, keep_off, processors_awake
-from hhsim.live.shared_memory import RingReader, write_setup
+from hhsim.live.shared_memory import RingReader
 from hhsim.result.schema import FAULT
 
 ASK = """
@@ -134,9 +134,10 @@ def test_a_loop_in_compiled_code_locks_what_it_uses_and_no_other_library() -> No
 
 def run_loop(**changes: object) -> tuple[subprocess.CompletedProcess[str], SessionMemory]:
     wishes = RealTimeWishes(fifo=False, lock_memory=False, cpu=-1)
-    setup, memory = write_setup(make_setup(**({"real_time": wishes} | changes))), SessionMemory.create()
+    memory = SessionMemory.create()
+    setup = memory.with_setup(make_setup(**({"real_time": wishes} | changes)))
     child = subprocess.run(
-        [sys.executable, "-m", "hhsim.live.loop.process", "--setup", str(setup), *memory.arguments()],
+        [sys.executable, "-m", "hhsim.live.loop.process", "--setup", str(setup)],
         pass_fds=(setup, *memory.descriptors),
         capture_output=True,
         text=True,

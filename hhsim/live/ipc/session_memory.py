@@ -1,12 +1,8 @@
 """Shared memory of one live session: status block, rings, two pages of facts, and two events that wake processes.
 
-The supervisor makes it; every other process attaches by inherited descriptors that its command line names::
-
-    --setup FD --status FD --ticks FD --samples FD --events FD --words FD --facts FD --device FD --wake FD
-    --sampled FD [--free]
+The supervisor makes it; every other process attaches by inherited descriptors, which are told with its setup.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -21,8 +17,7 @@ import numpy as np
 from hhsim.errors import HhsimError
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.ipc.status import LIVE_STATUS
-from hhsim.live.real_time import name_process
-from hhsim.live.shared_memory import Setup, SharedBlock, SharedRing, read_setup
+from hhsim.live.shared_memory import SharedBlock, SharedRing, process_setup, write_setup
 from hhsim.result.schema import OBJECT_FIELDS, TICK_FIELDS, TickField
 
 TICK_CAPACITY = 16_384
@@ -59,7 +54,7 @@ REASON = 3
 
 
 class Descriptors(NamedTuple):
-    """Descriptors of the memory, in the order of the command line's options."""
+    """Descriptors of the memory."""
 
     status: int
     ticks: int
@@ -127,7 +122,7 @@ class SessionMemory:
     """
 
     def __init__(self, descriptors: Descriptors, *, free: bool = False) -> None:
-        self.descriptors = descriptors
+        self.descriptors, self._free = descriptors, free
         self.status_block = SharedBlock(descriptors.status, LIVE_STATUS)
         self.status = self.status_block.array[0]
         self.ticks = SharedRing(descriptors.ticks, *_tick_ring(free))
@@ -160,10 +155,9 @@ class SessionMemory:
         for memory in (self.status_block, self.ticks, self.samples):
             memory.populate()
 
-    def arguments(self) -> list[str]:
-        """Return the command-line options by which a child attaches."""
-        words = [word for name, value in self.descriptors._asdict().items() for word in (f"--{name}", str(value))]
-        return [*words, "--free"] if self.ticks.records.dtype == FREE_TICK else words
+    def with_setup(self, setup: object) -> int:
+        """Pickle this memory and the setup of a child for `session_process`; returns the descriptor."""
+        return write_setup((self.descriptors, self._free), setup)
 
     def log(self, level: int, text: str, time_ns: int | None = None) -> None:
         """Add an event (INFORMATION, WARNING, FAULT), by default of now [ns]; for the loop alone. Long text is cut."""
@@ -203,27 +197,10 @@ def _add_line(ring: SharedRing, level: int, text: str, time_ns: int) -> None:
     ring.publish()
 
 
-def add_memory_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of every process of a session: its setup and its memory, by descriptor."""
-    for name in ("setup", *Descriptors._fields):
-        parser.add_argument(f"--{name}", type=int, required=True, metavar="FD")
-    parser.add_argument("--free", action="store_true", help="the object is free")
-
-
-def attached(options: argparse.Namespace) -> SessionMemory:
-    """Attach to the memory that the options of `add_memory_options` name."""
-    return SessionMemory(Descriptors(*(getattr(options, name) for name in Descriptors._fields)), free=options.free)
-
-
-def session_process(
-    name: str, kind: type[Setup], arguments: Sequence[str] | None = None
-) -> tuple[Setup, SessionMemory]:
-    """Name this process of a session, and read its setup and attach to its memory by its command line."""
-    name_process(name)
-    parser = argparse.ArgumentParser(prog=f"hhsim-{name}")
-    add_memory_options(parser)
-    options = parser.parse_args(arguments)
-    return read_setup(options.setup, kind), attached(options)
+def session_process(name: str, arguments: Sequence[str] | None = None) -> tuple[Any, SessionMemory]:
+    """Name this process of a session, and return its setup and its memory, which its command line names."""
+    (descriptors, free), setup = process_setup(name, arguments)
+    return setup, SessionMemory(descriptors, free=free)
 
 
 def exit_code(body: Callable[[], object], failed: Callable[[str], object] = lambda text: None) -> int:

@@ -1,4 +1,4 @@
-"""Process of the driver: glove and palm's pose in, commands out; `python -m hhsim.live.loop.driver --setup FD …`.
+"""Process of the driver: glove and palm's pose in, commands out; `python -m hhsim.live.loop.driver --setup FD`.
 
 The loop starts it and ends with it. It stands below the loop under SCHED_FIFO and decides nothing: it puts each sample
 into its ring with the time when its bytes were read, and sends the newest command to the glove, never late. It releases
@@ -265,7 +265,8 @@ def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Drive the glove of a session; returns the exit code."""
-    setup, memory = session_process("driver", DriverSetup, arguments)
+    setup: DriverSetup
+    setup, memory = session_process("driver", arguments)
 
     def body() -> None:
         if end_with(setup.parent):

@@ -1,4 +1,4 @@
-"""Process of the loop: `python -m hhsim.live.loop.process --setup FD --status FD …`, started by the supervisor.
+"""Process of the loop: `python -m hhsim.live.loop.process --setup FD`, started by the supervisor.
 
 Kernels are ready before the driver, a child of this process, connects to the glove. However this process ends, the
 system notifies the driver, which releases the glove.
@@ -26,7 +26,6 @@ from hhsim.live.ipc.status import DriverSetup, Stage, oldest_heartbeat
 from hhsim.live.loop.driver import BEGIN, OPEN, glove_info
 from hhsim.live.loop.loop import LiveLoop, loop_options
 from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off, processors_awake
-from hhsim.live.shared_memory import write_setup
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
 from hhsim.solver.compile import warm_up
 
@@ -170,16 +169,16 @@ def start_driver(setup: LiveSetup, memory: SessionMemory) -> ChildProcess:
     """Start the driver process, which waits until the loop is ready."""
     oldest = oldest_heartbeat(setup.safety.heartbeat_stale, setup.period_ns)
     given = DriverSetup(setup.device, setup.pose, setup.dry_run, oldest, setup.real_time, os.getpid())
-    descriptor = write_setup(given)
-    arguments = ["--setup", str(descriptor), *memory.arguments()]
-    child = ChildProcess("driver", "hhsim.live.loop.driver", arguments, [descriptor, *memory.descriptors])
+    descriptor = memory.with_setup(given)
+    child = ChildProcess("driver", "hhsim.live.loop.driver", descriptor, memory.descriptors)
     os.close(descriptor)
     return child
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the loop of a session; returns the exit code."""
-    setup, memory = session_process("loop", LiveSetup, arguments)
+    setup: LiveSetup
+    setup, memory = session_process("loop", arguments)
     ending = Ending()
     driver: ChildProcess | None = None
     memory.status["loop_pid"] = os.getpid()

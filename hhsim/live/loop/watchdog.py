@@ -8,7 +8,6 @@ session that has ended once more.
 It imports little: its own setup, the status block, and the part of the glove's driver that connects.
 """
 
-import argparse
 import os
 import signal
 import sys
@@ -20,8 +19,8 @@ from types import FrameType
 from hhsim.live.device import DeviceError, FingerRelease
 from hhsim.live.devices.registry import open_release
 from hhsim.live.ipc.status import LIVE_STATUS, LoopProcess, Stage, WatchdogSetup, oldest_heartbeat
-from hhsim.live.real_time import become_ordinary, become_real_time, keep_off, name_process
-from hhsim.live.shared_memory import SharedBlock, read_setup
+from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
+from hhsim.live.shared_memory import SharedBlock, process_setup
 
 WATCH_SECONDS = 0.004
 """Longest time between two looks [s]."""
@@ -131,10 +130,8 @@ class Watchdog:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Watch a session under real-time scheduling; signals do not end it while the loop lives. Returns the exit code."""
-    name_process("watchdog")
-    parser = argparse.ArgumentParser(prog="python -m hhsim.live.loop.watchdog", description=__doc__)
-    parser.add_argument("--setup", type=int, required=True, metavar="FD")
-    setup = read_setup(parser.parse_args(arguments).setup, WatchdogSetup)
+    setup: WatchdogSetup
+    (setup,) = process_setup("watchdog", arguments)
     watchdog = Watchdog(setup, None if setup.device is None else open_release(setup.device))
 
     def end(number: int, frame: FrameType | None) -> None:

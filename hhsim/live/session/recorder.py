@@ -1,4 +1,4 @@
-"""Process that writes a session to its file: `python -m hhsim.live.session.recorder --setup FD --status FD …`.
+"""Process that writes a session to its file: `python -m hhsim.live.session.recorder --setup FD`.
 
 It only reads the rings, so that its failure, or that of the disk, does not affect the loop. Its real-time priority is
 the lowest: without one, the rings would overflow on a busy machine. It ends when the session has ended and all of it is
@@ -123,7 +123,8 @@ class Recorder:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Record a session; returns the exit code."""
-    setup, memory = session_process("recorder", LiveSetup, arguments)
+    setup: LiveSetup
+    setup, memory = session_process("recorder", arguments)
     keep_off(setup.real_time.loop_cpu)
     become_real_time(replace(setup.real_time, priority=PRIORITY, lock_memory=False, cpu=-1, freeze_gc=False))
     recorder = Recorder(setup, memory)

@@ -111,7 +111,7 @@ class Supervisor:
         self.memory = SessionMemory.create(free=setup.free is not None)
         self.tally = LiveTally(self.memory.ticks)
         self._events = RingReader(self.memory.events)
-        descriptor = write_setup(setup)
+        descriptor = self.memory.with_setup(setup)
         self._setups = dict.fromkeys((LOOP, RECORDER, VIEWER), descriptor)
         self._setups[WATCHDOG] = write_setup(setup.for_watchdog(self.memory.descriptors.status))
         self._children: dict[str, ChildProcess] = {}
@@ -228,13 +228,7 @@ class Supervisor:
             raise HhsimError(f"the recording{where} is not whole: {self._record_failed}")
 
     def _start(self, name: str) -> None:
-        setup, memory = self._setups[name], self.memory
-        if name == WATCHDOG:
-            arguments, descriptors = [], [memory.descriptors.status]
-        else:
-            arguments, descriptors = memory.arguments(), list(memory.descriptors)
-        arguments = ["--setup", str(setup), *arguments]
-        self._children[name] = ChildProcess(name, MODULES[name], arguments, [setup, *descriptors])
+        self._children[name] = ChildProcess(name, MODULES[name], self._setups[name], self.memory.descriptors)
 
     def _watch_loop(self) -> None:
         heartbeat = int(self.memory.status["heartbeat_ns"])

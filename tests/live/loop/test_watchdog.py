@@ -29,9 +29,8 @@ from hhsim.live.ipc.session_memory import SessionMemory
 memory = SessionMemory.create()
 whole = make_setup(real_time=RealTimeWishes(lock_memory=False, cpu=-1))
 watched = whole.for_watchdog(memory.descriptors.status)
-for name, setup, arguments in (("watchdog", watched, []), ("process", whole, memory.arguments())):
-    descriptor = write_setup(setup)
-    command = [sys.executable, "-m", f"hhsim.live.loop.{name}", "--setup", str(descriptor), *arguments]
+for name, descriptor in (("watchdog", write_setup(watched)), ("process", memory.with_setup(whole))):
+    command = [sys.executable, "-m", f"hhsim.live.loop.{name}", "--setup", str(descriptor)]
     child = subprocess.Popen(command, pass_fds=(descriptor, *memory.descriptors))
     print(child.pid)
 while memory.status["ticks"] < 20:

@@ -28,7 +28,6 @@ from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.session.recorder import CUT_SHORT, LOOP_DIED, Recorder
 from hhsim.live.session.writer import SessionWriter
-from hhsim.live.shared_memory import write_setup
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import LIVE_TICK_COLUMNS, TICK_COLUMNS
@@ -237,10 +236,9 @@ def test_ticks_whose_solver_failed_are_told(ticks: Records, tmp_path: Path) -> N
 @contextmanager
 def recorder_process(path: Path, memory: SessionMemory) -> Iterator[subprocess.Popen[str]]:
     """The recorder as the supervisor starts it."""
-    setup = write_setup(make_setup(path))
-    arguments = ["--setup", str(setup), *memory.arguments()]
+    setup = memory.with_setup(make_setup(path))
     process = subprocess.Popen(
-        [sys.executable, "-m", "hhsim.live.session.recorder", *arguments],
+        [sys.executable, "-m", "hhsim.live.session.recorder", "--setup", str(setup)],
         stderr=subprocess.PIPE,
         text=True,
         pass_fds=[setup, *memory.descriptors],

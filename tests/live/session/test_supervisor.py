@@ -1,7 +1,6 @@
 """The order in which a session's processes start and end, and what is told of their deaths, with stand-ins for them."""
 
 import os
-import pickle
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +14,6 @@ from hhsim.hand.model import HandModel
 from hhsim.live.device import DeviceError
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import EVENT, EVENT_CAPACITY
 from hhsim.live.ipc.status import Stage
 from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.session import supervisor
@@ -28,19 +26,17 @@ from hhsim.trees.options import TreeOptions
 
 # Without hhsim's numerics, which every one of them would load.
 BEGIN = """
-import argparse, os, pickle, signal, sys, time
+import os, signal, sys, time
+from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.ipc.status import LIVE_STATUS, Stage
-from hhsim.live.shared_memory import SharedBlock, SharedRing, read_setup
-parser = argparse.ArgumentParser()
-for name in ("setup", "status", "ticks", "samples", "events", "words", "facts", "device", "wake", "sampled"):
-    parser.add_argument("--" + name, type=int)
-options = parser.parse_args()
-with open({dtypes!r}, "rb") as file:
-    EVENT, EVENT_CAPACITY = pickle.load(file)
+from hhsim.live.shared_memory import SharedBlock, process_setup
 # The watchdog's setup names the status block, and it has nothing else.
-status = SharedBlock(options.status or read_setup(options.setup, object).status, LIVE_STATUS).array[0]
-if options.events:
-    events = SharedRing(options.events, EVENT, EVENT_CAPACITY)
+first = next(process_setup("stand-in", None))
+if hasattr(first, "status"):
+    status = SharedBlock(first.status, LIVE_STATUS).array[0]
+else:
+    memory = SessionMemory(first[0], free=first[1])
+    status, events = memory.status, memory.events
 def mark(word):
     with open({marks!r}, "a") as file:
         file.write(word + " ")
@@ -105,9 +101,7 @@ def make(tmp_path: Path, marks: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
     made: list[Supervisor] = []
 
     def session(*, record: bool = True, view: bool = False, **changed: str) -> Supervisor:
-        dtypes = tmp_path / "dtypes.pickle"
-        dtypes.write_bytes(pickle.dumps((EVENT, EVENT_CAPACITY)))
-        begin = BEGIN.format(dtypes=str(dtypes), marks=str(marks))
+        begin = BEGIN.format(marks=str(marks))
         for name, program in {**programs, **changed}.items():
             (tmp_path / f"{name}_program.py").write_text(begin + program)
         setup = LiveSetup(
