@@ -3,7 +3,7 @@
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +14,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.live.device import FINGER_COUNT
-from hhsim.live.devices.registry import GloveConfig, for_release
+from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.ipc.status import WatchdogSetup
 from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes
@@ -164,7 +164,7 @@ class LiveSetup:
         """Return the setup of the watchdog; `status` is the descriptor of the status block."""
         return WatchdogSetup(
             status=status,
-            device=None if self.dry_run else for_release(self.device),
+            device=None if self.dry_run else replace(self.device, playback=None, calibration=None),
             heartbeat_stale=self.safety.heartbeat_stale,
             period_ns=self.period_ns,
             real_time=self.real_time,

@@ -34,7 +34,6 @@ TELL_SECONDS = 0.02
 DRIVER_PATIENCE = 10.0
 """Time that the driver has to release the glove and end [s]."""
 BELOW_DRIVER = -2
-DEVICE_FACTS = ("name", "hand", "channels", "unit", "capabilities", "doubtful")
 COMMAND_KILLED = "the command was killed"
 
 
@@ -113,7 +112,7 @@ class LoopThread(threading.Thread):
     def __init__(self, loop: LiveLoop, device: dict[str, Any]) -> None:
         super().__init__(name="hhsim-loop", daemon=True)
         self._loop = loop
-        self.facts = {"device": {name: device[name] for name in DEVICE_FACTS}, "pose": device["pose"]}
+        self.facts = {"pose": device["pose"], "device": {name: device[name] for name in device if name != "pose"}}
         self.failure: BaseException | None = None
 
     def start(self) -> None:

@@ -21,7 +21,7 @@ from openxr_peer import Haptic, Location, hand_datagram, read_haptic
 
 from hhsim.errors import InputError
 from hhsim.live.device import Capability, FingerCommand, GloveDevice, NothingHeld
-from hhsim.live.devices.registry import configure, for_release, open_device, open_release
+from hhsim.live.devices.registry import configure, open_device, open_release
 from hhsim.live.drivers.openxr import ManusGlove, encode_haptic_command
 from hhsim.live.pose.registry import PoseConfig, make_pose_source
 from hhsim.recordings.joint_names import OPENXR_JOINTS
@@ -245,7 +245,7 @@ def test_a_finger_is_shaken_as_hard_as_it_is_pressed() -> None:
             assert glove.send(command)
             assert read_haptic(plugin.recv(512)) == Haptic("left", [0.0] * 5)
             assert glove.counters.commands == 2
-        with closing(open_release(for_release(config))) as watchdog:
+        with closing(open_release(config)) as watchdog:
             watchdog.open_for_release()
             assert watchdog.release(), "a motor that nobody stops goes on"
             assert read_haptic(plugin.recv(512)) == Haptic("left", [0.0] * 5)
