@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
 from hhsim.live.pose.fixed import checked_pose
-from hhsim.live.pose.registry import PoseConfig, PoseSource
 
 if TYPE_CHECKING:
     from hhsim.live.shared_memory import SharedBlock
@@ -116,38 +114,8 @@ class PalmKeys:
         return True
 
 
-class KeyboardPose(PoseSource):
-    """Palm that the supervisor moves with keys, through the status block (`LIVE_STATUS`).
-
-    Raises:
-        InputError: Invalid first pose, or no status block.
-    """
-
-    name = "keyboard"
-
-    def __init__(self, config: PoseConfig, status: "SharedBlock | None" = None) -> None:
-        if status is None:
-            raise InputError("a pose from the keyboard needs the session's status block")
-        self._position, self._orientation = checked_pose(config.position, config.orientation)
-        self._record = status.array[0]
-        self._seen = 0
-
-    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
-        """See `PoseSource.read`."""
-        version = int(self._record["pose_version"])
-        if version != self._seen and version % 2 == 0:
-            position, orientation = self._record["pose_position"].copy(), self._record["pose_orientation"].copy()
-            if int(self._record["pose_version"]) == version:
-                self._seen = version
-                if np.isfinite(position).all() and np.isfinite(orientation).all():
-                    self._position, self._orientation = position, orientation
-        position_out[:] = self._position
-        orientation_out[:] = self._orientation
-        return now_ns
-
-
 def write_keyboard_pose(status: "SharedBlock", position: ArrayLike, orientation: ArrayLike) -> None:
-    """Write the palm's pose, world, that `KeyboardPose` reads; there is one writer. InputError for an invalid pose."""
+    """Write the palm's pose, world, that `FixedPose` reads; there is one writer. InputError for an invalid pose."""
     place, turn = checked_pose(position, orientation)
     record = status.array[0]
     # Odd while the pose is written; a reader that meets an odd or a changed version tries again in the next tick.
