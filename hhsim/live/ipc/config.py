@@ -33,6 +33,8 @@ Stiffness = Annotated[float, between(0.0, 1.0)]
 OF_FINGERS = Meta(min_length=FINGER_COUNT, max_length=FINGER_COUNT, description="five numbers, 0 (free) to 1")
 RATE_RANGE = (10.0, 10_000.0)
 """Least and largest rate of a loop [Hz]."""
+SLOW_PERIODS = 2.5
+"""Number of periods without a heartbeat that are allowed to a slow loop."""
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,11 @@ class LiveSetup:
         """Period of a tick [ns]."""
         return round(1e9 / self.rate)
 
+    @property
+    def oldest_heartbeat_ns(self) -> int:
+        """Age of the loop's heartbeat beyond which the loop counts as gone [ns]: `SLOW_PERIODS` at least."""
+        return max(round(1e9 * self.safety.heartbeat_stale), round(SLOW_PERIODS * self.period_ns))
+
     def contact_surface(self) -> "ContactSurface":
         """Build the surface that the hand touches."""
         from hhsim.trees.contact_surface import contact_surface
@@ -165,8 +172,7 @@ class LiveSetup:
         return WatchdogSetup(
             status=status,
             device=None if self.dry_run else replace(self.device, playback=None, calibration=None),
-            heartbeat_stale=self.safety.heartbeat_stale,
-            period_ns=self.period_ns,
+            oldest_ns=self.oldest_heartbeat_ns,
             real_time=self.real_time,
             supervisor=self.supervisor,
         )

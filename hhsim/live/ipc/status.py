@@ -66,14 +66,6 @@ written. `loop_ready` is 1 when the glove may be opened, 2 when the loop is abou
 samples before that are in their ring. `stop_requested` is 1 if the user ends the session, -n if signal n does.
 """
 
-PERIODS = 2.5
-"""Number of periods without a heartbeat that are allowed to a slow loop."""
-
-
-def oldest_heartbeat(heartbeat_stale: float, period_ns: int) -> int:
-    """Return the largest age of a loop's heartbeat [ns], of the limit [s] and its period."""
-    return max(round(1e9 * heartbeat_stale), round(PERIODS * period_ns))
-
 
 class LoopProcess:
     """Process of the loop, whose end wakes a process that did not start it; `status` is the record of `LIVE_STATUS`."""
@@ -110,15 +102,13 @@ class WatchdogSetup:
     Attributes:
         status: Descriptor of the status block.
         device: The glove; None in a dry run, in which nothing is sent.
-        period_ns: Period of a tick [ns].
-        heartbeat_stale: Age of the loop's heartbeat at which the fingers are freed [s].
+        oldest_ns: Age of the loop's heartbeat at which the fingers are freed [ns].
         supervisor: Process id of the supervisor.
     """
 
     status: int
     device: GloveConfig | None
-    period_ns: int
-    heartbeat_stale: float
+    oldest_ns: int
     real_time: RealTimeWishes
     supervisor: int
 

@@ -20,8 +20,6 @@ LINGER = 0.05
 ACKNOWLEDGED = 5000
 """Time without an acknowledgement after which the peer is gone [ms]."""
 
-WAITING = (errno.EINPROGRESS, errno.EAGAIN, errno.EWOULDBLOCK, errno.EALREADY, errno.EINTR)
-
 
 class TcpLink(ByteLink):
     """Connection to a server; `name` is that of the device in messages."""
@@ -34,7 +32,7 @@ class TcpLink(ByteLink):
         self.host, self.port = host, port
         self._socket: socket.socket | None = None
         self._begun: socket.socket | None = None
-        self._begun_at = self._last_try = -GIVE_UP
+        self._begun_at = -RETRY
         self._address: tuple[int, Any] | None = None
 
     def descriptor(self) -> int:
@@ -64,31 +62,23 @@ class TcpLink(ByteLink):
             return True
         now = time.monotonic()
         if self._begun is None:
-            if self._address is None or now - self._last_try < RETRY:
+            if self._address is None or now - self._begun_at < RETRY:
                 return False
-            self._last_try = self._begun_at = now
             family, address = self._address
-            try:
-                self._begun = socket.socket(family, socket.SOCK_STREAM)
-                self._begun.setblocking(False)
-                failed = self._begun.connect_ex(address) not in (0, *WAITING)
-            except OSError:
-                failed = True
-            if failed:
-                self._abandon()
-                return False
+            self._begun, self._begun_at = socket.socket(family, socket.SOCK_STREAM), now
+            self._begun.setblocking(False)
+            # Its outcome is read from the socket, now or later.
+            self._begun.connect_ex(address)
         begun = self._begun
-        assert begun is not None
-        if not ready(begun.fileno(), select.POLLOUT, 0.0):
-            if now - self._begun_at > GIVE_UP:
-                self._abandon()
-            return False
-        if begun.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) or _is_itself(begun):
+        if ready(begun.fileno(), select.POLLOUT, 0.0):
+            self._begun = None
+            if not begun.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) and not _is_itself(begun):
+                self._attach(begun)
+                return True
+            begun.close()
+        elif now - self._begun_at > GIVE_UP:
             self._abandon()
-            return False
-        self._begun = None
-        self._attach(begun)
-        return True
+        return False
 
     def retire(self) -> None:
         """Close without waiting: another thread lets the peer read what it was sent, for `GIVE_UP`."""
@@ -158,7 +148,7 @@ def _connected(host: str, port: int, timeout: float) -> socket.socket:
 
 
 def _is_itself(link: socket.socket) -> bool:
-    """Return True if a socket is connected to itself.
+    """Return True if a socket is connected to itself, or to nothing.
 
     The ports of gloves lie in the range for clients: if nothing listens on one, the system may give that very port to a
     client on the same machine, which then reads its own commands.

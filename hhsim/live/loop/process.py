@@ -22,7 +22,7 @@ from hhsim.live.child_process import ChildProcess
 from hhsim.live.device import Capability, GloveInfo
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import SessionMemory, exit_code, session_process
-from hhsim.live.ipc.status import DriverSetup, Stage, oldest_heartbeat
+from hhsim.live.ipc.status import DriverSetup, Stage
 from hhsim.live.loop.driver import BEGIN, OPEN, glove_info
 from hhsim.live.loop.loop import LiveLoop, loop_options
 from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off, processors_awake
@@ -166,8 +166,8 @@ def prepare_kernels(setup: LiveSetup, memory: SessionMemory) -> None:
 
 def start_driver(setup: LiveSetup, memory: SessionMemory) -> ChildProcess:
     """Start the driver process, which waits until the loop is ready."""
-    oldest = oldest_heartbeat(setup.safety.heartbeat_stale, setup.period_ns)
-    given = DriverSetup(setup.device, setup.pose, setup.dry_run, oldest, setup.real_time, os.getpid())
+    oldest_ns = setup.oldest_heartbeat_ns
+    given = DriverSetup(setup.device, setup.pose, setup.dry_run, oldest_ns, setup.real_time, os.getpid())
     descriptor = memory.with_setup(given)
     child = ChildProcess("driver", "hhsim.live.loop.driver", descriptor, memory.descriptors)
     os.close(descriptor)

@@ -18,7 +18,7 @@ from types import FrameType
 
 from hhsim.live.device import DeviceError, FingerRelease
 from hhsim.live.devices.registry import open_release
-from hhsim.live.ipc.status import LIVE_STATUS, LoopProcess, Stage, WatchdogSetup, oldest_heartbeat
+from hhsim.live.ipc.status import LIVE_STATUS, LoopProcess, Stage, WatchdogSetup
 from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.shared_memory import SharedBlock, process_setup
 
@@ -41,7 +41,7 @@ class Watchdog:
 
     def __init__(self, setup: WatchdogSetup, device: FingerRelease | None) -> None:
         self._supervisor = setup.supervisor
-        self._stale_ns = oldest_heartbeat(setup.heartbeat_stale, setup.period_ns)
+        self._stale_ns = setup.oldest_ns
         self._block = SharedBlock(setup.status, LIVE_STATUS)
         self._status = self._block.array[0]
         self._device = device

@@ -108,7 +108,7 @@ def make_pose_source(
 
     Raises:
         UnknownNameError: No such kind.
-        InputError: Invalid pose, or a missing motion, block or glove.
+        InputError: Invalid pose, or a missing motion or glove.
     """
     if config.kind not in POSES:
         raise UnknownNameError("pose source", config.kind, POSES)
