@@ -255,9 +255,3 @@ def test_a_finger_is_shaken_as_hard_as_it_is_pressed() -> None:
 def test_a_full_force_that_is_none_is_refused(force: float) -> None:
     with pytest.raises(InputError, match="expected more than 0"):
         open_device(configure("manus", full_force=force))
-
-
-def test_its_hand_is_that_of_openxr() -> None:
-    glove = open_device(configure("manus"))
-    assert glove.palm is not None
-    assert np.isnan(glove.palm.position).sum() == 0

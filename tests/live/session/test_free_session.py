@@ -143,18 +143,6 @@ def test_the_world_waits_out_a_stall_which_frees_the_fingers() -> None:
     np.testing.assert_allclose(way, -1e-3 * speed[1:], rtol=1e-6)
 
 
-def test_the_forces_that_go_out_are_those_of_the_object() -> None:
-    session = Session(takes=Capability.FORCE)
-    told = np.array([command.force for command in session.glove.commands])
-    share = session.ticks["command_stiffness"] / 0.3
-    felt = np.linalg.norm(session.ticks["phalanx"], axis=3) * share[..., None]
-    assert felt.max() > 0.1
-    np.testing.assert_allclose(np.linalg.norm(told, axis=3), felt, atol=1e-12)
-    first, last = session.object.contact[:-1], session.object.contact[1:]
-    assert (session.object.body[first[-2] : last[-2]] >= 0).any(), "the hand bears on the object at the end"
-    assert not told[-1].any(), "the last tick frees the fingers"
-
-
 def test_the_file_holds_what_a_replays_does_and_runs_again(session: Session, result: Result) -> None:
     assert result.complete and result.free and result.driven and result.live is not None
     assert FreeObject.from_json(result.scene["free"]) == ON_TABLE and "Saxcé" in result.scene["friction_law"]
