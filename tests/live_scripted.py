@@ -1,6 +1,5 @@
 """A clock that is told the time and a glove that follows a script: what the tests of the loop run it with."""
 
-import time
 from collections.abc import Callable, MutableSequence, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,7 +9,6 @@ from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
-from hhsim.kernels.clock import sleep_until
 from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss
 from hhsim.kernels.live.deadlines import NOTHING, due_time, next_deadline, woken
 from hhsim.kernels.live.loop import wake_driver
@@ -77,16 +75,6 @@ class FakeClock:
 
     def work(self, duration_ns: int) -> None:
         self.time_ns += duration_ns
-
-
-class MonotonicClock:
-    """CLOCK_MONOTONIC."""
-
-    def now(self) -> int:
-        return time.monotonic_ns()
-
-    def sleep_until(self, time_ns: int) -> None:
-        sleep_until(time_ns)
 
 
 class FakeAccounts(CpuAccounts):
