@@ -4,15 +4,12 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from live_scripted import FIST, FREE, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
+from live_scripted import FIST, FREE, Moment, ScriptedSession
 
 from hhsim.kernels.live.accounts import LONG_STALL_NS
-from hhsim.live.ipc.config import SafetyLimits
-from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop.loop import STEAL_UNREAD
 from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.live.session.summary_table import session_rows
-from hhsim.live.shared_memory import RingReader
 from hhsim.result.miss_cause import CAUSES, MissCause, TimeTaken, by_name
 from hhsim.result.safety import Safety
 
@@ -21,19 +18,11 @@ AT = 40
 """The tick in which something is planted, before any phase is known; the one after it has missed periods before it."""
 
 
-class Planted:
+class Planted(ScriptedSession):
     """A session in whose tick `AT` something takes time."""
 
-    def __init__(self, ticks: int = 100, *, moments: dict[int, Moment] | None = None) -> None:
-        script = [Moment(FREE + (FIST - FREE) * min(i, 60) / 60) for i in range(ticks)]
-        for tick, moment in (moments or {}).items():
-            script[tick] = moment
-        self.clock, self.accounts = FakeClock(), FakeAccounts()
-        self.glove = ScriptedGlove(self.clock, script)
-        self.memory = SessionMemory.create()
-        setup = make_setup(safety=SafetyLimits(watchdog=False), duration=1e-3 * (ticks + 1))
-        self.both = InStep(setup, self.memory, self.glove, self.clock, accounts=self.accounts)
-        self.loop = self.both.loop
+    def __init__(self, ticks: int = 100) -> None:
+        super().__init__([Moment(FREE + (FIST - FREE) * min(i, 60) / 60) for i in range(ticks)])
 
     def at(self, tick: int, action: Callable[[], None]) -> None:
         """Let something happen while a tick is solved."""
@@ -46,12 +35,6 @@ class Planted:
             return int(sound(*given))
 
         solver.tick = solve
-
-    def run(self) -> "Planted":
-        self.both.run()
-        self.ticks = RingReader(self.memory.ticks).read(10**6)[1]
-        self.events = [text.decode() for text in RingReader(self.memory.events).read(1000)[1]["text"]]
-        return self
 
     def only_miss(self) -> Any:
         (row,) = self.ticks[self.ticks["missed"] > 0]
