@@ -14,7 +14,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, astuple, fields, replace
+from dataclasses import asdict, fields, replace
 from types import FrameType
 from typing import Any
 
@@ -40,8 +40,6 @@ PALM_SECONDS = 0.001
 """The same for a glove without descriptors: a palm that is played moves on meanwhile [s]."""
 FLOOD_SECONDS = 0.0005
 """Pause between two looks at an endless stream, so that a flood takes the driver and not the processor [s]."""
-COUNTER_STEPS = 16
-"""Looks between two updates of the shown counters."""
 
 _DEVICE_LOST = int(Safety.DEVICE_LOST)
 
@@ -79,7 +77,6 @@ class GloveDriver:
         self._position, self._orientation = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
         self._lost = False
         self._reconnect_ns = 0
-        self._steps = 0
         self._empty_looks = 0
         self._stop = False
 
@@ -94,7 +91,7 @@ class GloveDriver:
         """Release the glove, and close the connections."""
         if not self._dry_run and not self.device.release():
             self.memory.say(FAULT, "the glove could not be told to free the fingers")
-        self._status["counters"][:] = astuple(self.device.counters)
+        self._status["counters"][:] = self.device.counters.values()
         self.device.close()
         self.pose.close()
 
@@ -157,9 +154,7 @@ class GloveDriver:
             status["palm_orientation"] = self._orientation
             status["palm_ns"] = came
             status["palm_version"][0] += 1
-        self._steps += 1
-        if self._steps % COUNTER_STEPS == 0:
-            status["counters"][:] = astuple(self.device.counters)
+        status["counters"][:] = self.device.counters.values()
 
     def give(self) -> None:
         """Send the newest command if it was not sent yet."""
