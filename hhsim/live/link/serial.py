@@ -8,14 +8,11 @@ import contextlib
 import errno
 import os
 import termios
-import time
 
 from hhsim.errors import InputError
 from hhsim.live.device import DeviceError
 from hhsim.live.link.byte_stream import MOST_READ, ByteLink, ready
 
-RETRY_NS = 50_000_000
-"""Time between two attempts to reopen the line [ns]."""
 SPEEDS = {
     int(name[1:]): value for name, value in vars(termios).items() if name[:1] == "B" and name[1:].isdigit() and value
 }
@@ -45,7 +42,6 @@ class SerialLink(ByteLink):
         self.path = path
         self._speed = SPEEDS[baud]
         self._file = -1
-        self._last_try = -RETRY_NS
 
     def descriptor(self) -> int:
         """Return the file descriptor of the open line, -1 if none is."""
@@ -68,17 +64,10 @@ class SerialLink(ByteLink):
 
     def reconnect(self) -> bool:
         """Try again without waiting; True if the line is open."""
-        if self.connected:
-            return True
-        now = time.monotonic_ns()
-        if now - self._last_try < RETRY_NS:
-            return False
-        self._last_try = now
-        try:
-            self._open()
-        except (OSError, termios.error):
-            return False
-        return True
+        with contextlib.suppress(OSError, termios.error):
+            if not self.connected:
+                self._open()
+        return self.connected
 
     def check(self) -> None:
         """Raise DeviceError if the line is gone, without reading from it."""

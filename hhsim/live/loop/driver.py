@@ -95,8 +95,8 @@ class GloveDriver:
         self.device.close()
         self.pose.close()
 
-    def stop(self) -> None:
-        """End with the next look; safe in a signal handler."""
+    def stop(self, number: int, frame: FrameType | None) -> None:
+        """End with the next look; a signal handler."""
         self._stop = True
 
     def until_loop(self, ready: int) -> bool:
@@ -236,12 +236,8 @@ def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
     Raises:
         HhsimError: The glove or the pose cannot be reached.
     """
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        driver.stop()
-
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, stop)
+        signal.signal(number, driver.stop)
     if not driver.until_loop(OPEN):
         return
     opened = False

@@ -53,8 +53,8 @@ class Watchdog:
         self._gone_ns = -1
         self._may_end = False
 
-    def allow_end(self) -> None:
-        """End as soon as the loop has, and not before; safe in a signal handler."""
+    def allow_end(self, number: int, frame: FrameType | None) -> None:
+        """End as soon as the loop has, and not before; a signal handler."""
         self._may_end = True
 
     def watch(self) -> None:
@@ -133,12 +133,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     setup: WatchdogSetup
     (setup,) = process_setup("watchdog", arguments)
     watchdog = Watchdog(setup, None if setup.device is None else open_release(setup.device))
-
-    def end(number: int, frame: FrameType | None) -> None:
-        watchdog.allow_end()
-
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, end)
+        signal.signal(number, watchdog.allow_end)
     keep_off(setup.real_time.loop_cpu)
     become_real_time(replace(setup.real_time, cpu=-1), above=1)
     watchdog.watch()
