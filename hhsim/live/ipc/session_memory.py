@@ -116,7 +116,9 @@ class SessionMemory:
         samples: Ring of `GLOVE_SAMPLE`, written by the driver.
         events: Ring of `EVENT`, the session's log, written by the loop.
         words: Ring of `EVENT`, written by the driver for the loop, which logs them.
-        device: Page written by the driver: the fields of `hhsim.live.device.GloveInfo`, and the pose's name.
+        facts: Page written by the loop, before it runs and when it has ended: `real_time`, the achieved mode; `device`,
+            the fields of `hhsim.live.device.GloveInfo`; `pose`, the source of the palm's pose; `reason` of the end.
+        device: Page written by the driver: the fields of `GloveInfo`, and `pose`.
         wake: Descriptor of the event by which the loop wakes the driver for a command.
         sampled: Descriptor of the event by which the driver wakes the loop for a sample.
     """
@@ -129,7 +131,7 @@ class SessionMemory:
         self.samples = SharedRing(descriptors.samples, GLOVE_SAMPLE, SAMPLE_CAPACITY)
         self.events = SharedRing(descriptors.events, EVENT, EVENT_CAPACITY)
         self.words = SharedRing(descriptors.words, EVENT, WORD_CAPACITY)
-        self._facts = FactPage(SharedBlock(descriptors.facts, FACTS))
+        self.facts = FactPage(SharedBlock(descriptors.facts, FACTS))
         self.device = FactPage(SharedBlock(descriptors.device, FACTS))
         self.wake, self.sampled = descriptors.wake, descriptors.sampled
 
@@ -166,22 +168,6 @@ class SessionMemory:
     def say(self, level: int, text: str) -> None:
         """Hand the loop a line to log, or a REASON to know; for the driver alone."""
         _add_line(self.words, level, text, time.monotonic_ns())
-
-    def write_facts(self, facts: Mapping[str, Any]) -> None:
-        """Write the facts of the session as plain values; for the loop alone, before it runs and when it has ended."""
-        self._facts.write(facts)
-
-    def read_facts(self) -> dict[str, Any]:
-        """Return the facts of the session, empty before the loop has written any.
-
-        | key | meaning |
-        |---|---|
-        | real_time | the achieved mode, `hhsim.live.real_time` |
-        | device | name, hand, channels, unit, capabilities, doubtful |
-        | pose | name of the source of the palm's pose |
-        | reason | at the end: its reason |
-        """
-        return self._facts.read()
 
 
 def _tick_ring(free: bool) -> tuple[np.dtype[Any], int]:

@@ -93,7 +93,7 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver:
         driver.send(signal.SIGKILL)
         driver.wait(DRIVER_PATIENCE)
     loop.story.tell()
-    memory.write_facts(thread.facts | {"reason": loop.stopped})
+    memory.facts.write(thread.facts | {"reason": loop.stopped})
     if died:
         raise HhsimError(died)
 
@@ -142,7 +142,7 @@ class LoopThread(threading.Thread):
     def _run(self, mode: dict[str, Any]) -> None:
         loop, memory = self._loop, self._loop.memory
         self.facts["real_time"] = mode
-        memory.write_facts(self.facts)
+        memory.facts.write(self.facts)
         memory.log(INFORMATION, f"the loop runs at {loop.setup.rate:g} Hz: {described(mode)}")
         for line in mode["refused"]:
             memory.log(WARNING, line)

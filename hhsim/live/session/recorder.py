@@ -63,12 +63,12 @@ class Recorder:
         options = loop_options(self._setup.options, self._setup.rate)
         # Kernels that measure penetration are compiled before ticks wait.
         warm_up(self._setup.hand, options, self._setup.free)
-        while not self._memory.read_facts():
+        while not self._memory.facts.read():
             # The glove is being connected; without it there is no session.
             if self._end() or self._stop:
                 return
             self._loop.wait(POLL)
-        with SessionWriter(self._path, self._setup, options, self._memory.read_facts()) as writer:
+        with SessionWriter(self._path, self._setup, options, self._memory.facts.read()) as writer:
             ended = self._follow(writer)
             become_ordinary()
             if writer.empty:
@@ -113,7 +113,7 @@ class Recorder:
         status = self._memory.status
         self._loop.wait()
         if status["stage"] == Stage.ENDED:
-            return str(self._memory.read_facts().get("reason") or LOOP_DIED)
+            return str(self._memory.facts.read().get("reason") or LOOP_DIED)
         if self._loop.gone:
             return LOOP_DIED
         if not self._loop.known and os.getppid() != self._parent:

@@ -68,7 +68,7 @@ class SessionOutcome:
         seconds: Duration of the loop.
         missed: Periods without a tick.
         missed_by: The same by cause.
-        facts: Facts that the loop wrote (`SessionMemory.read_facts`).
+        facts: Facts that the loop wrote (`SessionMemory.facts`).
         record: File of the recording, with `recorded` ticks; it lacks `record_lost`.
         record_failed, loop_failed: Failure that ended recording or loop early; "" if there was none.
         notices: Reported events: seconds since the beginning, level, text.
@@ -342,7 +342,7 @@ class Supervisor:
 
     def _outcome_now(self) -> SessionOutcome:
         status = self.memory.status
-        facts = self.memory.read_facts()
+        facts = self.memory.facts.read()
         if not self._record_failed and status["recorder_failed"]:
             self._record_failed = "the recorder failed"
         return SessionOutcome(

@@ -27,7 +27,7 @@ setup, memory = session_process("child")
 first, ticks = RingReader(memory.ticks).read(10)
 heartbeat = int(memory.status["heartbeat_ns"])
 free = "turn" in ticks.dtype.names
-print(first, ticks["tick"].tolist(), heartbeat, memory.read_facts(), setup.rate, setup.device.kind, free)
+print(first, ticks["tick"].tolist(), heartbeat, memory.facts.read(), setup.rate, setup.device.kind, free)
 memory.status["recorder_ticks"] = 77
 """
 
@@ -50,7 +50,7 @@ def test_a_child_sees_the_memory_and_the_setup(setup: LiveSetup, free: bool) -> 
     memory = SessionMemory.create(free=free)
     descriptor = memory.with_setup(setup)
     memory.status["heartbeat_ns"] = 123
-    memory.write_facts({"real_time": {"fifo": True}})
+    memory.facts.write({"real_time": {"fifo": True}})
     for tick in (4, 5, 9):
         memory.ticks.slot()["tick"] = tick
         memory.ticks.publish()
@@ -96,13 +96,13 @@ def test_events_are_cut_between_letters() -> None:
 
 def test_facts_are_replaced_whole_and_bounded() -> None:
     memory = SessionMemory.create()
-    assert memory.read_facts() == {}
-    memory.write_facts({"long": "x" * 1000})
-    memory.write_facts({"short": 1})
-    assert memory.read_facts() == {"short": 1}
+    assert memory.facts.read() == {}
+    memory.facts.write({"long": "x" * 1000})
+    memory.facts.write({"short": 1})
+    assert memory.facts.read() == {"short": 1}
     with pytest.raises(ValueError, match="fit"):
-        memory.write_facts({"too": "x" * FACT_BYTES})
-    assert memory.read_facts() == {"short": 1}
+        memory.facts.write({"too": "x" * FACT_BYTES})
+    assert memory.facts.read() == {"short": 1}
 
 
 @pytest.mark.parametrize(

@@ -155,7 +155,7 @@ def test_what_was_overwritten_is_counted_and_told(ticks: Records, tmp_path: Path
     writer_saw: list[int] = []
     recorder = Recorder(make_setup(tmp_path / "session.h5"), memory)
     pour(memory.ticks, ticks[:300])
-    memory.write_facts(FACTS)
+    memory.facts.write(FACTS)
     memory.status["loop_pid"] = os.getpid()
     wait = recorder._loop.wait
 
@@ -265,7 +265,7 @@ def feed(memory: SessionMemory, ticks: Records, process: subprocess.Popen[str], 
 
 
 def started(memory: SessionMemory) -> None:
-    memory.write_facts(FACTS)
+    memory.facts.write(FACTS)
     memory.status["loop_pid"] = os.getpid()
     memory.status["stage"] = Stage.RUNNING
 
@@ -319,7 +319,7 @@ def test_a_session_that_never_began_leaves_no_file(tmp_path: Path) -> None:
     memory = SessionMemory.create()
     memory.status["stage"] = Stage.ENDED
     Recorder(make_setup(tmp_path / "a.h5"), memory).run()
-    memory.write_facts(FACTS)
+    memory.facts.write(FACTS)
     Recorder(make_setup(tmp_path / "b.h5"), memory).run()
     assert list(tmp_path.iterdir()) == []
 
