@@ -34,14 +34,6 @@ def received(link: TcpLink, count: int) -> bytes:
     return found
 
 
-def test_what_is_sent_is_received_both_ways() -> None:
-    with pair() as (link, peer):
-        assert link.receive() is None, "nothing has come, and nothing is waited for"
-        assert link.send(b"hello") and peer.recv(100) == b"hello"
-        peer.sendall(b"world")
-        assert received(link, 5) == b"world"
-
-
 def test_a_flood_is_taken_in_portions() -> None:
     with pair() as (link, peer):
         peer.sendall(bytes(40_000))

@@ -1,7 +1,6 @@
 """The order in which a session's processes start and end, and what is told of their deaths, with stand-ins for them."""
 
 import os
-import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -177,21 +176,6 @@ def test_a_glove_that_is_not_there_is_told_as_the_loop_told_it(make: Make) -> No
         session.check()
 
 
-def test_a_loop_that_is_killed_is_told_and_the_watchdog_outlives_it(make: Make, marks: Path) -> None:
-    session = make()
-    with session:
-        run(session, lambda: running(session))
-        pid = session.pid(LOOP)
-        assert pid is not None
-        os.kill(pid, signal.SIGKILL)
-        run(session, lambda: False)
-    # The stand-in ends when the session is marked as ended, which only the supervisor could do.
-    assert "watchdog" in marks.read_text()
-    assert "the loop was ended by SIGKILL; the watchdog frees the fingers" in notices(session, FAULT)
-    with pytest.raises(HhsimError, match="the session ended early: the loop was ended by SIGKILL"):
-        session.check()
-
-
 @pytest.mark.parametrize(
     ("program", "last"),
     sampled([(POLITE_LOOP, "SIGTERM"), (STUBBORN_LOOP, "SIGKILL")], lambda _, case: case[1] == "SIGKILL"),
@@ -243,28 +227,6 @@ def test_a_session_that_ends_before_its_loop_has_loaded_has_not_failed(make: Mak
         session.request_stop("a key")
     assert notices(session, WARNING) == "" and session.end().loop_failed == ""
     session.check()
-
-
-def test_a_loop_that_hangs_is_told_and_ended_when_it_is_asked(make: Make) -> None:
-    session = make(loop="status['heartbeat_ns'] = time.monotonic_ns()\n" + STUBBORN_LOOP)
-    with session:
-        run(session, lambda: "no sign of life" in str(session._notices))
-        session.request_stop("a key")
-        # Whoever looks after it is let go, although the loop never ends by itself.
-        run(session, lambda: False)
-    assert "ended by SIGKILL" in session.end().loop_failed
-
-
-def test_a_watchdog_that_dies_is_started_again(make: Make) -> None:
-    session = make(watchdog=MORTAL)
-    with session:
-        run(session, lambda: session.pid(WATCHDOG) is not None)
-        first = session.pid(WATCHDOG)
-        run(session, lambda: session.pid(WATCHDOG) not in (None, first))
-    outcome = session.end()
-    assert outcome.watchdog_restarts >= 1
-    assert "the watchdog ended with code 5: it is started again" in notices(session, FAULT)
-    assert outcome.loop_failed == ""
 
 
 @pytest.mark.parametrize("part", sampled([RECORDER, VIEWER], lambda _, part: part == RECORDER))
