@@ -86,8 +86,6 @@ def marks(tmp_path: Path) -> Path:
 @pytest.fixture
 def make(tmp_path: Path, marks: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Make]:
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    for name, seconds in (("LOOP_PATIENCE", 0.7), ("VIEWER_PATIENCE", 0.7), ("WATCHDOG_PATIENCE", 0.7)):
-        monkeypatch.setattr(supervisor, name, seconds)
     monkeypatch.setattr(supervisor, "MODULES", {name: f"{name}_program" for name in supervisor.MODULES})
     programs = {
         LOOP: GOOD_LOOP,
@@ -180,7 +178,10 @@ def test_a_glove_that_is_not_there_is_told_as_the_loop_told_it(make: Make) -> No
     ("program", "last"),
     sampled([(POLITE_LOOP, "SIGTERM"), (STUBBORN_LOOP, "SIGKILL")], lambda _, case: case[1] == "SIGKILL"),
 )
-def test_a_loop_that_does_not_end_is_ended(make: Make, program: str, last: str) -> None:
+def test_a_loop_that_does_not_end_is_ended(
+    make: Make, program: str, last: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(supervisor, "LOOP_PATIENCE", 0.7)
     session = make(loop=program)
     with session:
         run(session, lambda: running(session))
@@ -196,7 +197,6 @@ def test_the_end_waits_for_what_is_under_way_and_says_what_it_waits_for(
     go = tmp_path / "go"
     session = make(loop=SLOW_LOOP.format(go=str(go)))
     monkeypatch.setattr(supervisor, "TOLD", 0.0)
-    monkeypatch.setattr(supervisor, "LOOP_PATIENCE", 60.0)
     notice = session._notice
 
     def noticed(text: str, level: int, **more: bool) -> None:
