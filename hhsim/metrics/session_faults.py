@@ -24,7 +24,7 @@ _PERCENTILES = {"p50": "p50", "p99": "p99", "p999": "p99.9", "max": "max"}
 MISSED_BY: tuple[Figure, ...] = tuple(
     Figure(f"missed_{cause.name.lower()}", f"missed: {words}") for cause, words in WORDS.items()
 )
-"""Missed ticks by cause; in the /summary of sessions that know them."""
+"""Missed ticks by cause."""
 
 SESSION_TIMES: tuple[Figure, ...] = (
     Figure("missed", "missed ticks"),

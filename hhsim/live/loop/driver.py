@@ -15,6 +15,8 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields, replace
+from functools import reduce
+from operator import or_
 from types import FrameType
 from typing import Any
 
@@ -220,14 +222,10 @@ def device_facts(info: GloveInfo) -> dict[str, Any]:
 
 def glove_info(facts: dict[str, Any]) -> GloveInfo:
     """Return the description of a glove from its `device_facts`."""
-    given: dict[str, Any] = {
-        item.name: tuple(facts[item.name]) if isinstance(facts[item.name], list) else facts[item.name]
-        for item in fields(GloveInfo)
-    }
-    capabilities = Capability.NONE
-    for name in given["capabilities"]:
-        capabilities |= Capability[name]
-    return GloveInfo(**(given | {"capabilities": capabilities}))
+    given: dict[str, Any] = {item.name: facts[item.name] for item in fields(GloveInfo)}
+    tuples = {name: tuple(value) for name, value in given.items() if isinstance(value, list)}
+    capabilities = reduce(or_, (Capability[name] for name in tuples["capabilities"]), Capability.NONE)
+    return GloveInfo(**(given | tuples | {"capabilities": capabilities}))
 
 
 def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
