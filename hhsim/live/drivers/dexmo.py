@@ -49,6 +49,7 @@ class DexmoGlove(StreamGlove):
     """One glove of a Dexmo server; its configuration has a `GloveCalibration` unless it is opened for release."""
 
     _calibration: "GloveCalibration"
+    _link: TcpLink
 
     def __init__(self, config: GloveConfig) -> None:
         assert isinstance(config.options, DexmoOptions)
@@ -59,6 +60,7 @@ class DexmoGlove(StreamGlove):
         self._hand = config.hand
         self._device_id: int | None = None
         self._battery = UNKNOWN
+        self._stiffness = list(UNKNOWN_STIFFNESS)
         self._other_hand = False
 
     def open(self, timeout: float = 5.0) -> None:

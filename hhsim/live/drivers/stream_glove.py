@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.live.device import DeviceCounters, DeviceError, GloveDevice
-from hhsim.live.link.serial import SerialLink
-from hhsim.live.link.tcp import TcpLink
+from hhsim.live.link.byte_stream import ByteLink
 
 MOST_MESSAGES = 256
 """Most messages read in one call, so that a flood cannot delay the driver."""
@@ -26,7 +25,7 @@ class StreamGlove(GloveDevice):
         _lost: Reason why the glove is gone; None while it is there.
     """
 
-    def __init__(self, link: SerialLink | TcpLink) -> None:
+    def __init__(self, link: ByteLink) -> None:
         self._link = link
         self._connection = 0
         self._waiting: deque[tuple[bytes, int]] = deque()
@@ -51,13 +50,8 @@ class StreamGlove(GloveDevice):
         """Return the bytes that free all fingers, whatever was sent before them."""
 
     def drain(self) -> None:
-        """See `GloveDevice.drain`; bytes of a serial line are left to the loop."""
-        if isinstance(self._link, SerialLink):
-            self._link.check()
-            return
-        for _ in range(4):
-            if self._link.receive() is None:
-                return
+        """See `GloveDevice.drain`."""
+        self._link.drain()
 
     def read(self, samples_out: NDArray[np.void]) -> int:
         """See `GloveDevice.read`."""

@@ -41,6 +41,18 @@ class ByteLink(ABC):
         """Return the file descriptor of the open line, -1 if none is."""
 
     @abstractmethod
+    def connect(self, timeout: float) -> None:
+        """Open the line within `timeout` [s]; raises DeviceError with the reason if that is not possible."""
+
+    @abstractmethod
+    def reconnect(self) -> bool:
+        """Try again without waiting; True if the line is open."""
+
+    @abstractmethod
+    def drain(self) -> None:
+        """Discard what has arrived for this line alone, without waiting; raises DeviceError if the peer is gone."""
+
+    @abstractmethod
     def _read(self) -> bytes:
         """Read at most `MOST_READ` bytes; raises BlockingIOError if nothing has arrived."""
 

@@ -48,7 +48,7 @@ class SerialLink(ByteLink):
         return self._file
 
     def connect(self, timeout: float) -> None:
-        """Open the line; raises DeviceError if there is none, it is no serial line, or it may not be used."""
+        """See `ByteLink.connect`: there is a line, it is a serial one, and it may be used."""
         self.close()
         try:
             self._open()
@@ -63,14 +63,14 @@ class SerialLink(ByteLink):
             raise DeviceError(f"{self.name}: not a serial line; expected one such as /dev/ttyUSB0") from None
 
     def reconnect(self) -> bool:
-        """Try again without waiting; True if the line is open."""
+        """See `ByteLink.reconnect`."""
         with contextlib.suppress(OSError, termios.error):
             if not self.connected:
                 self._open()
         return self.connected
 
-    def check(self) -> None:
-        """Raise DeviceError if the line is gone, without reading from it."""
+    def drain(self) -> None:
+        """See `ByteLink.drain`; bytes are left to the one process that reads the line."""
         self._require_open()
         if ready(self._file, 0, 0.0):
             raise self._gone(self.ENDED)

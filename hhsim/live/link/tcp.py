@@ -17,6 +17,7 @@ GIVE_UP = 2.0
 """Longest duration of an attempt without an answer, and of a connection that is given up [s]."""
 LINGER = 0.05
 """Longest wait for the peer to read everything before closing [s]."""
+MOST_DRAINED = 4
 ACKNOWLEDGED = 5000
 """Time without an acknowledgement after which the peer is gone [ms]."""
 
@@ -40,7 +41,7 @@ class TcpLink(ByteLink):
         return -1 if self._socket is None else self._socket.fileno()
 
     def connect(self, timeout: float) -> None:
-        """Connect within `timeout` [s]; raises DeviceError if there is no such host, or nothing that answers."""
+        """See `ByteLink.connect`: there is such a host, and something answers."""
         self.close()
         try:
             link = _connected(self.host, self.port, timeout)
@@ -57,7 +58,7 @@ class TcpLink(ByteLink):
         self._attach(link)
 
     def reconnect(self) -> bool:
-        """Try again without waiting; True if there is a connection."""
+        """See `ByteLink.reconnect`."""
         if self._socket is not None:
             return True
         now = time.monotonic()
@@ -79,6 +80,12 @@ class TcpLink(ByteLink):
         elif now - self._begun_at > GIVE_UP:
             self._abandon()
         return False
+
+    def drain(self) -> None:
+        """See `ByteLink.drain`; at most `MOST_DRAINED` times what is read at once."""
+        for _ in range(MOST_DRAINED):
+            if self.receive() is None:
+                return
 
     def retire(self) -> None:
         """Close without waiting: another thread lets the peer read what it was sent, for `GIVE_UP`."""

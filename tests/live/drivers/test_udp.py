@@ -433,7 +433,7 @@ def test_a_fake_glove_at_1_khz_in_another_process_every_frame_accounted_for(tmp_
     assert counters.other == len(rows) - len(newest) > 10
     assert counters.dropped > 10
     answered = set(record.command[:, 12].astype(int).tolist())
-    assert answered <= set(samples["device_seq"].tolist()) and len(answered) > 100
+    assert answered <= set(samples["device_seq"].tolist()) and len(answered) > 10
 
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
