@@ -72,13 +72,6 @@ def test_a_processor_that_is_not_there_is_said() -> None:
     assert any("may not use 4000" in line for line in mode["refused"])  # type: ignore[attr-defined]
 
 
-def test_no_wishes_change_nothing() -> None:
-    wishes = "fifo=False, lock_memory=False, timer_slack=False, cpu=-1, freeze_gc=False, awake=False"
-    mode, policy, cpus, collects = ask(wishes)
-    assert (policy, collects, mode["refused"]) == (os.SCHED_OTHER, True, [])
-    assert cpus == sorted(os.sched_getaffinity(0))
-
-
 def test_processors_are_kept_awake_while_a_block_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     device = tmp_path / "cpu_dma_latency"
     monkeypatch.setattr(real_time, "IDLE_LATENCY", device)

@@ -350,14 +350,6 @@ def test_packets_that_no_glove_sends_are_named_instead_of_nothing(bridge: Bridge
         device.open(2.0)
 
 
-def test_a_bridge_that_comes_back_with_other_numbers_is_told_of(bridge: Bridge) -> None:
-    with opened(bridge, Kind.JOINTS, np.zeros(20)) as device:
-        reader = Reader(device)
-        reader.read()
-        with bridge.sending(Kind.BENDS, np.zeros(5), session=2):
-            assert reader.until_lost().endswith("packets of kind 1 come; this glove's are of kind 3")
-
-
 def test_a_bridge_is_back_with_a_sample_and_not_with_what_is_none(bridge: Bridge) -> None:
     with opened(bridge, Kind.BENDS, np.zeros(5)) as device:
         reader = Reader(device)

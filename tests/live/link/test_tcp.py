@@ -94,16 +94,6 @@ def test_a_message_that_must_go_takes_a_fresh_connection_where_this_one_is_full(
         link.close()
 
 
-def test_closing_over_unread_bytes_does_not_reset_the_connection() -> None:
-    with pair() as (link, peer):
-        peer.sendall(bytes(100_000))
-        peer.shutdown(socket.SHUT_WR)
-        assert link.send(b"last word")
-        link.close(PATIENCE)
-        assert peer.recv(100) == b"last word"
-        assert peer.recv(100) == b"", "the end, and not a ConnectionResetError"
-
-
 def test_retiring_waits_for_nothing_and_does_not_reset_the_connection() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         link = TcpLink("127.0.0.1", listener.getsockname()[1], "the peer")
