@@ -130,5 +130,5 @@ def pour(ring: SharedRing, records: Records) -> None:
 
 def ended(memory: SessionMemory, pid: int, reason: str = "duration") -> None:
     memory.status["loop_pid"] = pid
-    memory.write_facts({**FACTS, "summary": {"reason": reason}})
+    memory.facts.write({**FACTS, "reason": reason})
     memory.status["stage"] = Stage.ENDED

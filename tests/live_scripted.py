@@ -1,23 +1,21 @@
 """A clock that is told the time and a glove that follows a script: what the tests of the loop run it with."""
 
-import time
 from collections.abc import Callable, MutableSequence, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
-from hhsim.kernels.clock import sleep_until
 from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss
 from hhsim.kernels.live.deadlines import NOTHING, due_time, next_deadline, woken
 from hhsim.kernels.live.loop import wake_driver
-from hhsim.kernels.live.tick import begin_tick, command_tick, count_work, look_for_stop, publish_tick, waiting_since
+from hhsim.kernels.live.tick import begin_tick, command_tick, look_for_stop, publish_tick, waiting_since
 from hhsim.live.device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.devices.registry import configure
-from hhsim.live.ipc.config import LiveSetup
+from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop.driver import GloveDriver
 from hhsim.live.loop.loop import LiveLoop
@@ -25,6 +23,7 @@ from hhsim.live.loop.miss_accounts import MissAccounts
 from hhsim.live.loop.records import deadline_record
 from hhsim.live.pose.fixed import FixedPose
 from hhsim.live.pose.registry import PoseConfig, PoseSource
+from hhsim.live.shared_memory import RingReader
 from hhsim.solver.options import SolverOptions
 from hhsim.system.cpu_accounts import CpuAccounts
 from hhsim.trees.sphere_tree import SphereTree
@@ -77,16 +76,6 @@ class FakeClock:
 
     def work(self, duration_ns: int) -> None:
         self.time_ns += duration_ns
-
-
-class MonotonicClock:
-    """CLOCK_MONOTONIC."""
-
-    def now(self) -> int:
-        return time.monotonic_ns()
-
-    def sleep_until(self, time_ns: int) -> None:
-        sleep_until(time_ns)
 
 
 class FakeAccounts(CpuAccounts):
@@ -264,7 +253,6 @@ class SteppedLoop(LiveLoop):
         done = clock.now()
         name_misses(self.misses, at, self.accounts)
         publish_tick(live, done, solved)
-        count_work(live, clock.now())
 
 
 class InStep:
@@ -310,3 +298,37 @@ class InStep:
         self.loop.tick()
         self.driver.give()
         self.loop.story.tell()
+
+
+QUICK = OutputLimits(ramp=0.01, stiffness_rise=1e4, bend_speed=1e3)
+CLOSING = [Moment(FREE + (FIST - FREE) * i / 60) for i in range(60)]
+"""A fist that closes on the ball in 60 ms."""
+
+
+class ScriptedSession:
+    """A loop and a scripted glove in step, which need no watchdog and end with the script unless `changes` say so."""
+
+    def __init__(
+        self,
+        script: Sequence[Moment],
+        pose: PoseSource | None = None,
+        *,
+        unit: str = "",
+        takes: Capability = Capability.POSITION_LIMIT,
+        **changes: Any,
+    ) -> None:
+        given: dict[str, Any] = {"output": QUICK, "safety": SafetyLimits(watchdog=False)}
+        self.setup = make_setup(**(given | {"duration": 1e-3 * (len(script) + 1)} | changes))
+        self.memory = SessionMemory.create(free=self.setup.free is not None)
+        self.clock, self.accounts = FakeClock(), FakeAccounts()
+        self.glove = ScriptedGlove(self.clock, script)
+        self.glove.info = GloveInfo("scripted glove", takes, ("bend",), unit=unit)
+        self.both = InStep(self.setup, self.memory, self.glove, self.clock, pose=pose, accounts=self.accounts)
+        self.loop = self.both.loop
+
+    def run(self) -> Self:
+        self.reason = self.both.run()
+        self.ticks: NDArray[Any] = RingReader(self.memory.ticks).read(10**6)[1]
+        self.samples = RingReader(self.memory.samples).read(10**6)[1]
+        self.events = [text.decode() for text in RingReader(self.memory.events).read(1000)[1]["text"]]
+        return self

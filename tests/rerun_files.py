@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 from live_peers import free_ports
+from machine_share import MachineShare
 
-from hhsim.live.child_process import LOOK, OwnTime
 from hhsim.view.sink import viewer_program
 
 Array = np.ndarray[Any, Any]
@@ -62,9 +62,9 @@ def _wait_until_written(path: Path, viewer: int) -> None:
     # the viewer could have written. On a busy machine it has to wait for a processor.
     until, size = time.monotonic() + PATIENCE, -1
     while path.exists() and path.stat().st_size != size and time.monotonic() < until:
-        size, own = path.stat().st_size, OwnTime(viewer)
-        while own.passed() < 0.3 and time.monotonic() < until:
-            time.sleep(LOOK)
+        size, share, now = path.stat().st_size, MachineShare(viewer), time.monotonic_ns()
+        while time.monotonic_ns() - now - share.taken_ns < 300_000_000 and time.monotonic() < until:
+            time.sleep(0.05)
 
 
 @contextlib.contextmanager

@@ -44,10 +44,6 @@ def joints(seq: int, number: float) -> bytes:
     return packet(3, seq, [number] * 20)
 
 
-def pose(seq: int, number: float) -> bytes:
-    return packet(4, seq, [number, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-
-
 def hand(seq: int, number: float) -> bytes:
     """A flat hand whose wrist has this height."""
     points = [(0.0, -0.04), (0.0, 0.0)]
@@ -61,7 +57,7 @@ def encoders(seq: int, number: float) -> bytes:
     return struct.pack("<16f", *[90.0, 270.0, 180.0, number], *[90.0, 270.0, 180.0] * 4)
 
 
-FORMS: dict[str, Callable[[int, float], bytes]] = {"joints": joints, "pose": pose, "hand": hand, "encoders": encoders}
+FORMS: dict[str, Callable[[int, float], bytes]] = {"joints": joints, "hand": hand, "encoders": encoders}
 
 
 def main(form: str, port: int, rate: float) -> None:

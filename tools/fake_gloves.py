@@ -164,7 +164,7 @@ class FakeDexmo(FakeGlove):
 
     def __init__(self, log: Path, *arguments: str) -> None:
         """Nothing runs yet."""
-        super().__init__("hhsim.live.simulators.dexmo_server", log)
+        super().__init__("tools.dexmo_server", log)
         self._more = arguments
 
     def start(self) -> None:

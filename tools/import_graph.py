@@ -21,10 +21,7 @@ PACKAGES = (
     *("hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.submissions", "hhsim.verify"),
     *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.qp", "hhsim.bench.manipulation"),
     *("hhsim.gate", "hhsim.render", "hhsim.view"),
-    *(
-        f"hhsim.live{part}"
-        for part in ("", ".link", ".devices", ".drivers", ".pose", ".ipc", ".loop", ".session", ".simulators")
-    ),
+    *(f"hhsim.live{part}" for part in ("", ".link", ".devices", ".drivers", ".pose", ".ipc", ".loop", ".session")),
     "hhsim.report",
     *("hhsim.sweep", "hhsim.board", "hhsim.engines"),
 )

@@ -3,7 +3,7 @@
 It is run as `python -m tools.opengloves_board --link GLOVE --log FILE`.
 
 On a pseudo-terminal, which looks like a serial line and has no baud rate, or as a TCP server for any number of clients.
-Its orders are those of `hhsim.live.simulators.peer`, and `garbage`: a line that is none. `leave` takes the line away,
+Its orders are those of `tools.fake_peer`, and `garbage`: a line that is none. `leave` takes the line away,
 or the server with its connections. In its log, a frame is the five curls from 0 to 1 and the sample's number; a command
 is the five limits from 0, free, to 1.
 """
@@ -28,7 +28,7 @@ from hhsim.live.link.opengloves_codec import (
     LineStream,
     parse_line,
 )
-from hhsim.live.simulators.peer import BENDS, FakePeer, FakeServer, PeerLog, peer_parser
+from tools.fake_peer import BENDS, FakePeer, FakeServer, PeerLog, peer_parser
 
 NONE = (math.nan,) * 5
 

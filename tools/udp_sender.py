@@ -1,6 +1,6 @@
 """A fake glove that speaks the open packet: `python -m tools.udp_sender --log FILE`.
 
-Its orders are those of `hhsim.live.simulators.peer`; `back` begins another session. In its log, a frame is the five
+Its orders are those of `tools.fake_peer`; `back` begins another session. In its log, a frame is the five
 bends, its seq, and which session it is, from 1; a command is five bends, five values of stiffness, its session, its seq
 and what it answers.
 """
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.live.link.udp_codec import NONE_YET, Kind, PacketError, decode_packet, encode_packet
-from hhsim.live.simulators.peer import BENDS, FakePeer, PeerLog, peer_parser
 from hhsim.recordings.dexmo_regression import DexmoRegression
+from tools.fake_peer import BENDS, FakePeer, PeerLog, peer_parser
 
 KINDS = {"bends": Kind.BENDS, "channels": Kind.CHANNELS, "joints": Kind.JOINTS}
 

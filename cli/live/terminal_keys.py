@@ -1,6 +1,5 @@
 """Key strokes from the terminal, whose settings are restored on every way out."""
 
-import atexit
 import os
 import re
 import select
@@ -17,7 +16,7 @@ def terminal_keys() -> Iterator[ReadKeys | None]:
     """Read each key of stdin at once, without echo; yields None if stdin is not our terminal.
 
     Ctrl-C, Ctrl-Z and Ctrl-backslash stay signals. The settings are restored when the block is left, by whatever error
-    or exit, and once more when the interpreter ends.
+    or exit.
     """
     found = _terminal()
     if found is None:
@@ -27,21 +26,13 @@ def terminal_keys() -> Iterator[ReadKeys | None]:
     import tty
 
     descriptor, before = found
-    ours = os.getpid()
-
-    def restore() -> None:
-        # A forked child did not change the terminal, and one that is gone cannot be restored.
-        if os.getpid() == ours:
-            with suppress(termios.error, OSError):
-                termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
-
-    atexit.register(restore)
     try:
         tty.setcbreak(descriptor, termios.TCSANOW)
         yield lambda: _keys(descriptor)
     finally:
-        restore()
-        atexit.unregister(restore)
+        # A terminal that is gone cannot be restored.
+        with suppress(termios.error, OSError):
+            termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
 
 
 def _terminal() -> "tuple[int, list[int | list[bytes | int]]] | None":

@@ -7,12 +7,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 LAST_OUTPUT_BYTES = 4_000
 """Bytes at the end of a process's output that `ChildProcess.last_line` looks at."""
 LOOK = 0.05
-"""Time between two looks at the CPU accounts of a process that is waited for [s]."""
+"""Time between two looks at the progress of a process that is waited for [s]."""
 
 
 class ChildProcess:
@@ -21,24 +20,25 @@ class ChildProcess:
     Ctrl-C, Ctrl-Z and a lost terminal reach the supervisor alone, which ends the processes in order. Output is kept in
     memory for `last_line`.
 
+    Args:
+        setup: Descriptor of its setup (`hhsim.live.shared_memory.write_setup`), named on its command line.
+        descriptors: Further ones that it inherits.
+
     Attributes:
-        command: Interpreter arguments before `arguments`; by default they run the module.
         reported: True if the supervisor has reported its end.
     """
 
-    command: tuple[str, ...] = ()
-
-    def __init__(self, name: str, module: str, arguments: Sequence[str], descriptors: Sequence[int]) -> None:
+    def __init__(self, name: str, module: str, setup: int, descriptors: Sequence[int]) -> None:
         self.name = name
         self.reported = False
         self._output = os.memfd_create(f"hhsim-{name}-output")
         self._process = subprocess.Popen(
             # -P: the working directory may hold a folder or a file named as a module.
-            [sys.executable, "-P", *(self.command or ("-m", module)), *arguments],
+            [sys.executable, "-P", "-m", module, "--setup", str(setup)],
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=self._output,
-            pass_fds=list(descriptors),
+            pass_fds=[setup, *descriptors],
             start_new_session=True,
         )
         self.pid = self._process.pid
@@ -70,30 +70,19 @@ class ChildProcess:
         lines = [line.strip() for line in tail.decode("utf-8", "replace").splitlines() if line.strip()]
         return lines[-1].removeprefix("hhsim: ").removeprefix("error: ") if lines else ""
 
-    def wait(self, seconds: float) -> bool:
-        """Wait for its end, at most `seconds`; True if it has ended."""
-        try:
-            self._process.wait(max(seconds, 0.0))
-        except subprocess.TimeoutExpired:
-            return False
-        return True
-
-    def wait_own_time(self, seconds: float, progress: Callable[[], object] = lambda: None) -> bool:
-        """Wait until it has ended, or has had `seconds` of its own time (`OwnTime`) for it.
+    def wait(self, seconds: float, progress: Callable[[], object] = lambda: None) -> bool:
+        """Wait for its end, at most `seconds` after the last change of `progress`; True if it has ended.
 
         Args:
-            progress: Called at every look; the time starts anew when its value changes.
-
-        Returns:
-            True if it has ended.
+            progress: Called at every look; a new value restarts the time.
         """
-        own, done = OwnTime(self.pid), progress()
-        while not self.wait(LOOK):
+        done, began = progress(), time.monotonic()
+        while self.running and (left := began + seconds - time.monotonic()) > 0.0:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(min(left, LOOK))
             if (now := progress()) != done:
-                own, done = OwnTime(self.pid), now
-            if own.passed() >= seconds:
-                return False
-        return True
+                done, began = now, time.monotonic()
+        return not self.running
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal if it still runs."""
@@ -105,41 +94,3 @@ class ChildProcess:
         if self._output >= 0:
             os.close(self._output)
             self._output = -1
-
-
-class OwnTime:
-    """Time in which a process and its descendants compute or sleep, without their waits for a processor.
-
-    It is wall time on a system without scheduler accounts.
-
-    Args:
-        process: Process id.
-    """
-
-    def __init__(self, process: int) -> None:
-        self._process = process
-        self._passed, self._then = 0.0, time.monotonic()
-        self._ran, self._waited = _processor_time(process)
-
-    def passed(self) -> float:
-        """Return the time since the beginning [s]; to be called every `LOOK` seconds."""
-        then, ran, waited = self._then, self._ran, self._waited
-        self._then, (self._ran, self._waited) = time.monotonic(), _processor_time(self._process)
-        # The caller may have had to wait for a processor, too.
-        asleep = min(self._then - then, 2.0 * LOOK) - max(0.0, self._waited - waited)
-        self._passed += max(self._ran - ran, asleep, 0.0)
-        return self._passed
-
-
-def _processor_time(process: int) -> tuple[float, float]:
-    """Sum over threads and descendants of the time computed, and of the time waited for a processor [s]."""
-    ran = waited = 0.0
-    # Any of them may end while it is looked at.
-    with contextlib.suppress(OSError):
-        for task in Path(f"/proc/{process}/task").iterdir():
-            with contextlib.suppress(OSError):
-                numbers = (task / "schedstat").read_text().split()
-                times = [(1e-9 * int(numbers[0]), 1e-9 * int(numbers[1]))]
-                times += map(_processor_time, map(int, (task / "children").read_text().split()))
-                ran, waited = ran + sum(time[0] for time in times), waited + sum(time[1] for time in times)
-    return ran, waited

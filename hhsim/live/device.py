@@ -127,6 +127,10 @@ class DeviceCounters:
     commands: int = 0
     commands_refused: int = 0
 
+    def values(self) -> list[int]:
+        """Return the counts in the order of `COUNTERS`."""
+        return [getattr(self, name) for name in COUNTERS]
+
 
 COUNTERS = tuple(item.name for item in fields(DeviceCounters))
 """Names of the counters, in their order."""

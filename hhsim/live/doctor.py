@@ -61,8 +61,14 @@ class Diagnosis:
 
     @property
     def measures(self) -> tuple[Measure, ...]:
-        """Figures that decide the verdict."""
-        return judged(self.wakeups)
+        """Figures that decide the verdict, with their limits."""
+        wakeups = self.wakeups
+        allowed = int(max(MOST_MISSED * wakeups.periods, ONE_ALONE))
+        return (
+            Measure("missed periods", wakeups.missed, float(allowed), ""),
+            Measure("missed in a row", wakeups.streak, MOST_IN_A_ROW, ""),
+            Measure("wake-up, p99", 1e6 * wakeups.percentile(99.0), 1e6 * MOST_LATE / wakeups.rate, "µs"),
+        )
 
     @property
     def good(self) -> bool:
@@ -113,16 +119,6 @@ class Diagnosis:
             "facts": [{"name": fact.name, "value": fact.value, "advice": fact.advice or None} for fact in self.facts],
             "advice": self.advice,
         }
-
-
-def judged(wakeups: Wakeups) -> tuple[Measure, ...]:
-    """Return the figures that have a limit."""
-    allowed = int(max(MOST_MISSED * wakeups.periods, ONE_ALONE))
-    return (
-        Measure("missed periods", wakeups.missed, float(allowed), ""),
-        Measure("missed in a row", wakeups.streak, MOST_IN_A_ROW, ""),
-        Measure("wake-up, p99", 1e6 * wakeups.percentile(99.0), 1e6 * MOST_LATE / wakeups.rate, "µs"),
-    )
 
 
 def examine(rate: float, seconds: float, wishes: RealTimeWishes) -> Diagnosis:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
 from hhsim.motion.trajectory import Trajectory
 
 RETURN_TIME = 1.0
@@ -18,10 +17,7 @@ SINGLE_RATE = 200.0
 class Playback:
     """A trajectory and the instant at which it began; one object keeps fingers and palm together.
 
-    Raises InputError for a rate that is negative or not finite.
-
     Attributes:
-        rate: Sample rate instead of the stamps' own [Hz]; 0 for the stamps.
         repeat: True to begin anew `RETURN_TIME` after the end; otherwise the last sample stays.
         start_ns: CLOCK_MONOTONIC of the first sample [ns]; -1 until the first call of `elapsed`.
         stamps: Times of the samples since the first one [s], shape (T,).
@@ -29,21 +25,15 @@ class Playback:
     """
 
     trajectory: Trajectory
-    rate: float = 0.0
     repeat: bool = False
     start_ns: int = -1
     stamps: FloatArray = field(init=False)
     period: float = field(init=False)
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.rate) and self.rate >= 0.0):
-            raise InputError(f"a motion played at {self.rate} Hz; expected a positive rate, or 0 for its own")
         own = self.trajectory
-        if self.rate > 0.0:
-            self.stamps, self.period = np.arange(own.sample_count) / self.rate, 1.0 / self.rate
-        else:
-            self.stamps = own.time - own.time[0]
-            self.period = 1.0 / (own.mean_rate or SINGLE_RATE)
+        self.stamps = own.time - own.time[0]
+        self.period = 1.0 / (own.mean_rate or SINGLE_RATE)
 
     @property
     def duration(self) -> float:

@@ -5,7 +5,6 @@ import ctypes
 import errno
 import gc
 import os
-import platform
 import signal
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -14,12 +13,9 @@ from typing import Any, Self
 
 from hhsim.errors import InputError
 
-MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 MLOCK_ONFAULT = 1
 PR_SET_PDEATHSIG, PR_SET_NAME, PR_SET_TIMERSLACK, PR_GET_TIMERSLACK = 1, 15, 29, 30
 
-THROTTLE = Path("/proc/sys/kernel/sched_rt_runtime_us")
-"""Time of a second that all real-time processes together may take [µs]; -1 for all of it."""
 IDLE_LATENCY = Path("/dev/cpu_dma_latency")
 """An int written there [µs] limits, while the file is open, the wake-up time of idle processors
 (docs.kernel.org, "PM Quality Of Service Interface")."""
@@ -28,13 +24,6 @@ SYSTEM_LIBRARIES = ("libc.so", "libc-", "libm.so", "libm-", "ld-linux", "ld-musl
 """Beginnings of the mapped files that compiled code calls."""
 
 _libc = ctypes.CDLL(None, use_errno=True)
-_prctl = _libc.prctl
-_prctl.argtypes = (ctypes.c_int, ctypes.c_ulong, ctypes.c_ulong, ctypes.c_ulong, ctypes.c_ulong)
-_mlockall = _libc.mlockall
-_mlockall.argtypes = (ctypes.c_int,)
-_munlockall = _libc.munlockall
-_mlock2 = _libc.mlock2
-_mlock2.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint)
 
 
 @dataclass(frozen=True)
@@ -84,34 +73,31 @@ class RealTimeWishes:
             raise InputError(f"the processor is {self.cpu}: expected its number, or -1 not to be pinned")
 
 
-def become_real_time(wishes: RealTimeWishes, *, above: int = 0, interpreter: bool = True) -> dict[str, Any]:
+def become_real_time(wishes: RealTimeWishes, *, above: int = 0) -> dict[str, Any]:
     """Apply the requests to the calling thread and its process.
 
     Args:
         above: Added to `wishes.priority`.
-        interpreter: As of `lock_memory`.
 
     Returns:
         The achieved mode as plain values: `fifo`, the priority under SCHED_FIFO, 0 for the ordinary scheduler;
         `memory_locked`; `timer_slack_ns` of this thread; `cpu`, the processor that it stays on, -1 for any;
-        `gc_frozen`, true if garbage collection is off; `awake`, set by `processors_awake`; `timer`, the system call
-        that waits for deadlines; `kernel`, the release of the system; `throttle_us`, the time of a second that
-        real-time processes may take, 0 if unknown; `refused`, a line for every request that was refused.
+        `gc_frozen`, true if garbage collection is off; `awake`, set by `processors_awake`; `refused`, a line for every
+        request that was refused.
     """
     refused: list[str] = []
     mode: dict[str, Any] = {"fifo": 0, "memory_locked": False, "timer_slack_ns": 0, "cpu": -1, "gc_frozen": False}
-    mode |= {"awake": False, "timer": "clock_nanosleep, absolute", "kernel": platform.release()}
-    mode |= {"throttle_us": _throttle(), "refused": refused}
+    mode |= {"awake": False, "refused": refused}
     if wishes.timer_slack:
         with _noted(refused, "timer slack stays as it is"):
-            _check(_prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0))
+            _check(_libc.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0))
     mode["timer_slack_ns"] = timer_slack()
     if wishes.cpu != -1:
         with _noted(refused, "not kept on one processor"):
             mode["cpu"] = _stay_on(wishes.cpu)
     if wishes.lock_memory:
         with _noted(refused, "memory is not locked", "; raise the limit memlock (ulimit -l)"):
-            lock_memory(interpreter=interpreter)
+            lock_memory()
             mode["memory_locked"] = True
     if wishes.freeze_gc:
         gc.collect()
@@ -171,9 +157,8 @@ def become_ordinary() -> None:
 
 
 def name_process(name: str) -> None:
-    """Name this process, and the threads that it will start, `hhsim-<name>`; only on Linux, in the main thread."""
-    if platform.system() == "Linux":
-        ctypes.CDLL(None).prctl(PR_SET_NAME, f"hhsim-{name}".encode(), 0, 0, 0)
+    """Name this process, and the threads that it will start, `hhsim-<name>`; in the main thread."""
+    _libc.prctl(PR_SET_NAME, f"hhsim-{name}".encode(), 0, 0, 0)
 
 
 def described(mode: dict[str, Any]) -> str:
@@ -202,26 +187,14 @@ def _stay_on(wish: int | None) -> int:
     return wish
 
 
-def _throttle() -> int:
-    try:
-        return int(THROTTLE.read_text())
-    except (OSError, ValueError):
-        return 0
+def lock_memory() -> None:
+    """Keep the pages that compiled code uses in memory: data, its own code, shared memory and the system's libraries.
 
-
-def lock_memory(*, interpreter: bool = True) -> None:
-    """Keep the pages that the process uses in memory; those that it never touches take none.
-
-    Args:
-        interpreter: True if Python code runs in real time. Compiled code alone uses data, its own code and shared
-            memory, and no library but the system's.
+    Pages that it never touches take none.
 
     Raises:
         OSError: Not allowed, or more than the limit of locked memory.
     """
-    if interpreter:
-        _check(_mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT))
-        return
     for line in MAPPINGS.read_text().splitlines():
         span, rights, _, _, inode, *name = line.split(maxsplit=5)
         path = name[0] if name else ""
@@ -231,17 +204,18 @@ def lock_memory(*, interpreter: bool = True) -> None:
             continue
         begin, end = (int(number, 16) for number in span.split("-"))
         # Shared memory is locked whole: other processes write to pages that this one has not touched yet.
-        _check(_mlock2(begin, end - begin, 0 if shared else MLOCK_ONFAULT))
+        length = ctypes.c_size_t(end - begin)
+        _check(_libc.mlock2(ctypes.c_void_p(begin), length, 0 if shared else MLOCK_ONFAULT))
 
 
 def unlock_memory() -> None:
     """Unlock all memory; raises OSError if the system refuses."""
-    _check(_munlockall())
+    _check(_libc.munlockall())
 
 
 def timer_slack() -> int:
     """Return how late the system may wake this thread to coalesce timers [ns]."""
-    return int(_check(_prctl(PR_GET_TIMERSLACK, 0, 0, 0, 0)))
+    return int(_check(_libc.prctl(PR_GET_TIMERSLACK, 0, 0, 0, 0)))
 
 
 def end_with(parent: int) -> bool:
@@ -256,7 +230,7 @@ def end_with(parent: int) -> bool:
     Raises:
         OSError: Not allowed.
     """
-    _check(_prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0))
+    _check(_libc.prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM), 0, 0, 0))
     return os.getppid() == parent
 
 

@@ -4,19 +4,21 @@ It has no name (memfd): children inherit the descriptor, and nothing is left beh
 rely on words of eight bytes being written whole, and on stores becoming visible in order, as on x86-64.
 """
 
+import argparse
 import contextlib
+import io
 import mmap
 import os
 import pickle
 import sys
-from typing import Any, Self, TypeVar
+from collections.abc import Iterator, Sequence
+from typing import Any, Self
 
 import numpy as np
 
 from hhsim.arrays import AnyArray, IntArray
 from hhsim.errors import HhsimError
-
-Setup = TypeVar("Setup")
+from hhsim.live.real_time import name_process
 
 MADV_POPULATE_WRITE = 23
 """Advice to prefault every page for writing (madvise(2), Linux 5.14)."""
@@ -107,8 +109,8 @@ class RingReader:
         """
         ring = self._ring
         written = ring.written
-        self._skip_to(written - (ring.capacity - 1))
-        first = self.next
+        first = max(self.next, written - (ring.capacity - 1))
+        self.lost += first - self.next
         records = ring.records[np.arange(first, min(first + most, written)) % ring.capacity]
         self.next = first + len(records)
         # The slot after the newest record may be in the making, so one record fewer than the capacity is valid.
@@ -116,25 +118,29 @@ class RingReader:
         self.lost += overwritten
         return first + overwritten, records[overwritten:]
 
-    def _skip_to(self, oldest: int) -> None:
-        if self.next < oldest:
-            self.lost += oldest - self.next
-            self.next = oldest
 
-
-def write_setup(setup: object) -> int:
-    """Pickle the setup of a process into inheritable memory; returns the descriptor."""
+def write_setup(*parts: object) -> int:
+    """Pickle the setup of a process, part by part, into inheritable memory; returns the descriptor."""
     descriptor = os.memfd_create("hhsim-setup", 0)
     os.set_inheritable(descriptor, True)
     with open(descriptor, "wb", closefd=False) as stream:
-        pickle.dump(setup, stream, pickle.HIGHEST_PROTOCOL)
+        for part in parts:
+            pickle.dump(part, stream, pickle.HIGHEST_PROTOCOL)
     return descriptor
 
 
-def read_setup(descriptor: int, kind: type[Setup]) -> Setup:
-    """Read what `write_setup` wrote; any number of processes may do so."""
+def read_setup(descriptor: int) -> Iterator[Any]:
+    """Yield the parts that `write_setup` wrote; any number of processes may do so."""
     # By position: processes that inherit a descriptor share its offset in the file.
-    setup = pickle.loads(os.pread(descriptor, os.fstat(descriptor).st_size, 0))
-    if not isinstance(setup, kind):
-        raise TypeError(f"the setup is a {type(setup).__name__}")
-    return setup
+    content = os.pread(descriptor, os.fstat(descriptor).st_size, 0)
+    stream = io.BytesIO(content)
+    while stream.tell() < len(content):
+        yield pickle.load(stream)
+
+
+def process_setup(name: str, arguments: Sequence[str] | None) -> Iterator[Any]:
+    """Name this process of a session, and read the setup whose descriptor its command line names."""
+    name_process(name)
+    parser = argparse.ArgumentParser(prog=f"hhsim-{name}")
+    parser.add_argument("--setup", type=int, required=True, metavar="FD")
+    return read_setup(parser.parse_args(arguments).setup)

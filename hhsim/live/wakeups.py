@@ -1,6 +1,7 @@
 """Measurement of how punctually this machine wakes a thread that only waits, as a session's loop does."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -50,88 +51,71 @@ class Wakeups:
         return 1e-9 * float(np.percentile(self.late, percent, method="inverted_cdf"))
 
 
-class _Measurement(threading.Thread):
-    """Thread that waits: what it is granted ends with it."""
+def measure_wakeups(rate: float, seconds: float, wishes: RealTimeWishes) -> Wakeups:
+    """Measure how late a thread with the requests of a loop wakes for deadlines, at `rate` [Hz] for `seconds`.
 
-    def __init__(self, rate: float, seconds: float, wishes: RealTimeWishes) -> None:
-        super().__init__(name="hhsim-wakeups", daemon=True)
-        self._rate, self._seconds, self._wishes = rate, seconds, wishes
-        self.stopping = threading.Event()
-        self.result: Wakeups | None = None
-        self.failure: Exception | None = None
+    The thread ends with the measurement, and what it was granted with it. The calling thread stays as it was, no memory
+    stays locked, and the garbage collector is left alone.
 
-    def run(self) -> None:
+    Raises:
+        KeyboardInterrupt: Ctrl-C; the thread has ended.
+    """
+    stopping = threading.Event()
+    with ThreadPoolExecutor(1, "hhsim-wakeups") as thread:
         try:
-            self.result = self._measure()
-        except Exception as error:  # raised again by `measure_wakeups`
-            self.failure = error
-
-    def _measure(self) -> Wakeups:
-        # The first call compiles or loads the kernel, which is not waiting.
-        wait_periods(_deadlines(1_000), np.zeros(1, np.int64))
-        mode = become_real_time(replace(self._wishes, freeze_gc=False))
-        accounts = CpuAccounts(None if mode["cpu"] < 0 else mode["cpu"])
-        try:
-            with processors_awake(self._wishes, mode):
-                return self._wait(accounts, mode)
+            return thread.submit(_measure, rate, seconds, wishes, stopping).result()
         finally:
-            accounts.close()
-            if mode["memory_locked"]:
-                unlock_memory()
+            stopping.set()
 
-    def _wait(self, accounts: CpuAccounts, mode: dict[str, Any]) -> Wakeups:
-        period = round(1e9 / self._rate)
-        count = max(1, round(self._seconds * self._rate))
-        size = max(1, round(BLOCK_SECONDS * self._rate))
-        block, deadlines = np.zeros(size, np.int64), _deadlines(period)
-        late, missed, streak = [], 0, 0
-        causes = dict.fromkeys(CAUSES, 0)
-        first = before = accounts.run_delay_ns(), accounts.steal_ns()
-        while count > 0 and not self.stopping.is_set():
-            waits = block[: min(size, count)]
-            passed = int(wait_periods(deadlines, waits))
-            after = accounts.run_delay_ns(), accounts.steal_ns()
-            woken = waits[waits != PASSED]
-            if passed:
-                # Deadlines that passed during a sleep, or before it could begin.
-                overslept = woken[woken >= period]
-                kept = max(int(overslept.sum()), passed * period)
-                delay, steal = (risen(was, now) for was, now in zip(before, after, strict=True))
-                cause = TimeTaken(computed=0, kept=kept, run_delay=delay, steal=steal, device=0).cause()
-                causes[cause] += passed
-                in_a_row = int(np.diff(np.flatnonzero(np.r_[True, waits != PASSED, True])).max()) - 1
-                streak = max(streak, in_a_row, int(overslept.max(initial=0)) // period)
-            late.append(woken)
-            missed += passed
-            count -= len(waits)
-            before = after
-        run_delay, stolen = (None if was < 0 or now < 0 else now - was for was, now in zip(first, before, strict=True))
-        return Wakeups(self._rate, np.concatenate(late), missed, streak, causes, run_delay, stolen, mode)
+
+def _measure(rate: float, seconds: float, wishes: RealTimeWishes, stopping: threading.Event) -> Wakeups:
+    """Measure in this thread; see `measure_wakeups`."""
+    # The first call compiles or loads the kernel, which is not waiting.
+    wait_periods(_deadlines(1_000), np.zeros(1, np.int64))
+    mode = become_real_time(replace(wishes, freeze_gc=False))
+    accounts = CpuAccounts(None if mode["cpu"] < 0 else mode["cpu"])
+    try:
+        with processors_awake(wishes, mode):
+            return _wait(rate, seconds, stopping, accounts, mode)
+    finally:
+        accounts.close()
+        if mode["memory_locked"]:
+            unlock_memory()
+
+
+def _wait(
+    rate: float, seconds: float, stopping: threading.Event, accounts: CpuAccounts, mode: dict[str, Any]
+) -> Wakeups:
+    period = round(1e9 / rate)
+    count = max(1, round(seconds * rate))
+    size = max(1, round(BLOCK_SECONDS * rate))
+    block, deadlines = np.zeros(size, np.int64), _deadlines(period)
+    late, missed, streak = [], 0, 0
+    causes = dict.fromkeys(CAUSES, 0)
+    first = before = accounts.run_delay_ns(), accounts.steal_ns()
+    while count > 0 and not stopping.is_set():
+        waits = block[: min(size, count)]
+        passed = int(wait_periods(deadlines, waits))
+        after = accounts.run_delay_ns(), accounts.steal_ns()
+        woken = waits[waits != PASSED]
+        if passed:
+            # Deadlines that passed during a sleep, or before it could begin.
+            overslept = woken[woken >= period]
+            kept = max(int(overslept.sum()), passed * period)
+            delay, steal = (risen(was, now) for was, now in zip(before, after, strict=True))
+            cause = TimeTaken(computed=0, kept=kept, run_delay=delay, steal=steal, device=0).cause()
+            causes[cause] += passed
+            in_a_row = int(np.diff(np.flatnonzero(np.r_[True, waits != PASSED, True])).max()) - 1
+            streak = max(streak, in_a_row, int(overslept.max(initial=0)) // period)
+        late.append(woken)
+        missed += passed
+        count -= len(waits)
+        before = after
+    run_delay, stolen = (None if was < 0 or now < 0 else now - was for was, now in zip(first, before, strict=True))
+    return Wakeups(rate, np.concatenate(late), missed, streak, causes, run_delay, stolen, mode)
 
 
 def _deadlines(period: int) -> Any:
     state = np.zeros(1, DEADLINES).view(np.recarray)
     state.period_ns = period
     return state[0]
-
-
-def measure_wakeups(rate: float, seconds: float, wishes: RealTimeWishes) -> Wakeups:
-    """Measure how late a thread with the requests of a loop wakes for deadlines, at `rate` [Hz] for `seconds`.
-
-    The calling thread stays as it was, no memory stays locked, and the garbage collector is left alone.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C; the thread has ended.
-    """
-    thread = _Measurement(rate, seconds, wishes)
-    thread.start()
-    try:
-        thread.join()
-    except BaseException:
-        thread.stopping.set()
-        thread.join()
-        raise
-    if thread.failure is not None:
-        raise thread.failure
-    assert thread.result is not None
-    return thread.result

@@ -2,13 +2,12 @@
 
 import json
 import signal
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.errors import InputError
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.metrics.run_metric import Figure
 from hhsim.result.miss_cause import WORDS
 from hhsim.result.reader import Result
@@ -25,7 +24,7 @@ _PERCENTILES = {"p50": "p50", "p99": "p99", "p999": "p99.9", "max": "max"}
 MISSED_BY: tuple[Figure, ...] = tuple(
     Figure(f"missed_{cause.name.lower()}", f"missed: {words}") for cause, words in WORDS.items()
 )
-"""Missed ticks by cause; in the /summary of sessions that know them."""
+"""Missed ticks by cause."""
 
 SESSION_TIMES: tuple[Figure, ...] = (
     Figure("missed", "missed ticks"),
@@ -43,6 +42,29 @@ SIGNALS = frozenset(number.name for number in signal.Signals)
 """Reasons of an end by another process: orderly where no duration was asked for."""
 FREED_BY_FAULT = ~(Safety.STOPPING | Safety.DRY_RUN | Safety.NO_INPUT_YET)
 """Reasons of free fingers that nobody asked for."""
+
+
+class SessionLog(NamedTuple):
+    """Events of a session: time since its first tick was due [s], level (0 information, 1 warning, 2 fault), text."""
+
+    time: FloatArray
+    level: IntArray
+    text: list[str]
+
+    @property
+    def faults(self) -> FloatArray:
+        """Times of the faults [s]."""
+        return self.time[self.level >= FAULT]
+
+
+def session_log(result: Result) -> SessionLog:
+    """Read the log of a session; it is empty for a replay."""
+    if result.live is None:
+        return SessionLog(np.empty(0), np.empty(0, np.int64), [])
+    times, levels, texts = (result[f"live/event/{name}"] for name in ("time", "level", "text"))
+    begin = (result["live/tick/deadline"] if result.ticks else times)[:1].sum()
+    # Differences of whole nanoseconds: seconds since the machine's start would lose the last digits.
+    return SessionLog(1e-9 * (times - begin), levels, [bytes(text).decode("utf-8", "replace") for text in texts])
 
 
 class FaultCounts(NamedTuple):
@@ -89,18 +111,19 @@ SESSION_FAULTS = (
 
 
 def recorded_faults(session: Result) -> FaultCounts:
-    """Count the faults of a recorded session; NaN for what its file lacks, or has damaged."""
+    """Count the faults of a recorded session; NaN for packets that its file does not tell of."""
     early = float(bool(broken_off(session)))
-
-    def glove(name: str) -> float:
-        return float(json.loads((session.live or {}).get("counters") or "{}").get(name, 0))
-
+    try:
+        counters = json.loads((session.live or {})["counters"])
+        malformed, frames = float(counters["malformed"]), float(counters["frames"])
+    except (KeyError, ValueError, TypeError):
+        malformed = frames = np.nan
     return FaultCounts(
         early=early,
-        faults=_known(lambda: max(early, float(np.sum(session["live/event/level"] == FAULT)))),
-        malformed=_known(lambda: glove("malformed")),
-        frames=_known(lambda: glove("frames")),
-        freed=_known(lambda: float(np.sum(session["live/tick/safety"] & int(FREED_BY_FAULT) > 0))),
+        faults=max(early, float(len(session_log(session).faults))),
+        malformed=malformed,
+        frames=frames,
+        freed=float(np.sum(session["live/tick/safety"] & int(FREED_BY_FAULT) > 0)),
         ticks=float(session.ticks),
     )
 
@@ -125,8 +148,7 @@ def ended_before_its_time(result: Result) -> str:
 def broken_off(result: Result) -> str:
     """Reason of an end out of order; "" of any other run."""
     ended = how_it_ended(result)
-    # A file that does not tell the duration tells the signal of a loop whose command was killed.
-    in_order = ended in SIGNALS and result.scene.get("duration", "unknown") is None
+    in_order = ended in SIGNALS and result.scene.get("duration") is None
     if not ended or ended in IN_ORDER or in_order:
         return ""
     return ended_before_its_time(result) or _in_words(ended)
@@ -136,19 +158,12 @@ def first_mishap(session: Result) -> str:
     """Reason of an end out of order, else the first fault of the log, else ""."""
     if ended := broken_off(session):
         return ended
-    faults = np.flatnonzero(session["live/event/level"] == FAULT)
-    return bytes(session["live/event/text"][faults[0]]).decode("utf-8", "replace") if faults.size else ""
+    log = session_log(session)
+    return next((text for level, text in zip(log.level, log.text) if level >= FAULT), "")
 
 
 def _in_words(ended: str) -> str:
     return f"ended by {ended}" if ended in SIGNALS else ended
-
-
-def _known(count: Callable[[], float]) -> float:
-    try:
-        return count()
-    except (InputError, ValueError, TypeError, AttributeError):
-        return np.nan
 
 
 def _share(count: float, of: float) -> float:

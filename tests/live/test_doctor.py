@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hhsim.live import doctor
-from hhsim.live.doctor import HOST_ADVICE, NOBODY_ADVICE, OTHERS_ADVICE, Diagnosis, histogram, judged, quick_warning
+from hhsim.live.doctor import HOST_ADVICE, NOBODY_ADVICE, OTHERS_ADVICE, Diagnosis, histogram, quick_warning
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.wakeups import Wakeups
 from hhsim.result.miss_cause import CAUSES, MissCause
@@ -46,8 +46,8 @@ def planted(
     ],
 )
 def test_the_limits(wakeups: Wakeups, beyond: list[str]) -> None:
-    assert [measure.name for measure in judged(wakeups) if not measure.kept] == beyond
     diagnosis = Diagnosis(wakeups, [])
+    assert [measure.name for measure in diagnosis.measures if not measure.kept] == beyond
     assert diagnosis.good == (not beyond)
     assert ("does not keep" in diagnosis.verdict) == bool(beyond)
     words = {"missed periods": "periods were missed"}

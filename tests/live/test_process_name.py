@@ -1,12 +1,10 @@
 """Each process of a session has a name of its own where processes are listed."""
 
-import platform
 import subprocess
 import sys
 
 import pytest
 
-from hhsim.live.real_time import name_process
 from hhsim.live.session.supervisor import MODULES
 
 NAMES = """
@@ -24,9 +22,3 @@ def test_the_processes_of_a_session_are_told_apart() -> None:
     modules = {**MODULES, "driver": "hhsim.live.loop.driver"}
     answer = subprocess.run([sys.executable, "-P", "-c", NAMES, *modules.values()], capture_output=True, text=True)
     assert answer.stdout.split() == [f"hhsim-{name}" for name in modules], answer.stderr
-
-
-def test_elsewhere_nothing_is_asked_of_the_system(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(platform, "system", lambda: "Darwin")
-    monkeypatch.delattr("ctypes.CDLL")
-    name_process("loop")

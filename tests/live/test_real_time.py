@@ -15,7 +15,7 @@ from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.real_time import RealTimeWishes, described, keep_off, processors_awake
-from hhsim.live.shared_memory import RingReader, write_setup
+from hhsim.live.shared_memory import RingReader
 from hhsim.result.schema import FAULT
 
 ASK = """
@@ -72,13 +72,6 @@ def test_a_processor_that_is_not_there_is_said() -> None:
     assert any("may not use 4000" in line for line in mode["refused"])  # type: ignore[attr-defined]
 
 
-def test_no_wishes_change_nothing() -> None:
-    wishes = "fifo=False, lock_memory=False, timer_slack=False, cpu=-1, freeze_gc=False, awake=False"
-    mode, policy, cpus, collects = ask(wishes)
-    assert (policy, collects, mode["refused"]) == (os.SCHED_OTHER, True, [])
-    assert cpus == sorted(os.sched_getaffinity(0))
-
-
 def test_processors_are_kept_awake_while_a_block_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     device = tmp_path / "cpu_dma_latency"
     monkeypatch.setattr(real_time, "IDLE_LATENCY", device)
@@ -109,7 +102,7 @@ from hhsim.live.real_time import lock_memory
 from hhsim.live.shared_memory import SharedBlock
 block = SharedBlock.create("block", numpy.dtype((numpy.int64, 100_000)))
 try:
-    lock_memory(interpreter=False)
+    lock_memory()
 except OSError:
     raise SystemExit(77)
 locked = {}
@@ -134,9 +127,10 @@ def test_a_loop_in_compiled_code_locks_what_it_uses_and_no_other_library() -> No
 
 def run_loop(**changes: object) -> tuple[subprocess.CompletedProcess[str], SessionMemory]:
     wishes = RealTimeWishes(fifo=False, lock_memory=False, cpu=-1)
-    setup, memory = write_setup(make_setup(**({"real_time": wishes} | changes))), SessionMemory.create()
+    memory = SessionMemory.create()
+    setup = memory.with_setup(make_setup(**({"real_time": wishes} | changes)))
     child = subprocess.run(
-        [sys.executable, "-m", "hhsim.live.loop.process", "--setup", str(setup), *memory.arguments()],
+        [sys.executable, "-m", "hhsim.live.loop.process", "--setup", str(setup)],
         pass_fds=(setup, *memory.descriptors),
         capture_output=True,
         text=True,

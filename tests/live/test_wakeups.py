@@ -106,15 +106,10 @@ def test_what_goes_wrong_in_the_thread_is_raised(monkeypatch: pytest.MonkeyPatch
 
 
 def test_an_interrupt_ends_the_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    joins = iter([KeyboardInterrupt()])
-    join = threading.Thread.join
+    def interrupted(future: object) -> None:
+        raise KeyboardInterrupt
 
-    def interrupted(thread: threading.Thread, timeout: float | None = None) -> None:
-        for error in joins:
-            raise error
-        join(thread, timeout)
-
-    monkeypatch.setattr(wakeups._Measurement, "join", interrupted)
+    monkeypatch.setattr("concurrent.futures.Future.result", interrupted)
     before = threading.active_count()
     with pytest.raises(KeyboardInterrupt):
         measure_wakeups(1000.0, 3600.0, RealTimeWishes.none())

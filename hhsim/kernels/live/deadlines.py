@@ -99,17 +99,6 @@ def woken(deadlines: Record, now: int, due: int) -> None:
 
 
 @jit
-def await_deadline(deadlines: Record) -> None:
-    """Sleep until the next deadline."""
-    aim = next_deadline(deadlines, monotonic_ns())
-    now = deadlines.asked_ns
-    while now < aim:
-        sleep_until(aim)
-        now = monotonic_ns()
-    woken(deadlines, now, aim)
-
-
-@jit
 def wait_periods(deadlines: Record, late_out: NDArray[np.int64]) -> int:
     """Wait for a row of deadlines, the first a period from now, and return how many were missed.
 
@@ -119,7 +108,12 @@ def wait_periods(deadlines: Record, late_out: NDArray[np.int64]) -> int:
     late_out[:] = PASSED
     while deadlines.tick + 1 < late_out.shape[0]:
         first = deadlines.tick + 1
-        await_deadline(deadlines)
+        aim = next_deadline(deadlines, monotonic_ns())
+        now = deadlines.asked_ns
+        while now < aim:
+            sleep_until(aim)
+            now = monotonic_ns()
+        woken(deadlines, now, aim)
         slept_for = first + deadlines.passed
         if slept_for < late_out.shape[0]:
             late_out[slept_for] = deadlines.late_ns

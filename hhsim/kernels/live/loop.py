@@ -18,7 +18,6 @@ from hhsim.kernels.live.tick import (
     begin_hand,
     begin_tick,
     command_tick,
-    count_work,
     look_for_stop,
     publish_tick,
     waiting_since,
@@ -108,7 +107,6 @@ def _finish(live: LiveArrays, files: SystemFiles, solved: bool, status: int) -> 
             steal = read_steal(files.descriptors[1], files.lines, files.allowed, files.step[0])
         name_miss(misses, steal)
     publish_tick(live, done, solved)
-    count_work(live, monotonic_ns())
 
 
 @jit

@@ -9,7 +9,7 @@ CAPACITY = 512
 """Number of notes kept; the oldest are overwritten."""
 
 JUMPED = 1
-"""Place: finger; value: jump [rad]; count: jumps not noted since the last one."""
+"""Place: finger; value: jump [rad]."""
 JUMPED_BACK = 2
 JUMP_FOLLOWED = 3
 MOVES_AGAIN = 4

@@ -62,7 +62,6 @@ WATCH = np.dtype(
         ("count", np.int64, (JOINTS,)),  # samples since the jump
         ("doubted", np.int64, (FINGER_COUNT,)),  # fingers with pending or following joints
         ("logged_ns", np.int64, (FINGER_COUNT,)),  # time of the last note of a jump
-        ("not_logged", np.int64, (FINGER_COUNT,)),  # jumps without a note since then
         ("last", np.float64, (FLEXIONS,)),  # flexions of the sample before
         ("changed_ns", np.int64, (FINGER_COUNT,)),  # time of a finger's last change
         ("travel", np.float64, (FINGER_COUNT,)),  # distance moved by each finger [rad]
@@ -90,13 +89,9 @@ def begin_watch(watch: Record) -> None:
 def _note_jumps(watch: Record, notes: Record, finger: int, fresh: bool, back: bool, sure: bool, far: float) -> None:
     """Note the jumps of a finger's joints in this sample; `far` is the longest [rad]."""
     now = watch.time_ns
-    if fresh:
-        if now - watch.logged_ns[finger] < 1e9 * QUIET:
-            watch.not_logged[finger] += 1
-        else:
-            note(notes, now, as_int64(JUMPED), finger, watch.not_logged[finger], far)
-            watch.logged_ns[finger] = now
-            watch.not_logged[finger] = 0
+    if fresh and now - watch.logged_ns[finger] >= 1e9 * QUIET:
+        note(notes, now, as_int64(JUMPED), finger, as_int64(0), far)
+        watch.logged_ns[finger] = now
     quiet = now - watch.logged_ns[finger] < 1e9 * QUIET
     if back and quiet:
         note(notes, now, as_int64(JUMPED_BACK), finger, as_int64(0), 0.0)

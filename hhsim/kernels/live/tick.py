@@ -4,11 +4,9 @@ The processes of a session share records without a lock: the command, and the pa
 version that is odd while they are being written.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.jit import Indices, as_int64, jit
@@ -53,7 +51,6 @@ LOOP = np.dtype(
         ("latency_ns", np.int64),  # from `arrived_ns` to the command, -1 without one
         ("wake_ns", np.int64),  # interval in which the driver is woken for commands without news
         ("woken_ns", np.int64),  # when it was woken last
-        ("ratio", np.float64),  # of the bins of counted times
     ],
     align=True,
 )
@@ -86,10 +83,6 @@ class LiveArrays(NamedTuple):
     ticks_written: Indices
     samples: Any  # ring of the glove's samples
     samples_written: Indices
-    wakeups: Indices  # bins of counted times, as the next two
-    latencies: Indices
-    works: Indices
-    largest: Indices  # of each, (3,)
 
 
 @jit
@@ -319,14 +312,6 @@ def _publish(live: LiveArrays) -> None:
 
 
 @jit
-def count_time(counts: NDArray[np.int64], largest: NDArray[np.int64], ratio: float, time_ns: int) -> None:
-    """Count a time [ns], at least 1, in the bins of a `hhsim.system.log_histogram.LogHistogram` of this ratio."""
-    place = int(math.log(max(float(time_ns), 1.0)) / math.log(ratio))
-    counts[min(place, counts.shape[0] - 1)] += 1
-    largest[0] = max(largest[0], time_ns)
-
-
-@jit
 def publish_tick(live: LiveArrays, done: int, solved: bool) -> None:
     """Record a tick whose command was handed over at `done` [ns], unless there is no graphic hand (`solved`)."""
     loop, status, deadlines = live.loop[0], live.status[0], live.deadlines[0]
@@ -340,19 +325,9 @@ def publish_tick(live: LiveArrays, done: int, solved: bool) -> None:
         _publish(live)
     status.ticks += 1
     status.missed = deadlines.missed_total
-    status.streak = live.interlock[0].streak
     status.safety = loop.safety
     status.contacts = live.row[0].work[WORK_TOUCHING]
     copy_values(live.commander[0].force[:], status.force[:])
     if loop.safety != loop.told:
         note(live.notes[0], deadlines.woke_ns, as_int64(SAFETY_CHANGED), as_int64(0), loop.safety, 0.0)
         loop.told = loop.safety
-    count_time(live.wakeups, live.largest[0:1], loop.ratio, deadlines.late_ns)
-    if loop.latency_ns >= 0:
-        count_time(live.latencies, live.largest[1:2], loop.ratio, loop.latency_ns)
-
-
-@jit
-def count_work(live: LiveArrays, now: int) -> None:
-    """Count the time of the tick's work, at its end [ns]."""
-    count_time(live.works, live.largest[2:3], live.loop[0].ratio, now - live.deadlines[0].woke_ns)

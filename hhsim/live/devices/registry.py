@@ -4,7 +4,7 @@ A new glove is one such file with its settings and the name of its driver. Drive
 `hhsim.live.drivers`, and imported when their glove is opened: the command's help imports only this package.
 """
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -132,11 +132,6 @@ def open_release(config: GloveConfig) -> "FingerRelease":
     from hhsim.live.device import NothingHeld
 
     return NothingHeld()
-
-
-def for_release(config: GloveConfig) -> GloveConfig:
-    """Return the configuration that `open_release` needs: without motion and calibration."""
-    return replace(config, playback=None, calibration=None)
 
 
 def _named(name: str) -> Any:

@@ -117,26 +117,20 @@ class GloveCalibration:
 
 
 def glove_calibration(options: ServedOptions, hand: str) -> GloveCalibration:
-    """Read the calibration that a glove's settings name; raises as `load_calibration`."""
-    path = Path(options.calibration) if options.calibration else None
-    return load_calibration(path, hand, options.profile)
-
-
-def load_calibration(path: Path | None, hand: str = "right", profile: str = "") -> GloveCalibration:
-    """Read a calibration, `.json` of the vendor or `.toml` of ours.
+    """Read the calibration that a glove's settings name, `.json` of the vendor or `.toml` of ours, or the default.
 
     Args:
-        path: File; None for the default calibration.
+        options: The file, "" for the default, and the profile in the vendor's, "" where the hand has only one.
         hand: "right" or "left", for the vendor's file, which holds both.
-        profile: Name within the vendor's file; "" where the hand has only one.
 
     Raises:
         InputError: Unreadable or malformed file, or no such hand or profile in it.
     """
-    if path is None:
+    if not options.calibration:
         return GloveCalibration(DexmoRegression.default())
+    path = Path(options.calibration)
     if path.suffix.lower() == ".json":
-        return _parse_vendor(path, hand, profile)
+        return _parse_vendor(path, hand, options.profile)
     regression = read_calibration(path)
     found = GloveCalibration(regression, name=str(path))
     if found.in_counts:

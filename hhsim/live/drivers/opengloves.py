@@ -9,25 +9,16 @@ hhsim connects to the glove and not the reverse: the watchdog needs a connection
 import contextlib
 import math
 import time
-from collections import deque
 from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.live.device import (
-    FINGER_COUNT,
-    Capability,
-    DeviceCounters,
-    DeviceError,
-    FingerCommand,
-    GloveDevice,
-    GloveInfo,
-)
+from hhsim.live.device import FINGER_COUNT, Capability, DeviceError, FingerCommand, GloveInfo
 from hhsim.live.devices.opengloves import OpenGlovesOptions
 from hhsim.live.devices.registry import GloveConfig
+from hhsim.live.drivers.stream_glove import MOST_MALFORMED, StreamGlove
 from hhsim.live.link.opengloves_codec import (
     FULL_LIMIT,
     RELEASE,
@@ -44,12 +35,10 @@ if TYPE_CHECKING:
     from hhsim.live.drivers.calibration import GloveCalibration
 
 FULL_STIFFNESS = 0.25
-MOST_MALFORMED = 20
-"""Malformed lines in a row that count as lost framing."""
 BONES = ("metacarpal", "proximal", "middle", "distal")
 
 
-class OpenGlovesGlove(GloveDevice):
+class OpenGlovesGlove(StreamGlove):
     """One glove; InputError for an invalid baud rate or full scale.
 
     Its curls are the bends of `hhsim.recordings.dexmo_regression`; joints that it sends move on their own.
@@ -64,30 +53,22 @@ class OpenGlovesGlove(GloveDevice):
         self._configured = cast("GloveCalibration", config.calibration)
         self._hand = config.hand
         self._serial = bool(options.path)
-        self._link: SerialLink | TcpLink
+        link: SerialLink | TcpLink
         if self._serial:
             name = f"opengloves at {options.path}, {options.baud} baud"
-            self._link = SerialLink(options.path, options.baud, name)
+            link = SerialLink(options.path, options.baud, name)
         else:
-            self._link = TcpLink(options.host, options.port, f"opengloves at {options.host}:{options.port}")
-        self._stream = LineStream(whole=True)
-        self._waiting: deque[tuple[bytes, int]] = deque()
-        self._lost: DeviceError | None = None
-        self._malformed_run = 0
-        self._overlong = 0
-        self.counters = DeviceCounters()
+            link = TcpLink(options.host, options.port, f"opengloves at {options.host}:{options.port}")
+        super().__init__(link)
 
     def open(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open`; waits for a sample, a second or two where the board resets."""
         deadline = time.monotonic() + timeout
-        self.open_for_release(timeout)
-        self._waiting.clear()
-        self._begin_stream()
+        self._connect(timeout)
         seen, bad = b"", 0
         while (left := deadline - time.monotonic()) > 0.0:
             self._link.wait(left)
-            fresh = self._receive()
-            seen = (seen + fresh)[:40]
+            seen = (seen + self._receive())[:40]
             for line, _ in list(self._waiting)[bad:]:
                 with contextlib.suppress(LineError):
                     if (found := parse_line(line)) is not None:
@@ -103,70 +84,14 @@ class OpenGlovesGlove(GloveDevice):
 
     def open_for_release(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open_for_release`."""
-        self._lost = None
-        self._link.connect(timeout)
-
-    def drain(self) -> None:
-        """See `GloveDevice.drain`; bytes of a serial line are left to the loop."""
-        if isinstance(self._link, SerialLink):
-            self._link.check()
-            return
-        for _ in range(4):
-            if self._link.receive() is None:
-                return
-
-    def read(self, samples_out: NDArray[np.void]) -> int:
-        """See `GloveDevice.read`."""
-        if self._lost is None:
-            try:
-                self._receive()
-            except DeviceError as error:
-                # Lines received before the end are still returned.
-                self._lost = error
-        count = 0
-        while self._waiting and count < len(samples_out):
-            line, now = self._waiting.popleft()
-            count += self._store(line, now, samples_out[count])
-        if count == 0 and self._lost is not None and not self._waiting:
-            raise self._lost
-        return count
-
-    def descriptors(self) -> tuple[int, ...]:
-        """See `GloveDevice.descriptors`."""
-        return (self._link.descriptor(),) if self._link.connected else ()
+        self._connect(timeout)
 
     def send(self, command: FingerCommand) -> bool:
         """See `GloveDevice.send`; fingers of a command that is not finite are free."""
-        if self._link.send(format_limits(limits(command))):
-            self.counters.commands += 1
-            return True
-        self.counters.commands_refused += 1
-        return False
+        return self._send(format_limits(limits(command)))
 
-    def release(self, timeout: float = 0.05) -> bool:
-        """See `GloveDevice.release`; opens a fresh connection where this one takes nothing."""
-        before = self._link.connection
-        sent = self._link.send_within(RELEASE, timeout)
-        if self._link.connection != before:
-            self._begin_stream()
-            self._lost = None
-        self.counters.commands += sent
-        return sent
-
-    def reconnect(self) -> bool:
-        """See `GloveDevice.reconnect`; does not wait for a sample."""
-        if self._lost is None and self._link.connected:
-            return True
-        if not self._link.reconnect():
-            return False
-        self._lost = None
-        self._begin_stream()
-        self.counters.resyncs += 1
-        return True
-
-    def close(self) -> None:
-        """See `GloveDevice.close`."""
-        self._link.close()
+    def _release_message(self) -> bytes:
+        return RELEASE
 
     def _begin(self, line: GloveLine) -> None:
         """Set `info` from the first sample."""
@@ -198,26 +123,21 @@ class OpenGlovesGlove(GloveDevice):
         )
 
     def _begin_stream(self) -> None:
-        """Reset the stream; TCP begins with a whole line, a serial line anywhere."""
-        self._stream, self._overlong, self._malformed_run = LineStream(whole=not self._serial), 0, 0
+        # TCP begins with a whole line, a serial line anywhere.
+        self._stream, self._overlong = LineStream(whole=not self._serial), 0
 
-    def _receive(self) -> bytes:
-        data = self._link.receive()
-        if data is None:
-            return b""
-        now = time.monotonic_ns()
-        self._waiting.extend((line, now) for line in self._stream.feed(data))
+    def _cut(self, data: bytes) -> list[bytes]:
+        lines = self._stream.feed(data)
         overlong = self._stream.overlong - self._overlong
         self._overlong += overlong
         self.counters.frames += overlong
         self.counters.malformed += overlong
-        return data
+        return lines
 
-    def _store(self, line: bytes, now: int, row: np.void) -> int:
-        """Write a sample and return 1, or 0 for a line without one."""
+    def _store(self, message: bytes, now: int, row: np.void) -> int:
         self.counters.frames += 1
         try:
-            found = parse_line(line)
+            found = parse_line(message)
         except LineError:
             self.counters.malformed += 1
             self._malformed_run += 1

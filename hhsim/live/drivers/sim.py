@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
 from hhsim.live.device import (
     FINGER_COUNT,
     Capability,
@@ -23,9 +22,10 @@ from hhsim.live.device import (
     NothingHeld,
 )
 from hhsim.live.devices.registry import GloveConfig
-from hhsim.live.devices.sim import SimOptions
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
+PERIOD = 1.0 / 200.0
+"""Time from one sample to the next [s]."""
 MOTOR_STIFFNESS = 20.0
 """Stiffness of the motor at command 1, relative to the user's muscle."""
 LIMB_LAG = 0.02
@@ -39,22 +39,17 @@ LONGEST_PAUSE = 1.0
 
 
 class SimGlove(NothingHeld, GloveDevice):
-    """Simulated glove whose channels are the bends of the fingers; InputError for a rate out of range.
+    """Simulated glove whose channels are the bends of the fingers.
 
     Its fingers make the motion of the `playback`, else open and close as the seed says. Each sample follows from the
     seed, the motion and the commands before it, not from the time at which it is read.
     """
 
     def __init__(self, config: GloveConfig) -> None:
-        assert isinstance(config.options, SimOptions)
-        rate = config.options.rate
-        if not (math.isfinite(rate) and 0.0 < rate <= 1e4):
-            raise InputError(f"device sim gives samples at {rate} Hz; expected up to 10,000")
         self._regression = DexmoRegression.default()
         self._slope, _ = self._regression.bend_lines()
         self._playback = config.playback
-        self._period = 1.0 / rate
-        self._follow = 1.0 - math.exp(-self._period / LIMB_LAG)
+        self._follow = 1.0 - math.exp(-PERIOD / LIMB_LAG)
         self._random = np.random.default_rng(config.seed)
         self._cycle = self._random.uniform(1.6, 2.4, FINGER_COUNT)
         self._limit = np.zeros(FINGER_COUNT)
@@ -80,12 +75,12 @@ class SimGlove(NothingHeld, GloveDevice):
             # Fingers and palm of one motion begin together.
             self._start_ns = now if self._playback is None else now - round(1e9 * self._playback.elapsed(now))
         elapsed = 1e-9 * (now - self._start_ns)
-        late = int((elapsed - LONGEST_PAUSE) / self._period)
+        late = int((elapsed - LONGEST_PAUSE) / PERIOD)
         if late > self._next:
             self.counters.dropped += late - self._next
             self._next = late
         count = 0
-        while count < len(samples_out) and self._next * self._period <= elapsed:
+        while count < len(samples_out) and self._next * PERIOD <= elapsed:
             self._fill(samples_out[count], now)
             self._next += 1
             count += 1
@@ -94,10 +89,10 @@ class SimGlove(NothingHeld, GloveDevice):
 
     def pause(self) -> float:
         """See `GloveDevice.pause`."""
-        return max(0.0, self._next * self._period - 1e-9 * (time.monotonic_ns() - self._start_ns))
+        return max(0.0, self._next * PERIOD - 1e-9 * (time.monotonic_ns() - self._start_ns))
 
     def _fill(self, sample: np.void, now: int) -> None:
-        flexion, abduction = self._wanted(self._next * self._period)
+        flexion, abduction = self._wanted(self._next * PERIOD)
         bend = self._regression.bends(flexion)
         motor = MOTOR_STIFFNESS * self._stiffness
         beyond = np.maximum(0.0, bend - self._limit)
@@ -105,7 +100,7 @@ class SimGlove(NothingHeld, GloveDevice):
         counts = np.round(self._random.standard_normal(FINGER_COUNT))
         felt = np.round(COUNTS * (bend - self._held_back)) + counts
         angles = flexion + (felt / COUNTS - bend)[:, None] * self._slope, abduction
-        stamp = round(1e9 * self._next * self._period)
+        stamp = round(1e9 * self._next * PERIOD)
         self._write_sample(sample, now, True, felt / COUNTS, angles, device_time_ns=stamp, device_seq=self._next)
 
     def _wanted(self, elapsed: float) -> tuple[FloatArray, FloatArray]:

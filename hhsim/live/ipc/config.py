@@ -3,7 +3,7 @@
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +14,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.live.device import FINGER_COUNT
-from hhsim.live.devices.registry import GloveConfig, for_release
+from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.ipc.status import WatchdogSetup
 from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes
@@ -33,6 +33,8 @@ Stiffness = Annotated[float, between(0.0, 1.0)]
 OF_FINGERS = Meta(min_length=FINGER_COUNT, max_length=FINGER_COUNT, description="five numbers, 0 (free) to 1")
 RATE_RANGE = (10.0, 10_000.0)
 """Least and largest rate of a loop [Hz]."""
+SLOW_PERIODS = 2.5
+"""Number of periods without a heartbeat that are allowed to a slow loop."""
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,11 @@ class LiveSetup:
         """Period of a tick [ns]."""
         return round(1e9 / self.rate)
 
+    @property
+    def oldest_heartbeat_ns(self) -> int:
+        """Age of the loop's heartbeat beyond which the loop counts as gone [ns]: `SLOW_PERIODS` at least."""
+        return max(round(1e9 * self.safety.heartbeat_stale), round(SLOW_PERIODS * self.period_ns))
+
     def contact_surface(self) -> "ContactSurface":
         """Build the surface that the hand touches."""
         from hhsim.trees.contact_surface import contact_surface
@@ -164,9 +171,8 @@ class LiveSetup:
         """Return the setup of the watchdog; `status` is the descriptor of the status block."""
         return WatchdogSetup(
             status=status,
-            device=None if self.dry_run else for_release(self.device),
-            heartbeat_stale=self.safety.heartbeat_stale,
-            period_ns=self.period_ns,
+            device=None if self.dry_run else replace(self.device, playback=None, calibration=None),
+            oldest_ns=self.oldest_heartbeat_ns,
             real_time=self.real_time,
             supervisor=self.supervisor,
         )

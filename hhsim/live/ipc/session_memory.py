@@ -1,12 +1,8 @@
 """Shared memory of one live session: status block, rings, two pages of facts, and two events that wake processes.
 
-The supervisor makes it; every other process attaches by inherited descriptors that its command line names::
-
-    --setup FD --status FD --ticks FD --samples FD --events FD --words FD --facts FD --device FD --wake FD
-    --sampled FD [--free]
+The supervisor makes it; every other process attaches by inherited descriptors, which are told with its setup.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -21,8 +17,7 @@ import numpy as np
 from hhsim.errors import HhsimError
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.ipc.status import LIVE_STATUS
-from hhsim.live.real_time import name_process
-from hhsim.live.shared_memory import Setup, SharedBlock, SharedRing, read_setup
+from hhsim.live.shared_memory import SharedBlock, SharedRing, process_setup, write_setup
 from hhsim.result.schema import OBJECT_FIELDS, TICK_FIELDS, TickField
 
 TICK_CAPACITY = 16_384
@@ -59,7 +54,7 @@ REASON = 3
 
 
 class Descriptors(NamedTuple):
-    """Descriptors of the memory, in the order of the command line's options."""
+    """Descriptors of the memory."""
 
     status: int
     ticks: int
@@ -121,20 +116,22 @@ class SessionMemory:
         samples: Ring of `GLOVE_SAMPLE`, written by the driver.
         events: Ring of `EVENT`, the session's log, written by the loop.
         words: Ring of `EVENT`, written by the driver for the loop, which logs them.
-        device: Page written by the driver: the fields of `hhsim.live.device.GloveInfo`, and the pose's name.
+        facts: Page written by the loop, before it runs and when it has ended: `real_time`, the achieved mode; `device`,
+            the fields of `hhsim.live.device.GloveInfo`; `pose`, the source of the palm's pose; `reason` of the end.
+        device: Page written by the driver: the fields of `GloveInfo`, and `pose`.
         wake: Descriptor of the event by which the loop wakes the driver for a command.
         sampled: Descriptor of the event by which the driver wakes the loop for a sample.
     """
 
     def __init__(self, descriptors: Descriptors, *, free: bool = False) -> None:
-        self.descriptors = descriptors
+        self.descriptors, self._free = descriptors, free
         self.status_block = SharedBlock(descriptors.status, LIVE_STATUS)
         self.status = self.status_block.array[0]
         self.ticks = SharedRing(descriptors.ticks, *_tick_ring(free))
         self.samples = SharedRing(descriptors.samples, GLOVE_SAMPLE, SAMPLE_CAPACITY)
         self.events = SharedRing(descriptors.events, EVENT, EVENT_CAPACITY)
         self.words = SharedRing(descriptors.words, EVENT, WORD_CAPACITY)
-        self._facts = FactPage(SharedBlock(descriptors.facts, FACTS))
+        self.facts = FactPage(SharedBlock(descriptors.facts, FACTS))
         self.device = FactPage(SharedBlock(descriptors.device, FACTS))
         self.wake, self.sampled = descriptors.wake, descriptors.sampled
 
@@ -160,10 +157,9 @@ class SessionMemory:
         for memory in (self.status_block, self.ticks, self.samples):
             memory.populate()
 
-    def arguments(self) -> list[str]:
-        """Return the command-line options by which a child attaches."""
-        words = [word for name, value in self.descriptors._asdict().items() for word in (f"--{name}", str(value))]
-        return [*words, "--free"] if self.ticks.records.dtype == FREE_TICK else words
+    def with_setup(self, setup: object) -> int:
+        """Pickle this memory and the setup of a child for `session_process`; returns the descriptor."""
+        return write_setup((self.descriptors, self._free), setup)
 
     def log(self, level: int, text: str, time_ns: int | None = None) -> None:
         """Add an event (INFORMATION, WARNING, FAULT), by default of now [ns]; for the loop alone. Long text is cut."""
@@ -172,22 +168,6 @@ class SessionMemory:
     def say(self, level: int, text: str) -> None:
         """Hand the loop a line to log, or a REASON to know; for the driver alone."""
         _add_line(self.words, level, text, time.monotonic_ns())
-
-    def write_facts(self, facts: Mapping[str, Any]) -> None:
-        """Write the facts of the session as plain values; for the loop alone, before it runs and when it has ended."""
-        self._facts.write(facts)
-
-    def read_facts(self) -> dict[str, Any]:
-        """Return the facts of the session, empty before the loop has written any.
-
-        | key | meaning |
-        |---|---|
-        | real_time | the achieved mode, `hhsim.live.real_time` |
-        | device | name, hand, channels, unit, capabilities, doubtful |
-        | pose | name of the source of the palm's pose |
-        | summary | at the end: ticks, missed, wakeup and latency with their percentiles [ns], counters, reason |
-        """
-        return self._facts.read()
 
 
 def _tick_ring(free: bool) -> tuple[np.dtype[Any], int]:
@@ -203,27 +183,10 @@ def _add_line(ring: SharedRing, level: int, text: str, time_ns: int) -> None:
     ring.publish()
 
 
-def add_memory_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of every process of a session: its setup and its memory, by descriptor."""
-    for name in ("setup", *Descriptors._fields):
-        parser.add_argument(f"--{name}", type=int, required=True, metavar="FD")
-    parser.add_argument("--free", action="store_true", help="the object is free")
-
-
-def attached(options: argparse.Namespace) -> SessionMemory:
-    """Attach to the memory that the options of `add_memory_options` name."""
-    return SessionMemory(Descriptors(*(getattr(options, name) for name in Descriptors._fields)), free=options.free)
-
-
-def session_process(
-    name: str, kind: type[Setup], arguments: Sequence[str] | None = None
-) -> tuple[Setup, SessionMemory]:
-    """Name this process of a session, and read its setup and attach to its memory by its command line."""
-    name_process(name)
-    parser = argparse.ArgumentParser(prog=f"hhsim-{name}")
-    add_memory_options(parser)
-    options = parser.parse_args(arguments)
-    return read_setup(options.setup, kind), attached(options)
+def session_process(name: str, arguments: Sequence[str] | None = None) -> tuple[Any, SessionMemory]:
+    """Name this process of a session, and return its setup and its memory, which its command line names."""
+    (descriptors, free), setup = process_setup(name, arguments)
+    return setup, SessionMemory(descriptors, free=free)
 
 
 def exit_code(body: Callable[[], object], failed: Callable[[str], object] = lambda text: None) -> int:

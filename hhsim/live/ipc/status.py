@@ -1,8 +1,10 @@
 """Status block of a live session, and the setups of the processes that need little: watchdog and driver."""
 
+import os
+import select
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,7 +33,7 @@ LIVE_STATUS = np.dtype(
         # Written by the loop.
         *_integers("heartbeat_ns", "stage", "loop_pid", "ticks", "missed"),
         ("missed_by", np.int64, (4,)),
-        *_integers("streak", "safety", "contacts", "battery", "sample_ns"),
+        *_integers("safety", "contacts", "battery", "sample_ns"),
         ("force", np.float64, (5,)),
         ("command_bend", np.float64, (5,)),
         ("command_stiffness", np.float64, (5,)),
@@ -49,7 +51,7 @@ LIVE_STATUS = np.dtype(
         # Written by the watchdog.
         *_integers("watchdog_ns", "watchdog_armed", "watchdog_releases"),
         # Written by the recorder and by the viewer.
-        *_integers("recorder_ns", "recorder_ticks", "recorder_lost", "recorder_failed", "viewer_ns"),
+        *_integers("recorder_ticks", "recorder_lost", "recorder_failed", "viewer_ns"),
         # Written by the supervisor.
         *_integers("stop_requested", "pose_version"),
         ("pose_position", np.float64, (3,)),
@@ -64,13 +66,33 @@ written. `loop_ready` is 1 when the glove may be opened, 2 when the loop is abou
 samples before that are in their ring. `stop_requested` is 1 if the user ends the session, -n if signal n does.
 """
 
-PERIODS = 2.5
-"""Number of periods without a heartbeat that are allowed to a slow loop."""
 
+class LoopProcess:
+    """Process of the loop, whose end wakes a process that did not start it; `status` is the record of `LIVE_STATUS`."""
 
-def oldest_heartbeat(heartbeat_stale: float, period_ns: int) -> int:
-    """Return the largest age of a loop's heartbeat [ns], of the limit [s] and its period."""
-    return max(round(1e9 * heartbeat_stale), round(PERIODS * period_ns))
+    def __init__(self, status: Any) -> None:
+        self._status = status
+        self._descriptor = -1
+        self.known = self.gone = False
+
+    @property
+    def alive(self) -> bool:
+        """True from its begin to its end, as far as `wait` has seen either."""
+        return self.known and not self.gone
+
+    def wait(self, timeout: float = 0.0) -> None:
+        """Sleep for `timeout` [s], or until the process ends."""
+        number = int(self._status["loop_pid"])
+        if not self.known and number:
+            self.known = True
+            try:
+                self._descriptor = os.pidfd_open(number)
+            except ProcessLookupError:
+                self.gone = True
+        ended, _, _ = select.select([self._descriptor] if self.alive else [], [], [], timeout)
+        if ended:
+            self.gone = True
+            os.close(self._descriptor)
 
 
 @dataclass(frozen=True)
@@ -80,15 +102,13 @@ class WatchdogSetup:
     Attributes:
         status: Descriptor of the status block.
         device: The glove; None in a dry run, in which nothing is sent.
-        period_ns: Period of a tick [ns].
-        heartbeat_stale: Age of the loop's heartbeat at which the fingers are freed [s].
+        oldest_ns: Age of the loop's heartbeat at which the fingers are freed [ns].
         supervisor: Process id of the supervisor.
     """
 
     status: int
     device: GloveConfig | None
-    period_ns: int
-    heartbeat_stale: float
+    oldest_ns: int
     real_time: RealTimeWishes
     supervisor: int
 

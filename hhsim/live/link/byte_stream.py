@@ -4,6 +4,7 @@ import fcntl
 import select
 import sys
 import termios
+import time
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
@@ -40,12 +41,32 @@ class ByteLink(ABC):
         """Return the file descriptor of the open line, -1 if none is."""
 
     @abstractmethod
+    def connect(self, timeout: float) -> None:
+        """Open the line within `timeout` [s]; raises DeviceError with the reason if that is not possible."""
+
+    @abstractmethod
+    def reconnect(self) -> bool:
+        """Try again without waiting; True if the line is open."""
+
+    @abstractmethod
+    def drain(self) -> None:
+        """Discard what has arrived for this line alone, without waiting; raises DeviceError if the peer is gone."""
+
+    @abstractmethod
     def _read(self) -> bytes:
         """Read at most `MOST_READ` bytes; raises BlockingIOError if nothing has arrived."""
 
     @abstractmethod
     def _write(self, data: bytes) -> int:
         """Hand as many bytes to the system as it takes; returns their number."""
+
+    @abstractmethod
+    def _reopen(self, timeout: float) -> None:
+        """Open the line anew within `timeout` [s] and close the old one; raises OSError or termios.error."""
+
+    def _discard_unsent(self) -> None:
+        """Discard what the system has not sent yet, if it can do that; by default nothing."""
+        return
 
     @abstractmethod
     def _let_go(self) -> None:
@@ -99,6 +120,33 @@ class ByteLink(ABC):
             return False
         except OSError as error:
             raise self._gone(error.strerror or str(error)) from None
+        return True
+
+    def send_within(self, data: bytes, timeout: float) -> bool:
+        """Send data within `timeout` [s] on this line, else on one opened anew; never raises, True if it was sent."""
+        deadline = time.monotonic() + timeout
+        # Half of the time is kept for the new line.
+        if self._send_until(data, deadline - timeout / 2.0):
+            return True
+        try:
+            self._reopen(max(0.0, deadline - time.monotonic()))
+        except (OSError, termios.error):
+            return False
+        return self._send_until(data, deadline)
+
+    def _send_until(self, data: bytes, deadline: float) -> bool:
+        try:
+            self._discard_unsent()
+            sent = self.send(data, urgent=True)
+            while not sent or self._rest:
+                left = deadline - time.monotonic()
+                if left <= 0.0:
+                    return False
+                ready(self.descriptor(), select.POLLOUT, left)
+                # Empty data complete a message that was sent by half.
+                sent = self.send(b"" if sent else data, urgent=True) or sent
+        except (DeviceError, OSError, termios.error):
+            return False
         return True
 
     def wait(self, timeout: float) -> None:

@@ -6,7 +6,7 @@ are ours; unused fields of a command (rumble, other) are skipped. A frame has ne
 """
 
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from operator import attrgetter
 from typing import Any, NamedTuple
@@ -61,21 +61,6 @@ class GloveMessage(NamedTuple):
     battery: int | None = None
 
 
-class Impedance(NamedTuple):
-    """Command to the fingers of one glove.
-
-    Attributes:
-        stiffness: Stiffness of thumb to little finger, 0 (free) to 1.
-        set_point: Bend at which a force begins, 0 to 1; positive against closing, negative against opening.
-        kept: True if the server may not drop the command for a newer one (has_index).
-    """
-
-    device_id: int
-    stiffness: tuple[float, ...]
-    set_point: tuple[float, ...]
-    kept: bool
-
-
 @cache
 def message_classes() -> dict[str, Any]:
     """Return the protobuf class of each of `MESSAGES`; the first call imports protobuf, which takes some 50 ms."""
@@ -105,7 +90,7 @@ def framed(payload: bytes) -> bytes:
 def decode_frame(payload: bytes) -> list[GloveMessage]:
     """Return the gloves of a frame; raises WireError if it is none."""
     found = []
-    for message in _parsed("Frame", payload).messages:
+    for message in parse_message("Frame", payload).messages:
         device = message.device if message.HasField("device") else None
         found.append(
             GloveMessage(
@@ -118,50 +103,29 @@ def decode_frame(payload: bytes) -> list[GloveMessage]:
     return found
 
 
-def encode_frame(gloves: Iterable[GloveMessage]) -> bytes:
-    """Encode a frame as the server sends it, without its length."""
-    messages = []
-    for glove in gloves:
-        message: dict[str, Any] = {"id": glove.device_id}
-        if glove.channels is not None:
-            message["hand"] = dict(zip(CHANNELS, glove.channels, strict=True))
-        if glove.right is not None:
-            message["device"] = {"is_right": glove.right, "battery_percent": glove.battery or 0}
-        messages.append(message)
-    return _bytes("Frame", messages=messages)
-
-
-def decode_impedances(payload: bytes) -> list[Impedance]:
-    """Return the impedances of a command, 0 for fingers that it does not name; raises WireError if it is none."""
-    command = _parsed("Command", payload)
-    found = []
-    for impedance in command.impedance:
-        fingers = [getattr(impedance, name) for name in FINGER_FIELDS]
-        stiffness = tuple(finger.stiffness for finger in fingers)
-        set_point = tuple(finger.set_point for finger in fingers)
-        found.append(Impedance(command.id, stiffness, set_point, impedance.has_index))
-    return found
-
-
 def encode_impedance(device_id: int, stiffness: Sequence[float], set_point: Sequence[float], *, kept: bool) -> bytes:
-    """Encode a command as a client sends it, without its length; arguments as in `Impedance`."""
+    """Encode a command to the fingers of one glove, without its length.
+
+    Args:
+        stiffness: Stiffness of thumb to little finger, 0 (free) to 1.
+        set_point: Bend at which a force begins, 0 to 1; positive against closing, negative against opening.
+        kept: True if the server may not drop the command for a newer one (has_index).
+    """
     fingers = zip(FINGER_FIELDS, stiffness, set_point, strict=True)
-    told = {name: {"stiffness": hard, "set_point": place} for name, hard, place in fingers}
-    return _bytes("Command", id=device_id, impedance=[{"has_index": kept, **told}])
+    commands = {name: {"stiffness": hard, "set_point": place} for name, hard, place in fingers}
+    command = message_classes()["Command"](id=device_id, impedance=[{"has_index": kept, **commands}])
+    data: bytes = command.SerializeToString()
+    return data
 
 
-def _parsed(name: str, payload: bytes) -> Any:
+def parse_message(name: str, payload: bytes) -> Any:
+    """Parse one of `MESSAGES`; raises WireError if it is none."""
     from google.protobuf.message import DecodeError
 
     try:
         return message_classes()[name].FromString(payload)
     except DecodeError:
         raise WireError(f"{len(payload)} bytes that are no {name}") from None
-
-
-def _bytes(name: str, **fields: Any) -> bytes:
-    data: bytes = message_classes()[name](**fields).SerializeToString()
-    return data
 
 
 class MessageStream:

@@ -7,16 +7,12 @@ have the same line open, as the watchdog needs; only one of them reads.
 import contextlib
 import errno
 import os
-import select
 import termios
-import time
 
 from hhsim.errors import InputError
 from hhsim.live.device import DeviceError
 from hhsim.live.link.byte_stream import MOST_READ, ByteLink, ready
 
-RETRY_NS = 50_000_000
-"""Time between two attempts to reopen the line [ns]."""
 SPEEDS = {
     int(name[1:]): value for name, value in vars(termios).items() if name[:1] == "B" and name[1:].isdigit() and value
 }
@@ -46,14 +42,13 @@ class SerialLink(ByteLink):
         self.path = path
         self._speed = SPEEDS[baud]
         self._file = -1
-        self._last_try = -RETRY_NS
 
     def descriptor(self) -> int:
         """Return the file descriptor of the open line, -1 if none is."""
         return self._file
 
     def connect(self, timeout: float) -> None:
-        """Open the line; raises DeviceError if there is none, it is no serial line, or it may not be used."""
+        """See `ByteLink.connect`: there is a line, it is a serial one, and it may be used."""
         self.close()
         try:
             self._open()
@@ -65,63 +60,30 @@ class SerialLink(ByteLink):
             }.get(error.errno or 0, "")
             raise DeviceError(f"{self.name}: cannot open: {error.strerror or error}{hint}") from None
         except termios.error:
-            self.close()
             raise DeviceError(f"{self.name}: not a serial line; expected one such as /dev/ttyUSB0") from None
 
     def reconnect(self) -> bool:
-        """Try again without waiting; True if the line is open."""
-        if self.connected:
-            return True
-        now = time.monotonic_ns()
-        if now - self._last_try < RETRY_NS:
-            return False
-        self._last_try = now
-        try:
-            self._open()
-        except (OSError, termios.error):
-            self.close()
-            return False
-        return True
+        """See `ByteLink.reconnect`."""
+        with contextlib.suppress(OSError, termios.error):
+            if not self.connected:
+                self._open()
+        return self.connected
 
-    def check(self) -> None:
-        """Raise DeviceError if the line is gone, without reading from it."""
+    def drain(self) -> None:
+        """See `ByteLink.drain`; bytes are left to the one process that reads the line."""
         self._require_open()
         if ready(self._file, 0, 0.0):
             raise self._gone(self.ENDED)
 
-    def send_within(self, data: bytes, timeout: float) -> bool:
-        """Send data instead of all that still waits, on this line or one opened anew; never raises.
-
-        Args:
-            data: Bytes that begin with an end of line: the data before may be cut off.
-            timeout: Longest wait [s].
-
-        Returns:
-            True if it was handed to the system.
-        """
-        deadline = time.monotonic() + timeout
+    def _reopen(self, timeout: float) -> None:
         # A line that was unplugged and is back needs a new descriptor.
-        for _ in range(2):
-            try:
-                if self._file < 0:
-                    self._open()
-                return self._send_until(data, deadline)
-            except (OSError, termios.error):
-                self.close()
-        return False
+        self._let_go()
+        self._open()
 
-    def _send_until(self, data: bytes, deadline: float) -> bool:
-        termios.tcflush(self._file, termios.TCOFLUSH)
-        self._rest = b""
-        while data:
-            try:
-                data = data[os.write(self._file, data) :]
-            except BlockingIOError:
-                left = deadline - time.monotonic()
-                if left <= 0.0:
-                    return False
-                ready(self._file, select.POLLOUT, left)
-        return True
+    def _discard_unsent(self) -> None:
+        if self.connected:
+            termios.tcflush(self._file, termios.TCOFLUSH)
+            self._rest = b""
 
     def _read(self) -> bytes:
         return os.read(self._file, MOST_READ)
@@ -137,6 +99,15 @@ class SerialLink(ByteLink):
 
     def _open(self) -> None:
         self._file = os.open(self.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            self._make_raw()
+        except termios.error:
+            self._let_go()
+            raise
+        self._rest = b""
+        self.connection += 1
+
+    def _make_raw(self) -> None:
         mode = termios.tcgetattr(self._file)
         mode[0] = mode[1] = mode[3] = 0
         # Without HUPCL: closing one of several descriptors must not reset the board.
@@ -145,5 +116,3 @@ class SerialLink(ByteLink):
         # VMIN 1: reading a silent line differs from reading one that is gone.
         mode[6][termios.VMIN], mode[6][termios.VTIME] = 1, 0
         termios.tcsetattr(self._file, termios.TCSANOW, mode)
-        self._rest = b""
-        self.connection += 1

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import select
 import socket
+import threading
 import time
 from typing import Any
 
@@ -13,13 +14,12 @@ from hhsim.live.link.byte_stream import MOST_READ, ByteLink, ready
 RETRY = 0.05
 """Time between two attempts to reconnect [s]."""
 GIVE_UP = 2.0
-"""Longest duration of an attempt without an answer [s]."""
+"""Longest duration of an attempt without an answer, and of a connection that is given up [s]."""
 LINGER = 0.05
 """Longest wait for the peer to read everything before closing [s]."""
+MOST_DRAINED = 4
 ACKNOWLEDGED = 5000
 """Time without an acknowledgement after which the peer is gone [ms]."""
-
-WAITING = (errno.EINPROGRESS, errno.EAGAIN, errno.EWOULDBLOCK, errno.EALREADY, errno.EINTR)
 
 
 class TcpLink(ByteLink):
@@ -33,9 +33,7 @@ class TcpLink(ByteLink):
         self.host, self.port = host, port
         self._socket: socket.socket | None = None
         self._begun: socket.socket | None = None
-        self._retired: socket.socket | None = None
-        self._retired_at = 0.0
-        self._begun_at = self._last_try = -GIVE_UP
+        self._begun_at = -RETRY
         self._address: tuple[int, Any] | None = None
 
     def descriptor(self) -> int:
@@ -43,122 +41,73 @@ class TcpLink(ByteLink):
         return -1 if self._socket is None else self._socket.fileno()
 
     def connect(self, timeout: float) -> None:
-        """Connect within `timeout` [s]; raises DeviceError if there is no such host, or nothing that answers."""
+        """See `ByteLink.connect`: there is such a host, and something answers."""
         self.close()
-        deadline = time.monotonic() + timeout
         try:
-            found = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_STREAM)
-        except OSError as error:
-            raise DeviceError(f"{self.name}: no such host ({error.strerror or error})") from None
+            link = _connected(self.host, self.port, timeout)
+            self._address = link.family, link.getpeername()
+        except socket.gaierror as error:
+            raise DeviceError(f"{self.name}: no such host ({error.strerror})") from None
         except UnicodeError:
             raise DeviceError(f"{self.name}: no such host (not a name)") from None
-        reason = "no address"
-        for family, _, _, _, address in found:
-            self._address = (family, address)
-            try:
-                self._attach(_connected(family, address, max(0.0, deadline - time.monotonic())))
-                return
-            except OSError as error:
-                reason = error.strerror or str(error)
-        raise DeviceError(f"{self.name}: cannot connect ({reason}): is its server running, and the port right?")
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise DeviceError(
+                f"{self.name}: cannot connect ({reason}): is its server running, and the port right?"
+            ) from None
+        self._attach(link)
 
     def reconnect(self) -> bool:
-        """Try again without waiting; True if there is a connection."""
-        self._drain_retired()
+        """See `ByteLink.reconnect`."""
         if self._socket is not None:
             return True
         now = time.monotonic()
         if self._begun is None:
-            if self._address is None or now - self._last_try < RETRY:
+            if self._address is None or now - self._begun_at < RETRY:
                 return False
-            self._last_try = self._begun_at = now
             family, address = self._address
-            try:
-                self._begun = socket.socket(family, socket.SOCK_STREAM)
-                self._begun.setblocking(False)
-                failed = self._begun.connect_ex(address) not in (0, *WAITING)
-            except OSError:
-                failed = True
-            if failed:
-                self._abandon()
-                return False
+            self._begun, self._begun_at = socket.socket(family, socket.SOCK_STREAM), now
+            self._begun.setblocking(False)
+            # Its outcome is read from the socket, now or later.
+            self._begun.connect_ex(address)
         begun = self._begun
-        assert begun is not None
-        if not ready(begun.fileno(), select.POLLOUT, 0.0):
-            if now - self._begun_at > GIVE_UP:
-                self._abandon()
-            return False
-        if begun.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) or _is_itself(begun):
+        if ready(begun.fileno(), select.POLLOUT, 0.0):
+            self._begun = None
+            if not begun.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) and not _is_itself(begun):
+                self._attach(begun)
+                return True
+            begun.close()
+        elif now - self._begun_at > GIVE_UP:
             self._abandon()
-            return False
-        self._begun = None
-        self._attach(begun)
-        return True
+        return False
 
-    def receive(self) -> bytes | None:
-        """Return what has arrived, None if nothing has; raises DeviceError if the peer is gone."""
-        self._drain_retired()
-        return super().receive()
-
-    def send_within(self, data: bytes, timeout: float) -> bool:
-        """Send data within `timeout` [s] on this connection, else on a fresh one; never raises, True if it was sent."""
-        deadline = time.monotonic() + timeout
-        # Half of the time is kept for the fresh connection.
-        if self._send_until(data, time.monotonic() + timeout / 2.0):
-            return True
-        if self._address is None:
-            return False
-        family, address = self._address
-        try:
-            fresh = _connected(family, address, max(0.0, deadline - time.monotonic()))
-        except OSError:
-            return False
-        self._let_go()
-        self._abandon()
-        self._attach(fresh)
-        return self._send_until(data, deadline)
+    def drain(self) -> None:
+        """See `ByteLink.drain`; at most `MOST_DRAINED` times what is read at once."""
+        for _ in range(MOST_DRAINED):
+            if self.receive() is None:
+                return
 
     def retire(self) -> None:
-        """Close without waiting; `reconnect` and `receive` let the peer read what it was sent."""
-        self._drop_retired()
-        self._retired, self._socket, self._rest = self._socket, None, b""
-        self._retired_at = time.monotonic()
-        if self._retired is not None:
-            with contextlib.suppress(OSError):
-                self._retired.shutdown(socket.SHUT_WR)
+        """Close without waiting: another thread lets the peer read what it was sent, for `GIVE_UP`."""
+        if self._socket is not None:
+            threading.Thread(target=_close, args=(self._socket, GIVE_UP), daemon=True).start()
+        self._socket, self._rest = None, b""
 
     def close(self, linger: float = LINGER) -> None:
         """Close when the peer has read what it was sent, at most `linger` [s] later; never raises."""
         self._abandon()
-        self._drop_retired()
-        if self._socket is None:
-            return
-        link, self._socket, self._rest = self._socket, None, b""
-        deadline = time.monotonic() + linger
-        with contextlib.suppress(OSError):
-            # A socket closed over unread bytes resets the connection, and the peer may lose the last command.
-            link.shutdown(socket.SHUT_WR)
-            while (left := deadline - time.monotonic()) > 0.0:
-                if not ready(link.fileno(), select.POLLIN, left) or not link.recv(MOST_READ):
-                    break
-        link.close()
+        if self._socket is not None:
+            _close(self._socket, linger)
+        self._socket, self._rest = None, b""
 
-    def _send_until(self, data: bytes, deadline: float) -> bool:
-        try:
-            while not self.send(data, urgent=True):
-                left = deadline - time.monotonic()
-                if left <= 0.0 or self._socket is None:
-                    return False
-                ready(self._socket.fileno(), select.POLLOUT, left)
-            while self._rest and self._socket is not None:
-                left = deadline - time.monotonic()
-                if left <= 0.0:
-                    return False
-                ready(self._socket.fileno(), select.POLLOUT, left)
-                self._rest = self._rest[self._socket.send(self._rest) :]
-        except (DeviceError, OSError):
-            return False
-        return True
+    def _reopen(self, timeout: float) -> None:
+        if self._address is None:
+            raise OSError(errno.ENOTCONN, "never connected")
+        host, port, *_ = self._address[1]
+        fresh = _connected(host, port, timeout)
+        self._let_go()
+        self._abandon()
+        self._attach(fresh)
 
     def _read(self) -> bytes:
         assert self._socket is not None
@@ -185,39 +134,28 @@ class TcpLink(ByteLink):
             self._begun.close()
             self._begun = None
 
-    def _drain_retired(self) -> None:
-        if self._retired is None:
-            return
-        try:
-            over = time.monotonic() - self._retired_at > GIVE_UP or not self._retired.recv(MOST_READ)
-        except (BlockingIOError, InterruptedError):
-            return
-        except OSError:
-            over = True
-        if over:
-            self._drop_retired()
 
-    def _drop_retired(self) -> None:
-        if self._retired is not None:
-            self._retired.close()
-            self._retired = None
+def _close(link: socket.socket, linger: float) -> None:
+    """Close a socket when its peer has closed it too, at most `linger` [s] later; never raises."""
+    deadline = time.monotonic() + linger
+    with link, contextlib.suppress(OSError):
+        # A socket closed over unread bytes resets the connection, and the peer may lose the last command.
+        link.shutdown(socket.SHUT_WR)
+        while (left := deadline - time.monotonic()) > 0.0:
+            if not ready(link.fileno(), select.POLLIN, left) or not link.recv(MOST_READ):
+                break
 
 
-def _connected(family: int, address: Any, timeout: float) -> socket.socket:
-    link = socket.socket(family, socket.SOCK_STREAM)
-    try:
-        link.settimeout(max(timeout, 1e-3))
-        link.connect(address)
-        if _is_itself(link):
-            raise ConnectionRefusedError(errno.ECONNREFUSED, "Connection refused")
-    except BaseException:
+def _connected(host: str, port: int, timeout: float) -> socket.socket:
+    link = socket.create_connection((host, port), max(timeout, 1e-3))
+    if _is_itself(link):
         link.close()
-        raise
+        raise ConnectionRefusedError(errno.ECONNREFUSED, "Connection refused")
     return link
 
 
 def _is_itself(link: socket.socket) -> bool:
-    """Return True if a socket is connected to itself.
+    """Return True if a socket is connected to itself, or to nothing.
 
     The ports of gloves lie in the range for clients: if nothing listens on one, the system may give that very port to a
     client on the same machine, which then reads its own commands.

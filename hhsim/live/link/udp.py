@@ -1,4 +1,4 @@
-"""Datagrams from one sender, and counts of those that are late, repeated or lost."""
+"""Datagrams from one sender, in their order, and a count of those that are lost."""
 
 import contextlib
 import ctypes
@@ -20,7 +20,7 @@ MOST_IN_VAIN = 32
 """Unusable datagrams read at once, so that a flood cannot delay the reader."""
 MODULUS = 2**32
 MOST_MISSING = 4096
-"""Missing numbers that are remembered; a later datagram counts as repeated."""
+"""Missing numbers that are remembered; a later datagram stays lost."""
 SESSION_SILENCE_NS = 100_000_000
 """Silence of a session, and of a sender, after which another one is accepted [ns]."""
 
@@ -144,14 +144,11 @@ class PacketOrder:
 
     Attributes:
         lost: Number of datagrams that were sent and have not come.
-        late: Number of those that came after a newer one.
-        repeated: Number of those that came twice, or far too late.
-        foreign: Number of those of another session before this one was silent.
         sessions: Number of sessions.
     """
 
     def __init__(self) -> None:
-        self.lost = self.late = self.repeated = self.foreign = self.sessions = 0
+        self.lost = self.sessions = 0
         self._session = -1
         self._newest = -1
         self._newest_ns = 0
@@ -161,7 +158,6 @@ class PacketOrder:
         """Count a datagram that came at `now_ns`; True if it is newer than all before it."""
         if session != self._session:
             if self._session >= 0 and now_ns - self._newest_ns < SESSION_SILENCE_NS:
-                self.foreign += 1
                 return False
             self.sessions += 1
             self._session, self._newest, self._newest_ns = session, seq, now_ns
@@ -179,7 +175,4 @@ class PacketOrder:
         if seq in self._missing:
             del self._missing[seq]
             self.lost -= 1
-            self.late += 1
-        else:
-            self.repeated += 1
         return False

@@ -1,4 +1,4 @@
-"""Process of the driver: glove and palm's pose in, commands out; `python -m hhsim.live.loop.driver --setup FD …`.
+"""Process of the driver: glove and palm's pose in, commands out; `python -m hhsim.live.loop.driver --setup FD`.
 
 The loop starts it and ends with it. It stands below the loop under SCHED_FIFO and decides nothing: it puts each sample
 into its ring with the time when its bytes were read, and sends the newest command to the glove, never late. It releases
@@ -14,7 +14,9 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, astuple, fields, replace
+from dataclasses import asdict, fields, replace
+from functools import reduce
+from operator import or_
 from types import FrameType
 from typing import Any
 
@@ -40,8 +42,6 @@ PALM_SECONDS = 0.001
 """The same for a glove without descriptors: a palm that is played moves on meanwhile [s]."""
 FLOOD_SECONDS = 0.0005
 """Pause between two looks at an endless stream, so that a flood takes the driver and not the processor [s]."""
-COUNTER_STEPS = 16
-"""Looks between two updates of the shown counters."""
 
 _DEVICE_LOST = int(Safety.DEVICE_LOST)
 
@@ -79,7 +79,6 @@ class GloveDriver:
         self._position, self._orientation = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
         self._lost = False
         self._reconnect_ns = 0
-        self._steps = 0
         self._empty_looks = 0
         self._stop = False
 
@@ -94,12 +93,12 @@ class GloveDriver:
         """Release the glove, and close the connections."""
         if not self._dry_run and not self.device.release():
             self.memory.say(FAULT, "the glove could not be told to free the fingers")
-        self._status["counters"][:] = astuple(self.device.counters)
+        self._status["counters"][:] = self.device.counters.values()
         self.device.close()
         self.pose.close()
 
-    def stop(self) -> None:
-        """End with the next look; safe in a signal handler."""
+    def stop(self, number: int, frame: FrameType | None) -> None:
+        """End with the next look; a signal handler."""
         self._stop = True
 
     def until_loop(self, ready: int) -> bool:
@@ -157,9 +156,7 @@ class GloveDriver:
             status["palm_orientation"] = self._orientation
             status["palm_ns"] = came
             status["palm_version"][0] += 1
-        self._steps += 1
-        if self._steps % COUNTER_STEPS == 0:
-            status["counters"][:] = astuple(self.device.counters)
+        status["counters"][:] = self.device.counters.values()
 
     def give(self) -> None:
         """Send the newest command if it was not sent yet."""
@@ -225,14 +222,10 @@ def device_facts(info: GloveInfo) -> dict[str, Any]:
 
 def glove_info(facts: dict[str, Any]) -> GloveInfo:
     """Return the description of a glove from its `device_facts`."""
-    given: dict[str, Any] = {
-        item.name: tuple(facts[item.name]) if isinstance(facts[item.name], list) else facts[item.name]
-        for item in fields(GloveInfo)
-    }
-    capabilities = Capability.NONE
-    for name in given["capabilities"]:
-        capabilities |= Capability[name]
-    return GloveInfo(**(given | {"capabilities": capabilities}))
+    given: dict[str, Any] = {item.name: facts[item.name] for item in fields(GloveInfo)}
+    tuples = {name: tuple(value) for name, value in given.items() if isinstance(value, list)}
+    capabilities = reduce(or_, (Capability[name] for name in tuples["capabilities"]), Capability.NONE)
+    return GloveInfo(**(given | tuples | {"capabilities": capabilities}))
 
 
 def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
@@ -241,12 +234,8 @@ def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
     Raises:
         HhsimError: The glove or the pose cannot be reached.
     """
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        driver.stop()
-
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, stop)
+        signal.signal(number, driver.stop)
     if not driver.until_loop(OPEN):
         return
     opened = False
@@ -265,7 +254,8 @@ def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Drive the glove of a session; returns the exit code."""
-    setup, memory = session_process("driver", DriverSetup, arguments)
+    setup: DriverSetup
+    setup, memory = session_process("driver", arguments)
 
     def body() -> None:
         if end_with(setup.parent):

@@ -37,14 +37,12 @@ from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.miss_accounts import NO_FILES, MissAccounts, system_files
 from hhsim.live.loop.records import commander_record, deadline_record, interlock_record, watch_record
 from hhsim.live.loop.story import Story
-from hhsim.result.miss_cause import by_name
 from hhsim.result.safety import Safety
 from hhsim.result.schema import INFORMATION
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import zeroed
 from hhsim.system.cpu_accounts import CpuAccounts
-from hhsim.system.log_histogram import LogHistogram
 
 STEAL_UNREAD = "what the host takes cannot be read in a tick here: periods that it took are named woken late"
 PLACE_SECONDS = 0.001
@@ -52,7 +50,6 @@ PLACE_SECONDS = 0.001
 WAKE_NS = 800_000
 """Shortest time between two wake-ups of the driver for commands without news [ns]: each tick at 1 kHz. More often, the
 driver would do nothing else, and slow the loop on a shared core."""
-PERCENTS = (50.0, 99.0, 99.9)
 REFUSED = np.dtype(
     [("channels", np.float64, (MOST_CHANNELS,)), ("known", np.int64, (MOST_CHANNELS,))],
     align=True,
@@ -74,13 +71,6 @@ def object_row(rows: Any) -> ObjectRecord:
     first = ObjectRecord._fields.index("contact")
     # The rows of its contacts are numbered from this tick on.
     return ObjectRecord(**fields | {name: fields[name][0] for name in ObjectRecord._fields[first:]})
-
-
-def time_summary(times: LogHistogram, largest: int) -> dict[str, int]:
-    """Return count, p50, p99, p99.9 and max of times [ns] that compiled code counted, -1 if there are none."""
-    times.largest = float(largest)
-    percentiles = {f"p{percent:g}": -1 if largest < 0 else round(times.percentile(percent)) for percent in PERCENTS}
-    return {"count": times.count, **percentiles, "max": largest}
 
 
 class LiveLoop:
@@ -112,7 +102,6 @@ class LiveLoop:
         period = setup.period_ns
         deadlines = deadline_record(period, now())
         self.misses = MissAccounts(deadlines, now)
-        self._times = {name: LogHistogram() for name in ("wakeup", "latency", "work")}
         self.solver = HandSolver(
             setup.hand, setup.contact_surface(), loop_options(setup.options, setup.rate), setup.free
         )
@@ -140,10 +129,6 @@ class LiveLoop:
             ticks_written=memory.ticks.counter,
             samples=memory.samples.records.view(np.recarray),
             samples_written=memory.samples.counter,
-            wakeups=self._times["wakeup"].counts,
-            latencies=self._times["latency"].counts,
-            works=self._times["work"].counts,
-            largest=np.full(3, -1),
         )
         self.story = Story(setup, memory, info, self.live.notes, self.live.refused, self.live.loop)
         self._signal = ""
@@ -157,7 +142,6 @@ class LiveLoop:
         at.sample_ns = at.pose_ns = at.input_seq = at.arrived_ns = at.latency_ns = -1
         at.usable = 1
         at.wake_ns = WAKE_NS
-        at.ratio = LogHistogram.RATIO
 
     @property
     def compiled(self) -> bool:
@@ -266,15 +250,3 @@ class LiveLoop:
             self.at.safety |= int(Safety.SOLVER_FAILED)
             self.story.detail[Safety.SOLVER_FAILED] = f"{type(error).__name__}: {error}"
             return False, 0
-
-    def summary(self) -> dict[str, Any]:
-        """Return the figures of the loop as plain values; times in ns."""
-        status = self.memory.status
-        times = zip(self._times.items(), map(int, self.live.largest), strict=True)
-        return {
-            "reason": self.stopped,
-            "ticks": int(status["ticks"]),
-            "missed": int(status["missed"]),
-            "missed_by": by_name(status["missed_by"]),
-            **{name: time_summary(counted, largest) for (name, counted), largest in times},
-        }

@@ -1,4 +1,4 @@
-"""Process of the loop: `python -m hhsim.live.loop.process --setup FD --status FD …`, started by the supervisor.
+"""Process of the loop: `python -m hhsim.live.loop.process --setup FD`, started by the supervisor.
 
 Kernels are ready before the driver, a child of this process, connects to the glove. However this process ends, the
 system notifies the driver, which releases the glove.
@@ -12,31 +12,28 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from types import FrameType
 from typing import Any
 
 from hhsim.errors import HhsimError
 from hhsim.live.child_process import ChildProcess
-from hhsim.live.device import COUNTERS, Capability, GloveInfo
+from hhsim.live.device import Capability, GloveInfo
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import SessionMemory, exit_code, session_process
-from hhsim.live.ipc.status import DriverSetup, Stage, oldest_heartbeat
+from hhsim.live.ipc.status import DriverSetup, Stage
 from hhsim.live.loop.driver import BEGIN, OPEN, glove_info
 from hhsim.live.loop.loop import LiveLoop, loop_options
 from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off, processors_awake
-from hhsim.live.shared_memory import write_setup
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
 from hhsim.solver.compile import warm_up
 
-StartDriver = Callable[[LiveSetup, SessionMemory], ChildProcess]
 TELL_SECONDS = 0.02
 """Period at which the loop's notes are logged [s]."""
-DRIVER_PATIENCE = 2.0
-"""Own time (`OwnTime`) that the driver has to release the glove and end [s]."""
+DRIVER_PATIENCE = 10.0
+"""Time that the driver has to release the glove and end [s]."""
 BELOW_DRIVER = -2
-DEVICE_FACTS = ("name", "hand", "channels", "unit", "capabilities", "doubtful")
 COMMAND_KILLED = "the command was killed"
 
 
@@ -91,13 +88,12 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver:
     loop.story.tell()
     if thread.failure is not None:
         raise thread.failure
-    if not driver.wait_own_time(DRIVER_PATIENCE):
+    if not driver.wait(DRIVER_PATIENCE):
         memory.log(FAULT, "the glove's driver does not end: it is killed")
         driver.send(signal.SIGKILL)
-        driver.wait_own_time(DRIVER_PATIENCE)
+        driver.wait(DRIVER_PATIENCE)
     loop.story.tell()
-    counters = dict(zip(COUNTERS, map(int, memory.status["counters"]), strict=True))
-    memory.write_facts(thread.facts | {"summary": loop.summary() | {"counters": counters}})
+    memory.facts.write(thread.facts | {"reason": loop.stopped})
     if died:
         raise HhsimError(died)
 
@@ -116,7 +112,7 @@ class LoopThread(threading.Thread):
     def __init__(self, loop: LiveLoop, device: dict[str, Any]) -> None:
         super().__init__(name="hhsim-loop", daemon=True)
         self._loop = loop
-        self.facts = {"device": {name: device[name] for name in DEVICE_FACTS}, "pose": device["pose"]}
+        self.facts = {"pose": device["pose"], "device": {name: device[name] for name in device if name != "pose"}}
         self.failure: BaseException | None = None
 
     def start(self) -> None:
@@ -135,7 +131,7 @@ class LoopThread(threading.Thread):
         """Become real time, log the mode, and run the loop."""
         loop = self._loop
         try:
-            mode = become_real_time(loop.setup.real_time, interpreter=not loop.compiled)
+            mode = become_real_time(loop.setup.real_time)
             with processors_awake(loop.setup.real_time, mode):
                 self._run(mode)
             become_ordinary()
@@ -146,7 +142,7 @@ class LoopThread(threading.Thread):
     def _run(self, mode: dict[str, Any]) -> None:
         loop, memory = self._loop, self._loop.memory
         self.facts["real_time"] = mode
-        memory.write_facts(self.facts)
+        memory.facts.write(self.facts)
         memory.log(INFORMATION, f"the loop runs at {loop.setup.rate:g} Hz: {described(mode)}")
         for line in mode["refused"]:
             memory.log(WARNING, line)
@@ -170,18 +166,18 @@ def prepare_kernels(setup: LiveSetup, memory: SessionMemory) -> None:
 
 def start_driver(setup: LiveSetup, memory: SessionMemory) -> ChildProcess:
     """Start the driver process, which waits until the loop is ready."""
-    oldest = oldest_heartbeat(setup.safety.heartbeat_stale, setup.period_ns)
-    given = DriverSetup(setup.device, setup.pose, setup.dry_run, oldest, setup.real_time, os.getpid())
-    descriptor = write_setup(given)
-    arguments = ["--setup", str(descriptor), *memory.arguments()]
-    child = ChildProcess("driver", "hhsim.live.loop.driver", arguments, [descriptor, *memory.descriptors])
+    oldest_ns = setup.oldest_heartbeat_ns
+    given = DriverSetup(setup.device, setup.pose, setup.dry_run, oldest_ns, setup.real_time, os.getpid())
+    descriptor = memory.with_setup(given)
+    child = ChildProcess("driver", "hhsim.live.loop.driver", descriptor, memory.descriptors)
     os.close(descriptor)
     return child
 
 
-def main(arguments: Sequence[str] | None = None, start: StartDriver = start_driver) -> int:
-    """Run the loop of a session with the driver that `start` starts; returns the exit code."""
-    setup, memory = session_process("loop", LiveSetup, arguments)
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the loop of a session; returns the exit code."""
+    setup: LiveSetup
+    setup, memory = session_process("loop", arguments)
     ending = Ending()
     driver: ChildProcess | None = None
     memory.status["loop_pid"] = os.getpid()
@@ -191,14 +187,14 @@ def main(arguments: Sequence[str] | None = None, start: StartDriver = start_driv
         nonlocal driver
         if not end_with(setup.supervisor):
             raise HhsimError("the loop's supervisor ended before the loop began")
-        driver = start(setup, memory)
+        driver = start_driver(setup, memory)
         run_session(setup, memory, ending, driver)
 
     try:
         return exit_code(body, lambda text: memory.log(FAULT, text))
     finally:
         memory.status["stage"] = Stage.ENDING
-        if driver is not None and not driver.wait_own_time(DRIVER_PATIENCE):
+        if driver is not None and not driver.wait(DRIVER_PATIENCE):
             driver.send(signal.SIGKILL)
         memory.status["stage"] = Stage.ENDED
 

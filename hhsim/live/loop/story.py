@@ -58,7 +58,6 @@ class SafetyLog:
         self.detail: dict[Safety, str] = {}
         self._last = 0
         self._last_logged: dict[Safety, int] = {}
-        self._not_logged: dict[Safety, int] = {}
         self._open: set[Safety] = set()
 
     def changed(self, safety: int, now_ns: int) -> list[Line]:
@@ -69,12 +68,9 @@ class SafetyLog:
         for bit, (level, over) in LOGGED.items():
             if risen & bit:
                 if now_ns - self._last_logged.get(bit, now_ns - QUIET_NS) < QUIET_NS:
-                    self._not_logged[bit] = self._not_logged.get(bit, 0) + 1
                     continue
-                left_out = self._not_logged.pop(bit, 0)
-                more = f" ({counted(left_out, 'time')} more since this was last said)" if left_out else ""
                 detail = self.detail.get(bit)
-                lines.append((level, f"{WORDS[bit]}: the fingers are free{more}{f': {detail}' if detail else ''}"))
+                lines.append((level, f"{WORDS[bit]}: the fingers are free{f': {detail}' if detail else ''}"))
                 self._last_logged[bit] = now_ns
                 self._open.add(bit)
             elif fallen & bit and bit in self._open:
@@ -169,9 +165,8 @@ def found_in_sample(code: int, place: int, count: int, value: float) -> Line:
     """Return the line for a note of `hhsim.kernels.live.plausibility.use_sample`."""
     finger = NAMES[place]
     if code == codes.JUMPED:
-        more = f"; {counted(count, 'more jump')} since the last one told" if count else ""
         jumped = f"{finger} jumped by {math.degrees(value):.0f}° in one sample"
-        return WARNING, f"{jumped}: not believed until it stays, and kept free{more}"
+        return WARNING, f"{jumped}: not believed until it stays, and kept free"
     if code == codes.STUCK:
         others = f"{NAMES[count // 8]} and {NAMES[count % 8]}"
         still = f"{finger} has not changed by one bit in {value:.1f} s in which {others} moved"

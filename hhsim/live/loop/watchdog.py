@@ -8,9 +8,7 @@ session that has ended once more.
 It imports little: its own setup, the status block, and the part of the glove's driver that connects.
 """
 
-import argparse
 import os
-import select
 import signal
 import sys
 import time
@@ -20,12 +18,12 @@ from types import FrameType
 
 from hhsim.live.device import DeviceError, FingerRelease
 from hhsim.live.devices.registry import open_release
-from hhsim.live.ipc.status import LIVE_STATUS, Stage, WatchdogSetup, oldest_heartbeat
-from hhsim.live.real_time import become_ordinary, become_real_time, keep_off, name_process
-from hhsim.live.shared_memory import SharedBlock, read_setup
+from hhsim.live.ipc.status import LIVE_STATUS, LoopProcess, Stage, WatchdogSetup
+from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
+from hhsim.live.shared_memory import SharedBlock, process_setup
 
-WATCH_MS = 4
-"""Longest time between two looks [ms]."""
+WATCH_SECONDS = 0.004
+"""Longest time between two looks [s]."""
 RELEASE_NS = 20_000_000
 """Time between two releases while the loop fails [ns]."""
 CONNECT_NS = 250_000_000
@@ -43,11 +41,11 @@ class Watchdog:
 
     def __init__(self, setup: WatchdogSetup, device: FingerRelease | None) -> None:
         self._supervisor = setup.supervisor
-        self._stale_ns = oldest_heartbeat(setup.heartbeat_stale, setup.period_ns)
+        self._stale_ns = setup.oldest_ns
         self._block = SharedBlock(setup.status, LIVE_STATUS)
         self._status = self._block.array[0]
         self._device = device
-        self._loop = _LoopProcess()
+        self._loop = LoopProcess(self._status)
         self._opened = False
         self._armed = False
         self._tried_ns = -CONNECT_NS
@@ -55,8 +53,8 @@ class Watchdog:
         self._gone_ns = -1
         self._may_end = False
 
-    def allow_end(self) -> None:
-        """End as soon as the loop has, and not before; safe in a signal handler."""
+    def allow_end(self, number: int, frame: FrameType | None) -> None:
+        """End as soon as the loop has, and not before; a signal handler."""
         self._may_end = True
 
     def watch(self) -> None:
@@ -69,12 +67,11 @@ class Watchdog:
             self._free_fingers()
             if self._opened and self._device is not None:
                 self._device.close()
-            self._loop.close()
 
     def _step(self) -> bool:
         """Look once; True if there is nothing left to watch."""
         status = self._status
-        self._loop.wait(int(status["loop_pid"]), WATCH_MS)
+        self._loop.wait(WATCH_SECONDS)
         now = time.monotonic_ns()
         status["watchdog_ns"] = now
         self._stay_connected(now)
@@ -131,83 +128,18 @@ class Watchdog:
         return self._opened and self._device is not None and self._device.release()
 
 
-class _LoopProcess:
-    """Process of the loop, whose end wakes the watchdog."""
-
-    def __init__(self) -> None:
-        self.known = False
-        self.gone = False
-        self._pid = 0
-        self._descriptor = -1
-        self._poll = select.poll()
-
-    @property
-    def alive(self) -> bool:
-        return self.known and not self.gone
-
-    def wait(self, pid: int, timeout_ms: int) -> None:
-        """Sleep, at most until the process ends; `pid` is 0 if there is none."""
-        if pid != self._pid:
-            self._take(pid)
-        ended = bool(self._poll.poll(timeout_ms))
-        if self.alive and (ended or (self._descriptor < 0 and not _exists(pid))):
-            self.gone = True
-            self.close()
-
-    def close(self) -> None:
-        if self._descriptor >= 0:
-            self._poll.unregister(self._descriptor)
-            os.close(self._descriptor)
-            self._descriptor = -1
-
-    def _take(self, pid: int) -> None:
-        self.close()
-        self._pid, self.known, self.gone = pid, True, False
-        try:
-            self._descriptor = os.pidfd_open(pid)
-        except ProcessLookupError:
-            self.gone = True
-        except OSError:
-            # A system without this call: `wait` checks for the process.
-            self._descriptor = -1
-        else:
-            self._poll.register(self._descriptor, select.POLLIN)
-
-
-def _exists(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except OSError:
-        return False
-    return True
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Watch a session; returns the exit code."""
-    name_process("watchdog")
-    parser = argparse.ArgumentParser(prog="python -m hhsim.live.loop.watchdog", description=__doc__)
-    parser.add_argument("--setup", type=int, required=True, metavar="FD")
-    setup = read_setup(parser.parse_args(arguments).setup, WatchdogSetup)
-    watch(setup, None if setup.device is None else open_release(setup.device))
-    return 0
-
-
-def watch(setup: WatchdogSetup, device: FingerRelease | None) -> None:
-    """Watch a session in this process, under real-time scheduling; `device` as for `Watchdog`.
-
-    Signals do not end it while the loop lives.
-    """
-    watchdog = Watchdog(setup, device)
-
-    def end(number: int, frame: FrameType | None) -> None:
-        watchdog.allow_end()
-
+    """Watch a session under real-time scheduling; signals do not end it while the loop lives. Returns the exit code."""
+    setup: WatchdogSetup
+    (setup,) = process_setup("watchdog", arguments)
+    watchdog = Watchdog(setup, None if setup.device is None else open_release(setup.device))
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, end)
+        signal.signal(number, watchdog.allow_end)
     keep_off(setup.real_time.loop_cpu)
     become_real_time(replace(setup.real_time, cpu=-1), above=1)
     watchdog.watch()
     become_ordinary()
+    return 0
 
 
 if __name__ == "__main__":

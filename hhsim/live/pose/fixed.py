@@ -1,4 +1,6 @@
-"""Palm that stays at one place."""
+"""Palm that stays at one place until keys move it."""
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -6,6 +8,9 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.pose.registry import PoseConfig, PoseSource
+
+if TYPE_CHECKING:
+    from hhsim.live.shared_memory import SharedBlock
 
 
 def checked_pose(position: ArrayLike, orientation: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -20,15 +25,36 @@ def checked_pose(position: ArrayLike, orientation: ArrayLike) -> tuple[FloatArra
 
 
 class FixedPose(PoseSource):
-    """Palm at the `position` and `orientation` of its configuration; raises InputError for an invalid pose."""
+    """Palm at the pose of its configuration, or where the supervisor's keys have moved it through the status block.
 
-    name = "fixed pose"
+    Args:
+        status: Status block of the session (`LIVE_STATUS`); None for a palm that nothing moves.
 
-    def __init__(self, config: PoseConfig, status: object = None) -> None:
+    Raises:
+        InputError: Invalid first pose.
+    """
+
+    def __init__(self, config: PoseConfig, status: "SharedBlock | None" = None) -> None:
+        self.name = "fixed pose" if config.kind == "fixed" else config.kind
         self._position, self._orientation = checked_pose(config.position, config.orientation)
+        self._record = None if status is None else status.array[0]
+        self._seen = 0
 
     def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
         """See `PoseSource.read`."""
+        if self._record is not None:
+            self._look(self._record)
         position_out[:] = self._position
         orientation_out[:] = self._orientation
         return now_ns
+
+    def _look(self, record: np.void) -> None:
+        """Take a pose that is new, whole and finite."""
+        version = int(record["pose_version"])
+        if version == self._seen or version % 2 == 1:
+            return
+        position, orientation = record["pose_position"].copy(), record["pose_orientation"].copy()
+        if int(record["pose_version"]) == version:
+            self._seen = version
+            if np.isfinite(position).all() and np.isfinite(orientation).all():
+                self._position, self._orientation = position, orientation

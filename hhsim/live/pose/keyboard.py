@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
-from hhsim.kernels.rotation import rotate_quaternion, rotation_vector_between
+from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
 from hhsim.live.pose.fixed import checked_pose
-from hhsim.live.pose.registry import PoseConfig, PoseSource
 
 if TYPE_CHECKING:
     from hhsim.live.shared_memory import SharedBlock
@@ -92,7 +90,7 @@ class PalmKeys:
                 position[:] = np.clip(moved, self._home[0] - REACH, self._home[0] + REACH)
             elif key in TURNS:
                 turn = math.radians(DEGREES_PER_METRE * self.step) * np.array(TURNS[key])
-                rotate_quaternion(orientation.copy(), *_turned(orientation, turn), orientation)
+                orientation[:] = quaternion_product(orientation, quaternion(turn))
             elif key == HOME:
                 position[:], orientation[:] = self._home
             elif key in (FINER, COARSER):
@@ -103,8 +101,7 @@ class PalmKeys:
         """Glide towards the target for a time [s], and return whether the palm moved."""
         position, orientation = self._target
         shift = position - self.position
-        turn = np.empty(3)
-        rotation_vector_between(self.orientation, orientation, turn)
+        turn = rotation_vector(quaternion_product(orientation, conjugate(self.orientation)))
         distance, angle = float(np.linalg.norm(shift)), float(np.linalg.norm(turn))
         if distance == 0.0 and angle < 1e-12:
             return False
@@ -113,43 +110,12 @@ class PalmKeys:
         if angle <= TURNING * seconds:
             self.orientation[:] = orientation
         else:
-            x, y, z = map(float, TURNING * seconds / angle * turn)
-            rotate_quaternion(self.orientation.copy(), x, y, z, self.orientation)
+            self.orientation[:] = quaternion_product(quaternion(TURNING * seconds / angle * turn), self.orientation)
         return True
 
 
-class KeyboardPose(PoseSource):
-    """Palm that the supervisor moves with keys, through the status block (`LIVE_STATUS`).
-
-    Raises:
-        InputError: Invalid first pose, or no status block.
-    """
-
-    name = "keyboard"
-
-    def __init__(self, config: PoseConfig, status: "SharedBlock | None" = None) -> None:
-        if status is None:
-            raise InputError("a pose from the keyboard needs the session's status block")
-        self._position, self._orientation = checked_pose(config.position, config.orientation)
-        self._record = status.array[0]
-        self._seen = 0
-
-    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
-        """See `PoseSource.read`."""
-        version = int(self._record["pose_version"])
-        if version != self._seen and version % 2 == 0:
-            position, orientation = self._record["pose_position"].copy(), self._record["pose_orientation"].copy()
-            if int(self._record["pose_version"]) == version:
-                self._seen = version
-                if np.isfinite(position).all() and np.isfinite(orientation).all():
-                    self._position, self._orientation = position, orientation
-        position_out[:] = self._position
-        orientation_out[:] = self._orientation
-        return now_ns
-
-
 def write_keyboard_pose(status: "SharedBlock", position: ArrayLike, orientation: ArrayLike) -> None:
-    """Write the palm's pose, world, that `KeyboardPose` reads; there is one writer. InputError for an invalid pose."""
+    """Write the palm's pose, world, that `FixedPose` reads; there is one writer. InputError for an invalid pose."""
     place, turn = checked_pose(position, orientation)
     record = status.array[0]
     # Odd while the pose is written; a reader that meets an odd or a changed version tries again in the next tick.
@@ -157,11 +123,3 @@ def write_keyboard_pose(status: "SharedBlock", position: ArrayLike, orientation:
     record["pose_position"] = place
     record["pose_orientation"] = turn
     record["pose_version"] += 1
-
-
-def _turned(orientation: FloatArray, vector: FloatArray) -> tuple[float, float, float]:
-    """Rotate a vector from the palm frame to the world."""
-    w, axis = orientation[0], orientation[1:]
-    across = 2.0 * np.cross(axis, vector)
-    turned = vector + w * across + np.cross(axis, across)
-    return float(turned[0]), float(turned[1]), float(turned[2])

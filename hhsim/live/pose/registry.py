@@ -38,7 +38,7 @@ class Pose:
 
 POSES = {
     # Its user comes to the object.
-    "keyboard": Pose("moved with keys", "hhsim.live.pose.keyboard:KeyboardPose", placed=True, back=0.06),
+    "keyboard": Pose("moved with keys", "hhsim.live.pose.fixed:FixedPose", placed=True, back=0.06),
     "fixed": Pose("at one place", "hhsim.live.pose.fixed:FixedPose", placed=True),
     "replay": Pose("as in --trajectory", "hhsim.live.pose.replay:ReplayPose", plays=True),
     "udp": Pose("by packets of a tracker", "hhsim.live.pose.udp_tracker:UdpPose"),
@@ -104,11 +104,11 @@ class PoseSource(ABC):
 def make_pose_source(
     config: PoseConfig, status: "SharedBlock | None" = None, glove: "GloveDevice | None" = None
 ) -> PoseSource:
-    """Make a source, not yet opened; `keyboard` reads the status block (`LIVE_STATUS`), `glove` the session's glove.
+    """Make a source, not yet opened, of a session with a status block (`LIVE_STATUS`) and a glove.
 
     Raises:
         UnknownNameError: No such kind.
-        InputError: Invalid pose, or a missing motion, block or glove.
+        InputError: Invalid pose, or a missing motion or glove.
     """
     if config.kind not in POSES:
         raise UnknownNameError("pose source", config.kind, POSES)

@@ -14,11 +14,7 @@ UNIT_WITHIN = 0.1
 
 
 class UdpPose(PoseSource):
-    """Newest pose sent by the tracker at the configuration's `host` and `port`; it ages while the tracker is silent.
-
-    Attributes:
-        rejected: Number of packets of another kind, or with an invalid pose.
-    """
+    """Newest valid pose sent by the tracker at the configuration's `host` and `port`; it ages while none comes."""
 
     def __init__(self, config: PoseConfig, status: object = None) -> None:
         self.name = f"udp pose from {config.host} at port {config.port}"
@@ -27,7 +23,6 @@ class UdpPose(PoseSource):
         self._order = PacketOrder()
         self._position, self._orientation = np.zeros(3), np.zeros(4)
         self._came_ns = -1
-        self.rejected = 0
 
     def open(self) -> None:
         """See `PoseSource.open`; does not wait for a pose."""
@@ -42,9 +37,7 @@ class UdpPose(PoseSource):
         """See `PoseSource.read`."""
         if self._port is not None:
             for packet, came in self._port.arrived():
-                if packet.kind is not Kind.POSE:
-                    self.rejected += 1
-                elif self._order.take(packet.session, packet.seq, came):
+                if packet.kind is Kind.POSE and self._order.take(packet.session, packet.seq, came):
                     self._port.keep_to_sender()
                     self._take(packet.values.astype(np.float64), came)
         if self._came_ns >= 0:
@@ -58,8 +51,6 @@ class UdpPose(PoseSource):
         if (np.abs(values[:3]) <= FARTHEST).all() and abs(length - 1.0) <= UNIT_WITHIN:
             self._position, self._orientation = values[:3], values[3:] / length
             self._came_ns = came
-        else:
-            self.rejected += 1
 
     def close(self) -> None:
         """See `PoseSource.close`."""

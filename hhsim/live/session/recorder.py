@@ -1,4 +1,4 @@
-"""Process that writes a session to its file: `python -m hhsim.live.session.recorder --setup FD --status FD …`.
+"""Process that writes a session to its file: `python -m hhsim.live.session.recorder --setup FD`.
 
 It only reads the rings, so that its failure, or that of the disk, does not affect the loop. Its real-time priority is
 the lowest: without one, the rings would overflow on a busy machine. It ends when the session has ended and all of it is
@@ -9,7 +9,6 @@ where the written part is). After 1 and 2 `recorder_failed` is set in the status
 """
 
 import os
-import select
 import signal
 import sys
 import time
@@ -19,7 +18,7 @@ from types import FrameType
 
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import SessionMemory, exit_code, session_process
-from hhsim.live.ipc.status import Stage
+from hhsim.live.ipc.status import LoopProcess, Stage
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.session.writer import RINGS, SessionWriter
@@ -51,7 +50,7 @@ class Recorder:
         self._memory = memory
         self._readers = {ring: RingReader(getattr(memory, ring)) for ring in RINGS}
         self._parent = os.getppid()
-        self._loop = -1
+        self._loop = LoopProcess(memory.status)
         self._stop = False
 
     def stop(self, number: int, frame: FrameType | None) -> None:
@@ -64,12 +63,12 @@ class Recorder:
         options = loop_options(self._setup.options, self._setup.rate)
         # Kernels that measure penetration are compiled before ticks wait.
         warm_up(self._setup.hand, options, self._setup.free)
-        while not self._memory.read_facts():
+        while not self._memory.facts.read():
             # The glove is being connected; without it there is no session.
             if self._end() or self._stop:
                 return
-            self._breathe()
-        with SessionWriter(self._path, self._setup, options, self._memory.read_facts()) as writer:
+            self._loop.wait(POLL)
+        with SessionWriter(self._path, self._setup, options, self._memory.facts.read()) as writer:
             ended = self._follow(writer)
             become_ordinary()
             if writer.empty:
@@ -97,7 +96,7 @@ class Recorder:
             if over:
                 return ended or CUT_SHORT
             if not more:
-                self._breathe()
+                self._loop.wait(POLL)
 
     def _take(self, writer: SessionWriter) -> bool:
         """Take at most `BLOCK_RECORDS` of each ring; True if there may be more."""
@@ -109,39 +108,23 @@ class Recorder:
             more = more or len(records) == BLOCK_RECORDS
         return more
 
-    def _breathe(self) -> None:
-        self._memory.status["recorder_ns"] = time.monotonic_ns()
-        time.sleep(POLL)
-
     def _end(self) -> str:
         """Return the reason why the session has ended, "" while it goes on."""
         status = self._memory.status
-        gone = self._loop_gone()
+        self._loop.wait()
         if status["stage"] == Stage.ENDED:
-            reason = self._memory.read_facts().get("summary", {}).get("reason")
-            return str(reason or LOOP_DIED)
-        if gone:
+            return str(self._memory.facts.read().get("reason") or LOOP_DIED)
+        if self._loop.gone:
             return LOOP_DIED
-        if status["loop_pid"] == 0 and os.getppid() != self._parent:
+        if not self._loop.known and os.getppid() != self._parent:
             return "the session's supervisor died before the loop began"
         return ""
-
-    def _loop_gone(self) -> bool:
-        """Return True if the loop's process has ended, even if its exit code was not collected yet."""
-        if self._loop < 0:
-            number = int(self._memory.status["loop_pid"])
-            if number == 0:
-                return False
-            try:
-                self._loop = os.pidfd_open(number)
-            except ProcessLookupError:
-                return True
-        return bool(select.select([self._loop], [], [], 0.0)[0])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Record a session; returns the exit code."""
-    setup, memory = session_process("recorder", LiveSetup, arguments)
+    setup: LiveSetup
+    setup, memory = session_process("recorder", arguments)
     keep_off(setup.real_time.loop_cpu)
     become_real_time(replace(setup.real_time, priority=PRIORITY, lock_memory=False, cpu=-1, freeze_gc=False))
     recorder = Recorder(setup, memory)

@@ -43,23 +43,21 @@ MODULES = {
     VIEWER: "hhsim.live.session.viewer",
 }
 
-LOOP_PATIENCE = 3.0
-"""Own time (`OwnTime`) [s] that the loop has to end before SIGTERM, and again before SIGKILL."""
-PREPARATION = 60.0
-"""Own time [s] of a loop that has not begun, which gets SIGTERM at once: a kernel in compilation is finished first."""
+LOOP_PATIENCE = 15.0
+"""Time [s] that the loop has to end before SIGTERM, and again before SIGKILL: a busy machine may keep it waiting."""
+PREPARATION = 300.0
+"""The same for a loop that has not begun, which gets SIGTERM at once: a kernel in compilation is finished first."""
 RECORDER_PATIENCE = 60.0
-"""Own time [s] of the recorder without writing a tick."""
+"""Time [s] that the recorder has to end after it wrote a tick."""
 TOLD = 1.0
 """Longer waits than this are reported [s]."""
 RELEASE_PATIENCE = 0.25
 """Time for the watchdog to free the fingers after a loop that did not [s]: a dozen times what it needs."""
-VIEWER_PATIENCE, WATCHDOG_PATIENCE = 5.0, 2.0
+VIEWER_PATIENCE, WATCHDOG_PATIENCE = 15.0, 10.0
 SILENCE = 0.5
 """Age of the loop's heartbeat that is reported [s]; the watchdog has freed the fingers long before."""
-RESTART_PAUSES = (0.0, 0.1, 0.5, 2.0)
-"""Pauses before the first, second and further restarts of a watchdog [s]."""
-STEADY = 10.0
-"""A watchdog that has lived so long begins again with the first pause [s]."""
+RESTART_SECONDS = 0.5
+"""Shortest time from the begin of a watchdog to that of the next one [s]."""
 
 
 @dataclass
@@ -70,7 +68,7 @@ class SessionOutcome:
         seconds: Duration of the loop.
         missed: Periods without a tick.
         missed_by: The same by cause.
-        facts: Facts that the loop wrote (`SessionMemory.read_facts`).
+        facts: Facts that the loop wrote (`SessionMemory.facts`).
         record: File of the recording, with `recorded` ticks; it lacks `record_lost`.
         record_failed, loop_failed: Failure that ended recording or loop early; "" if there was none.
         notices: Reported events: seconds since the beginning, level, text.
@@ -113,14 +111,13 @@ class Supervisor:
         self.memory = SessionMemory.create(free=setup.free is not None)
         self.tally = LiveTally(self.memory.ticks)
         self._events = RingReader(self.memory.events)
-        descriptor = write_setup(setup)
+        descriptor = self.memory.with_setup(setup)
         self._setups = dict.fromkeys((LOOP, RECORDER, VIEWER), descriptor)
         self._setups[WATCHDOG] = write_setup(setup.for_watchdog(self.memory.descriptors.status))
         self._children: dict[str, ChildProcess] = {}
         self._notices: list[tuple[float, int, str]] = []
         self._reason = self._loop_failed = self._record_failed = ""
-        self._watchdog_deaths = self._watchdog_restarts = 0
-        self._watchdog_due = 0.0
+        self._watchdog_restarts = 0
         self._began = time.monotonic()
         self._never_ran = self._loop_hangs = False
         self._processors = os.sched_getaffinity(0)
@@ -231,13 +228,7 @@ class Supervisor:
             raise HhsimError(f"the recording{where} is not whole: {self._record_failed}")
 
     def _start(self, name: str) -> None:
-        setup, memory = self._setups[name], self.memory
-        if name == WATCHDOG:
-            arguments, descriptors = [], [memory.descriptors.status]
-        else:
-            arguments, descriptors = memory.arguments(), list(memory.descriptors)
-        arguments = ["--setup", str(setup), *arguments]
-        self._children[name] = ChildProcess(name, MODULES[name], arguments, [setup, *descriptors])
+        self._children[name] = ChildProcess(name, MODULES[name], self._setups[name], self.memory.descriptors)
 
     def _watch_loop(self) -> None:
         heartbeat = int(self.memory.status["heartbeat_ns"])
@@ -255,14 +246,12 @@ class Supervisor:
         watchdog = self._children.get(WATCHDOG)
         if watchdog is None or watchdog.running or self.stage == Stage.ENDED:
             return
-        now = time.monotonic()
         if not watchdog.reported:
             watchdog.reported = True
-            self._watchdog_deaths = 0 if now - watchdog.began > STEADY else self._watchdog_deaths + 1
-            self._watchdog_due = now + RESTART_PAUSES[min(max(self._watchdog_deaths, 1), len(RESTART_PAUSES)) - 1]
             text = f"the watchdog {watchdog.how_it_ended()}: it is started again, the fingers are free until it is back"
             self._notice(text, FAULT)
-        if now >= self._watchdog_due and self.memory.status["stop_requested"] == 0:
+        due = watchdog.began + RESTART_SECONDS
+        if time.monotonic() >= due and self.memory.status["stop_requested"] == 0:
             watchdog.close()
             self._watchdog_restarts += 1
             self._start(WATCHDOG)
@@ -303,7 +292,7 @@ class Supervisor:
             self._record_failed = recorder.last_line() or recorder.how_it_ended()
 
     def _end_child(self, name: str, patience: float, activity: Callable[[], str]) -> bool:
-        """Wait for a process that does `activity`, `patience` [s] of own time before SIGTERM; True if it just ends."""
+        """Wait for a process that does `activity`, `patience` [s] before SIGTERM; True if it just ends."""
         child = self._children.get(name)
         if child is None:
             return True
@@ -317,13 +306,13 @@ class Supervisor:
                 self._notice(f"waiting for the {name}, which {doing}", INFORMATION)
             return int(self.memory.status["recorder_ticks" if name == RECORDER else "stage"])
 
-        if child.wait_own_time(patience, progress):
+        if child.wait(patience, progress):
             return True
         for number in (signal.SIGTERM, signal.SIGKILL):
             level = WARNING if name == VIEWER else FAULT
             self._notice(f"the {name} does not end: it gets {number.name}", level)
             child.send(number)
-            if child.wait_own_time(min(patience, LOOP_PATIENCE), progress):
+            if child.wait(min(patience, LOOP_PATIENCE), progress):
                 break
         return False
 
@@ -353,11 +342,11 @@ class Supervisor:
 
     def _outcome_now(self) -> SessionOutcome:
         status = self.memory.status
-        facts = self.memory.read_facts()
+        facts = self.memory.facts.read()
         if not self._record_failed and status["recorder_failed"]:
             self._record_failed = "the recorder failed"
         return SessionOutcome(
-            reason=self._reason or str(facts.get("summary", {}).get("reason", "")) or "the loop ended",
+            reason=self._reason or str(facts.get("reason", "")) or "the loop ended",
             seconds=float((status["ticks"] + status["missed"]) / self.setup.rate),
             ticks=int(status["ticks"]),
             missed=int(status["missed"]),

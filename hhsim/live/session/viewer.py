@@ -1,4 +1,4 @@
-"""Process that shows a session in the rerun viewer: `python -m hhsim.live.session.viewer --setup FD --status FD …`.
+"""Process that shows a session in the rerun viewer: `python -m hhsim.live.session.viewer --setup FD`.
 
 It runs below ordinary priority, only reads the rings, and sends about thirty frames a second: the newest tick, with
 plots that show the worst of the ticks since the frame before. It does not affect the loop: it ends when the viewer is
@@ -170,7 +170,8 @@ class LiveViewer:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Show a session; returns the exit code."""
-    setup, memory = session_process("viewer", LiveSetup, arguments)
+    setup: LiveSetup
+    setup, memory = session_process("viewer", arguments)
     with suppress(OSError):
         os.nice(NICENESS)
     keep_off(setup.real_time.loop_cpu)

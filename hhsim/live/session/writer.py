@@ -40,7 +40,7 @@ class SessionWriter:
 
     Args:
         options: Options that the loop solves with.
-        facts: Facts of the session before it ran, `SessionMemory.read_facts`.
+        facts: Facts of the session before it ran, `SessionMemory.facts`.
 
     Attributes:
         lost: Lost records by ring; kept up to date by the reader of the rings.

@@ -16,7 +16,7 @@ from live_scripted import FIST, FREE, FakeClock, InStep, make_setup
 import hhsim.live.devices
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.live.device import DeviceError, FingerRelease, GloveDevice, NothingHeld
-from hhsim.live.devices.registry import GLOVES, configure, for_release, open_device, open_release
+from hhsim.live.devices.registry import GLOVES, configure, open_device, open_release
 from hhsim.live.ipc.config import OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.playback import Playback
@@ -144,7 +144,8 @@ def test_what_there_is_not_is_named_with_what_there_is() -> None:
 def test_what_the_watchdog_opens_knows_nothing_of_readings() -> None:
     config = configure("dexmo", port=1)
     assert config.calibration is not None
-    bare = for_release(config)
+    bare = make_setup(device=config).for_watchdog(0).device
+    assert bare is not None
     assert (bare.calibration, bare.playback, bare.options) == (None, None, config.options)
     assert isinstance(open_release(bare), FingerRelease)
     assert isinstance(open_release(configure("sim")), NothingHeld)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from hhsim.errors import InputError
-from hhsim.live.drivers.calibration import MOST_FILE, load_calibration
+from hhsim.live.devices.registry import ServedOptions
+from hhsim.live.drivers.calibration import MOST_FILE, GloveCalibration, glove_calibration
 from hhsim.live.link.dexmo_codec import CHANNELS
 from hhsim.recordings.dexmo_regression import BEND
 from hhsim.recordings.dexmo_regression import CHANNELS as OURS
@@ -26,6 +27,10 @@ def written(folder: Path, whole: Any) -> Path:
     path = folder / "calibration.json"
     path.write_text(json.dumps(whole))
     return path
+
+
+def load_calibration(path: Path | None, hand: str = "right", profile: str = "") -> GloveCalibration:
+    return glove_calibration(ServedOptions(calibration=str(path or ""), profile=profile), hand)
 
 
 def test_without_a_file_channels_are_normalised_and_counts_refused() -> None:

@@ -14,21 +14,12 @@ import numpy as np
 import pytest
 import udp_flood
 from live_peers import PATIENCE, Reader, free_ports
-from live_scripted import make_setup
 from numpy.typing import NDArray
 from sampled import sampled
 
 from hhsim.live.devices.registry import configure, open_device
-from hhsim.live.ipc.config import SafetyLimits
-from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.link import udp
 from hhsim.live.link.udp import MOST_LOOKED_AT, UdpPort
-from hhsim.live.loop.driver import BEGIN, GloveDriver
-from hhsim.live.loop.loop import LiveLoop
-from hhsim.live.loop.process import LoopThread
-from hhsim.live.pose.registry import PoseConfig, make_pose_source
-from hhsim.live.real_time import RealTimeWishes
-from hhsim.solver.compile import warm_up
 
 RATE = 100_000
 FLOOD = Path(udp_flood.__file__)
@@ -137,46 +128,3 @@ def test_nothing_is_used_that_is_not_the_peers_and_every_frame_is_accounted_for(
         assert counters.dropped == numbers[-1] - numbers[0] + 1 - len(numbers)
         assert counters.other > 0, "what the peer said twice is counted"
     assert 0 < looks.most <= MOST_LOOKED_AT
-
-
-def test_the_loops_count_of_ticks_is_whole_and_its_inputs_are_the_peers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(udp, "SESSION_SILENCE_NS", int(1e9 * PATIENCE))
-    port, pose_port, looks = free_ports(socket.SOCK_DGRAM), free_ports(socket.SOCK_DGRAM), LooksAt(monkeypatch)
-    setup = make_setup(
-        device=configure("udp", port=port),
-        pose=PoseConfig("udp", port=pose_port),
-        safety=SafetyLimits(watchdog=False),
-        duration=1.0,
-        real_time=RealTimeWishes.none(),
-    )
-    warm_up(setup.hand, setup.options)
-    memory = SessionMemory.create()
-    with (
-        closing(open_device(setup.device)) as glove,
-        flooded("joints", port),
-        flooded("pose", pose_port),
-        closing(make_pose_source(setup.pose)) as pose,
-    ):
-        driver = GloveDriver(memory, glove, pose)
-        driver.open()
-        loop = LiveLoop(setup, memory, glove.info)
-        loop.prepare()
-        thread = LoopThread(loop, memory.device.read())
-        thread.start()
-        try:
-            assert driver.until_loop(BEGIN)
-            driver.run()
-        finally:
-            loop.stop("the driver has ended")
-            thread.join()
-            driver.close()
-    assert thread.failure is None
-    assert loop.stopped == "duration"
-    ticks, summary = memory.ticks.records[: memory.ticks.written], loop.summary()
-    # Each tick says how many periods were missed right before it; the last one is the first at or beyond the end.
-    assert summary["ticks"] + summary["missed"] == ticks["tick"][-1] + 1 >= 1000
-    assert sum(summary["missed_by"].values()) == summary["missed"]
-    assert 0 < looks.most <= MOST_LOOKED_AT
-    own = {udp_flood.own_number(number) for number in range(4096)}
-    assert set(ticks["haptic_position"][:, 0].tolist()) <= own
-    assert set(ticks["haptic_flexion"][:, 0, 0].tolist()) <= own

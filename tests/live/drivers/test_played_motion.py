@@ -26,11 +26,11 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return now
 
 
-def motion(count: int = 50, rate: float = 100.0) -> Trajectory:
+def motion(count: int = 50, rate: float = 100.0, start: float = 3.0) -> Trajectory:
     """A seeded motion in which no two samples are the same."""
     random = np.random.default_rng(7)
     return Trajectory(
-        time=np.arange(count) / rate + 3.0,
+        time=np.arange(count) / rate + start,
         position=random.uniform(-0.1, 0.1, (count, 3)),
         orientation=random.standard_normal((count, 4)),
         flexion=random.uniform(0.0, 1.0, (count, 5, 3)),
@@ -85,9 +85,9 @@ def test_replay_gives_the_samples_of_the_motion_whenever_it_is_read(clock: list[
         assert samples["good"].all()
 
 
-def test_replay_at_its_own_rate_is_due_when_its_stamps_say_and_goes_back_to_begin_anew(clock: list[int]) -> None:
-    given = motion()
-    device = open_device(configure("replay", playback=Playback(given, rate=500.0, repeat=True)))
+def test_replay_is_due_when_its_stamps_say_and_goes_back_to_begin_anew(clock: list[int]) -> None:
+    given = motion(rate=500.0, start=0.0)
+    device = open_device(configure("replay", playback=Playback(given, repeat=True)))
     assert len(read_all(device)) == 1
     clock[0] += 2_000_000 - 1
     assert len(read_all(device)) == 0

@@ -1,6 +1,5 @@
 """The memory and the setup of a live session, as other processes see them."""
 
-import argparse
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,7 +11,7 @@ from hhsim.errors import HhsimError, InputError
 from hhsim.hand.model import HandModel
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
-from hhsim.live.ipc.session_memory import FACT_BYTES, SessionMemory, add_memory_options, attached
+from hhsim.live.ipc.session_memory import FACT_BYTES, SessionMemory
 from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.shared_memory import RingReader, read_setup, write_setup
@@ -22,17 +21,13 @@ from hhsim.trees.sphere_tree import SphereTree
 from tools.shapes.generators import sphere
 
 CHILD = """
-import argparse
-from hhsim.live.ipc.session_memory import add_memory_options, attached
-from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.shared_memory import RingReader, read_setup
-parser = argparse.ArgumentParser()
-add_memory_options(parser)
-options = parser.parse_args()
-memory, setup = attached(options), read_setup(options.setup, LiveSetup)
+from hhsim.live.ipc.session_memory import session_process
+from hhsim.live.shared_memory import RingReader
+setup, memory = session_process("child")
 first, ticks = RingReader(memory.ticks).read(10)
 heartbeat = int(memory.status["heartbeat_ns"])
-print(first, ticks["tick"].tolist(), heartbeat, memory.read_facts(), setup.rate, setup.device.kind)
+free = "turn" in ticks.dtype.names
+print(first, ticks["tick"].tolist(), heartbeat, memory.facts.read(), setup.rate, setup.device.kind, free)
 memory.status["recorder_ticks"] = 77
 """
 
@@ -50,30 +45,32 @@ def setup() -> LiveSetup:
     )
 
 
-def test_a_child_sees_the_memory_and_the_setup(setup: LiveSetup) -> None:
-    memory, descriptor = SessionMemory.create(), write_setup(setup)
+@pytest.mark.parametrize("free", [False, True])
+def test_a_child_sees_the_memory_and_the_setup(setup: LiveSetup, free: bool) -> None:
+    memory = SessionMemory.create(free=free)
+    descriptor = memory.with_setup(setup)
     memory.status["heartbeat_ns"] = 123
-    memory.write_facts({"real_time": {"fifo": True}})
+    memory.facts.write({"real_time": {"fifo": True}})
     for tick in (4, 5, 9):
         memory.ticks.slot()["tick"] = tick
         memory.ticks.publish()
     for _ in range(2):
         # Twice: a reader must not take the setup away from the next one.
         child = subprocess.run(
-            [sys.executable, "-c", CHILD, "--setup", str(descriptor), *memory.arguments()],
+            [sys.executable, "-c", CHILD, "--setup", str(descriptor)],
             pass_fds=(descriptor, *memory.descriptors),
             capture_output=True,
             text=True,
             check=False,
         )
         assert child.returncode == 0, child.stderr
-        assert child.stdout == "0 [4, 5, 9] 123 {'real_time': {'fifo': True}} 500.0 sim\n"
+        assert child.stdout == f"0 [4, 5, 9] 123 {{'real_time': {{'fifo': True}}}} 500.0 sim {free}\n"
     assert memory.status["recorder_ticks"] == 77
     assert (memory.status["battery"], memory.status["sample_ns"]) == (-1, -1), "nobody knows them yet"
 
 
 def test_a_setup_comes_back_whole(setup: LiveSetup) -> None:
-    again = read_setup(write_setup(setup), LiveSetup)
+    (again,) = read_setup(write_setup(setup))
     assert np.array_equal(again.mesh.vertices, setup.mesh.vertices)
     assert np.array_equal(again.tree.radius, setup.tree.radius)
     assert again.options == setup.options
@@ -99,25 +96,13 @@ def test_events_are_cut_between_letters() -> None:
 
 def test_facts_are_replaced_whole_and_bounded() -> None:
     memory = SessionMemory.create()
-    assert memory.read_facts() == {}
-    memory.write_facts({"long": "x" * 1000})
-    memory.write_facts({"short": 1})
-    assert memory.read_facts() == {"short": 1}
+    assert memory.facts.read() == {}
+    memory.facts.write({"long": "x" * 1000})
+    memory.facts.write({"short": 1})
+    assert memory.facts.read() == {"short": 1}
     with pytest.raises(ValueError, match="fit"):
-        memory.write_facts({"too": "x" * FACT_BYTES})
-    assert memory.read_facts() == {"short": 1}
-
-
-@pytest.mark.parametrize("free", [False, True])
-def test_the_options_name_the_memory(free: bool) -> None:
-    memory = SessionMemory.create(free=free)
-    parser = argparse.ArgumentParser()
-    add_memory_options(parser)
-    other = attached(parser.parse_args(["--setup", "0", *memory.arguments()]))
-    memory.status["ticks"] = 42
-    assert other.status["ticks"] == 42
-    assert other.ticks.records.dtype == memory.ticks.records.dtype
-    assert ("turn" in (other.ticks.records.dtype.names or ())) == free
+        memory.facts.write({"too": "x" * FACT_BYTES})
+    assert memory.facts.read() == {"short": 1}
 
 
 @pytest.mark.parametrize(

@@ -10,15 +10,13 @@ from hhsim.live.link.dexmo_codec import (
     CHANNELS,
     FramingError,
     GloveMessage,
-    Impedance,
     MessageStream,
     WireError,
     decode_frame,
-    decode_impedances,
-    encode_frame,
     encode_impedance,
     framed,
 )
+from tools.dexmo_server import Impedance, decode_impedances, encode_frame
 
 FIVE = [0.5, 0.25, 0.75, 1.0, 0.125]
 

@@ -1,63 +1,31 @@
 """The loop with a scripted glove on a clock of its own: each fault frees the fingers in the tick it is seen in."""
 
-import gc
-import sys
-from collections import deque
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from live_scripted import FIST, FREE, FakeClock, InStep, Moment, ScriptedGlove, make_setup
+from live_scripted import CLOSING, FIST, FREE, QUICK, Moment, ScriptedSession
 from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.live.phase import LARGEST_SHIFT
-from hhsim.live.device import Capability, DeviceError, FingerCommand, GloveInfo
-from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
-from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.device import Capability, DeviceError
+from hhsim.live.ipc.config import SafetyLimits
 from hhsim.live.ipc.status import Stage
-from hhsim.live.loop.loop import loop_options
 from hhsim.live.loop.story import BEGINS_INSIDE
 from hhsim.live.pose.fixed import FixedPose
 from hhsim.live.pose.registry import PoseConfig, PoseSource
 from hhsim.live.shared_memory import RingReader
 from hhsim.result.safety import Safety
-from hhsim.solver.hand_solver import HandSolver
-
-TIMINGS = ("duration", "duration_total", "duration_cpu")
 
 PERIOD = 1_000_000
-UPRIGHT = (1.0, 0.0, 0.0, 0.0)
-QUICK = OutputLimits(ramp=0.01, stiffness_rise=1e4, bend_speed=1e3)
-CLOSING = [Moment(FREE + (FIST - FREE) * i / 60) for i in range(60)]
-"""A fist that closes on the ball in 60 ms."""
 HOLDING = [*CLOSING, *[Moment(FIST)] * 60]
 
 
-class Session:
-    """A loop that has run a script to its end."""
-
-    def __init__(
-        self, script: Sequence[Moment], pose: PoseSource | None = None, unit: str = "", **changes: Any
-    ) -> None:
-        given: dict[str, Any] = {"output": QUICK, "safety": SafetyLimits(watchdog=False)}
-        self.setup: LiveSetup = make_setup(**(given | {"duration": 1e-3 * (len(script) + 1)} | changes))
-        self.memory = SessionMemory.create()
-        self.clock = FakeClock()
-        self.glove = ScriptedGlove(self.clock, script)
-        self.glove.info = replace(self.glove.info, unit=unit)
-        self.both = InStep(self.setup, self.memory, self.glove, self.clock, pose=pose)
-        self.loop = self.both.loop
-
-    def run(self) -> "Session":
-        self.reason = self.both.run()
-        self.ticks: NDArray[Any] = RingReader(self.memory.ticks).read(10**6)[1]
-        self.samples = RingReader(self.memory.samples).read(10**6)[1]
-        self.events = [text.decode() for text in RingReader(self.memory.events).read(1000)[1]["text"]]
-        return self
+class Session(ScriptedSession):
+    """A loop that runs a script to its end."""
 
     def stiffness_at(self, tick: int) -> FloatArray:
         """What the glove has been told when a tick is over, shape (5,)."""
@@ -124,11 +92,7 @@ def test_a_sample_that_came_too_late_does_not_delay_all_others() -> None:
 
 @pytest.mark.parametrize("takes", [Capability.FORCE, Capability.POWER, Capability.POSITION_LIMIT])
 def test_a_glove_that_takes_forces_is_told_those_of_the_tick(takes: Capability) -> None:
-    session = Session(HOLDING)
-    session.glove.info = GloveInfo("scripted glove", takes, ("bend",))
-    session.both = InStep(session.setup, session.memory, session.glove, session.clock)
-    session.loop = session.both.loop
-    session.run()
+    session = Session(HOLDING, takes=takes).run()
     told = [command.force for command in session.glove.commands]
     if takes is Capability.POSITION_LIMIT:
         assert not np.any(told)
@@ -139,17 +103,6 @@ def test_a_glove_that_takes_forces_is_told_those_of_the_tick(takes: Capability) 
     assert np.abs(expected).max() > 0.1
     np.testing.assert_allclose(told, expected, atol=1e-12)
     assert not told[-1].any(), "the last tick frees the fingers"
-
-
-def test_the_ticks_are_those_of_a_replay_bit_for_bit(held: Session) -> None:
-    ticks, setup = held.ticks, held.setup
-    solver = HandSolver(setup.hand, setup.tree.arrays(), loop_options(setup.options, setup.rate))
-    record = solver.run(
-        ticks["haptic_position"], ticks["haptic_orientation"], ticks["haptic_flexion"], ticks["haptic_abduction"]
-    )
-    assert record.total.any(), "the hand touches the ball"
-    for name in set(record._fields) - set(TIMINGS):
-        np.testing.assert_array_equal(getattr(record, name), ticks[name], err_msg=name)
 
 
 def assert_freed(session: Session, first: int, last: int, bit: Safety) -> None:
@@ -444,38 +397,6 @@ def test_a_jump_of_a_right_angle_keeps_the_fingers_free_and_is_told() -> None:
     session = Session([*HOLDING, *[Moment(jump)] * 2, *[Moment(FIST)] * 20]).run()
     assert (session.ticks["command_stiffness"][120:] == 0.0).all(), "the samples that follow lift no doubt"
     assert any("jumped" in text for text in session.events)
-
-
-class QuietGlove(ScriptedGlove):
-    """Keeps nothing of what it is told."""
-
-    def send(self, command: FingerCommand) -> bool:
-        return True
-
-
-def test_ticks_keep_no_memory() -> None:
-    session = Session(HOLDING, duration=None)
-    both = InStep(session.setup, session.memory, QuietGlove(session.clock, HOLDING), session.clock)
-    both.driver.take()
-    both.loop.start()
-    session.clock.slept = deque(maxlen=1)
-
-    def run(ticks: int) -> int:
-        before = sys.getallocatedblocks()
-        for _ in range(ticks):
-            both.step()
-        return sys.getallocatedblocks() - before
-
-    run(1500)
-    gc.collect()
-    gc.disable()
-    try:
-        # What the collector freed beyond the loop's own is taken again first.
-        run(500)
-        # A loop of hours has its collector off: what is kept, or lies in a cycle, adds up.
-        assert run(3000) < 500
-    finally:
-        gc.enable()
 
 
 def stalled(after_stall: str, missed: int) -> tuple[Session, NDArray[Any]]:

@@ -1,26 +1,15 @@
-"""Every missed period of a loop has one of four names, by what was measured: each cause planted, and by the system."""
+"""Every missed period of a loop has one of four names, by what was measured: each cause planted."""
 
-import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import pytest
-from live_peers import PATIENCE
-from live_scripted import FIST, FREE, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
+from live_scripted import FIST, FREE, Moment, ScriptedSession
 
 from hhsim.kernels.live.accounts import LONG_STALL_NS
-from hhsim.live.ipc.config import SafetyLimits
-from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop.loop import STEAL_UNREAD
 from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.live.session.summary_table import session_rows
-from hhsim.live.shared_memory import RingReader
 from hhsim.result.miss_cause import CAUSES, MissCause, TimeTaken, by_name
 from hhsim.result.safety import Safety
 
@@ -29,19 +18,11 @@ AT = 40
 """The tick in which something is planted, before any phase is known; the one after it has missed periods before it."""
 
 
-class Planted:
+class Planted(ScriptedSession):
     """A session in whose tick `AT` something takes time."""
 
-    def __init__(self, ticks: int = 100, *, moments: dict[int, Moment] | None = None) -> None:
-        script = [Moment(FREE + (FIST - FREE) * min(i, 60) / 60) for i in range(ticks)]
-        for tick, moment in (moments or {}).items():
-            script[tick] = moment
-        self.clock, self.accounts = FakeClock(), FakeAccounts()
-        self.glove = ScriptedGlove(self.clock, script)
-        self.memory = SessionMemory.create()
-        setup = make_setup(safety=SafetyLimits(watchdog=False), duration=1e-3 * (ticks + 1))
-        self.both = InStep(setup, self.memory, self.glove, self.clock, accounts=self.accounts)
-        self.loop = self.both.loop
+    def __init__(self, ticks: int = 100) -> None:
+        super().__init__([Moment(FREE + (FIST - FREE) * min(i, 60) / 60) for i in range(ticks)])
 
     def at(self, tick: int, action: Callable[[], None]) -> None:
         """Let something happen while a tick is solved."""
@@ -54,12 +35,6 @@ class Planted:
             return int(sound(*given))
 
         solver.tick = solve
-
-    def run(self) -> "Planted":
-        self.both.run()
-        self.ticks = RingReader(self.memory.ticks).read(10**6)[1]
-        self.events = [text.decode() for text in RingReader(self.memory.events).read(1000)[1]["text"]]
-        return self
 
     def only_miss(self) -> Any:
         (row,) = self.ticks[self.ticks["missed"] > 0]
@@ -216,61 +191,3 @@ def test_the_table_has_a_line_for_each_cause_that_there_was() -> None:
     figures = session_figures(LiveTally(), 7, by_name([0, 2, 5, 0]), 0.0, {})
     shown = {row.label: row.shown for row in session_rows(figures) if row.name.startswith("missed")}
     assert shown == {"missed ticks": "7", "missed: woken late": "2", "missed: taken by the host": "5"}
-
-
-CHILD = """
-import json, time
-from live_scripted import Deadlines, MonotonicClock, account_tick, name_misses
-from hhsim.live.loop.miss_accounts import MissAccounts
-from hhsim.result.miss_cause import TimeTaken
-from hhsim.system.cpu_accounts import CpuAccounts
-deadlines, accounts = Deadlines(10_000_000, MonotonicClock()), CpuAccounts()
-misses = MissAccounts(deadlines.state)
-misses.begin(accounts)
-
-def tick(work=lambda: None):
-    deadlines.wait()
-    account_tick(misses, deadlines.at, accounts)
-    name_misses(misses, deadlines.at, accounts)
-    found = TimeTaken(*map(int, misses.state[0].taken)) if deadlines.at.missed else None
-    work()
-    return found
-
-def compute():
-    end = time.thread_time_ns() + 60_000_000
-    while time.thread_time_ns() < end:
-        pass
-
-tick(compute)
-# What names a miss is compiled, or loaded, when there is one.
-tick()
-tick(compute)
-found = tick()
-print(json.dumps([*found, int(found.cause())]), flush=True)
-print("stop me", flush=True)
-while True:
-    found = tick()
-    if found is not None and found.kept > 200_000_000:
-        print(json.dumps([*found, int(found.cause())]), flush=True)
-        break
-"""
-
-
-def test_the_systems_own_accounts_tell_what_was_planted() -> None:
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    with subprocess.Popen([sys.executable, "-c", CHILD], stdout=subprocess.PIPE, text=True, env=environment) as child:
-        assert child.stdout is not None
-        computed = json.loads(child.stdout.readline())
-        assert child.stdout.readline() == "stop me\n"
-        os.kill(child.pid, signal.SIGSTOP)
-        time.sleep(0.3)
-        os.kill(child.pid, signal.SIGCONT)
-        stopped = json.loads(child.stdout.readline())
-        assert child.wait(PATIENCE) == 0
-    for found in (computed, stopped):
-        assert found[5] == TimeTaken(*found[:5]).cause()
-    # However busy the machine is: what was planted is at least as long as it was planted.
-    assert computed[0] >= 60 * MS
-    assert stopped[1] >= 200 * MS and stopped[0] < 100 * MS
-    assert stopped[5] in (MissCause.WOKEN_LATE, MissCause.HOST)
-    assert np.array(stopped[:5]).min() >= 0

@@ -142,7 +142,7 @@ def test_glove_changes_hands(drill: Drill) -> None:
     drill.grasp()
     swapped = drill.order("swap")
     drill.until_over(swapped, lambda: drill.ticks)
-    assert drill.session.memory.status["safety"] & Safety.DEVICE_LOST
+    assert drill.session.memory.status["safety"] & Safety.STALE_INPUT
     assert_free_in_time(drill.ticks, swapped)
     assert_free_in_time(drill.commands(), swapped)
     drill.until(lambda: "says that it is a left hand's now" in " ".join(drill.log), "word of it")
@@ -177,6 +177,10 @@ def test_glove_jumps(drill: Drill) -> None:
 
 def test_loop_hangs(drill: Drill) -> None:
     drill.grasp()
+    watchdog = drill.session.pid(WATCHDOG)
+    assert watchdog is not None
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        os.kill(watchdog, number)
     hung = drill.kill(LOOP, signal.SIGSTOP)
     try:
         # The watchdog says it again and again.
@@ -191,6 +195,7 @@ def test_loop_hangs(drill: Drill) -> None:
     drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
     drill.go_on(0.05)
     assert_ramp(drill, going)
+    assert drill.session.pid(WATCHDOG) == watchdog, "no signal ends it before the loop has ended"
 
 
 def since(commands: NDArray[Any], fault: Fault) -> NDArray[Any]:

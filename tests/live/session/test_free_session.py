@@ -5,27 +5,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 from conftest import Run
 from live_rings import ended, pour
-from live_scripted import FIST, FREE, FakeClock, InStep, Moment, ScriptedGlove, make_setup
-from numpy.typing import NDArray
+from live_scripted import CLOSING, FIST, FREE, Moment, ScriptedSession
 
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
-from hhsim.live.device import Capability, GloveInfo
-from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import FREE_TICK, SessionMemory
 from hhsim.live.loop.loop import loop_options, object_row
 from hhsim.live.session.recorder import Recorder
 from hhsim.live.session.tick_block import SessionColumns, object_ticks
-from hhsim.live.shared_memory import RingReader
 from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.repeat import run_again
@@ -47,35 +42,18 @@ BALL = replace(BALL, vertices=BALL.vertices + np.array([0.0, 0.05, -0.05]))
 """Before the fingers of a flat hand at the origin; a fist closes on it."""
 ON_TABLE = FreeObject.of_mesh(BALL, mass=0.1, friction=0.8, torsion=5e-3, table=float(BALL.bounds[0, 2]) - CLEARANCE)
 FALLING = replace(ON_TABLE, table=None)
-CLOSING = [*(Moment(FREE + (FIST - FREE) * i / 60) for i in range(60)), *[Moment(FIST)] * 40]
-QUICK = OutputLimits(ramp=0.01, stiffness_rise=1e4, bend_speed=1e3)
+TOUCHING = [*CLOSING, *[Moment(FIST)] * 40]
 
 
-class Session:
-    """A loop with a free object that has run a script to its end, in step with its glove."""
+class Session(ScriptedSession):
+    """A loop with a free object that has run a script to its end."""
 
     def __init__(
-        self,
-        script: Sequence[Moment] = CLOSING,
-        free: FreeObject = ON_TABLE,
-        oversleep: Sequence[int] = (),
-        takes: Capability = Capability.POSITION_LIMIT,
+        self, script: Sequence[Moment] = TOUCHING, free: FreeObject = ON_TABLE, oversleep: Sequence[int] = ()
     ) -> None:
-        self.setup: LiveSetup = make_setup(
-            mesh=BALL,
-            free=free,
-            options=SolverOptions(surface="mesh"),
-            output=QUICK,
-            safety=SafetyLimits(watchdog=False),
-            duration=1e-3 * (len(script) + 1),
-        )
-        self.memory, self.clock = SessionMemory.create(free=True), FakeClock()
-        self.glove = ScriptedGlove(self.clock, script)
-        self.glove.info = GloveInfo("scripted glove", takes, ("bend",))
-        both = InStep(self.setup, self.memory, self.glove, self.clock)
+        super().__init__(script, mesh=BALL, free=free, options=SolverOptions(surface="mesh"))
         self.clock.oversleep.extend(oversleep)
-        both.run()
-        self.ticks: NDArray[Any] = RingReader(self.memory.ticks).read(10**6)[1]
+        self.run()
         self.object = object_ticks(self.ticks)
 
     def again(self) -> tuple[TickRecord, ObjectRecord]:
@@ -118,7 +96,7 @@ def test_a_ticks_record_has_all_that_the_solver_tells_of_the_object() -> None:
 
 @pytest.mark.parametrize("inside", [False, True])
 def test_the_ticks_are_those_of_a_replay_bit_for_bit(session: Session, inside: bool) -> None:
-    session = Session(CLOSING[40:]) if inside else session
+    session = Session(TOUCHING[40:]) if inside else session
     assert bool(session.ticks["status"][0] & STATUS_START_INSIDE) == inside
     hand, moved = session.again()
     for name in set(TickRecord._fields) - TIMINGS:
@@ -141,18 +119,6 @@ def test_the_world_waits_out_a_stall_which_frees_the_fingers() -> None:
     np.testing.assert_allclose(stalled.object.velocity[:, 2], -speed, rtol=1e-9)
     way = np.diff(stalled.object.shift[:, 2])
     np.testing.assert_allclose(way, -1e-3 * speed[1:], rtol=1e-6)
-
-
-def test_the_forces_that_go_out_are_those_of_the_object() -> None:
-    session = Session(takes=Capability.FORCE)
-    told = np.array([command.force for command in session.glove.commands])
-    share = session.ticks["command_stiffness"] / 0.3
-    felt = np.linalg.norm(session.ticks["phalanx"], axis=3) * share[..., None]
-    assert felt.max() > 0.1
-    np.testing.assert_allclose(np.linalg.norm(told, axis=3), felt, atol=1e-12)
-    first, last = session.object.contact[:-1], session.object.contact[1:]
-    assert (session.object.body[first[-2] : last[-2]] >= 0).any(), "the hand bears on the object at the end"
-    assert not told[-1].any(), "the last tick frees the fingers"
 
 
 def test_the_file_holds_what_a_replays_does_and_runs_again(session: Session, result: Result) -> None:

@@ -28,7 +28,6 @@ from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.session.recorder import CUT_SHORT, LOOP_DIED, Recorder
 from hhsim.live.session.writer import SessionWriter
-from hhsim.live.shared_memory import write_setup
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import LIVE_TICK_COLUMNS, TICK_COLUMNS
@@ -58,7 +57,6 @@ def recorded(
     ended(memory, os.getpid())
     Recorder(make_setup(path, options), memory).run()
     assert memory.status["recorder_ticks"] == load_result(path).ticks
-    assert memory.status["recorder_ns"] >= 0
     return load_result(path)
 
 
@@ -157,23 +155,23 @@ def test_what_was_overwritten_is_counted_and_told(ticks: Records, tmp_path: Path
     writer_saw: list[int] = []
     recorder = Recorder(make_setup(tmp_path / "session.h5"), memory)
     pour(memory.ticks, ticks[:300])
-    memory.write_facts(FACTS)
+    memory.facts.write(FACTS)
     memory.status["loop_pid"] = os.getpid()
-    breathe = recorder._breathe
+    wait = recorder._loop.wait
 
-    def late() -> None:
+    def late(timeout: float = 0.0) -> None:
         """Stay away for longer than the ring lasts, once."""
-        if not writer_saw:
+        if timeout and not writer_saw:
             writer_saw.append(int(memory.status["recorder_ticks"]))
             filler = np.repeat(ticks[300:301], TICK_CAPACITY)
             filler["tick"] = np.arange(300, 300 + TICK_CAPACITY)
             pour(memory.ticks, filler)
             pour(memory.ticks, ticks[:10])
             pour(memory.samples, numbered_samples(ticks))
-        ended(memory, os.getpid())
-        breathe()
+            ended(memory, os.getpid())
+        wait(timeout)
 
-    recorder._breathe = late  # type: ignore[method-assign]
+    recorder._loop.wait = late  # type: ignore[method-assign]
     recorder.run()
     result = load_result(tmp_path / "session.h5")
     lost = 10 + 1
@@ -238,10 +236,9 @@ def test_ticks_whose_solver_failed_are_told(ticks: Records, tmp_path: Path) -> N
 @contextmanager
 def recorder_process(path: Path, memory: SessionMemory) -> Iterator[subprocess.Popen[str]]:
     """The recorder as the supervisor starts it."""
-    setup = write_setup(make_setup(path))
-    arguments = ["--setup", str(setup), *memory.arguments()]
+    setup = memory.with_setup(make_setup(path))
     process = subprocess.Popen(
-        [sys.executable, "-m", "hhsim.live.session.recorder", *arguments],
+        [sys.executable, "-m", "hhsim.live.session.recorder", "--setup", str(setup)],
         stderr=subprocess.PIPE,
         text=True,
         pass_fds=[setup, *memory.descriptors],
@@ -268,7 +265,7 @@ def feed(memory: SessionMemory, ticks: Records, process: subprocess.Popen[str], 
 
 
 def started(memory: SessionMemory) -> None:
-    memory.write_facts(FACTS)
+    memory.facts.write(FACTS)
     memory.status["loop_pid"] = os.getpid()
     memory.status["stage"] = Stage.RUNNING
 
@@ -322,7 +319,7 @@ def test_a_session_that_never_began_leaves_no_file(tmp_path: Path) -> None:
     memory = SessionMemory.create()
     memory.status["stage"] = Stage.ENDED
     Recorder(make_setup(tmp_path / "a.h5"), memory).run()
-    memory.write_facts(FACTS)
+    memory.facts.write(FACTS)
     Recorder(make_setup(tmp_path / "b.h5"), memory).run()
     assert list(tmp_path.iterdir()) == []
 

@@ -1,8 +1,6 @@
 """The order in which a session's processes start and end, and what is told of their deaths, with stand-ins for them."""
 
 import os
-import pickle
-import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,11 +10,9 @@ from sampled import sampled
 
 from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
-from hhsim.live import child_process
 from hhsim.live.device import DeviceError
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import EVENT, EVENT_CAPACITY
 from hhsim.live.ipc.status import Stage
 from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.session import supervisor
@@ -29,19 +25,17 @@ from hhsim.trees.options import TreeOptions
 
 # Without hhsim's numerics, which every one of them would load.
 BEGIN = """
-import argparse, os, pickle, signal, sys, time
+import os, signal, sys, time
+from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.ipc.status import LIVE_STATUS, Stage
-from hhsim.live.shared_memory import SharedBlock, SharedRing, read_setup
-parser = argparse.ArgumentParser()
-for name in ("setup", "status", "ticks", "samples", "events", "words", "facts", "device", "wake", "sampled"):
-    parser.add_argument("--" + name, type=int)
-options = parser.parse_args()
-with open({dtypes!r}, "rb") as file:
-    EVENT, EVENT_CAPACITY = pickle.load(file)
+from hhsim.live.shared_memory import SharedBlock, process_setup
 # The watchdog's setup names the status block, and it has nothing else.
-status = SharedBlock(options.status or read_setup(options.setup, object).status, LIVE_STATUS).array[0]
-if options.events:
-    events = SharedRing(options.events, EVENT, EVENT_CAPACITY)
+first = next(process_setup("stand-in", None))
+if hasattr(first, "status"):
+    status = SharedBlock(first.status, LIVE_STATUS).array[0]
+else:
+    memory = SessionMemory(first[0], free=first[1])
+    status, events = memory.status, memory.events
 def mark(word):
     with open({marks!r}, "a") as file:
         file.write(word + " ")
@@ -92,8 +86,6 @@ def marks(tmp_path: Path) -> Path:
 @pytest.fixture
 def make(tmp_path: Path, marks: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Make]:
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    for name, seconds in (("LOOP_PATIENCE", 0.7), ("VIEWER_PATIENCE", 0.7), ("WATCHDOG_PATIENCE", 0.7)):
-        monkeypatch.setattr(supervisor, name, seconds)
     monkeypatch.setattr(supervisor, "MODULES", {name: f"{name}_program" for name in supervisor.MODULES})
     programs = {
         LOOP: GOOD_LOOP,
@@ -106,9 +98,7 @@ def make(tmp_path: Path, marks: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
     made: list[Supervisor] = []
 
     def session(*, record: bool = True, view: bool = False, **changed: str) -> Supervisor:
-        dtypes = tmp_path / "dtypes.pickle"
-        dtypes.write_bytes(pickle.dumps((EVENT, EVENT_CAPACITY)))
-        begin = BEGIN.format(dtypes=str(dtypes), marks=str(marks))
+        begin = BEGIN.format(marks=str(marks))
         for name, program in {**programs, **changed}.items():
             (tmp_path / f"{name}_program.py").write_text(begin + program)
         setup = LiveSetup(
@@ -184,26 +174,14 @@ def test_a_glove_that_is_not_there_is_told_as_the_loop_told_it(make: Make) -> No
         session.check()
 
 
-def test_a_loop_that_is_killed_is_told_and_the_watchdog_outlives_it(make: Make, marks: Path) -> None:
-    session = make()
-    with session:
-        run(session, lambda: running(session))
-        pid = session.pid(LOOP)
-        assert pid is not None
-        os.kill(pid, signal.SIGKILL)
-        run(session, lambda: False)
-    # The stand-in ends when the session is marked as ended, which only the supervisor could do.
-    assert "watchdog" in marks.read_text()
-    assert "the loop was ended by SIGKILL; the watchdog frees the fingers" in notices(session, FAULT)
-    with pytest.raises(HhsimError, match="the session ended early: the loop was ended by SIGKILL"):
-        session.check()
-
-
 @pytest.mark.parametrize(
     ("program", "last"),
     sampled([(POLITE_LOOP, "SIGTERM"), (STUBBORN_LOOP, "SIGKILL")], lambda _, case: case[1] == "SIGKILL"),
 )
-def test_a_loop_that_does_not_end_is_ended(make: Make, program: str, last: str) -> None:
+def test_a_loop_that_does_not_end_is_ended(
+    make: Make, program: str, last: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(supervisor, "LOOP_PATIENCE", 0.7)
     session = make(loop=program)
     with session:
         run(session, lambda: running(session))
@@ -213,24 +191,22 @@ def test_a_loop_that_does_not_end_is_ended(make: Make, program: str, last: str) 
     assert session.end().reason == "a key"
 
 
-def test_the_end_waits_for_a_loop_that_others_keep_from_the_processor(
+def test_the_end_waits_for_what_is_under_way_and_says_what_it_waits_for(
     make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     go = tmp_path / "go"
     session = make(loop=SLOW_LOOP.format(go=str(go)))
     monkeypatch.setattr(supervisor, "TOLD", 0.0)
-    looks = [0]
+    notice = session._notice
 
-    def accounts(process: int) -> tuple[float, float]:
-        """As of a process that gets a hundredth of a processor, for as many looks as its patience has and more."""
-        looks[0] += 1
-        if looks[0] == 3 * round(supervisor.LOOP_PATIENCE / child_process.LOOK):
+    def noticed(text: str, level: int, **more: bool) -> None:
+        notice(text, level, **more)
+        if "has the glove released" in text:
             go.touch()
-        return 5e-4 * looks[0], 1.0 * looks[0]
 
+    session._notice = noticed  # type: ignore[method-assign]
     with session:
         run(session, lambda: running(session))
-        monkeypatch.setattr(child_process, "_processor_time", accounts)
         session.request_stop("a key")
     assert notices(session, WARNING) == "" and session.end().loop_failed == ""
     assert "waiting for the loop, which has the glove released" in notices(session)
@@ -251,28 +227,6 @@ def test_a_session_that_ends_before_its_loop_has_loaded_has_not_failed(make: Mak
         session.request_stop("a key")
     assert notices(session, WARNING) == "" and session.end().loop_failed == ""
     session.check()
-
-
-def test_a_loop_that_hangs_is_told_and_ended_when_it_is_asked(make: Make) -> None:
-    session = make(loop="status['heartbeat_ns'] = time.monotonic_ns()\n" + STUBBORN_LOOP)
-    with session:
-        run(session, lambda: "no sign of life" in str(session._notices))
-        session.request_stop("a key")
-        # Whoever looks after it is let go, although the loop never ends by itself.
-        run(session, lambda: False)
-    assert "ended by SIGKILL" in session.end().loop_failed
-
-
-def test_a_watchdog_that_dies_is_started_again(make: Make) -> None:
-    session = make(watchdog=MORTAL)
-    with session:
-        run(session, lambda: session.pid(WATCHDOG) is not None)
-        first = session.pid(WATCHDOG)
-        run(session, lambda: session.pid(WATCHDOG) not in (None, first))
-    outcome = session.end()
-    assert outcome.watchdog_restarts >= 1
-    assert "the watchdog ended with code 5: it is started again" in notices(session, FAULT)
-    assert outcome.loop_failed == ""
 
 
 @pytest.mark.parametrize("part", sampled([RECORDER, VIEWER], lambda _, part: part == RECORDER))

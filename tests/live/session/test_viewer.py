@@ -25,7 +25,7 @@ from hhsim.live.ipc.status import Stage
 from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.session.viewer import LiveViewer
 from hhsim.live.session.writer import SessionWriter
-from hhsim.live.shared_memory import RingReader, write_setup
+from hhsim.live.shared_memory import RingReader
 from hhsim.render.hand_meshes import piece_poses
 from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety
@@ -178,8 +178,8 @@ def test_a_hand_that_is_no_number_is_shown_without_contacts(
 
 
 def command(setup: LiveSetup, memory: SessionMemory) -> tuple[list[str], list[int]]:
-    descriptor = write_setup(setup)
-    words = [sys.executable, "-m", "hhsim.live.session.viewer", "--setup", str(descriptor), *memory.arguments()]
+    descriptor = memory.with_setup(setup)
+    words = [sys.executable, "-m", "hhsim.live.session.viewer", "--setup", str(descriptor)]
     return words, [descriptor, *memory.descriptors]
 
 

@@ -1,8 +1,8 @@
-"""Dexmo server without gloves, as another process: `python -m hhsim.live.simulators.dexmo_server`.
+"""Dexmo server without gloves, as another process: `python -m tools.dexmo_server`.
 
 It speaks the published format to any number of clients at a steady rate. A frame in its log is the number of the client
 and of the sample; a command is the number of the client and of the glove, 1 where it must be kept, five values of
-stiffness and five set points. It takes the orders of `hhsim.live.simulators.peer`, and these:
+stiffness and five set points. It takes the orders of `tools.fake_peer`, and these:
 
 | order | effect |
 |---|---|
@@ -16,17 +16,68 @@ stiffness and five set points. It takes the orders of `hhsim.live.simulators.pee
 import argparse
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
-from hhsim.live.link.dexmo_codec import LENGTH, GloveMessage, MessageStream, decode_impedances, encode_frame, framed
-from hhsim.live.simulators.peer import FakePeer, FakeServer, PeerLog, peer_parser
+from hhsim.live.link.dexmo_codec import (
+    CHANNELS,
+    FINGER_FIELDS,
+    LENGTH,
+    GloveMessage,
+    MessageStream,
+    framed,
+    message_classes,
+    parse_message,
+)
+from tools.fake_peer import FakePeer, FakeServer, PeerLog, peer_parser
 
 COUNT_LOW, COUNT_SPAN = 700.0, 2400.0
 """Raw counts at 0, and from 0 to 1."""
+
+
+class Impedance(NamedTuple):
+    """Command to the fingers of one glove.
+
+    Attributes:
+        stiffness: Stiffness of thumb to little finger, 0 (free) to 1.
+        set_point: Bend at which a force begins, 0 to 1; positive against closing, negative against opening.
+        kept: True if the server may not drop the command for a newer one (has_index).
+    """
+
+    device_id: int
+    stiffness: tuple[float, ...]
+    set_point: tuple[float, ...]
+    kept: bool
+
+
+def encode_frame(gloves: Iterable[GloveMessage]) -> bytes:
+    """Encode a frame as the server sends it, without its length."""
+    messages = []
+    for glove in gloves:
+        message: dict[str, Any] = {"id": glove.device_id}
+        if glove.channels is not None:
+            message["hand"] = dict(zip(CHANNELS, glove.channels, strict=True))
+        if glove.right is not None:
+            message["device"] = {"is_right": glove.right, "battery_percent": glove.battery or 0}
+        messages.append(message)
+    data: bytes = message_classes()["Frame"](messages=messages).SerializeToString()
+    return data
+
+
+def decode_impedances(payload: bytes) -> list[Impedance]:
+    """Return the impedances of a command, 0 for fingers that it does not name; raises WireError if it is none."""
+    command = parse_message("Command", payload)
+    found = []
+    for impedance in command.impedance:
+        fingers = [getattr(impedance, name) for name in FINGER_FIELDS]
+        stiffness = tuple(finger.stiffness for finger in fingers)
+        set_point = tuple(finger.set_point for finger in fingers)
+        found.append(Impedance(command.id, stiffness, set_point, impedance.has_index))
+    return found
 
 
 class FakeDexmoServer(FakePeer):

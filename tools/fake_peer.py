@@ -198,7 +198,7 @@ def jumped(channels: FloatArray) -> FloatArray:
 def peer_parser(module: str, description: str, rate: float = 200.0) -> argparse.ArgumentParser:
     """Make the command line of a fake glove: of its `module`, description and default `rate` [Hz]."""
     parser = argparse.ArgumentParser(
-        prog=f"python -m hhsim.live.simulators.{module}",
+        prog=f"python -m tools.{module}",
         description=f"{description}\n{__doc__}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -1,1 +1,0 @@
-"""Gloves that are programs, to try a session against."""
