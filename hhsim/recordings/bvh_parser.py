@@ -75,27 +75,19 @@ class Bvh:
 
     def _local(self, joint: Joint) -> tuple[FloatArray, FloatArray]:
         """Return position and rotation of a joint in its parent's frame, shapes (T, 3) and (T, 3, 3)."""
+        from scipy.spatial.transform import Rotation
+
         count = len(self.values)
-        shift = np.tile(joint.offset, (count, 1))
-        turn = np.tile(np.eye(3), (count, 1, 1))
         columns = {channel: self.values[:, joint.first + k] for k, channel in enumerate(joint.channels)}
-        if any(channel in columns for channel in POSITIONS):
-            # Position channels stand for the offset, they do not add to it.
-            shift = np.stack([columns.get(key, shift[:, axis]) for axis, key in enumerate(POSITIONS)], axis=1)
-        for channel in joint.channels:
-            if channel in ROTATIONS:
-                turn = turn @ _about(ROTATIONS.index(channel), np.radians(columns[channel]))
-        return shift, turn
-
-
-def _about(axis: int, angle: FloatArray) -> FloatArray:
-    """Return rotations about a coordinate axis, shape (T, 3, 3)."""
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    turn = np.tile(np.eye(3), (len(angle), 1, 1))
-    turn[:, i, i] = turn[:, j, j] = np.cos(angle)
-    turn[:, j, i] = np.sin(angle)
-    turn[:, i, j] = -turn[:, j, i]
-    return turn
+        # Position channels stand for the offset, they do not add to it.
+        offsets = zip(POSITIONS, joint.offset)
+        shift = np.stack([columns.get(key, np.full(count, offset)) for key, offset in offsets], axis=1)
+        turns = [channel for channel in joint.channels if channel in ROTATIONS]
+        if not turns:
+            return shift, np.tile(np.eye(3), (count, 1, 1))
+        angles = np.stack([columns[channel] for channel in turns], axis=1)
+        order = "".join(channel[0].upper() for channel in turns)
+        return shift, Rotation.from_euler(order, angles, degrees=True).as_matrix()
 
 
 def read_bvh(text: str) -> Bvh:
