@@ -1,25 +1,30 @@
-"""Reader of CSV tables of any maker, which reports what it cannot read as missing instead of refusing it.
+"""Tables as CSV text of any maker, with their header.
 
-Delimiters are commas, semicolons, tabs or blanks; lines that begin with # before the header are remarks.
+Delimiters are commas, semicolons, tabs or blanks; lines that begin with # before the header are remarks. A strict
+reader refuses lines and cells that it cannot read, another leaves them out, or as missing, and tells of them.
 """
 
 import csv
+import io
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.motion.csv_file import DECIMAL_POINT, SEPARATORS, read_remarks, separator_of
-from hhsim.recordings.recording import MOST_SAMPLES, Finding, note
+from hhsim.errors import TrajectoryError, check_known
 from hhsim.system.counted import counted
 
-DELIMITERS = (*SEPARATORS, " ")
+DELIMITERS = (",", ";", "\t")
+"""Delimiters in the order of preference; a header without any is delimited by blanks."""
+DECIMAL_POINT = " with a decimal point"
+"""Expectation for a number with a comma."""
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf", "+inf", "infinity", "-infinity"}
 MOST_BROKEN = 0.25
 """Largest share of lines, or of a column's cells, that may be unreadable."""
+MOST_LINES = 10_000_000
+"""Largest number of lines: three hours at 1 kHz."""
 
 
 @dataclass(frozen=True)
@@ -28,34 +33,39 @@ class Table:
 
     Attributes:
         rows: Cells, as many a row as there are names in the header.
+        lines: Number of each row's line in the text, from 1 on.
         remarks: The `# key: value` lines before the header.
-        findings: Notes about lines that were left out.
+        decimal: Decimal sign.
+        strict: True if every cell of a column has to be a number, or marked as missing.
+        left_out: Sentences about lines that were left out.
     """
 
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    lines: Sequence[int]
     remarks: dict[str, str]
-    decimal: str
-    findings: tuple[Finding, ...]
+    decimal: str = "."
+    strict: bool = False
+    left_out: tuple[str, ...] = ()
 
     def numbers(self, columns: Sequence[str]) -> tuple[FloatArray, int]:
         """Return the numbers of some columns, shape (T, C), NaN for missing ones, and the count of unreadable cells.
 
         Raises:
-            TrajectoryError: A column holds no numbers.
+            TrajectoryError: A column holds no numbers, or a strict table's a cell without one.
             UnknownNameError: The table has no such column; the message lists similar names.
         """
+        check_known("column", columns, self.header)
         values = np.full((len(self.rows), len(columns)), np.nan)
         broken = 0
         for place, column in enumerate(columns):
-            if column not in self.header:
-                raise UnknownNameError("column", column, self.header)
             index = self.header.index(column)
             numbers = [_number(cells[index], self.decimal) for cells in self.rows]
-            bad = [cells[index] for cells, number in zip(self.rows, numbers) if number is None]
-            if len(bad) > MOST_BROKEN * max(len(self.rows), 1):
-                point = DECIMAL_POINT if "," in bad[0] else ""
-                raise TrajectoryError(f"column '{column}' holds '{bad[0][:40]}'; expected numbers{point}")
+            bad = [row for row, number in enumerate(numbers) if number is None]
+            if len(bad) > (0.0 if self.strict else MOST_BROKEN) * len(self.rows):
+                cell = self.rows[bad[0]][index].strip()[:40]
+                point = DECIMAL_POINT if "," in cell else ""
+                raise TrajectoryError(f"line {self.lines[bad[0]]}: {column} is '{cell}'; expected a number{point}")
             values[:, place] = [math.nan if number is None else number for number in numbers]
             broken += len(bad)
         return values, broken
@@ -67,21 +77,27 @@ class Table:
 
 
 def read_table(
-    text: str, *, delimiter: str | None = None, decimal: str = ".", names: Sequence[str] | None = None
+    text: str,
+    *,
+    delimiter: str | None = None,
+    decimal: str = ".",
+    names: Sequence[str] | None = None,
+    strict: bool = False,
 ) -> Table:
     """Read a table.
 
     Args:
-        delimiter: Separator of cells; None detects it in the header.
+        delimiter: Delimiter of cells; None detects it in the header.
         names: Column names of a table without a header line.
+        strict: Refuse every line with another number of cells than the header's.
 
     Raises:
         TrajectoryError: No header, no line below it, two columns of the same name, or many lines of another length.
     """
     lines = text.splitlines()
     remarks, first, sign, header = _header(lines, delimiter)
-    if len(lines) > MOST_SAMPLES:
-        raise TrajectoryError(f"{len(lines):,} lines; expected at most {MOST_SAMPLES:,}")
+    if len(lines) > MOST_LINES:
+        raise TrajectoryError(f"{len(lines):,} lines; expected at most {MOST_LINES:,}")
     below = first + 1
     if names is not None:
         header, below = tuple(names), first
@@ -89,31 +105,46 @@ def read_table(
         shown = ", ".join(cell[:12] for cell in header[:3])
         raise TrajectoryError(f"no header line, the first one holds {shown}, …; expected the names of the columns")
     if twice := next((name for name in header if name and header.count(name) > 1), ""):
-        raise TrajectoryError(f"the header has column '{twice[:40]}' twice")
-    findings = []
-    if len(lines) > below + 1 and not text.endswith(("\n", "\r")):
+        raise TrajectoryError(f"the header has column {twice[:40]} twice")
+    left_out = []
+    if not strict and len(lines) > below + 1 and not text.endswith(("\n", "\r")):
         # A number that was cut in the middle is a wrong number that looks like a right one.
-        findings.append(note(f"line {len(lines)}, the last one, has no line end: left out, it may have been cut"))
+        left_out.append(f"line {len(lines)}, the last one, has no line end: left out, it may have been cut")
         lines.pop()
-    rows: list[tuple[str, ...]] = []
-    broken: list[int] = []
+    rows: dict[int, tuple[str, ...]] = {}
+    broken: dict[int, int] = {}
     for number, line in enumerate(lines[below:], start=below + 1):
         if not line.strip() or line.startswith("#"):
             continue
         cells = _cells(line, sign)
         if len(cells) == len(header):
-            rows.append(tuple(cells))
+            rows[number] = tuple(cells)
         else:
-            broken.append(number)
-    if len(broken) > MOST_BROKEN * (len(rows) + len(broken)):
-        count = f"{len(broken)} of {len(rows) + len(broken)} lines have another number of cells than the header's"
-        raise TrajectoryError(f"{count} {len(header)}, first line {broken[0]}; expected a table")
+            broken[number] = len(cells)
+    if len(broken) > (0.0 if strict else MOST_BROKEN) * (len(rows) + len(broken)):
+        number, size = next(iter(broken.items()))
+        count = f"{len(broken)} of {counted(len(rows) + len(broken), 'line')} of another length than the header's"
+        raise TrajectoryError(f"line {number} has {counted(size, 'value')}; expected {len(header)} ({count})")
     if not rows:
         raise TrajectoryError("no line below the header; expected one a sample")
     if broken:
         left = counted(len(broken), "line")
-        findings.append(note(f"{left} with another number of cells than the header left out, first line {broken[0]}"))
-    return Table(header, tuple(rows), remarks, decimal, tuple(findings))
+        left_out.append(
+            f"{left} with another number of cells than the header left out, first line {next(iter(broken))}"
+        )
+    return Table(header, tuple(rows.values()), tuple(rows), remarks, decimal, strict, tuple(left_out))
+
+
+def format_table(remarks: Mapping[str, str], header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return the CSV text of a table with commas, and `# key: value` lines before it."""
+    text = io.StringIO()
+    for key, value in remarks.items():
+        # A line break in a value would end the remark.
+        text.write(f"# {key}: {' '.join(value.split())}\n")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def read_header(text: str) -> tuple[str, ...]:
@@ -128,11 +159,17 @@ def lacks_names(header: Sequence[str]) -> bool:
 
 def _header(lines: Sequence[str], delimiter: str | None) -> tuple[dict[str, str], int, str, tuple[str, ...]]:
     """Return the remarks, the index of the header line, its delimiter, and the names in it."""
-    remarks, first = read_remarks(lines)
-    if first == len(lines):
-        raise TrajectoryError("no header line; expected the names of the columns")
-    sign = delimiter or separator_of(lines[first].strip(), DELIMITERS)
-    return remarks, first, sign, tuple(cell.strip() for cell in _cells(lines[first], sign))
+    remarks = {}
+    for index, line in enumerate(lines):
+        if line.startswith("#"):
+            key, colon, value = line[1:].partition(":")
+            if colon:
+                remarks[key.strip()] = value.strip()
+        elif line.strip():
+            sign = max(DELIMITERS, key=line.count)
+            sign = delimiter or (sign if sign in line else " ")
+            return remarks, index, sign, tuple(cell.strip() for cell in _cells(line, sign))
+    raise TrajectoryError("no header line; expected the names of the columns")
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
