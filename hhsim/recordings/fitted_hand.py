@@ -1,13 +1,12 @@
 """Hand model with the sizes of a recorded hand: its bones, and its radii or radii in proportion to it."""
 
-import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError, OutputError, TrajectoryError
+from hhsim.errors import OutputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.hand_file import format_hand_file
 from hhsim.hand.model import (
@@ -18,6 +17,7 @@ from hhsim.hand.model import (
     HandModel,
     default_fingers,
 )
+from hhsim.recordings.finger_ik import usual_fingers
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording, note
 from hhsim.system.input_file import read_input
@@ -59,8 +59,8 @@ def fitted_hand(recording: Recording) -> FittedHand:
     low, high = HAND_LENGTH_RANGE
     if not low <= bones.hand_length <= high:
         raise TrajectoryError(f"--fit-hand: the hand is {bones.hand_length:.3g} m long; expected {low:g} to {high:g} m")
-    usual = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
-    width = np.linalg.norm(bones.base[1] - bones.base[4]) / np.linalg.norm(usual["base"][1] - usual["base"][4])
+    usual = usual_fingers()["base"]
+    width = np.linalg.norm(bones.base[1] - bones.base[4]) / np.linalg.norm(usual[1] - usual[4])
     share = float(np.clip(width * BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH / bones.hand_length, *BREADTHS))
     breadth = share * bones.hand_length
     ours = default_fingers(bones.hand_length, breadth)
@@ -90,13 +90,20 @@ def for_hand(recording: Recording, hand: FittedHand) -> Recording:
 
 
 def format_fitted_hand(hand: FittedHand, source: str) -> str:
-    """Return the hand as the text of a hand file; `source` names the recording in its first line."""
+    """Return the hand as the text of a hand file; `source` names the recording in its first line.
+
+    Raises:
+        InputError: `hhsim replay --hand-file` could make no hand of it.
+    """
     fingers = {finger: {"base": hand.base[f], "length": hand.length[f]} for f, finger in enumerate(FINGERS)}
     if hand.measured:
         fingers = {finger: sizes | {"radius": hand.radius[f]} for f, (finger, sizes) in enumerate(fingers.items())}
     radii = "radii as recorded" if hand.measured else "radii in proportion to its length and breadth"
     title = f"Fitted to {source}: bones as medians, {radii}."
-    return format_hand_file(hand.hand_length, hand.hand_breadth, fingers, title)
+    text = format_hand_file(hand.hand_length, hand.hand_breadth, fingers, title)
+    # What no hand file may hold is refused before it is written.
+    HandModel.of_text(text, "--fit-hand")
+    return text
 
 
 def check_hand_path(path: Path) -> None:
@@ -106,14 +113,3 @@ def check_hand_path(path: Path) -> None:
     check_output_path(path)
     if path.exists() and "hand_length" not in read_input(path).decode(errors="replace"):
         raise OutputError(f"{path} exists and is no hand file, so it is not replaced: name another file")
-
-
-def check_hand_text(text: str) -> None:
-    """Raise InputError if `hhsim replay --hand-file` could make no hand of this text."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "fitted-hand.toml"
-        path.write_text(text, encoding="utf-8")
-        try:
-            HandModel.from_toml(path)
-        except InputError as error:
-            raise InputError(f"--fit-hand: {str(error).removeprefix(f'{path}: ')}") from None

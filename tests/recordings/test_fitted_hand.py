@@ -10,7 +10,7 @@ from sampled import sampled
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.model import HandModel
-from hhsim.recordings.fitted_hand import check_hand_text, fitted_hand, for_hand, format_fitted_hand
+from hhsim.recordings.fitted_hand import fitted_hand, for_hand, format_fitted_hand
 
 
 @pytest.mark.parametrize(
@@ -47,5 +47,6 @@ def test_a_tracker_whose_bones_breathe_gives_one_hand() -> None:
 def test_what_gives_no_hand_is_refused() -> None:
     with pytest.raises(TrajectoryError, match="needs the centres of the joints, and test holds"):
         fitted_hand(smooth_recording())
+    hand = fitted_hand(read_as("openxr", openxr_csv(joint_sample())))
     with pytest.raises(InputError, match=r"--fit-hand: hand_length = 0\.9; expected"):
-        check_hand_text("hand_length = 0.9\n")
+        format_fitted_hand(hand._replace(hand_length=0.9), "take.csv")
