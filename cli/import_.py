@@ -232,7 +232,7 @@ def command(
     from hhsim.motion.file import check_trajectory_path, save_trajectory
     from hhsim.motion.trajectory import UNCHECKED
     from hhsim.recordings.dexmo_regression import format_calibration
-    from hhsim.recordings.fitted_hand import check_hand_path, fitted_hand, for_hand, format_fitted_hand
+    from hhsim.recordings.fitted_hand import check_hand_path, fitted_hand
     from hhsim.recordings.formats.dexmo import calibration_of
     from hhsim.recordings.import_report import COLUMNS, FIT_COLUMNS, fit_rows, import_document
     from hhsim.recordings.registry import read_recording
@@ -257,8 +257,7 @@ def command(
     hand_text = ""
     with named(file):
         if fit_hand is not None:
-            fitted = fitted_hand(recording)
-            recording, hand_text = for_hand(recording, fitted), format_fitted_hand(fitted, file.name)
+            recording, hand_text = fitted_hand(recording, file.name)
         repaired = repair(recording, repair_options)
     save_trajectory(repaired.trajectory, output_path)
     if dexmo.save_calibration is not None:

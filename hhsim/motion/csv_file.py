@@ -83,17 +83,12 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
         UnknownNameError: A column of another name.
     """
     table = read_table(text, strict=True)
-    header, count = table.header, len(table.rows)
-    columns = (*COLUMNS, *(OBJECT_COLUMNS if any(column in header for column in OBJECT_COLUMNS) else ()))
-    missing = [column for column in columns if column not in header]
-    if missing:
-        shown = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
-        raise TrajectoryError(f"the header lacks {shown}; expected {len(columns)} columns and perhaps {PHASE}")
-    check_known("column", header, (*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS))
+    fields, _ = csv_fields(table)
+    check_known("column", table.header, (*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS))
+    count = len(table.rows)
     if table.remarks.get(SAMPLES, str(count)) != str(count):
         held = f"it holds {counted(count, 'sample')} but says # {SAMPLES}: {table.remarks[SAMPLES]}"
         raise TrajectoryError(f"{held}; was it cut short? Expected as many as it says, or no such line")
-    fields, _ = csv_fields(table)
     return Trajectory(**{"name": name} | fields)
 
 
@@ -103,10 +98,16 @@ def csv_fields(table: Table) -> tuple[dict[str, Any], int]:
     Missing numbers are NaN, and nothing but the shapes is checked.
 
     Raises:
-        TrajectoryError: A column holds no numbers, or a remark no pose.
-        UnknownNameError: A column is missing.
+        TrajectoryError: A column is missing or holds no numbers, or a remark holds no pose.
     """
-    count = len(table.rows)
+    header, count = table.header, len(table.rows)
+    moves = any(column in header for column in OBJECT_COLUMNS)
+    if missing := [column for column in (*COLUMNS, *(OBJECT_COLUMNS if moves else ())) if column not in header]:
+        others = [column for column in header if column not in (*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS)]
+        instead = f"; it has {_some(others)} instead" if others else ""
+        raise TrajectoryError(
+            f"no column {_some(missing)} of hhsim's own{instead}: rename them, or map them with hhsim import --columns"
+        )
     values, broken = table.numbers(COLUMNS)
     time = values[:, 0]
     fields: dict[str, Any] = {
@@ -118,16 +119,20 @@ def csv_fields(table: Table) -> tuple[dict[str, Any], int]:
         **{key: table.remarks[key] for key in TEXTS if key in table.remarks},
         **_object_pose(table.remarks),
     }
-    if OBJECT_COLUMNS[0] in table.header:
+    if moves:
         poses, bad = table.numbers(OBJECT_COLUMNS)
         fields["object_motion"], broken = ObjectMotion(*np.split(poses, [3], axis=1)), broken + bad
-    if FLAGS in table.header:
+    if FLAGS in header:
         flags, bad = table.numbers([FLAGS])
         fields[FLAGS], broken = flags[:, 0], broken + bad
     # Only stamps that increase say when a phase begins.
-    if PHASE in table.header and (np.diff(time) > 0.0).all():
+    if PHASE in header and (np.diff(time) > 0.0).all():
         fields["phases"] = _phases(table.text(PHASE), time)
     return fields, broken
+
+
+def _some(names: Sequence[str], most: int = 6) -> str:
+    return ", ".join(name[:20] for name in names[:most]) + (", …" if len(names) > most else "")
 
 
 def _object_pose(remarks: dict[str, str]) -> dict[str, FloatArray]:

@@ -100,7 +100,7 @@ def test_a_file_gives_the_objects_motion_back_bit_for_bit(tmp_path: Path, suffix
         assert given_.tobytes() == read.tobytes()
     if suffix == ".csv":
         path.write_text(path.read_text().replace("object_qw", "object_qq"))
-        with pytest.raises(TrajectoryError, match="the header lacks object_qw"):
+        with pytest.raises(TrajectoryError, match="no column object_qw of hhsim's own; it has object_qq instead"):
             load_trajectory(path)
 
 

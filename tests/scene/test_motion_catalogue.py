@@ -95,7 +95,7 @@ def test_a_table_of_another_maker_is_imported_by_its_columns(tmp_path: Path) -> 
     assert np.abs(motion.flexion - joint_sample().motion.flexion).max() < 1e-5
     path.write_text("time,a,b\n0,1,2\n1,2,3\n")
     assert not is_imported(path)
-    with pytest.raises(TrajectoryError, match=r"the header lacks px, .*\(hhsim import reads other tables, and mends\)"):
+    with pytest.raises(TrajectoryError, match=r"no column px, .*\(hhsim import reads other tables, and mends\)"):
         resolve_trajectory(path)
 
 

@@ -1,12 +1,10 @@
 """Recordings from CSV: our own columns, or any others by a `hhsim.recordings.column_map.ColumnMap`."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from msgspec import structs
 
-from hhsim.errors import InputError, TrajectoryError
-from hhsim.motion.csv_file import COLUMNS, CSV_SUFFIX, FLAGS, OBJECT_COLUMNS, PHASE, SAMPLES, csv_fields
+from hhsim.errors import InputError
+from hhsim.motion.csv_file import CSV_SUFFIX, FLAGS, SAMPLES, csv_fields
 from hhsim.motion.csv_table import Table, read_table
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.recordings.column_map import mapped
@@ -30,10 +28,6 @@ def _read(content: Content, options: ReadOptions) -> Recording:
 
 def _own(table: Table, name: str, options: ReadOptions) -> Recording:
     """Return the recording of a table with our own columns; TrajectoryError for others."""
-    if missing := [column for column in COLUMNS if column not in table.header]:
-        others = [column for column in table.header if column not in (*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS)]
-        instead = f"; it has {_some(others, 8)} instead" if others else ""
-        raise TrajectoryError(f"no column {_some(missing)} of hhsim's own{instead}: rename, or map them with --columns")
     fields, broken = csv_fields(table)
     findings = [note(text) for text in table.left_out] + unreadable(broken)
     stated, count = table.remarks.get(SAMPLES, ""), len(table.rows)
@@ -50,10 +44,6 @@ def _own(table: Table, name: str, options: ReadOptions) -> Recording:
         place, turn = fields["object_motion"]
         fields["object_motion"] = ObjectMotion(*to_our_frames(place, turn, None, up))
     return Recording(**{"name": name} | fields, form="hhsim csv", findings=tuple(findings))
-
-
-def _some(names: Sequence[str], most: int = 3) -> str:
-    return ", ".join(name[:20] for name in names[:most]) + (", …" if len(names) > most else "")
 
 
 FORMAT = RecordingFormat(

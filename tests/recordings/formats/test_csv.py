@@ -91,7 +91,7 @@ def test_mappings_need_time_and_joints(tmp_path: Path) -> None:
         read_column_map(tmp_path / "none.toml")
     made = read_as("csv", "a\n1\n2\n", columns=parse_settings("rate = 50\n[joint]\nindex_flex1 = 'a'", ColumnMap, "m"))
     assert made.time.tolist() == [0.0, 0.02] and "made from the rate, 50 Hz" in made.findings[0].text
-    with pytest.raises(TrajectoryError, match="no column time, px, py, … of hhsim's own; it has a, b instead"):
+    with pytest.raises(TrajectoryError, match=r"no column time, px, py, .* of hhsim's own; it has a, b instead"):
         read_as("csv", "a,b\n1,2\n")
 
 
@@ -101,7 +101,7 @@ def test_columns_that_are_nearly_ours_are_told_by_those_that_are_not() -> None:
     with pytest.raises(TrajectoryError) as error:
         read_as("csv", f"{pose},{nearly}\n{','.join(28 * '0')}\n")
     said = str(error.value)
-    assert "no column thumb_flex1, thumb_flex2, thumb_flex3, … of" in said and "it has th_flex1, th_flex2" in said
+    assert "no column thumb_flex1, thumb_flex2, thumb_flex3," in said and "it has th_flex1, th_flex2" in said
 
 
 UNITLESS = """
