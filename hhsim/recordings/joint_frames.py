@@ -12,8 +12,9 @@ import numpy as np
 
 from hhsim.errors import TrajectoryError
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.hand_side import frames_with_hand
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, joint_name, recognised
-from hhsim.recordings.joint_positions import JointPositions, frames_with_hand
+from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.json_document import keys_of, number, vector
 from hhsim.recordings.registry import ReadOptions
 from hhsim.recordings.unit_detection import time_column

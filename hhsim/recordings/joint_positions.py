@@ -5,8 +5,6 @@ angles from the bones (`hhsim.recordings.finger_ik`). The device's own frames of
 differ between devices, joint centres do not.
 """
 
-from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +18,7 @@ from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles, palm_origin
 from hhsim.recordings.frames import in_palm, to_our_world
+from hhsim.recordings.hand_side import in_right_handed_world, known_side
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.recorded_bones import recorded_bones
 from hhsim.recordings.recording import Finding, Recording, note, readings
@@ -27,15 +26,8 @@ from hhsim.recordings.registry import ReadOptions
 from hhsim.recordings.unit_detection import LENGTH_UNITS, TIME_UNITS
 from hhsim.system.counted import counted
 
-SIDES: tuple[HandSide, HandSide] = ("right", "left")
 HAND_LENGTHS = (0.12, 0.26)
 """Range of distances from the wrist to the middle fingertip [m], children's hands included."""
-LEAST_BEND = np.radians(8.0)
-"""Mean flexion from which on the fingers tell the palmar side of the hand [rad]."""
-THUMB_HEIGHT = 0.15
-"""Distance of the thumb from the plane of wrist and knuckles from which on it tells the palmar side [palm lengths]."""
-UNITY = np.array([1.0, 1.0, -1.0])
-"""Factors from Unity's left-handed world to a right-handed one, y up in both."""
 MOST_REPEATED = 0.2
 """Share of samples that repeat the one before from which on the device is slower than the file."""
 
@@ -111,8 +103,8 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
         findings.append(note(f"{unseen} with all joints at one point: no hand was seen, so missing"))
     side = options.hand or joints.hand
     if joints.may_be_mirrored:
-        points = _in_right_handed_world(points, side, findings)
-    side = _side(points, side, findings)
+        points = in_right_handed_world(points, side, findings)
+    side = known_side(points, side, findings)
     fingers, wrist = points[:, 1:].reshape(-1, len(FINGERS), 4, 3), points[:, 0]
     posture, off = fitted_posture(fingers, palm_from_knuckles(fingers[:, 1:, 0], wrist, side), side)
     radii = None if joints.radius is None else metre * joints.radius[:, 1:].reshape(-1, len(FINGERS), 4)
@@ -224,88 +216,6 @@ def _scale(joints: JointPositions, options: ReadOptions, findings: list[Finding]
     return wanted / length
 
 
-def _side(points: FloatArray, hand: HandSide, findings: list[Finding]) -> HandSide:
-    """Return the side of the hand, as stated or by the bend of its fingers."""
-    if not hand:
-        side = bends_as(points)
-        if not side:
-            raise TrajectoryError("the file names no hand, and its fingers are too straight to tell: say --hand")
-        text = f"the file does not say which hand it is: a {side} one by the bend of its fingers; else say --hand"
-        findings.append(note(text))
-        return side
-    bend = _bend(points, hand)
-    if bend < -LEAST_BEND or looks_as(points) not in ("", hand):
-        bent = f"fingers bend backwards by {np.degrees(-bend):.0f}° on average"
-        wrong = bent if bend < -LEAST_BEND else "thumb is behind its palm"
-        findings.append(note(f"as a {hand} hand its {wrong}: is it the other hand, or mirrored?"))
-    return hand
-
-
-def bends_as(points: FloatArray) -> HandSide:
-    """Return the side of a hand in a right-handed world by the bend of its fingers; "" if they are too straight.
-
-    Args:
-        points: Joints in the order of `KEYPOINTS`, any unit, shape (T, 21, 3).
-    """
-    bend = {side: _bend(points, side) for side in SIDES}
-    side = max(SIDES, key=lambda each: bend[each])
-    return side if bend[side] >= LEAST_BEND else ""
-
-
-def looks_as(points: FloatArray) -> HandSide:
-    """Return the side of a hand by the bend of its fingers, else by its thumb; arguments as of `bends_as`."""
-    side = bends_as(points)
-    if side:
-        return side
-    above = {side: _thumb_above(points, side) for side in SIDES}
-    side = min(SIDES, key=lambda each: above[each])
-    return side if above[side] <= -THUMB_HEIGHT else ""
-
-
-def _in_right_handed_world(points: FloatArray, hand: HandSide, findings: list[Finding]) -> FloatArray:
-    """Return joint centres in a right-handed world, y up; a hand of no stated side, "", is not mirrored.
-
-    In Unity's world z points the other way: there a right hand is a left one's mirror, which its fingers and its thumb
-    tell.
-    """
-    seen = looks_as(points)
-    if not hand or seen == hand:
-        return points
-    if not seen:
-        text = (
-            "its fingers are too straight, and its thumb too level with them, to tell whether its coordinates are "
-            "left-handed, as Unity's: taken for right-handed"
-        )
-        findings.append(note(text))
-        return points
-    text = (
-        f"the {hand} hand of the file is the mirror of one: its coordinates are left-handed, as Unity's, and z is "
-        "turned round; if it is the other hand, say --mirror"
-    )
-    findings.append(note(text))
-    return np.asarray(points * UNITY)
-
-
-def _bend(points: FloatArray, side: HandSide) -> float:
-    """Compute the mean flexion of the joints of index to little finger, if it is a hand of this side [rad]."""
-    fingers = points[:, 5:].reshape(-1, 4, 4, 3)
-    orientation = palm_from_knuckles(fingers[:, :, 0], points[:, 0], side)
-    chains = np.concatenate([fingers[:, :1], fingers], axis=1)
-    flexion, _, _ = finger_angles(in_palm(np.diff(chains, axis=2), orientation), side)
-    values = flexion[:, 1:][np.isfinite(flexion[:, 1:])]
-    return float(values.mean()) if values.size else 0.0
-
-
-def _thumb_above(points: FloatArray, side: HandSide) -> float:
-    """Compute the thumb's mean height above the back of a hand of this side [palm lengths]; palmar is negative."""
-    orientation = palm_from_knuckles(points[:, 5::4], points[:, 0], side)
-    from_wrist = in_palm(points - points[:, :1], orientation)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        above = from_wrist[:, 2:5, 2] / np.linalg.norm(from_wrist[:, 9:10], axis=2)
-    values = above[np.isfinite(above)]
-    return float(values.mean()) if values.size else 0.0
-
-
 def _held(position: FloatArray) -> list[Finding]:
     """Return a finding about samples that repeat the one before."""
     same = (position[1:] == position[:-1]).all(axis=(1, 2))
@@ -313,42 +223,3 @@ def _held(position: FloatArray) -> list[Finding]:
         return []
     device = f"the device gives {100 * (1 - same.mean()):.0f} of 100 anew and holds the others"
     return [note(f"{int(same.sum())} of {len(position)} samples repeat the one before: {device}; left as they are")]
-
-
-def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[HandSide, list[Finding]]:
-    """Return the wanted hand, else the one of more samples (of equals the right one), and findings about it.
-
-    Args:
-        samples: Number of samples of each hand in the file; "" is a hand of no stated side.
-
-    Raises:
-        TrajectoryError: The wanted hand is not in the file.
-    """
-    if wanted and wanted not in samples and "" not in samples:
-        raise TrajectoryError(f"no {wanted} hand; the file has {' and '.join(f'a {s} one' for s in samples)}")
-    if wanted:
-        return (wanted if wanted in samples else ""), []
-    side = max(samples, key=lambda each: (samples[each], each))
-    other = [each for each, count in samples.items() if count and each not in ("", side)]
-    return side, [note(f"{side} hand; the {other[0]} one is there too: --hand")] if other else []
-
-
-def frames_with_hand(
-    frames: Sequence[Collection[HandSide]], wanted: HandSide
-) -> tuple[HandSide, list[int], list[Finding]]:
-    """Return a hand as `chosen_side`, the indices of the frames that show it, and findings about both.
-
-    Args:
-        frames: Sides of the hands in each frame.
-
-    Raises:
-        TrajectoryError: The wanted hand is in no frame, or no frame has a hand.
-    """
-    seen = Counter(side for sides in frames for side in sides)
-    if not seen:
-        raise TrajectoryError(f"{len(frames)} frames, but no hand in any")
-    side, findings = chosen_side(seen, wanted)
-    shown = [k for k, sides in enumerate(frames) if side in sides]
-    if len(shown) < len(frames):
-        findings.append(note(f"{len(frames) - len(shown)} of {len(frames)} frames show no such hand: no samples"))
-    return side, shown, findings

@@ -9,8 +9,9 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.csv_table import Table
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.hand_side import chosen_side
 from hhsim.recordings.joint_names import KEYPOINTS, JointName, recognised
-from hhsim.recordings.joint_positions import JointPositions, chosen_side
+from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.recording import note, unreadable
 from hhsim.recordings.registry import ReadOptions
 from hhsim.recordings.unit_detection import time_column

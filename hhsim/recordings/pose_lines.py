@@ -18,7 +18,7 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.joint_positions import frames_with_hand
+from hhsim.recordings.hand_side import frames_with_hand
 from hhsim.recordings.json_document import keys_of, number, objects, read_json
 from hhsim.recordings.recording import Finding, note
 from hhsim.system.input_file import read_input_text

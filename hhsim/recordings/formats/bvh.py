@@ -20,7 +20,8 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.bvh_parser import Bvh, Joint, read_bvh
-from hhsim.recordings.joint_positions import SIDES, JointPositions, chosen_side, recording_of_joints
+from hhsim.recordings.hand_side import SIDES, chosen_side
+from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 

@@ -20,7 +20,8 @@ from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide, RawChannel
 from hhsim.recordings.finger_ik import palm_rotation
 from hhsim.recordings.frames import to_our_world
-from hhsim.recordings.joint_positions import SIDES, fitted_posture, frames_with_hand
+from hhsim.recordings.hand_side import SIDES, frames_with_hand
+from hhsim.recordings.joint_positions import fitted_posture
 from hhsim.recordings.json_document import keys_of, number, objects, read_json, vector
 from hhsim.recordings.recorded_bones import recorded_bones
 from hhsim.recordings.recording import Recording, note

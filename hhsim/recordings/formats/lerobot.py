@@ -15,8 +15,9 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_table import Table
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import mapped
+from hhsim.recordings.hand_side import chosen_side
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS
-from hhsim.recordings.joint_positions import JointPositions, chosen_side, recording_of_joints
+from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.json_document import number
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
