@@ -1,7 +1,8 @@
 """Tables as CSV text of any maker, with their header.
 
 Delimiters are commas, semicolons, tabs or blanks; lines that begin with # before the header are remarks. A strict
-reader refuses lines and cells that it cannot read, another leaves them out, or as missing, and tells of them.
+reader refuses a line or a cell that it cannot read; a lenient one leaves the line out, takes the cell as missing, and
+tells of both.
 """
 
 import csv
@@ -20,7 +21,8 @@ DELIMITERS = (",", ";", "\t")
 """Delimiters in the order of preference; a header without any is delimited by blanks."""
 DECIMAL_POINT = " with a decimal point"
 """Expectation for a number with a comma."""
-MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf", "+inf", "infinity", "-infinity"}
+MISSING = {"", "na", "n/a", "null", "none", "-"}
+"""Words for a missing number, beside those for NaN and infinity."""
 MOST_BROKEN = 0.25
 """Largest share of lines, or of a column's cells, that may be unreadable."""
 MOST_LINES = 10_000_000
@@ -183,13 +185,12 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 
 def _number(cell: str, decimal: str) -> float | None:
-    """Return the number in a cell, NaN for one that is marked as missing, None for other text."""
-    word = cell.strip().strip('"').lower()
-    if word in MISSING:
-        return math.nan
+    """Return the number in a cell, NaN for one that is missing or not finite, None for other text."""
+    word = cell.strip().strip('"')
     if "_" in word:
         return None
     try:
-        return float(word.replace(decimal, ".") if decimal != "." else word)
+        value = float(word if decimal == "." else word.replace(decimal, "."))
     except ValueError:
-        return None
+        return math.nan if word.lower() in MISSING else None
+    return value if math.isfinite(value) else math.nan
