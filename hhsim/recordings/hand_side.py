@@ -65,7 +65,7 @@ def frames_with_hand(
 
 
 def known_side(points: FloatArray, hand: HandSide, findings: list[Finding]) -> HandSide:
-    """Return the side of the hand, as stated or by the bend of its fingers."""
+    """Return the side of the hand, as stated or by the bend of its fingers; add what is doubtful to `findings`."""
     if not hand:
         side = bends_as(points)
         if not side:
@@ -103,10 +103,10 @@ def looks_as(points: FloatArray) -> HandSide:
 
 
 def in_right_handed_world(points: FloatArray, hand: HandSide, findings: list[Finding]) -> FloatArray:
-    """Return joint centres in a right-handed world, y up; a hand of no stated side, "", is not mirrored.
+    """Return joint centres in a right-handed world, y up, and add what was mirrored to `findings`.
 
     In Unity's world z points the other way: there a right hand is a left one's mirror, which its fingers and its thumb
-    tell.
+    tell. A hand of no stated side, "", is left as it is.
     """
     seen = looks_as(points)
     if not hand or seen == hand:

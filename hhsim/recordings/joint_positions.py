@@ -167,7 +167,7 @@ def fitted_posture(fingers: FloatArray, palm: FloatArray, side: HandSide) -> tup
 
 
 def _times(joints: JointPositions, options: ReadOptions, findings: list[Finding]) -> tuple[FloatArray, bool]:
-    """Return stamps from the first one on [s], or those of the file if it states no unit, and whether it does."""
+    """Return stamps from the first one on [s], or those of the file if it states no unit, and whether they are in s."""
     count = len(joints.position)
     if joints.time is None:
         rate = options.rate or joints.rate
@@ -185,7 +185,7 @@ def _times(joints: JointPositions, options: ReadOptions, findings: list[Finding]
 
 
 def _scale(joints: JointPositions, options: ReadOptions, findings: list[Finding]) -> float:
-    """Return the unit of the positions [m], as stated or by the length of the hand."""
+    """Return the unit of the positions [m], stated or by the length of the hand; add what is assumed to `findings`."""
     wrist, middle = joints.position[:, 0], joints.position[:, 9:13]
     bones = np.linalg.norm(np.diff(middle, axis=1), axis=2).sum(axis=1)
     lengths = np.linalg.norm(middle[:, 0] - wrist, axis=1) + bones
