@@ -118,7 +118,7 @@ def test_a_recording_that_was_imported_on_the_way_in_is_said_to_be(tmp_path: Pat
 
 def test_an_option_that_a_recording_lacks_is_one_of_the_import(tmp_path: Path) -> None:
     np.save(tmp_path / "points.npy", joint_sample().named())
-    said = r"points\.npy: 21 keypoints .* no stamps of the samples; .*: --rate \(of hhsim import, whose output is replayed\)$"
+    said = r"points\.npy: 21 keypoints .* no stamps .*: --rate \(of hhsim import, whose output is replayed\)$"
     with pytest.raises(TrajectoryError, match=said):
         resolve_trajectory(tmp_path / "points.npy")
 
