@@ -98,13 +98,6 @@ class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot"):
         type=click.IntRange(0, 2**63 - 1), metavar="N", help="Episode of a LeRobot file. Default: the only one."
     )
 
-    def fields(self) -> dict[str, Any]:
-        """Return fields of ReadOptions."""
-        from hhsim.recordings.registry import ManoOptions
-
-        mano = ManoOptions(self.mano_model, self.mano_pose)
-        return {"mano": mano, "profile": self.profile, "object_track": self.object_track, "episode": self.episode}
-
 
 class DexmoCalibration(OptionGroup, heading="Dexmo glove"):
     """Calibration of a Dexmo: from a file, or from stamps [s] at which its hand was in known poses."""
@@ -168,13 +161,13 @@ class RepairSettings(OptionGroup, heading="Selection and repair"):
     def options(self, recording: "Recording", file: FileSettings) -> "RepairOptions":
         """Return the options for the library; the units of the numbers are those of `file`."""
         from hhsim.hand.model import HandModel
-        from hhsim.recordings.repair import RepairOptions, limits_of
+        from hhsim.recordings.repair import RepairOptions
 
         limits: dict[str, Any] = {}
         if self.keep_angles:
             limits["limits"] = None
         elif self.hand_file is not None:
-            limits["limits"] = limits_of(HandModel.from_toml(self.hand_file))
+            limits["limits"] = HandModel.from_toml(self.hand_file)
         return RepairOptions(
             **{name: getattr(self, name) for name in ("max_gap", "start", "end", "mirror")},
             time_unit=file.time_unit,
@@ -235,11 +228,11 @@ def command(
       hhsim import keypoints.npy --rate 30 --hand right
       hhsim import dexmo.csv --open 0,1 --fist 2,3 --save-calibration glove.toml
     """
-    from hhsim.errors import InputError, OutputError
+    from hhsim.errors import OutputError, named
     from hhsim.motion.file import check_trajectory_path, save_trajectory
     from hhsim.motion.trajectory import UNCHECKED
     from hhsim.recordings.dexmo_regression import format_calibration
-    from hhsim.recordings.fitted_hand import check_hand_path, check_hand_text, fitted_hand, for_hand, format_fitted_hand
+    from hhsim.recordings.fitted_hand import check_hand_path, fitted_hand
     from hhsim.recordings.formats.dexmo import calibration_of
     from hhsim.recordings.import_report import COLUMNS, FIT_COLUMNS, fit_rows, import_document
     from hhsim.recordings.registry import read_recording
@@ -257,19 +250,15 @@ def command(
         check_output_path(dexmo.save_calibration)
     if fit_hand is not None:
         check_hand_path(fit_hand)
-    others = {**dexmo.fields(), **data.fields(), "hand_length": metres(repairs.hand_length)}
+    others = {**dexmo.fields(), **data.given(), "hand_length": metres(repairs.hand_length)}
     read_options = reading.options(others)
     recording = read_recording(file, read_options).changed(**labels.given())
     repair_options = repairs.options(recording, reading)
     hand_text = ""
-    try:
+    with named(file):
         if fit_hand is not None:
-            fitted = fitted_hand(recording)
-            recording, hand_text = for_hand(recording, fitted), format_fitted_hand(fitted, file.name)
-            check_hand_text(hand_text)
+            recording, hand_text = fitted_hand(recording, file.name)
         repaired = repair(recording, repair_options)
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
     save_trajectory(repaired.trajectory, output_path)
     if dexmo.save_calibration is not None:
         calibration = format_calibration(calibration_of(file, read_options))
@@ -280,7 +269,7 @@ def command(
     if plot is not None:
         from hhsim.render.import_figure import draw_import
 
-        draw_import(recording, repaired.trajectory, plot)
+        draw_import(repaired, plot)
     if output.as_json:
         paths = {name: str(path) if path else None for name, path in (("hand_file", fit_hand), ("plot", plot))}
         print_json({"file": str(file), **document, "path": str(output_path), **paths})

@@ -4,7 +4,8 @@ Every message is one line: what is wrong, where, and what would be right. The co
 traceback and exits with `exit_code`.
 """
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from difflib import SequenceMatcher, get_close_matches
 
 
@@ -51,6 +52,16 @@ def check_known(kind: str, names: Iterable[str], known: Collection[str]) -> None
     for name in names:
         if name not in known:
             raise UnknownNameError(kind, name, known)
+
+
+@contextmanager
+def named(file: object) -> Iterator[None]:
+    """Put the name of a file before the message of an InputError that lacks it."""
+    try:
+        yield
+    except InputError as error:
+        kind = TrajectoryError if isinstance(error, TrajectoryError) else InputError
+        raise kind(f"{file}: {str(error).removeprefix(f'{file}: ')}") from None
 
 
 class OutputError(HhsimError):

@@ -47,7 +47,7 @@ from hhsim.kernels.hand.kinematics import HandArrays, forward_kinematics
 from hhsim.kernels.round_cone_distance import cone_slope
 from hhsim.mesh.mesh import Mesh
 from hhsim.reproducible import dot, norm, sine_and_cosine
-from hhsim.system.settings_file import Settings, between, read_settings, typed
+from hhsim.system.settings_file import Settings, between, parse_settings, read_toml_text, typed
 from hhsim.trees.cache import cached_sphere_tree, shipped_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
@@ -231,7 +231,12 @@ class HandModel:
         Raises:
             InputError: No such file, broken TOML, an unknown key, or a size of wrong shape or sign.
         """
-        return _model(read_settings(Path(path), HandTable, "hand"), side, str(path))
+        return cls.of_text(read_toml_text(Path(path), "hand"), str(path), side)
+
+    @classmethod
+    def of_text(cls, text: str, where: str, side: Side = "right") -> "HandModel":
+        """Return the hand of the text of a TOML file, named `where` in messages; errors as of `from_toml`."""
+        return _model(parse_settings(text, HandTable, where), side, where)
 
     @property
     def abduction_sign(self) -> float:
@@ -429,17 +434,13 @@ def _frames(distal: FloatArray, dorsal: FloatArray, where: str) -> tuple[FloatAr
 
 
 def _array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    """Finite float64 array of a shape, or an InputError that names it."""
-    what = f"{shape[0]} numbers" if len(shape) == 1 else f"an array of shape {shape}" if shape else "one number"
+    """Return a finite float64 array of a shape; raise InputError for anything else."""
     try:
-        array = np.array(value, order="C")
-    except ValueError as error:
-        raise InputError(f"{name} is {value!r}: expected {what}") from error
-    if array.dtype.kind not in "iuf":
-        raise InputError(f"{name} is {value!r}: expected {what}")
-    array = array.astype(np.float64)
+        array = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise InputError(f"{name} is {value!r}: expected numbers of shape {shape}") from None
     if array.shape != shape:
-        raise InputError(f"{name} has shape {array.shape}: expected {what}")
+        raise InputError(f"{name} has shape {array.shape}: expected {shape}")
     if not np.isfinite(array).all():
         raise InputError(f"{name} {_text(array)}: expected finite numbers")
     return array

@@ -21,19 +21,17 @@ cut short is noticed. Equal phase names on neighbouring lines are one phase; it 
 channels are not part of a CSV file.
 """
 
-import csv
-import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError, UnknownNameError
+from hhsim.errors import TrajectoryError, check_known
 from hhsim.hand.fingers import FINGERS
+from hhsim.motion.csv_table import Table, format_table, read_table
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.trajectory import Phase, Trajectory
-from hhsim.motion.validation import as_numbers
 from hhsim.system.counted import counted
 
 CSV_SUFFIX = ".csv"
@@ -46,32 +44,21 @@ PHASE = "phase"
 FLAGS = "flags"
 TEXTS = ("name", "source", "licence", "device", "hand")
 SAMPLES = "samples"
-SEPARATORS = (",", ";", "\t")
-DECIMAL_POINT = " with a decimal point"
-"""Expectation for a number with a comma."""
 POSE_SIZES = {"object_position": 3, "object_orientation": 4}
 
 
 def format_csv(trajectory: Trajectory) -> str:
     """Return the CSV text of a motion, without its raw channels."""
-    text = io.StringIO()
-    for key in TEXTS:
-        # A line break in a name would end the remark.
-        value = " ".join(getattr(trajectory, key).split())
-        if value:
-            text.write(f"# {key}: {value}\n")
-    moving = trajectory.object_motion
-    for key in POSE_SIZES if moving is None else ():
-        text.write(f"# {key}: {' '.join(repr(float(x)) for x in getattr(trajectory, key))}\n")
-    count = trajectory.sample_count
-    text.write(f"# {SAMPLES}: {count}\n")
-    writer = csv.writer(text, lineterminator="\n")
+    count, moving = trajectory.sample_count, trajectory.object_motion
+    remarks = {key: getattr(trajectory, key) for key in TEXTS if getattr(trajectory, key).strip()}
+    if moving is None:
+        remarks |= {key: " ".join(map(repr, getattr(trajectory, key).tolist())) for key in POSE_SIZES}
+    remarks[SAMPLES] = str(count)
     extra: dict[str, list[str]] = {}
     if trajectory.phases:
         extra[PHASE] = _phase_names(trajectory)
     if trajectory.flags is not None:
         extra[FLAGS] = [str(bits) for bits in trajectory.flags.tolist()]
-    writer.writerow((*COLUMNS, *(OBJECT_COLUMNS if moving is not None else ()), *extra))
     numbers = np.column_stack(
         [
             trajectory.time,
@@ -83,122 +70,72 @@ def format_csv(trajectory: Trajectory) -> str:
         ]
     ).tolist()
     added = zip(*extra.values(), strict=True) if extra else [()] * count
-    writer.writerows([*map(repr, row), *more] for row, more in zip(numbers, added, strict=True))
-    return text.getvalue()
+    rows = ([*map(repr, row), *more] for row, more in zip(numbers, added, strict=True))
+    return format_table(remarks, (*COLUMNS, *(OBJECT_COLUMNS if moving is not None else ()), *extra), rows)
 
 
 def parse_csv(text: str, *, name: str = "") -> Trajectory:
     """Read the motion of a CSV text; `name` is its name if the text has none.
 
     Raises:
-        TrajectoryError: A missing or unknown column, a line of another length, a value that is no number (with its
-            line), or a motion that cannot be replayed.
+        TrajectoryError: A missing column, a line of another length, a value that is no number (with its line), or a
+            motion that cannot be replayed.
+        UnknownNameError: A column of another name.
     """
-    remarks, header, found = csv_rows(text, "time,px,py,pz,qw,qx,qy,qz,thumb_flex1,…")
-    columns = (*COLUMNS, *(OBJECT_COLUMNS if any(column in header for column in OBJECT_COLUMNS) else ()))
-    missing = [column for column in columns if column not in header]
-    if missing:
-        shown = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
-        raise TrajectoryError(f"the header lacks {shown}; expected {len(columns)} columns and perhaps {PHASE}")
-    known = (*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS)
-    for column in header:
-        if column not in known:
-            raise TrajectoryError(f"the header has an {UnknownNameError('column', column, known)}")
-        if header.count(column) > 1:
-            raise TrajectoryError(f"the header has column {column} twice")
-    rows: list[list[float]] = []
-    names: list[str] = []
-    flags: list[str] = []
-    order = [header.index(column) for column in columns]
-    phase_column = header.index(PHASE) if PHASE in header else None
-    flags_column = header.index(FLAGS) if FLAGS in header else None
-    for number, cells in found:
-        rows.append(numbers_of(cells, columns, order, number))
-        names.append(cells[phase_column].strip() if phase_column is not None else "")
-        if flags_column is not None:
-            flags.append(cells[flags_column])
-    if remarks.get(SAMPLES, str(len(rows))) != str(len(rows)):
-        held = f"it holds {counted(len(rows), 'sample')} but says # {SAMPLES}: {remarks[SAMPLES]}"
+    table = read_table(text, strict=True)
+    fields, _ = csv_fields(table)
+    check_known("column", table.header, (*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS))
+    count = len(table.rows)
+    if table.remarks.get(SAMPLES, str(count)) != str(count):
+        held = f"it holds {counted(count, 'sample')} but says # {SAMPLES}: {table.remarks[SAMPLES]}"
         raise TrajectoryError(f"{held}; was it cut short? Expected as many as it says, or no such line")
-    table = np.array(rows, dtype=np.float64).reshape(len(rows), len(columns))
-    stated: dict[str, Any] = (
-        {"name": name} | {key: remarks[key] for key in TEXTS if key in remarks} | object_pose(remarks)
-    )
-    if flags_column is not None:
-        stated[FLAGS] = as_numbers(FLAGS, flags)
-    if len(columns) > len(COLUMNS):
-        stated["object_motion"] = ObjectMotion(*np.split(table[:, len(COLUMNS) :], [3], axis=1))
-    return Trajectory(
-        time=table[:, 0],
-        position=table[:, 1:4],
-        orientation=table[:, 4:8],
-        flexion=table[:, 8:23].reshape(-1, 5, 3),
-        abduction=table[:, 23 : len(COLUMNS)],
-        phases=phases_of(names, table[:, 0]),
-        **stated,
-    )
+    return Trajectory(**{"name": name} | fields)
 
 
-def csv_rows(text: str, expected: str) -> tuple[dict[str, str], list[str], Iterator[tuple[int, list[str]]]]:
-    """Return the remarks of a CSV text, the cells of its header, and each row's line number and cells.
+def csv_fields(table: Table) -> tuple[dict[str, Any], int]:
+    """Return the fields of a `Trajectory` in a table with our own columns, and the count of unreadable cells.
+
+    Missing numbers are NaN, and nothing but the shapes is checked.
 
     Raises:
-        TrajectoryError: No header line (the message says what is `expected`), or a row of another length.
+        TrajectoryError: A column is missing or holds no numbers, or a remark holds no pose.
     """
-    lines = text.splitlines()
-    remarks, first = read_remarks(lines)
-    if first == len(lines):
-        raise TrajectoryError(f"no header line; expected {expected}")
-    separator = separator_of(lines[first])
-    header = [word.strip() for word in next(csv.reader([lines[first]], delimiter=separator))]
-
-    def rows() -> Iterator[tuple[int, list[str]]]:
-        for number, cells in enumerate(csv.reader(lines[first + 1 :], delimiter=separator), start=first + 2):
-            if any(cell.strip() for cell in cells):
-                if len(cells) != len(header):
-                    expected_count = f"expected {len(header)} as in the header"
-                    raise TrajectoryError(f"line {number} has {len(cells)} values; {expected_count}")
-                yield number, cells
-
-    return remarks, header, rows()
-
-
-def read_remarks(lines: Sequence[str]) -> tuple[dict[str, str], int]:
-    """Return the `# key: value` lines, and the index of the header line."""
-    remarks = {}
-    for index, line in enumerate(lines):
-        if line.startswith("#"):
-            key, colon, value = line[1:].partition(":")
-            if colon:
-                remarks[key.strip()] = value.strip()
-        elif line.strip():
-            return remarks, index
-    return remarks, len(lines)
-
-
-def separator_of(header: str, separators: Sequence[str] = SEPARATORS) -> str:
-    """Return the most frequent separator of a header line, of equals the first."""
-    return max(separators, key=header.count)
+    header, count = table.header, len(table.rows)
+    moves = any(column in header for column in OBJECT_COLUMNS)
+    if missing := [column for column in (*COLUMNS, *(OBJECT_COLUMNS if moves else ())) if column not in header]:
+        others = [column for column in header if column not in (*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS)]
+        instead = f"; it has {_some(others)} instead" if others else ""
+        raise TrajectoryError(
+            f"no column {_some(missing)} of hhsim's own{instead}: rename them, or map them with hhsim import --columns"
+        )
+    values, broken = table.numbers(COLUMNS)
+    time = values[:, 0]
+    fields: dict[str, Any] = {
+        "time": time,
+        "position": values[:, 1:4],
+        "orientation": values[:, 4:8],
+        "flexion": values[:, 8:23].reshape(count, 5, 3),
+        "abduction": values[:, 23:],
+        **{key: table.remarks[key] for key in TEXTS if key in table.remarks},
+        **_object_pose(table.remarks),
+    }
+    if moves:
+        poses, bad = table.numbers(OBJECT_COLUMNS)
+        fields["object_motion"], broken = ObjectMotion(*np.split(poses, [3], axis=1)), broken + bad
+    if FLAGS in header:
+        flags, bad = table.numbers([FLAGS])
+        fields[FLAGS], broken = flags[:, 0], broken + bad
+    # Only stamps that increase say when a phase begins.
+    if PHASE in header and (np.diff(time) > 0.0).all():
+        fields["phases"] = _phases(table.text(PHASE), time)
+    return fields, broken
 
 
-def numbers_of(cells: Sequence[str], columns: Sequence[str], order: Iterable[int], line: int) -> list[float]:
-    """Return the numbers in the cells of `columns` at the indices `order`.
-
-    Raises:
-        TrajectoryError: A cell holds none; the message names its line and its column.
-    """
-    values = []
-    for column, index in zip(columns, order):
-        try:
-            values.append(float(cells[index]))
-        except ValueError:
-            cell = cells[index].strip()
-            point = DECIMAL_POINT if "," in cell else ""
-            raise TrajectoryError(f"line {line}: {column} is '{cell}'; expected a number{point}") from None
-    return values
+def _some(names: Sequence[str], most: int = 6) -> str:
+    return ", ".join(name[:20] for name in names[:most]) + (", …" if len(names) > most else "")
 
 
-def object_pose(remarks: dict[str, str]) -> dict[str, FloatArray]:
+def _object_pose(remarks: dict[str, str]) -> dict[str, FloatArray]:
     """Return the object's pose in the remarks, as far as it is there; raise TrajectoryError for wrong numbers."""
     pose = {}
     for key, size in POSE_SIZES.items():
@@ -213,7 +150,7 @@ def object_pose(remarks: dict[str, str]) -> dict[str, FloatArray]:
     return pose
 
 
-def phases_of(names: Sequence[str], time: FloatArray) -> tuple[Phase, ...]:
+def _phases(names: Sequence[str], time: FloatArray) -> tuple[Phase, ...]:
     """Return phases from the name at each sample: runs of equal names.
 
     A run ends at the stamp after it, the last one at the last stamp.

@@ -14,9 +14,9 @@ from typing import Any
 import h5py
 import numpy as np
 
-from hhsim.errors import DamagedFileError, OutputError, TrajectoryError
+from hhsim.errors import DamagedFileError, InputError, OutputError, TrajectoryError
 from hhsim.motion.csv_file import CSV_SUFFIX, TEXTS, format_csv, parse_csv
-from hhsim.motion.object_motion import object_fields
+from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
 from hhsim.system.atomic_write import put_dataset, sealed_hdf5, write_atomically
@@ -83,7 +83,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
     """Read and check a trajectory, .h5 or .csv.
 
     Raises:
-        TrajectoryError: No such file, another format, a newer schema, a missing part, or a motion that cannot be
+        TrajectoryError: No such file, another format or schema, a missing part, or a motion that cannot be
             replayed; one line that begins with the path.
     """
     source = Path(path)
@@ -103,7 +103,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
         raise TrajectoryError(f"{source}: not UTF-8 text; expected a CSV file") from None
     except OSError as error:
         raise TrajectoryError(f"{source}: cannot be read: {error.strerror or error}") from error
-    except TrajectoryError as error:
+    except InputError as error:
         raise TrajectoryError(f"{source}: {error}") from None
 
 
@@ -136,7 +136,7 @@ def read_fields(path: Path) -> dict[str, Any]:
     """Read the fields of a trajectory in an HDF5 file, by their names in `Trajectory`, without checking the arrays.
 
     Raises:
-        TrajectoryError: Another format, a newer schema, a missing part, or a damaged file.
+        TrajectoryError: Another format or schema, a missing part, or a damaged file.
     """
     try:
         file = open_hdf5(path)
@@ -161,15 +161,15 @@ def _fields(file: h5py.File) -> dict[str, Any]:
     if form != FORMAT:
         found = f"format '{form}'" if isinstance(form, str) else "no format attribute"
         raise TrajectoryError(f"{found}; expected {FORMAT}")
-    if not isinstance(version, int | np.integer) or version < 1:
-        raise TrajectoryError(f"schema_version {version}; expected a whole number from 1 to {SCHEMA_VERSION}")
-    if version > SCHEMA_VERSION:
-        raise TrajectoryError(f"schema_version {version} is newer than {SCHEMA_VERSION}: update hhsim to read it")
-    columns = {key: _get(file, f"phase/{key}") for key in PHASE_COLUMNS} if "phase" in file else {}
+    if version != SCHEMA_VERSION:
+        raise TrajectoryError(f"schema_version {version}; expected {SCHEMA_VERSION}, which this hhsim reads")
+    columns = {key: _get(file, f"phase/{key}") for key in PHASE_COLUMNS}
     if len({len(column) for column in columns.values()}) > 1:
         raise TrajectoryError("phase/name, start_time and end_time have different lengths")
     fields = {key: _get(file, key) for key in SAMPLES}
-    fields |= object_fields({key.replace("/", "_"): _get(file, key) for key in OBJECT if key in file})
+    poses = {key.replace("/", "_"): _get(file, key) for key in OBJECT}
+    moves = np.ndim(poses["object_position"]) == 2
+    fields |= {"object_motion": ObjectMotion(*poses.values())} if moves else poses
     fields |= {key: str(file.attrs.get(key, "")) for key in (*TEXTS, "checksums")}
     if "flags" in file:
         fields["flags"] = _get(file, "flags")

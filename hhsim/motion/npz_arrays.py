@@ -11,6 +11,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
+from hhsim.motion.validation import as_numbers
 
 ALWAYS, PER_BYTE = 1 << 28, 100
 """Largest size of all arrays together [byte]: so many, and so many more for each byte of the archive."""
@@ -68,10 +69,4 @@ def array_names(data: bytes) -> set[str]:
 
 def numbers(arrays: Mapping[str, Any], key: str, *shape: int) -> FloatArray:
     """Return an array as numbers, of a shape if one is given; TrajectoryError for others."""
-    try:
-        values = np.array(arrays[key], dtype=np.float64)
-    except (TypeError, ValueError):
-        raise TrajectoryError(f"array '{key}' does not hold numbers") from None
-    if shape and values.shape != shape:
-        raise TrajectoryError(f"array '{key}' has shape {values.shape}; expected {shape}")
-    return values
+    return as_numbers(f"array '{key}'", arrays[key], shape or None)

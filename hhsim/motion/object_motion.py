@@ -4,7 +4,7 @@ In that frame, which is the world's at the first pose, the object stands still. 
 beside a fixed object; forces and poses are transformed to the world after that.
 """
 
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -67,19 +67,6 @@ class RigidMotion(NamedTuple):
     def seen_orientations(self, world: FloatArray) -> FloatArray:
         """Transform quaternions, shape (T, 4), from the world to the object's frame."""
         return quaternion_product(conjugate(self.turn), world)
-
-
-def object_fields(given: dict[str, Any]) -> dict[str, Any]:
-    """Return fields of a trajectory for the object_position and object_orientation of a file.
-
-    If one has a row a sample, the object moves; the other may be constant or missing.
-    """
-    if not any(np.ndim(values) == 2 for values in given.values()):
-        return given
-    count = max(len(values) for values in given.values() if np.ndim(values) == 2)
-    whole = {"object_position": np.zeros(3), "object_orientation": np.array([1.0, 0.0, 0.0, 0.0]), **given}
-    rows = (np.tile(values, (count, 1)) if np.ndim(values) == 1 else values for values in whole.values())
-    return {"object_motion": ObjectMotion(*rows)}
 
 
 def _beside(rows: FloatArray, values: FloatArray) -> FloatArray:

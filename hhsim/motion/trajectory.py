@@ -201,10 +201,7 @@ class Trajectory:
         object.__setattr__(self, "object_motion", self._checked_object_motion(time))
         checked["object_position"] = _constant("object_position", self.object_position, 3)
         pose = _constant("object_orientation", self.object_orientation, 4)
-        try:
-            checked["object_orientation"] = continuous_orientation(pose[None], time[:1])[0]
-        except TrajectoryError:
-            raise TrajectoryError("object_orientation is a zero quaternion; expected unit (w, x, y, z)") from None
+        checked["object_orientation"] = continuous_orientation(pose[None], time[:1], "object_orientation")[0]
         for label, values in checked.items():
             values.setflags(write=False)
             object.__setattr__(self, label, values)
@@ -220,14 +217,10 @@ class Trajectory:
         """Return the object's motion if it moves; its first pose becomes the constant one."""
         if self.object_motion is None:
             return None
-        position = _rows("object_position", self.object_motion.position, time, (3,), "(3,), one constant pose, or ")
-        given = self.object_motion.orientation
-        orientation = _rows("object_orientation", given, time, (4,), "(4,), one constant pose, or ")
+        position = _rows("object_position", self.object_motion.position, time, (3,))
+        orientation = _rows("object_orientation", self.object_motion.orientation, time, (4,))
         check_magnitude("object_position", position, MAX_POSITION, "m", "is it in millimetres?", time)
-        try:
-            motion = ObjectMotion(position, continuous_orientation(orientation, time))
-        except TrajectoryError as error:
-            raise TrajectoryError(f"object_{error}") from None
+        motion = ObjectMotion(position, continuous_orientation(orientation, time, "object_orientation"))
         object.__setattr__(self, "object_position", motion.position[0])
         object.__setattr__(self, "object_orientation", motion.orientation[0])
         for values in motion:
@@ -319,20 +312,16 @@ class Trajectory:
         return replace(self, position=seen[0], orientation=seen[1], object_motion=None)
 
 
-def _rows(label: str, given: ArrayLike, time: FloatArray, tail: tuple[int, ...], else_: str = "") -> FloatArray:
-    """Return finite numbers with one row a stamp; `else_` is another shape that would be right, for messages."""
-    values, expected = as_numbers(label, given), (len(time), *tail)
-    if values.shape != expected:
-        stamps = counted(len(time), "stamp")
-        raise TrajectoryError(f"{label} has shape {values.shape}; expected {else_}{expected} for {stamps}")
+def _rows(label: str, given: ArrayLike, time: FloatArray, tail: tuple[int, ...]) -> FloatArray:
+    """Return finite numbers with one row a stamp."""
+    shape = (len(time), *tail)
+    values = as_numbers(label, given, shape, f"{shape} for {counted(len(time), 'stamp')}")
     check_finite(label, values, time)
     return values
 
 
 def _constant(label: str, given: ArrayLike, size: int) -> FloatArray:
-    values = as_numbers(label, given)
-    if values.shape != (size,):
-        raise TrajectoryError(f"{label} has shape {values.shape}; expected ({size},), one constant pose")
+    values = as_numbers(label, given, (size,), f"({size},), one constant pose")
     check_finite(label, values)
     return values
 
@@ -362,10 +351,7 @@ def _checked_channel(channel: RawChannel, count: int) -> RawChannel:
 
 
 def _checked_flags(flags: Any, count: int) -> Flags:
-    given = np.asarray(flags)
-    if given.shape != (count,):
-        raise TrajectoryError(f"flags has shape {given.shape}; expected ({count},), one number a sample")
-    numbers = as_numbers("flags", given)
+    numbers = as_numbers("flags", flags, (count,), f"({count},), one number a sample")
     if not ((numbers >= 0.0) & (numbers < 2.0**32) & (numbers == np.floor(numbers))).all():
         raise TrajectoryError("flags holds what is no sum of bits; expected whole numbers from 0 to 2^32 - 1")
     checked = numbers.astype(np.uint32)

@@ -13,12 +13,23 @@ UNIT_TOLERANCE = 4.0 * float(np.finfo(np.float64).eps)
 """Largest deviation from unit length that is kept, so that a file read back holds the same bytes."""
 
 
-def as_numbers(label: str, values: ArrayLike) -> FloatArray:
-    """Return a float64 copy, C-contiguous; raise TrajectoryError for what is no array of numbers."""
+def as_numbers(label: str, given: ArrayLike, shape: tuple[int, ...] | None = None, expected: str = "") -> FloatArray:
+    """Return a float64 copy, C-contiguous.
+
+    Args:
+        shape: Shape of the array; None for any.
+        expected: Text about the shape that would be right, for the message.
+
+    Raises:
+        TrajectoryError: No array of numbers, or one of another shape.
+    """
     try:
-        return np.array(values, dtype=np.float64, order="C")
+        values = np.array(given, dtype=np.float64, order="C")
     except (TypeError, ValueError):
-        raise TrajectoryError(f"{label} is not an array of numbers") from None
+        raise TrajectoryError(f"{label} does not hold numbers") from None
+    if shape is not None and values.shape != shape:
+        raise TrajectoryError(f"{label} has shape {values.shape}; expected {expected or shape}")
+    return values
 
 
 def check_finite(label: str, values: FloatArray, time: FloatArray | None = None) -> None:
@@ -51,7 +62,7 @@ def check_magnitude(label: str, values: FloatArray, limit: float, unit: str, que
         raise TrajectoryError(f"{label} is {place}, beyond {limit:.4g} {unit}: {question}; expected [{unit}]")
 
 
-def continuous_orientation(quaternions: FloatArray, time: FloatArray) -> FloatArray:
+def continuous_orientation(quaternions: FloatArray, time: FloatArray, label: str = "orientation") -> FloatArray:
     """Return unit quaternions without sign flips between neighbours, shape (T, 4).
 
     Raises:
@@ -64,7 +75,7 @@ def continuous_orientation(quaternions: FloatArray, time: FloatArray) -> FloatAr
         none = np.flatnonzero(wrong)
         if none.size:
             first = f"{counted(none.size, what)}, first at {_place(none[:1], time)}"
-            raise TrajectoryError(f"orientation has {first}; expected unit (w, x, y, z)")
+            raise TrajectoryError(f"{label} has {first}; expected unit (w, x, y, z)")
     off = np.abs(norm - 1.0) > UNIT_TOLERANCE
     unit = np.where(off[:, None], quaternions / norm[:, None], quaternions)
     flips = np.where(np.sum(unit[1:] * unit[:-1], axis=1) < 0.0, -1.0, 1.0)

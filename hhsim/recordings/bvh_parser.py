@@ -75,71 +75,51 @@ class Bvh:
 
     def _local(self, joint: Joint) -> tuple[FloatArray, FloatArray]:
         """Return position and rotation of a joint in its parent's frame, shapes (T, 3) and (T, 3, 3)."""
+        from scipy.spatial.transform import Rotation
+
         count = len(self.values)
-        shift = np.tile(joint.offset, (count, 1))
-        turn = np.tile(np.eye(3), (count, 1, 1))
         columns = {channel: self.values[:, joint.first + k] for k, channel in enumerate(joint.channels)}
-        if any(channel in columns for channel in POSITIONS):
-            # Position channels stand for the offset, they do not add to it.
-            shift = np.stack([columns.get(key, shift[:, axis]) for axis, key in enumerate(POSITIONS)], axis=1)
-        for channel in joint.channels:
-            if channel in ROTATIONS:
-                turn = turn @ _about(ROTATIONS.index(channel), np.radians(columns[channel]))
-        return shift, turn
-
-
-def _about(axis: int, angle: FloatArray) -> FloatArray:
-    """Return rotations about a coordinate axis, shape (T, 3, 3)."""
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    turn = np.tile(np.eye(3), (len(angle), 1, 1))
-    turn[:, i, i] = turn[:, j, j] = np.cos(angle)
-    turn[:, j, i] = np.sin(angle)
-    turn[:, i, j] = -turn[:, j, i]
-    return turn
+        # Position channels stand for the offset, they do not add to it.
+        offsets = zip(POSITIONS, joint.offset)
+        shift = np.stack([columns.get(key, np.full(count, offset)) for key, offset in offsets], axis=1)
+        turns = [channel for channel in joint.channels if channel in ROTATIONS]
+        if not turns:
+            return shift, np.tile(np.eye(3), (count, 1, 1))
+        angles = np.stack([columns[channel] for channel in turns], axis=1)
+        order = "".join(channel[0].upper() for channel in turns)
+        return shift, Rotation.from_euler(order, angles, degrees=True).as_matrix()
 
 
 def read_bvh(text: str) -> Bvh:
     """Read BVH text; raise TrajectoryError with the line where it stops being BVH."""
-    lines = text.splitlines()
-    joints, next_line = _hierarchy(lines)
-    return _motion(lines, next_line, joints, complete=text.endswith(("\n", "\r")))
+    lines = [(number, words) for number, line in enumerate(text.splitlines(), start=1) if (words := line.split())]
+    if not lines or lines[0][1][0].upper() != "HIERARCHY":
+        raise TrajectoryError("it does not begin with HIERARCHY; expected BVH motion capture")
+    joints, count = _hierarchy(lines[1:])
+    return _motion(lines[1 + count :], joints, complete=text.endswith(("\n", "\r")))
 
 
-def _hierarchy(lines: list[str]) -> tuple[tuple[Joint, ...], int]:
+def _hierarchy(lines: list[tuple[int, list[str]]]) -> tuple[tuple[Joint, ...], int]:
+    """Return the joints, and the number of lines up to MOTION."""
     joints: list[Joint] = []
     open_joints: list[int] = []
     pending: Joint | None = None
     columns = 0
-    begun = False
-    for number, line in enumerate(lines, start=1):
-        words = line.split()
-        if not words:
-            continue
-        key = words[0].upper()
-        where = f"line {number}"
-        if not begun:
-            if key != "HIERARCHY":
-                raise TrajectoryError(f"{where} is '{line.strip()[:40]}'; expected HIERARCHY")
-            begun = True
-        elif key in ("ROOT", "JOINT", "END"):
-            if pending is not None or (key == "ROOT") != (not open_joints):
-                raise TrajectoryError(f"{where}: {key} where none can be")
+    for count, (number, words) in enumerate(lines, start=1):
+        key, where = words[0].upper(), f"line {number}"
+        if key in ("ROOT", "JOINT", "END") and pending is None and (key == "ROOT") == (not open_joints):
             if len(joints) >= MOST_JOINTS:
                 raise TrajectoryError(f"{where}: more than {MOST_JOINTS} joints; expected a skeleton")
             parent = open_joints[-1] if open_joints else -1
             name = f"{joints[parent].name} end" if key == "END" else " ".join(words[1:])
             pending = Joint(name, parent, np.full(3, np.nan), is_end=key == "END")
-        elif key == "{":
-            if pending is None:
-                raise TrajectoryError(f"{where}: a brace that opens nothing")
+        elif key == "{" and pending is not None:
             joints.append(pending)
             if pending.parent >= 0:
                 joints[pending.parent].children.append(len(joints) - 1)
             open_joints.append(len(joints) - 1)
             pending = None
-        elif key == "}":
-            if not open_joints or pending is not None:
-                raise TrajectoryError(f"{where}: a brace that closes nothing")
+        elif key == "}" and open_joints and pending is None:
             if np.isnan(joints[open_joints[-1]].offset).any():
                 raise TrajectoryError(f"{where}: {joints[open_joints[-1]].name} has no OFFSET")
             open_joints.pop()
@@ -150,9 +130,9 @@ def _hierarchy(lines: list[str]) -> tuple[tuple[Joint, ...], int]:
             joint.channels, joint.first = _channels(words, where), columns
             columns += len(joint.channels)
         elif key == "MOTION" and not open_joints and joints:
-            return tuple(joints), number
+            return tuple(joints), count
         else:
-            raise TrajectoryError(f"{where} is '{line.strip()[:40]}', which no BVH hierarchy holds there")
+            raise TrajectoryError(f"{where} is '{' '.join(words)[:40]}', which no BVH hierarchy holds there")
     raise TrajectoryError("a BVH hierarchy without MOTION; was the file cut short?")
 
 
@@ -164,15 +144,14 @@ def _channels(words: list[str], where: str) -> tuple[str, ...]:
     return channels
 
 
-def _motion(lines: list[str], first: int, joints: tuple[Joint, ...], *, complete: bool) -> Bvh:
-    body = [(number, line.split()) for number, line in enumerate(lines[first:], start=first + 1) if line.strip()]
-    if len(body) < 2 or body[0][1][0].lower() != "frames:" or " ".join(body[1][1][:2]).lower() != "frame time:":
-        raise TrajectoryError(f"line {first + 1}: expected Frames: and Frame Time: after MOTION")
-    (stated,) = _numbers(body[0][1][1:], 1, f"line {body[0][0]}", "Frames:")
-    (step,) = _numbers(body[1][1][2:], 1, f"line {body[1][0]}", "Frame Time:")
+def _motion(lines: list[tuple[int, list[str]]], joints: tuple[Joint, ...], *, complete: bool) -> Bvh:
+    if len(lines) < 2 or lines[0][1][0].lower() != "frames:" or " ".join(lines[1][1][:2]).lower() != "frame time:":
+        raise TrajectoryError("no Frames: and Frame Time: after MOTION; was the file cut short?")
+    (stated,) = _numbers(lines[0][1][1:], 1, f"line {lines[0][0]}", "Frames:")
+    (step,) = _numbers(lines[1][1][2:], 1, f"line {lines[1][0]}", "Frame Time:")
     if not 0.0 < step < 10.0:
         raise TrajectoryError(f"Frame Time: {step:g}; expected seconds between frames")
-    rows = body[2:]
+    rows = lines[2:]
     if not rows:
         raise TrajectoryError("no frames; expected one line of numbers each")
     if len(rows) > MOST_SAMPLES:
@@ -189,12 +168,8 @@ def _motion(lines: list[str], first: int, joints: tuple[Joint, ...], *, complete
     broken = []
     for row, (number, words) in enumerate(rows):
         try:
-            numbers = [float(word) for word in words if "_" not in word]
-        except ValueError:
-            numbers = []
-        if len(numbers) == width and all(abs(number) <= MOST for number in numbers):
-            values[row] = numbers
-        else:
+            values[row] = _numbers(words, width, f"line {number}", "frame")
+        except TrajectoryError:
             broken.append(number)
     if len(broken) > 0.25 * len(rows):
         what = f"frames without {width} numbers, one a channel; first line {broken[0]}"
@@ -207,7 +182,7 @@ def _motion(lines: list[str], first: int, joints: tuple[Joint, ...], *, complete
 
 def _numbers(words: list[str], count: int, where: str, key: str) -> list[float]:
     try:
-        numbers = [float(word) for word in words]
+        numbers = [float(word) for word in words if "_" not in word]
     except ValueError:
         numbers = []
     if len(numbers) != count or not all(abs(number) <= MOST for number in numbers):

@@ -51,12 +51,12 @@ from msgspec import Meta, field
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.motion.csv_file import ABDUCTION_COLUMNS, COLUMNS, FLEXION_COLUMNS, PHASE, phases_of
-from hhsim.motion.sample_flags import SampleFlag, mark
+from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS
+from hhsim.motion.csv_table import Table
+from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import RawChannel
-from hhsim.recordings.csv_table import Table
-from hhsim.recordings.frames import OURS, axes_matrix, to_our_palm, to_our_world, turned, world_matrix
-from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.frames import OURS, axes_matrix, to_our_frames, turned, world_matrix
+from hhsim.recordings.recording import Finding, Recording, note, unreadable
 from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
 from hhsim.system.counted import counted
 from hhsim.system.settings_file import Settings, between, one_of, read_settings
@@ -164,7 +164,6 @@ class ColumnMap(Settings, frozen=True, kw_only=True, rename={"joints": "joint"})
     angle: AngleUnit = AngleUnit()
     joints: Annotated[dict[Joint, Name | JointColumn], Meta(min_length=1, description="[joint] with thumb_flex1, …")]
     raw: dict[str, Name | RawColumn] = field(default_factory=dict)
-    phase: Name | None = None
 
     def check(self) -> None:
         """Raise InputError for wrong axes, a missing time, or a joint that follows one without a column."""
@@ -200,21 +199,6 @@ class ColumnMap(Settings, frozen=True, kw_only=True, rename={"joints": "joint"})
         return frozenset(key for key, given in named.items() if given)
 
 
-OWN_COLUMNS = ColumnMap(
-    joints={name: name for name in JOINT_NAMES},
-    time=TimeColumn("time"),
-    position=PositionColumns(("px", "py", "pz")),
-    orientation=OrientationColumns(("qw", "qx", "qy", "qz")),
-    phase=PHASE,
-)
-"""Mapping of hhsim's own CSV."""
-
-
-def is_own_header(header: tuple[str, ...]) -> bool:
-    """Return True if these are the columns of hhsim's own CSV."""
-    return set(COLUMNS) <= set(header)
-
-
 def read_column_map(path: Path) -> ColumnMap:
     """Read a mapping from a TOML file; raise InputError for a missing file, no TOML, or an unknown key or value."""
     return read_settings(path, ColumnMap, "mapping of columns")
@@ -232,7 +216,7 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         InputError: The table has no such column.
     """
     count = len(table.rows)
-    findings: list[Finding] = list(table.findings)
+    findings: list[Finding] = [note(text) for text in table.left_out]
     broken = 0
 
     def numbers(names: tuple[str, ...], factor: float) -> FloatArray:
@@ -253,9 +237,14 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         findings.append(note(NO_PLACE))
     orientation = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
     if columns.orientation is not None:
-        euler, order = columns.orientation.euler, columns.orientation.order
-        values = numbers(columns.orientation.columns, ANGLE_UNITS[columns.orientation.unit] if euler else 1.0)
-        orientation = euler_quaternion(values, order) if euler else values[:, [order.index(c) for c in "wxyz"]]
+        order = columns.orientation.order
+        if columns.orientation.euler:
+            from scipy.spatial.transform import Rotation
+
+            angles = numbers(columns.orientation.columns, ANGLE_UNITS[columns.orientation.unit])
+            orientation = Rotation.from_euler(order, angles).as_quat(scalar_first=True)
+        else:
+            orientation = numbers(columns.orientation.columns, 1.0)[:, [order.index(part) for part in "wxyz"]]
     angles = np.zeros((count, len(JOINT_NAMES)))
     joints = columns.joint_columns
     for joint, source in joints.items():
@@ -266,15 +255,14 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     followed = {joint: source for joint, source in joints.items() if source.joint is not None}
     for joint, source in followed.items():
         angles[:, JOINT_NAMES.index(joint)] = source.scale * angles[:, JOINT_NAMES.index(str(source.joint))]
-    if broken:
-        findings.append(note(f"{counted(broken, 'cell')} without a number: taken as missing"))
+    findings += unreadable(broken)
     raw = tuple(
         RawChannel(key, np.nan_to_num(numbers((channel.column,), 1.0)[:, 0], nan=0.0), channel.unit, channel.meaning)
         for key, channel in columns.raw_columns.items()
     )
-    position, orientation = placed(position, orientation, columns)
-    # Only stamps that increase say when a phase begins.
-    has_phases = columns.phase in table.header and np.isfinite(time).all() and (np.diff(time) > 0.0).all()
+    position, orientation = to_our_frames(position, orientation, columns.palm_axes, columns.world_up)
+    if columns.palm_offset is not None and any(columns.palm_offset):
+        position = position + turned(orientation, np.array(columns.palm_offset))
     recording = Recording(
         time=time,
         position=position,
@@ -289,34 +277,8 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         device=columns.device,
         hand=columns.hand or "",
         hand_length=columns.hand_length,
-        phases=phases_of(table.text(str(columns.phase)), time) if has_phases else (),
         raw=raw,
         findings=tuple(findings),
     )
-    if followed:
-        mark(recording.flags, np.ones(count, dtype=bool), SampleFlag.ESTIMATED)
-        text = f"{counted(len(followed), 'joint')} not measured but made from others: {', '.join(followed)}"
-        recording = recording.found(Finding(SampleFlag.ESTIMATED.word, text, count, None))
-    return recording
-
-
-def placed(position: FloatArray, orientation: FloatArray, columns: ColumnMap) -> tuple[FloatArray, FloatArray]:
-    """Convert palm poses to our frames."""
-    if columns.palm_axes != OURS:
-        orientation = to_our_palm(orientation, columns.palm_axes)
-    if columns.world_up != "z":
-        position, orientation = to_our_world(position, orientation, columns.world_up)
-    if columns.palm_offset is not None and any(columns.palm_offset):
-        position = position + turned(orientation, np.array(columns.palm_offset))
-    return position, orientation
-
-
-def euler_quaternion(angles: FloatArray, order: str) -> FloatArray:
-    """Convert Euler angles [rad], shape (T, 3), to quaternions (w, x, y, z), shape (T, 4).
-
-    Args:
-        order: Order of the angles: three of XYZ for turned axes, or of xyz for fixed ones.
-    """
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_euler(order, angles).as_quat(scalar_first=True))
+    text = f"{counted(len(followed), 'joint')} not measured but made from others: {', '.join(followed)}"
+    return recording.flagged(np.full(count, bool(followed)), SampleFlag.ESTIMATED, text)

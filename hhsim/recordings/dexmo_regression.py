@@ -90,9 +90,17 @@ class DexmoRegression:
     @classmethod
     def default(cls) -> Self:
         """Return the default regression for normalised channels."""
-        slope, offset = np.zeros((len(JOINT_NAMES), len(CHANNELS))), np.zeros(len(JOINT_NAMES))
-        for joint, terms in DEFAULT_DEGREES.items():
-            _set(slope, offset, joint, {key: np.radians(value) for key, value in terms.items()})
+        return cls.of_terms({})
+
+    @classmethod
+    def of_terms(cls, joints: Mapping[str, Mapping[str, float]]) -> Self:
+        """Return the default regression with the terms of some joints, "offset" or a channel [rad], in their place."""
+        usual = {
+            joint: {key: np.radians(term) for key, term in terms.items()} for joint, terms in DEFAULT_DEGREES.items()
+        }
+        terms = [(usual | dict(joints))[joint] for joint in JOINT_NAMES]
+        slope = np.array([[each.get(channel, 0.0) for channel in CHANNELS] for each in terms])
+        offset = np.array([each.get("offset", 0.0) for each in terms])
         return cls(np.zeros(len(CHANNELS)), np.ones(len(CHANNELS)), slope, offset)
 
     @property
@@ -241,14 +249,12 @@ def parse_calibration(text: str, *, where: str) -> DexmoRegression:
     """Read a calibration from TOML text, named `where` in messages; joints that it lacks keep their default."""
     table = parse_settings(text, _CalibrationTable, where)
     factor = ANGLE_UNITS[table.angle.unit or "rad"]
-    base = DexmoRegression.default()
-    opened, closed, slope, offset = (values.copy() for values in (base.open, base.closed, base.slope, base.offset))
-    for name, ends in table.channel.items():
-        opened[CHANNELS.index(name)], closed[CHANNELS.index(name)] = ends.open, ends.closed
-    for name, terms in table.joint.items():
-        slope[JOINT_NAMES.index(name)], offset[JOINT_NAMES.index(name)] = 0.0, 0.0
-        _set(slope, offset, name, {key: factor * term for key, term in terms.items()})
-    return DexmoRegression(opened, closed, slope, offset)
+    joints = {name: {key: factor * term for key, term in terms.items()} for name, terms in table.joint.items()}
+    found = DexmoRegression.of_terms(joints)
+    if not table.channel:
+        return found
+    ends = [table.channel[name] for name in CHANNELS]
+    return replace(found, open=np.array([each.open for each in ends]), closed=np.array([each.closed for each in ends]))
 
 
 class _Ends(Settings, frozen=True):
@@ -271,12 +277,3 @@ class _CalibrationTable(Settings, frozen=True):
         missing = [name for name in CHANNELS if name not in self.channel]
         if self.channel and missing:
             raise InputError(f"channel.{missing[0]} is missing; expected all {len(CHANNELS)} channels, or none")
-
-
-def _set(slope: FloatArray, offset: FloatArray, joint: str, terms: Mapping[str, float]) -> None:
-    row = JOINT_NAMES.index(joint)
-    for key, value in terms.items():
-        if key == "offset":
-            offset[row] = value
-        else:
-            slope[row, CHANNELS.index(key)] = value

@@ -1,13 +1,10 @@
 """Hand model with the sizes of a recorded hand: its bones, and its radii or radii in proportion to it."""
 
-import tempfile
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
-from hhsim.errors import InputError, OutputError, TrajectoryError
+from hhsim.errors import OutputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.hand_file import format_hand_file
 from hhsim.hand.model import (
@@ -18,6 +15,7 @@ from hhsim.hand.model import (
     HandModel,
     default_fingers,
 )
+from hhsim.recordings.finger_ik import usual_fingers
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording, note
 from hhsim.system.input_file import read_input
@@ -29,29 +27,20 @@ SHORTEST = 0.004
 """Shortest bone, to the centre of the fingertip [m]."""
 
 
-class FittedHand(NamedTuple):
-    """Sizes of a right hand, or of the mirror of a left one, palm frame.
+def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
+    """Fit a hand to the joint centres of a recording: its bones, and its radii or radii in proportion to it.
 
-    Attributes:
-        hand_length, hand_breadth: Sizes [m].
-        base: First joint of each finger [m], shape (5, 3).
-        length: Lengths of the bones, the last one to the centre of the tip's sphere [m], shape (5, 3).
-        radius: Radii at the joints and the tip [m], shape (5, 4); not growing towards the tip.
-        measured: True if the radii were recorded.
-        shift: Vector from the recording's palm origin to that of this hand, recorded palm frame [m], shape (3,).
+    Args:
+        source: Name of the recording, for the first line of the hand file.
+
+    Returns:
+        The recording with its palm moved so that the hand's knuckles are the recorded ones, and the text of a hand file
+        with a right hand, or the mirror of a left one.
+
+    Raises:
+        TrajectoryError: No joint centres, or bones that are no hand's.
+        InputError: Sizes that `hhsim replay --hand-file` refuses.
     """
-
-    hand_length: float
-    hand_breadth: float
-    base: FloatArray
-    length: FloatArray
-    radius: FloatArray
-    measured: bool
-    shift: FloatArray
-
-
-def fitted_hand(recording: Recording) -> FittedHand:
-    """Fit a hand to a recording; raise TrajectoryError without joint centres, or for bones that are no hand's."""
     bones = recording.bones
     if bones is None:
         form = recording.form or "it"
@@ -59,14 +48,15 @@ def fitted_hand(recording: Recording) -> FittedHand:
     low, high = HAND_LENGTH_RANGE
     if not low <= bones.hand_length <= high:
         raise TrajectoryError(f"--fit-hand: the hand is {bones.hand_length:.3g} m long; expected {low:g} to {high:g} m")
-    usual = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
-    width = np.linalg.norm(bones.base[1] - bones.base[4]) / np.linalg.norm(usual["base"][1] - usual["base"][4])
+    usual = usual_fingers()["base"]
+    width = np.linalg.norm(bones.base[1] - bones.base[4]) / np.linalg.norm(usual[1] - usual[4])
     share = float(np.clip(width * BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH / bones.hand_length, *BREADTHS))
     breadth = share * bones.hand_length
     ours = default_fingers(bones.hand_length, breadth)
     radius = ours["radius"] if bones.radius is None else np.minimum.accumulate(bones.radius, axis=1)
     length = bones.length.copy()
     if bones.tip_on_surface:
+        # A hand file's last bone ends in the centre of the fingertip's sphere.
         length[:, 2] -= radius[:, 3]
     short = np.argwhere(~(length > SHORTEST))
     if len(short):
@@ -77,26 +67,17 @@ def fitted_hand(recording: Recording) -> FittedHand:
         )
     mirror = MIRROR if bones.hand == "left" else np.ones(3)
     base = bones.base * mirror
+    # From the recording's palm origin to that of this hand, palm frame [m].
     shift = base[1:].mean(axis=0) - ours["base"][1:].mean(axis=0)
-    measured = bones.radius is not None
-    return FittedHand(bones.hand_length, breadth, base - shift, length, radius, measured, shift * mirror)
-
-
-def for_hand(recording: Recording, hand: FittedHand) -> Recording:
-    """Return the recording with its palm moved so that the knuckles of the fitted hand are the recorded ones."""
-    moved = recording.position + turned(recording.orientation, hand.shift)
-    text = f"palm moved by {1e3 * np.linalg.norm(hand.shift):.1f} mm in the hand: its knuckles are the fitted hand's"
-    return recording.changed(position=moved).found(note(text))
-
-
-def format_fitted_hand(hand: FittedHand, source: str) -> str:
-    """Return the hand as the text of a hand file; `source` names the recording in its first line."""
-    fingers = {finger: {"base": hand.base[f], "length": hand.length[f]} for f, finger in enumerate(FINGERS)}
-    if hand.measured:
-        fingers = {finger: sizes | {"radius": hand.radius[f]} for f, (finger, sizes) in enumerate(fingers.items())}
-    radii = "radii as recorded" if hand.measured else "radii in proportion to its length and breadth"
-    title = f"Fitted to {source}: bones as medians, {radii}."
-    return format_hand_file(hand.hand_length, hand.hand_breadth, fingers, title)
+    sizes = {"base": base - shift, "length": length} | ({} if bones.radius is None else {"radius": radius})
+    fingers = {finger: {key: rows[f] for key, rows in sizes.items()} for f, finger in enumerate(FINGERS)}
+    radii = "radii in proportion to its length and breadth" if bones.radius is None else "radii as recorded"
+    text = format_hand_file(bones.hand_length, breadth, fingers, f"Fitted to {source}: bones as medians, {radii}.")
+    # What no hand file may hold is refused before it is written.
+    HandModel.of_text(text, "--fit-hand")
+    moved = recording.changed(position=recording.position + turned(recording.orientation, shift * mirror))
+    by = f"palm moved by {1e3 * np.linalg.norm(shift):.1f} mm in the hand: its knuckles are the fitted hand's"
+    return moved.found(note(by)), text
 
 
 def check_hand_path(path: Path) -> None:
@@ -106,14 +87,3 @@ def check_hand_path(path: Path) -> None:
     check_output_path(path)
     if path.exists() and "hand_length" not in read_input(path).decode(errors="replace"):
         raise OutputError(f"{path} exists and is no hand file, so it is not replaced: name another file")
-
-
-def check_hand_text(text: str) -> None:
-    """Raise InputError if `hhsim replay --hand-file` could make no hand of this text."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "fitted-hand.toml"
-        path.write_text(text, encoding="utf-8")
-        try:
-            HandModel.from_toml(path)
-        except InputError as error:
-            raise InputError(f"--fit-hand: {str(error).removeprefix(f'{path}: ')}") from None

@@ -11,7 +11,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
+from hhsim.hand.quaternion import conjugate, quaternion_from_matrix, quaternion_product
 
 OURS = ("x", "y", "z")
 WORLD_UP = ("x", "y", "z", "-x", "-y", "-z")
@@ -56,12 +56,30 @@ def to_our_palm(orientation: FloatArray, axes: Sequence[str]) -> FloatArray:
     return quaternion_product(orientation, quaternion_from_matrix(axes_matrix(axes)))
 
 
-def turned(orientation: FloatArray, vector: FloatArray) -> FloatArray:
-    """Rotate a vector, shape (3,) or (T, 3), by each quaternion (w, x, y, z) of any length, shape (T, 3)."""
+def to_our_frames(
+    position: FloatArray, orientation: FloatArray, axes: Sequence[str] | None, up: str | None
+) -> tuple[FloatArray, FloatArray]:
+    """Convert palm positions (T, 3) and orientations (T, 4) to our palm and world; None for a frame that is ours."""
+    if axes is not None and tuple(axes) != OURS:
+        orientation = to_our_palm(orientation, axes)
+    return (position, orientation) if up in (None, "z") else to_our_world(position, orientation, up)
+
+
+def turned(orientation: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Rotate vectors, shape (3,) or (T, …, 3), by each quaternion (w, x, y, z) of any length, shape (T, …, 3)."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        q = orientation / np.linalg.norm(orientation, axis=1, keepdims=True)
-    cross = 2.0 * np.cross(q[:, 1:], vector)
-    return np.asarray(vector + q[:, :1] * cross + np.cross(q[:, 1:], cross))
+        return _rotated(orientation / np.linalg.norm(orientation, axis=1, keepdims=True), vectors)
+
+
+def in_palm(vectors: FloatArray, orientation: FloatArray) -> FloatArray:
+    """Express world vectors, shape (T, …, 3), in the palm frames of unit quaternions (w, x, y, z), shape (T, 4)."""
+    return _rotated(conjugate(orientation), vectors)
+
+
+def _rotated(unit: FloatArray, vectors: FloatArray) -> FloatArray:
+    unit = unit.reshape(len(unit), *[1] * (vectors.ndim - 2), 4)
+    cross = 2.0 * np.cross(unit[..., 1:], vectors)
+    return np.asarray(vectors + unit[..., :1] * cross + np.cross(unit[..., 1:], cross))
 
 
 def quaternions_of(matrix: FloatArray) -> FloatArray:
@@ -79,10 +97,21 @@ def quaternions_of(matrix: FloatArray) -> FloatArray:
     return np.asarray(row)
 
 
-def in_palm(vectors: FloatArray, orientation: FloatArray) -> FloatArray:
-    """Express world vectors, shape (T, …, 3), in the palm frames of quaternions (w, x, y, z), shape (T, 4)."""
-    shape = (len(orientation),) + (1,) * (vectors.ndim - 2) + (3,)
-    axis = -orientation[:, 1:].reshape(shape)
-    w = orientation[:, :1].reshape(shape[:-1] + (1,))
-    cross = 2.0 * np.cross(axis, vectors)
-    return np.asarray(vectors + w * cross + np.cross(axis, cross))
+def posed_tree(parents: Sequence[int], rest: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Compute the motion x ↦ rotation · x + shift of each joint of a tree; it turns all that follows it about itself.
+
+    Args:
+        parents: Parent of each joint, -1 for none; parents come before their children.
+        rest: Positions at rest, shape (J, 3).
+        turns: Rotation of each joint about its position, a matrix, shape (T, J, 3, 3).
+
+    Returns:
+        Rotations, shape (T, J, 3, 3), and shifts in the unit of `rest`, shape (T, J, 3).
+    """
+    rotation, shift = np.empty_like(turns), np.empty(turns.shape[:3])
+    for joint, parent in enumerate(parents):
+        above = np.eye(3) if parent < 0 else rotation[:, parent]
+        place = rest[joint] if parent < 0 else above @ rest[joint] + shift[:, parent]
+        rotation[:, joint] = above @ turns[:, joint]
+        shift[:, joint] = place - rotation[:, joint] @ rest[joint]
+    return rotation, shift

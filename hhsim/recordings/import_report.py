@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.hand.fingers import FINGERS
-from hhsim.motion.sample_flags import FLAG_MEANINGS, SampleFlag, marked
+from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.recorded_bones import RecordedBones
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.repair import Repaired
@@ -48,6 +48,6 @@ def import_document(recording: Recording, repaired: Repaired) -> dict[str, Any]:
         "flags": {flag.word: count for flag, count in counts.items()},
         "checksums": motion.checksums,
         "fit": None if recording.bones is None else recording.bones.to_json(),
-        "flag_meanings": {flag.word: FLAG_MEANINGS[flag] for flag in counts},
+        "flag_meanings": {flag.word: flag.meaning for flag in counts},
         "findings": [vars(finding) for finding in repaired.findings],
     }

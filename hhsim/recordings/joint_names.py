@@ -6,8 +6,10 @@ of the metacarpals the thumb's alone): these 21 are what our hand is fitted to.
 """
 
 import re
+from collections.abc import Collection
 from typing import NamedTuple
 
+from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
 from hhsim.system.counted import counted
@@ -67,15 +69,21 @@ def joint_name(text: str) -> JointName:
     return JointName(side, joint if joint in OPENXR_JOINTS else "", part)
 
 
-def joints_found(joints: set[str]) -> str:
-    """Return the number and convention of joints for messages, such as "26 OpenXR joints"."""
-    known = joints & set(OPENXR_JOINTS)
+def recognised(joints: Collection[str], side: HandSide = "") -> str:
+    """Describe joints by number and convention for messages, such as "26 OpenXR joints of the right hand named".
+
+    Raises:
+        TrajectoryError: One of the 21 is missing.
+    """
+    known = set(joints) & set(OPENXR_JOINTS)
     sets = {"OpenXR joints": OPENXR_JOINTS, "WebXR joints": WEBXR_JOINTS, "joints in MediaPipe's set": KEYPOINTS}
     convention = next((text for text, names in sets.items() if known == set(names)), "")
-    return f"{len(known)} {convention}" if convention else counted(len(known), "joint")
-
-
-def joints_missing(joints: set[str]) -> str:
-    """Return the names of those of the 21 joints that are missing, for messages; "" if none is."""
-    missing = [joint for joint in KEYPOINTS if joint not in joints]
-    return ", ".join(missing[:4]) + (f" and {len(missing) - 4} more" if len(missing) > 4 else "")
+    what = f"{len(known)} {convention}" if convention else counted(len(known), "joint")
+    what = f"{what}{f' of the {side} hand' if side else ''} named"
+    missing = [joint for joint in KEYPOINTS if joint not in known]
+    if missing:
+        more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
+        raise TrajectoryError(
+            f"{what}, but none that is {', '.join(missing[:4])}{more}; expected at least MediaPipe's 21"
+        )
+    return what

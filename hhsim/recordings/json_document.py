@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from typing import Any
 
 from hhsim.errors import TrajectoryError
-from hhsim.recordings.recording import MOST_SAMPLES
 
 MOST = 1e20
 """Largest magnitude of a reading: nanoseconds since 1970 are less."""
@@ -17,10 +16,16 @@ def read_json(text: str) -> Any:
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
-        lines = [line for line in text.splitlines() if line.strip()]
-        if 1 < len(lines) < MOST_SAMPLES and lines[0].lstrip().startswith("{") and _is_object(lines[0]):
-            return [_line(number, line) for number, line in enumerate(lines, start=1)]
-        raise TrajectoryError(f"not JSON: {str(error)[:120]}; was the file cut short?") from None
+        reason = str(error)
+    documents = []
+    for place, line in enumerate((line for line in text.splitlines() if line.strip()), start=1):
+        try:
+            documents.append(json.loads(line))
+        except (ValueError, RecursionError) as error:
+            # Of a text whose first line alone is none, the whole is one document.
+            where, reason = (f"line {place} is ", str(error)) if place > 1 else ("", reason)
+            raise TrajectoryError(f"{where}not JSON: {reason[:120]}; was the file cut short?") from None
+    return documents
 
 
 def number(value: Any) -> float:
@@ -56,17 +61,3 @@ def keys_of(document: Any) -> str:
     if isinstance(document, list):
         return f"a list of {len(document)}, the first {keys_of(document[0])}" if document else "an empty list"
     return repr(document)[:40]
-
-
-def _is_object(line: str) -> bool:
-    try:
-        return isinstance(json.loads(line), dict)
-    except (ValueError, RecursionError):
-        return False
-
-
-def _line(place: int, line: str) -> Any:
-    try:
-        return json.loads(line)
-    except (ValueError, RecursionError) as error:
-        raise TrajectoryError(f"line {place} is not JSON: {str(error)[:120]}") from None

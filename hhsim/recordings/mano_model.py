@@ -18,17 +18,27 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.errors import TrajectoryError
+from hhsim.errors import TrajectoryError, named
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.motion.npz_arrays import read_npz
-from hhsim.system.input_file import read_input
+from hhsim.recordings.frames import posed_tree
+from hhsim.recordings.registry import Content
 
 VERTICES, JOINTS, SHAPES = 778, 16, 10
 TIPS = (744, 320, 443, 554, 671)
 """Vertices at the tips of thumb to little finger, as is usual with this mesh."""
 KEYPOINT_JOINTS = (0, 13, 14, 15, 1, 2, 3, 4, 5, 6, 10, 11, 12, 7, 8, 9)
 """MANO's joints (wrist, index, middle, little, ring, thumb) in the order wrist, thumb, index, middle, ring, little."""
-MOST_BYTES = 1 << 28
+ARRAYS: dict[str, tuple[str, tuple[int, ...]]] = {
+    "template": ("v_template", (VERTICES, 3)),
+    "shapes": ("shapedirs", (VERTICES, 3, SHAPES)),
+    "corrections": ("posedirs", (VERTICES, 3, 9 * (JOINTS - 1))),
+    "regressor": ("J_regressor", (JOINTS, VERTICES)),
+    "weights": ("weights", (VERTICES, JOINTS)),
+    "components": ("hands_components", (45, 45)),
+    "mean": ("hands_mean", (45,)),
+}
+"""Key in the file and shape of each array of a `ManoModel`."""
 CONVERT = (
     "make an .npz of its arrays where it can be loaded: v_template, shapedirs, posedirs, J_regressor, weights, "
     "kintree_table, hands_components, hands_mean"
@@ -78,12 +88,7 @@ class ManoModel:
         tips = list(TIPS)
         bend = (turns[:, 1:] - np.eye(3)).reshape(len(pose), -1)
         skin = rest[tips] + np.einsum("vip,tp->tvi", self.corrections[tips], bend)
-        world, shift = np.empty_like(turns), np.empty((len(pose), JOINTS, 3))
-        for j, parent in enumerate(self.parents):
-            above = np.tile(np.eye(3), (len(pose), 1, 1)) if parent < 0 else world[:, parent]
-            origin = joints[j] if parent < 0 else above @ joints[j] + shift[:, parent]
-            world[:, j] = above @ turns[:, j]
-            shift[:, j] = origin - world[:, j] @ joints[j]
+        world, shift = posed_tree(self.parents.tolist(), joints, turns)
         at = np.einsum("tjik,jk->tji", world, joints) + shift
         blended = np.einsum("vj,tjik,tvk->tvi", self.weights[tips], world, skin) + self.weights[tips] @ shift
         chains = at[:, list(KEYPOINT_JOINTS)]
@@ -97,15 +102,9 @@ def read_mano_model(path: Path) -> ManoModel:
     Raises:
         TrajectoryError: No such file, content that is not data, or arrays missing or of another shape.
     """
-    try:
-        data = read_input(path, MOST_BYTES)
-    except OSError as error:
-        raise TrajectoryError(f"{path}: cannot be read: {error.strerror or error}") from None
-    try:
-        fields = read_npz(data) if data.startswith(b"PK") else _unpickled(data)
-        return _model(fields)
-    except TrajectoryError as error:
-        raise TrajectoryError(f"{path}: {error}") from None
+    with named(path):
+        data = Content(path, what="a MANO model").data
+        return _model(read_npz(data) if data.startswith(b"PK") else _unpickled(data))
 
 
 class _State:
@@ -185,30 +184,12 @@ def _plain(value: Any, depth: int = 0) -> Any:
 
 
 def _model(fields: Mapping[str, Any]) -> ManoModel:
-    shapes: dict[str, tuple[int, ...]] = {
-        "v_template": (VERTICES, 3),
-        "shapedirs": (VERTICES, 3, SHAPES),
-        "posedirs": (VERTICES, 3, 9 * (JOINTS - 1)),
-        "J_regressor": (JOINTS, VERTICES),
-        "weights": (VERTICES, JOINTS),
-        "hands_components": (45, 45),
-        "hands_mean": (45,),
-    }
-    arrays = {key: _array(fields, key, shape) for key, shape in shapes.items()}
+    arrays = {name: _array(fields, key, shape) for name, (key, shape) in ARRAYS.items()}
     tree = _array(fields, "kintree_table", (2, JOINTS))[0]
     parents = np.where(np.arange(JOINTS) == 0, -1, tree).astype(np.int64)
     if not ((parents < np.arange(JOINTS)) & (parents >= np.where(np.arange(JOINTS) == 0, -1, 0))).all():
         raise TrajectoryError("kintree_table is no tree of 16 joints; expected a MANO model")
-    return ManoModel(
-        arrays["v_template"],
-        arrays["shapedirs"],
-        arrays["posedirs"],
-        arrays["J_regressor"],
-        arrays["weights"],
-        parents,
-        arrays["hands_components"],
-        arrays["hands_mean"],
-    )
+    return ManoModel(**arrays, parents=parents)
 
 
 def _array(fields: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> FloatArray:

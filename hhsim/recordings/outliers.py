@@ -7,6 +7,7 @@ their numbers become NaN, to be interpolated. What a hand could have done stays;
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -74,9 +75,8 @@ def repair_glitches(recording: Recording) -> Recording:
         TrajectoryError: Jumps all over: the rows are no motion.
     """
     _refuse_disorder(recording)
-    recording = _without_outliers(recording, POSITION)
-    recording = _without_outliers(recording, ORIENTATION)
-    recording = _without_joint_outliers(recording)
+    for kind in (POSITION, ORIENTATION, JOINT):
+        recording = _without_outliers(recording, kind)
     return _suspects(_frozen(recording))
 
 
@@ -94,35 +94,32 @@ def _refuse_disorder(recording: Recording) -> None:
 
 def _without_outliers(recording: Recording, kind: Kind) -> Recording:
     values = getattr(recording, kind.key)
-    valid = np.asarray(np.isfinite(values).all(axis=1))
-    if kind is ORIENTATION:
-        valid &= np.linalg.norm(np.nan_to_num(values), axis=1) > 0.0
-
-    def vector(a: IntArray, b: IntArray) -> FloatArray:
-        return turn(values[a], values[b]) if kind is ORIENTATION else np.asarray(values[b] - values[a])
-
-    bad, jump, worst = impossible(recording.time, np.flatnonzero(valid), vector, kind)
-    clean = np.where(bad[:, None], np.nan, values)
-    return _judged(recording, kind, bad, jump, worst, recording.changed(**{kind.key: clean}))
-
-
-def _without_joint_outliers(recording: Recording) -> Recording:
-    angles = recording.angles
-    bad = np.zeros(angles.shape, dtype=bool)
-    jump = np.zeros(recording.sample_count, dtype=bool)
-    worst = 0.0
-    for column in range(angles.shape[1]):
-        values = angles[:, column : column + 1]
-
-        def vector(a: IntArray, b: IntArray, values: FloatArray = values) -> FloatArray:
-            return np.asarray(values[b] - values[a])
-
-        index = np.flatnonzero(np.isfinite(values))
-        bad[:, column], jumps, most = impossible(recording.time, index, vector, JOINT)
+    # The palm's coordinates are one vector, every joint moves by itself.
+    width = 1 if kind is JOINT else values.shape[1]
+    bad, jump, worst = np.zeros(values.shape, dtype=bool), np.zeros(len(values), dtype=bool), 0.0
+    for first in range(0, values.shape[1], width):
+        part = values[:, first : first + width]
+        valid = np.isfinite(part).all(axis=1)
+        if kind is ORIENTATION:
+            valid &= np.linalg.norm(np.nan_to_num(part), axis=1) > 0.0
+        vector = partial(_turn_between if kind is ORIENTATION else _difference, part)
+        outliers, jumps, most = impossible(recording.time, np.flatnonzero(valid), vector, kind)
+        bad[:, first : first + width] = outliers[:, None]
         jump |= jumps
         worst = max(worst, most)
-    clean = recording.with_angles(np.where(bad, np.nan, angles))
-    return _judged(recording, JOINT, np.asarray(bad.any(axis=1)), jump, worst, clean)
+    clean = np.where(bad, np.nan, values)
+    changed = recording.with_angles(clean) if kind is JOINT else recording.changed(**{kind.key: clean})
+    return _judged(recording, kind, np.asarray(bad.any(axis=1)), jump, worst, changed)
+
+
+def _difference(values: FloatArray, a: IntArray, b: IntArray) -> FloatArray:
+    """Return the vectors from samples a to samples b of values, shape (T, C)."""
+    return np.asarray(values[b] - values[a])
+
+
+def _turn_between(quaternions: FloatArray, a: IntArray, b: IntArray) -> FloatArray:
+    """Return the rotation vectors from samples a to samples b [rad] of quaternions, shape (T, 4)."""
+    return turn(quaternions[a], quaternions[b])
 
 
 def impossible(time: FloatArray, index: IntArray, vector: Vectors, kind: Kind) -> tuple[BoolArray, BoolArray, float]:

@@ -15,10 +15,10 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
+from hhsim.motion.csv_table import read_table
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.csv_table import read_table
-from hhsim.recordings.joint_positions import chosen_side
+from hhsim.recordings.hand_side import frames_with_hand
 from hhsim.recordings.json_document import keys_of, number, objects, read_json
 from hhsim.recordings.recording import Finding, note
 from hhsim.system.input_file import read_input_text
@@ -37,14 +37,13 @@ class PoseLines:
     """Poses of one hand; missing numbers are NaN.
 
     Attributes:
-        time: Stamps from the first one on [s], shape (T,); `stamps` are those of the file [ns].
-        translation, orientation: Pose of the wrist [m] (w, x, y, z), world, shapes (T, 3) and (T, 4).
+        stamps: Stamps [ns], shape (T,).
+        translation, orientation: Pose of the wrist [m], unit (w, x, y, z), world, shapes (T, 3) and (T, 4).
         numbers: Numbers under the key, shape (T, N).
         betas: Shape of the hand, of the first sample that has it; empty for none.
     """
 
     hand: HandSide
-    time: FloatArray
     stamps: FloatArray
     translation: FloatArray
     orientation: FloatArray
@@ -65,46 +64,41 @@ def read_pose_lines(text: str, key: str, wanted: HandSide) -> PoseLines:
     """
     document = read_json(text)
     lines = list(objects(document if isinstance(document, list) else [document]))
-    seen: dict[HandSide, list[tuple[float, dict[str, Any]]]] = {}
-    for line in lines:
-        poses = line.get("hand_poses")
-        for index, side in HANDS.items():
-            pose = poses.get(index) if isinstance(poses, dict) else None
-            if isinstance(pose, dict) and isinstance(pose.get(key), list):
-                seen.setdefault(side, []).append((number(line.get("timestamp_ns")), pose))
-    seen = {side: _apart(poses) for side, poses in seen.items()}
-    if not seen:
+    frames = [_hands(line.get("hand_poses"), key) for line in lines]
+    if not any(frames):
         raise TrajectoryError(f"no hand_poses with {key} in JSON that is {keys_of(document)}")
-    side, findings = chosen_side({each: len(poses) for each, poses in seen.items()}, wanted)
-    if len(seen[side]) < len(lines):
-        text = f"{len(lines) - len(seen[side])} of {len(lines)} lines hold no {side} hand, or one of the same moment"
-        findings.append(note(f"{text} as the line before, as of a second camera: no samples"))
-    wide = max(len(pose[key]) for _, pose in seen[side])
+    side, shown, findings = frames_with_hand(frames, wanted)
+    seen = [(number(lines[k].get("timestamp_ns")), frames[k][side]) for k in shown]
+    kept = seen[:1]
+    for stamp, pose in seen[1:]:
+        if not 0.0 < stamp - kept[-1][0] < SAME_MOMENT:
+            kept.append((stamp, pose))
+    if len(kept) < len(seen):
+        same = f"{len(seen) - len(kept)} of {len(seen)} poses are of the moment of the one before"
+        findings.append(note(f"{same}, as of a second camera: no samples"))
+    wide = max(len(pose[key]) for _, pose in kept)
     if wide > MOST_NUMBERS:
         raise TrajectoryError(f"{wide} numbers a pose; expected those of a hand")
-    stamps = np.array([stamp for stamp, _ in seen[side]])
-    finite = stamps[np.isfinite(stamps)]
-    frames = [pose["wrist_xform"] if isinstance(pose.get("wrist_xform"), dict) else {} for _, pose in seen[side]]
-    shape: list[Any] = next((pose["betas"] for _, pose in seen[side] if isinstance(pose.get("betas"), list)), [])
+    wrists = [pose["wrist_xform"] if isinstance(pose.get("wrist_xform"), dict) else {} for _, pose in kept]
+    turns = _rows([wrist.get("q_wxyz") for wrist in wrists], 4)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        turns = turns / np.linalg.norm(turns, axis=1, keepdims=True)
+    shape: list[Any] = next((pose["betas"] for _, pose in kept if isinstance(pose.get("betas"), list)), [])
     return PoseLines(
         hand=side,
-        time=1e-9 * (stamps - (finite[0] if finite.size else 0.0)),
-        stamps=stamps,
-        translation=_rows([frame.get("t_xyz") for frame in frames], 3),
-        orientation=_rows([frame.get("q_wxyz") for frame in frames], 4),
-        numbers=_rows([pose[key] for _, pose in seen[side]], wide),
+        stamps=np.array([stamp for stamp, _ in kept]),
+        translation=_rows([wrist.get("t_xyz") for wrist in wrists], 3),
+        orientation=turns,
+        numbers=_rows([pose[key] for _, pose in kept], wide),
         betas=np.array([number(value) for value in shape[:MOST_NUMBERS]]),
         findings=tuple(findings),
     )
 
 
-def _apart(poses: list[tuple[float, dict[str, Any]]]) -> list[tuple[float, dict[str, Any]]]:
-    """Return the poses without those that come within `SAME_MOMENT` after another."""
-    kept: list[tuple[float, dict[str, Any]]] = []
-    for stamp, pose in poses:
-        if not kept or not 0.0 < stamp - kept[-1][0] < SAME_MOMENT:
-            kept.append((stamp, pose))
-    return kept
+def _hands(poses: Any, key: str) -> dict[HandSide, dict[str, Any]]:
+    """Return the poses of a line that have numbers under the key."""
+    given = {side: poses.get(index) for index, side in HANDS.items()} if isinstance(poses, dict) else {}
+    return {side: pose for side, pose in given.items() if isinstance(pose, dict) and isinstance(pose.get(key), list)}
 
 
 def _rows(values: list[Any], width: int) -> FloatArray:

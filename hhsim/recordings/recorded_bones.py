@@ -60,7 +60,6 @@ def recorded_bones(
     posture: HandConfiguration,
     hand: HandSide,
     radius: FloatArray | None = None,
-    tip_on_surface: bool = True,
 ) -> RecordedBones:
     """Compute the bones of recorded fingers, and the distance of a hand of these bones from them in a posture.
 
@@ -68,7 +67,8 @@ def recorded_bones(
         joints: First to last joint and tip of each finger [m], world, shape (T, 5, 4, 3), NaN where missing.
         wrist: Centre of the wrist [m], world, shape (T, 3).
         posture: Fitted palm pose and angles.
-        radius: Radii at the joints and the tip [m], shape (T, 5, 4); None if not recorded.
+        radius: Radii at the joints and the tip [m], shape (T, 5, 4). None if not recorded: then the tips are points of
+            the skin.
     """
     at = in_palm(joints - posture.position[:, None, None], posture.orientation)
     lengths = np.linalg.norm(np.diff(at, axis=2), axis=3)
@@ -76,7 +76,7 @@ def recorded_bones(
     off = np.linalg.norm(at - finger_joints(base, length, posture.flexion, posture.abduction, hand), axis=3)
     usual = None if radius is None else _finite(np.median, radius)
     palm = np.linalg.norm(joints[:, 2, 0] - wrist, axis=1)
-    tip = 0.0 if tip_on_surface or usual is None else float(usual[2, 3])
+    tip = 0.0 if usual is None else float(usual[2, 3])
     of_finger = off.swapaxes(1, 2).reshape(-1, len(FINGERS))
     return RecordedBones(
         hand=hand,
@@ -84,7 +84,7 @@ def recorded_bones(
         base=base,
         length=length,
         radius=usual if usual is not None and np.isfinite(usual).all() else None,
-        tip_on_surface=tip_on_surface,
+        tip_on_surface=usual is None,
         rms=np.sqrt(_finite(np.mean, of_finger**2)),
         largest=np.nan_to_num(_finite(np.max, of_finger)),
     )

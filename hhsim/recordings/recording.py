@@ -54,11 +54,21 @@ def note(text: str) -> Finding:
     return Finding("note", text)
 
 
+def finding_of(time: FloatArray, flag: SampleFlag, text: str) -> Finding:
+    """Return the finding about samples with these stamps, NaN where missing, shape (N,)."""
+    known = time[np.isfinite(time)]
+    return Finding(flag.word, text, len(time), float(known.min()) if known.size else None)
+
+
+def unreadable(cells: int, where: str = "") -> list[Finding]:
+    """Return the finding about cells of a table without a number, none if there are none."""
+    text = f"{counted(cells, 'cell')}{where} without a number: taken as missing"
+    return [note(text)] if cells else []
+
+
 def readings(key: str, given: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """Return a float64 copy with NaN for what is no reading; raise TrajectoryError for another shape."""
-    values = as_numbers(key, given)
-    if values.shape != shape:
-        raise TrajectoryError(f"{key} has shape {values.shape}; expected {shape} for {counted(shape[0], 'stamp')}")
+    values = as_numbers(key, given, shape, f"{shape} for {counted(shape[0], 'stamp')}")
     # Infinity is as little a reading as NaN is, and what overflows when it is squared.
     with np.errstate(invalid="ignore"):
         values[~(np.abs(values) <= MOST[key == "time"])] = np.nan
@@ -119,14 +129,9 @@ class Recording:
         for key, tail in tails.items():
             object.__setattr__(self, key, readings(key, getattr(self, key), (count, *tail)))
         if self.object_motion is not None:
-            given = self.object_motion._asdict().items()
-            moved = ObjectMotion(*(as_numbers(f"object's {name}", values) for name, values in given))
-            if moved.position.shape != (count, 3) or moved.orientation.shape != (count, 4):
-                raise TrajectoryError(
-                    f"the object's motion has shapes {moved.position.shape} and {moved.orientation.shape}; expected "
-                    f"({count}, 3) and ({count}, 4) for {counted(count, 'stamp')}"
-                )
-            object.__setattr__(self, "object_motion", moved)
+            position = readings("object's position", self.object_motion.position, (count, 3))
+            orientation = readings("object's orientation", self.object_motion.orientation, (count, 4))
+            object.__setattr__(self, "object_motion", ObjectMotion(position, orientation))
         for channel in self.raw:
             if np.ndim(channel.values) == 0 or len(channel.values) != count:
                 raise TrajectoryError(f"raw channel '{channel.name}' has not {counted(count, 'row')}, one a stamp")
@@ -165,7 +170,7 @@ class Recording:
         if not where.any():
             return self
         mark(self.flags, where, flag)
-        return self.found(Finding(flag.word, text, int(where.sum()), float(self.time[np.argmax(where)])))
+        return self.found(finding_of(self.time[where], flag, text))
 
     @property
     def angles(self) -> FloatArray:

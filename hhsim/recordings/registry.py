@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from hhsim.errors import InputError, TrajectoryError, UnknownNameError
+from hhsim.errors import InputError, TrajectoryError, UnknownNameError, named
+from hhsim.motion.csv_table import read_header
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.dexmo_regression import DexmoRegression, Poses
@@ -30,28 +31,6 @@ MOST_UNREADABLE = 0.1
 
 
 @dataclass(frozen=True)
-class ManoOptions:
-    """Options for poses of the MANO hand.
-
-    Attributes:
-        model: The user's own file of the model, .pkl or .npz; None without one.
-        reading: One of `MANO_READINGS`; None if the file has to say it.
-    """
-
-    model: Path | None = None
-    reading: str | None = None
-
-
-MANO_READINGS = {
-    "axis-angle": "angles of the joints from the flat hand",
-    "axis-angle-mean": "angles of the joints from the model's mean pose",
-    "pca": "coefficients of the model's components about its mean pose",
-    "pca-flat": "coefficients of the model's components about the flat hand",
-}
-"""Meanings of a pose's numbers: 45 angles, or coefficients."""
-
-
-@dataclass(frozen=True)
 class ReadOptions:
     """Options for reading a file.
 
@@ -64,7 +43,8 @@ class ReadOptions:
         length_unit: Unit for a format whose `Recording.scaled` is true; other recordings are converted after reading.
         rate: Samples a second [Hz], of a file without stamps.
         hand_length: Length of the recorded hand [m], if its joints have no scale.
-        mano: Options for poses of the MANO hand.
+        mano_model: The user's own file of the MANO model, .pkl or .npz.
+        mano_pose: Meaning of the numbers of a MANO pose, of `hhsim.recordings.formats.mano.READINGS`.
         profile: File with the sizes of an UmeTrack hand.
         object_track: Uid of the object that moves with an UmeTrack hand, if there are several.
         episode: Number of the episode, in a file with several.
@@ -80,7 +60,8 @@ class ReadOptions:
     length_unit: str | None = None
     rate: float | None = None
     hand_length: float | None = None
-    mano: ManoOptions = ManoOptions()
+    mano_model: Path | None = None
+    mano_pose: str | None = None
     profile: Path | None = None
     object_track: str | None = None
     episode: int | None = None
@@ -94,10 +75,14 @@ class Content:
     Attributes:
         path: The file; None if only its bytes are given.
         name: Name of the recording if the content has none; default: the file's name without its suffix.
+        what: Kind of file that is expected, for messages.
     """
 
-    def __init__(self, path: Path | None = None, *, data: bytes | None = None, name: str = "") -> None:
+    def __init__(
+        self, path: Path | None = None, *, data: bytes | None = None, name: str = "", what: str = "a recording"
+    ) -> None:
         self.path = path
+        self.what = what
         self.name = name or (path.stem if path is not None else "")
         if data is not None:
             self.data = data
@@ -107,7 +92,7 @@ class Content:
         """Return all bytes of the file; TrajectoryError if it is missing, cannot be read or is too large."""
         self.refuse_large()
         assert self.path is not None
-        with _readable():
+        with self._readable():
             return read_input(self.path)
 
     @cached_property
@@ -115,7 +100,7 @@ class Content:
         """First bytes of the file."""
         if self.path is None or "data" in vars(self):
             return self.data[:HEAD_BYTES]
-        with _readable(), open_input(self.path) as file:
+        with self._readable(), open_input(self.path) as file:
             return file.read(HEAD_BYTES)
 
     @cached_property
@@ -128,6 +113,21 @@ class Content:
         """True if it begins as text does."""
         return _is_text(self.beginning)
 
+    @property
+    def is_json(self) -> bool:
+        """True if it begins as a JSON object or list does."""
+        return self.beginning.lstrip()[:1] in ("{", "[")
+
+    @cached_property
+    def header(self) -> tuple[str, ...]:
+        """Names of the columns of a table; none of any other content."""
+        if self.is_json or not self.is_text:
+            return ()
+        try:
+            return read_header(self.text)
+        except TrajectoryError:
+            return ()
+
     @cached_property
     def text(self) -> str:
         """Its text, with a replacement character for what is no UTF-8; TrajectoryError for no text."""
@@ -139,10 +139,20 @@ class Content:
     def refuse_large(self) -> None:
         """Raise TrajectoryError for a file that is missing, or too large to be read at once."""
         if self.path is not None:
-            with _readable():
+            with self._readable():
                 size = self.path.stat().st_size
             if size > MOST_BYTES:
                 raise TrajectoryError("more than 1 GB; expected a recording of a hand")
+
+    @contextmanager
+    def _readable(self) -> Iterator[None]:
+        """Raise TrajectoryError for an error of the operating system."""
+        try:
+            yield
+        except FileNotFoundError:
+            raise TrajectoryError(f"no such file; expected {self.what}") from None
+        except OSError as error:
+            raise TrajectoryError(f"cannot be read: {error.strerror or error}") from None
 
 
 @dataclass(frozen=True)
@@ -179,17 +189,6 @@ def _is_text(text: str) -> bool:
     return sum(sign in "\x00\ufffd" for sign in sample) <= MOST_UNREADABLE * len(sample)
 
 
-@contextmanager
-def _readable() -> Iterator[None]:
-    """Raise TrajectoryError for an error of the operating system."""
-    try:
-        yield
-    except FileNotFoundError:
-        raise TrajectoryError("no such file; expected a recording") from None
-    except OSError as error:
-        raise TrajectoryError(f"cannot be read: {error.strerror or error}") from None
-
-
 def recording_formats() -> dict[str, RecordingFormat]:
     """Return every format by its name, in the order of detection."""
     names = importlib.import_module(FORMATS_PACKAGE).format_names()
@@ -212,12 +211,8 @@ def read_recording(path: str | Path, options: ReadOptions | None = None) -> Reco
     source = Path(path)
     if source.is_dir():
         raise TrajectoryError(f"{source}: a folder; expected a recording")
-    try:
+    with named(source):
         return read_content(Content(source), options or ReadOptions())
-    except InputError as error:
-        kind = TrajectoryError if isinstance(error, TrajectoryError) else InputError
-        message = str(error)
-        raise kind(message if message.startswith(f"{source}: ") else f"{source}: {message}") from None
 
 
 def read_content(content: Content, options: ReadOptions) -> Recording:

@@ -18,6 +18,7 @@ from hhsim.motion.resample import interpolate_orientation
 from hhsim.motion.sample_flags import MENDED, SampleFlag, marked
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.validation import MIN_QUATERNION_NORM, continuous_orientation
+from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.finger_ik import finger_joints, usual_fingers
 from hhsim.recordings.outliers import repair_glitches
 from hhsim.recordings.recording import Finding, Recording, note
@@ -35,11 +36,6 @@ LIMIT_TOLERANCE = 1e-6
 OFTEN = 0.3
 """Share of samples beyond a limit above which the joint's zero is probably elsewhere."""
 
-JOINTS = tuple(f"{finger} flexion {joint}" for finger in FINGERS for joint in (1, 2, 3)) + tuple(
-    f"{finger} abduction" for finger in FINGERS
-)
-"""Names of the 20 joint angles: flexion finger by finger, then abduction."""
-
 
 class JointLimits(NamedTuple):
     """Range of a hand's joints [rad]: flexion (5, 3), abduction (5,)."""
@@ -55,11 +51,6 @@ def default_limits() -> JointLimits:
     return JointLimits(*(usual_fingers()[key] for key in JointLimits._fields))
 
 
-def limits_of(hand: HandModel) -> JointLimits:
-    """Return the limits of a hand."""
-    return JointLimits(*(getattr(hand, key) for key in JointLimits._fields))
-
-
 @dataclass(frozen=True)
 class RepairOptions:
     """Options of the repair.
@@ -68,7 +59,7 @@ class RepairOptions:
         max_gap: Longest gap that is interpolated [s].
         start, end: Part to keep, on the stamps' clock [s]; None for all.
         time_unit, length_unit, angle_unit: Units of the numbers in the file; None if it states them, or to detect them.
-        limits: Limits that joint angles are clipped to; None keeps them.
+        limits: Limits, or the hand with the limits, that joint angles are clipped to; None keeps them.
         mirror: Mirror a left hand's motion to a right hand's, or the other way round, in the world's yz-plane.
         hand_length: Length of the recorded hand [m]; None if the recording says it or it is unknown.
         scale_to: Hand length [m] that the palm's motion is scaled to, about its mean; None keeps it metric.
@@ -80,18 +71,26 @@ class RepairOptions:
     time_unit: str | None = None
     length_unit: str | None = None
     angle_unit: str | None = None
-    limits: JointLimits | None = field(default_factory=default_limits)
+    limits: JointLimits | HandModel | None = field(default_factory=default_limits)
     mirror: bool = False
     hand_length: float | None = None
     scale_to: float | None = None
 
 
 class Repaired(NamedTuple):
-    """Trajectory with flags, the findings in the order of the repairs, and the length of the recorded hand [m]."""
+    """Trajectory of a recording.
+
+    Attributes:
+        trajectory: Repaired motion, with flags.
+        findings: Findings in the order of the repairs.
+        hand_length: Length of the recorded hand [m]; None if unknown.
+        given: Recording in our units, before its samples were repaired.
+    """
 
     trajectory: Trajectory
     findings: tuple[Finding, ...]
     hand_length: float | None
+    given: Recording
 
     @property
     def mended(self) -> int:
@@ -115,15 +114,15 @@ def repair(recording: Recording, options: RepairOptions | None = None) -> Repair
         raise InputError(f"{option} would part the hand from the object, which moves as the recording has it")
     recording = recording.chosen(np.arange(recording.sample_count))
     recording = in_units(recording, time=options.time_unit, length=options.length_unit, angle=options.angle_unit)
-    recording = _cut(repair_units(recording), options.start, options.end)
-    recording = repair_stamps(recording, options.max_gap)
+    given = _cut(repair_units(recording), options.start, options.end)
+    recording = repair_stamps(given, options.max_gap)
     recording = _unit_quaternions(recording)
     recording = repair_glitches(recording)
     recording = _object_filled(_filled(recording, options.max_gap), options.max_gap)
     recording = _steady_signs(recording)
     recording = _mirrored(_scaled(recording, options), options.mirror)
     recording = _limited(recording, options.limits)
-    return Repaired(_trajectory(recording), recording.findings, recording.hand_length)
+    return Repaired(_trajectory(recording), recording.findings, recording.hand_length, given)
 
 
 def _cut(recording: Recording, start: float | None, end: float | None) -> Recording:
@@ -159,17 +158,15 @@ def _unit_quaternions(recording: Recording) -> Recording:
 
 
 def _filled(recording: Recording, max_gap: float) -> Recording:
-    time = recording.time
-    position, turned = _holes_filled(time, recording.position, max_gap, "palm position")
-    orientation, lost = _holes_filled(time, recording.orientation, max_gap, "palm orientation", turns=True)
-    angles = recording.angles
+    time, angles = recording.time, recording.angles
+    position, orientation, lost = _pose_filled(time, recording.position, recording.orientation, max_gap, "palm")
     missing = np.isnan(angles)
-    for column, joint in enumerate(JOINTS):
+    for column, joint in enumerate(JOINT_NAMES):
         if missing[:, column].any():
             angles[:, column : column + 1], _ = _holes_filled(time, angles[:, column : column + 1], max_gap, joint)
     filled = recording.with_angles(angles).changed(position=position, orientation=orientation)
     # Gaps that another finding explains are not reported again.
-    new = (turned | lost) & ~marked(filled.flags, SampleFlag.PALM_FILLED | SampleFlag.PALM_OUTLIER)
+    new = lost & ~marked(filled.flags, SampleFlag.PALM_FILLED | SampleFlag.PALM_OUTLIER)
     filled = filled.flagged(new, SampleFlag.PALM_FILLED, "palm pose missing: interpolated")
     new = missing.any(axis=1) & ~marked(filled.flags, SampleFlag.FINGERS_OUTLIER)
     return filled.flagged(new, SampleFlag.FINGERS_FILLED, "joint angles missing: interpolated")
@@ -180,17 +177,23 @@ def _object_filled(recording: Recording, max_gap: float) -> Recording:
     moved = recording.object_motion
     if moved is None:
         return recording
-    with np.errstate(invalid="ignore"):
-        none = np.linalg.norm(moved.orientation, axis=1) < MIN_QUATERNION_NORM
-    position, first = _holes_filled(recording.time, moved.position, max_gap, "object position")
+    none = np.linalg.norm(moved.orientation, axis=1) < MIN_QUATERNION_NORM
     whole = np.where(none[:, None], np.nan, moved.orientation)
-    orientation, second = _holes_filled(recording.time, whole, max_gap, "object orientation", turns=True)
+    position, orientation, lost = _pose_filled(recording.time, moved.position, whole, max_gap, "object")
     filled = recording.changed(object_motion=ObjectMotion(position, orientation))
-    lost = first | second
     if not lost.any():
         return filled
     text = "object pose missing: interpolated"
     return filled.found(Finding("object", text, int(lost.sum()), float(recording.time[np.argmax(lost)])))
+
+
+def _pose_filled(
+    time: FloatArray, position: FloatArray, orientation: FloatArray, max_gap: float, what: str
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return positions and quaternions with their gaps interpolated, and a mask of the gaps, shape (T,)."""
+    position, first = _holes_filled(time, position, max_gap, f"{what} position")
+    orientation, second = _holes_filled(time, orientation, max_gap, f"{what} orientation", turns=True)
+    return position, orientation, first | second
 
 
 def _holes_filled(
@@ -259,7 +262,7 @@ def _mirrored(recording: Recording, wanted: bool) -> Recording:
     return changed.found(note(f"mirrored: x became -x{f', a {other} hand' if other else ''}"))
 
 
-def _limited(recording: Recording, limits: JointLimits | None) -> Recording:
+def _limited(recording: Recording, limits: JointLimits | HandModel | None) -> Recording:
     if limits is None:
         return recording
     angles = recording.angles
@@ -274,7 +277,7 @@ def _limited(recording: Recording, limits: JointLimits | None) -> Recording:
         return changed
     share = beyond.mean(axis=0)
     worst = [column for column in np.argsort(-share, kind="stable")[:3] if share[column] > 0.0]
-    names = ", ".join(f"{JOINTS[c]} {100.0 * share[c]:.0f} %" for c in worst)
+    names = ", ".join(f"{JOINT_NAMES[c]} {100.0 * share[c]:.0f} %" for c in worst)
     more = int((share > 0.0).sum()) - len(worst)
     hint = "; is a zero elsewhere? A mapping can shift it" if share.max() > OFTEN else ""
     text = (

@@ -12,7 +12,7 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, mark
-from hhsim.recordings.recording import MOTION, Finding, Recording, change, deviation
+from hhsim.recordings.recording import MOTION, Recording, change, deviation, finding_of
 from hhsim.system.counted import counted
 
 SAME_STAMP = 1e-6
@@ -77,12 +77,7 @@ def _in_order(recording: Recording) -> Recording:
         recording = _dropped(recording, ~wrong, "whose stamp contradicts the motion around it: left out")
         moved = moved[~wrong]
         order = np.argsort(recording.time, kind="stable")
-    if not moved.any():
-        return recording
-    count, first_time = int(moved.sum()), float(np.min(recording.time[moved]))
-    mark(recording.flags, moved, SampleFlag.REORDERED)
-    sorted_ = recording.chosen(order)
-    return sorted_.found(Finding(SampleFlag.REORDERED.word, "out of order: sorted by their stamps", count, first_time))
+    return recording.flagged(moved, SampleFlag.REORDERED, "out of order: sorted by their stamps").chosen(order)
 
 
 def _longest_rise(time: FloatArray) -> BoolArray:
@@ -176,12 +171,9 @@ def _dropped(recording: Recording, keep: BoolArray, why: str) -> Recording:
         raise TrajectoryError("no usable sample is left; expected at least 2")
     kept = np.flatnonzero(keep)
     after = np.concatenate([[keep[: kept[0]].size > 0], np.diff(kept) > 1])
-    gone = recording.time[~keep]
-    gone = gone[np.isfinite(gone)]
     left = recording.chosen(keep)
     mark(left.flags, after, SampleFlag.CUT_BEFORE)
-    first = float(gone.min()) if gone.size else None
-    return left.found(Finding(SampleFlag.CUT_BEFORE.word, why, int((~keep).sum()), first))
+    return left.found(finding_of(recording.time[~keep], SampleFlag.CUT_BEFORE, why))
 
 
 def _bound(count: int, total: int, what: str) -> None:

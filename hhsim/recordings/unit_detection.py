@@ -20,9 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.motion.sample_flags import SampleFlag, mark
+from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.finger_ik import usual_fingers
-from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.recording import Recording, note
 
 TIME_UNITS: dict[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 LENGTH_UNITS: dict[str, float] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": 0.0254}
@@ -50,7 +50,7 @@ MANY = 0.2
 FEW = 0.05
 
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
-_TIME_WORDS = {"time", "timestamp", "stamp", "timestamps", "t", "clock"}
+_TIME_WORDS = {"time", "times", "timestamp", "stamp", "timestamps", "t", "clock"}
 _UNIT_WORDS = {
     word: words.split()[0]
     for words in (
@@ -197,10 +197,7 @@ def in_units(
 
 
 def _converted(recording: Recording, text: str) -> Recording:
-    mark(recording.flags, np.ones(recording.sample_count, dtype=bool), SampleFlag.UNIT)
-    first = recording.time[np.isfinite(recording.time)]
-    begin = float(first.min()) if first.size else None
-    return recording.found(Finding(SampleFlag.UNIT.word, text, recording.sample_count, begin))
+    return recording.flagged(np.ones(recording.sample_count, dtype=bool), SampleFlag.UNIT, text)
 
 
 class TimeColumn(NamedTuple):

@@ -18,8 +18,6 @@ Keys, and attributes of the HDF5 file: `scene`, the digest that `hhsim scene` pr
 scene is made by; `method`, a name for the table; `hand`, right or left.
 """
 
-import csv
-import io
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -34,7 +32,8 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
-from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, csv_rows, numbers_of
+from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS
+from hhsim.motion.csv_table import format_table, read_table
 from hhsim.system.atomic_write import sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.system.input_file import read_input_text
@@ -165,17 +164,11 @@ def write_submission(submission: Submission, path: Path) -> None:
 
 def format_poses(submission: Submission) -> str:
     """Return the CSV text; numbers have full precision, so that the same bits are read back."""
-    text = io.StringIO()
-    text.write(f"# format: {FORMAT}\n")
-    for key, value in submission.keys().items():
-        text.write(f"# {key}: {' '.join(value.split())}\n")
     arrays = submission.arrays
     names = [f"{column} [{PARTS[name].unit}]" for name in arrays for column in PARTS[name].columns]
     numbers = np.column_stack([array.reshape(len(array), -1) for array in arrays.values()]).tolist()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(name.removesuffix(" [1]") for name in names)
-    writer.writerows([*map(repr, row)] for row in numbers)
-    return text.getvalue()
+    header = [name.removesuffix(" [1]") for name in names]
+    return format_table({"format": FORMAT} | submission.keys(), header, ([*map(repr, row)] for row in numbers))
 
 
 def parse_poses(text: str) -> tuple[dict[str, str], dict[str, FloatArray]]:
@@ -184,17 +177,17 @@ def parse_poses(text: str) -> tuple[dict[str, str], dict[str, FloatArray]]:
     Raises:
         InputError: A missing or unknown column, another unit, a line of another length, or a cell without a number.
     """
-    said, headings, found = csv_rows(text, "time [s],px [m],py [m],…")
+    table = read_table(text, strict=True)
+    said = table.remarks
     if said.get("format", FORMAT) != FORMAT:
         raise InputError(f"format {said['format']}; expected {FORMAT}")
-    header = _columns(headings)
-    rows = [numbers_of(cells, header, range(len(header)), number) for number, cells in found]
-    table = np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
+    header = _columns(table.header)
+    numbers, _ = table.numbers(table.header)
     arrays = {}
     for name, part in PARTS.items():
         if part.columns[0] in header:
             chosen = [header.index(column) for column in part.columns]
-            arrays[name] = np.ascontiguousarray(table[:, chosen]).reshape(len(rows), *part.shape)
+            arrays[name] = np.ascontiguousarray(numbers[:, chosen]).reshape(len(numbers), *part.shape)
     return said, arrays
 
 

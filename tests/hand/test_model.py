@@ -5,16 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 import hhsim.hand.model
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.hand_file import format_hand_file
 from hhsim.hand.model import HandModel, Side, default_fingers
-from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand import kinematics
 from hhsim.kernels.hand.kinematics import BODY_COUNT
 from hhsim.kernels.round_cone_distance import cone_slope
@@ -207,12 +207,6 @@ def test_the_example_of_the_docstring_is_a_hand(tmp_path: Path) -> None:
     np.testing.assert_array_equal(hand.length[2:], others["length"][2:])
 
 
-def test_an_empty_file_is_the_default_hand(tmp_path: Path) -> None:
-    hand = HandModel.from_toml(written(tmp_path, ""), "left")
-    np.testing.assert_array_equal(hand.base, LEFT.base)
-    np.testing.assert_array_equal(hand.palm_tree.center, LEFT.palm_tree.center)
-
-
 def test_directions_of_a_file_are_made_orthonormal(tmp_path: Path) -> None:
     hand = HandModel.from_toml(written(tmp_path, "[middle]\ndistal = [0.0, 2.0, 0.0]\ndorsal = [0.0, 1.0, 1.0]"))
     np.testing.assert_allclose(hand.distal[2], [0.0, 1.0, 0.0], atol=1e-15)
@@ -223,31 +217,17 @@ def test_directions_of_a_file_are_made_orthonormal(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("hand_length = 190.0", "hand_length = 190.0; expected a number from 0.05 to 0.4 m"),
-        ("hand_length = -0.19", "hand_length = -0.19; expected"),
-        ("hand_length = nan", "hand_length = nan; expected"),
-        ('hand_length = "long"', "hand_length = 'long'; expected a number"),
-        ("hand_length = [0.19]", "hand_length = [0.19]; expected a number"),
-        ('hand_length = "0.19"', "hand_length = '0.19'; expected a number"),
-        ("[index]\nlength = [0.05, [0.03], 0.01]", "index.length[2] = [0.03]; expected a number"),
-        ("hand_length = true", "hand_length = True; expected a number"),
         ("hand_breadth = 0.5", "hand_breadth = 0.5; expected 0.0475 to"),
-        ("palm_level = 2.5", "palm_level = 2.5; expected a whole number from 1 to 5"),
         ("palm_level = 9", "palm_level = 9; expected a whole number from 1 to 5"),
-        ("index = 3", "index = 3; expected a table"),
         ("[index]\nlength = [0.05, 0.03]", "index.length = [0.05, 0.03]; expected a list of 3"),
         ("[index]\nbase = [1e300, 0, 0]", "index.base[1] = 1e+300; expected a number from -0.5 to 0.5 m"),
-        ("[index]\nradius = [1e300, 0.01, 0.01, 0.01]", "index.radius[1] = 1e+300; expected a number"),
-        ("[index]\nlength = [0.05, 0.0, 0.01]", "index.length[2] = 0.0; expected a number from 0.0001"),
         ("[ring]\nradius = [0.01, 0.009, 0.008, -0.007]", "ring.radius[4] = -0.007; expected a number from 0.0001"),
         ("[ring]\nradius = [0.008, 0.009, 0.008, 0.007]", "ring: radius = [0.008, 0.009, 0.008, 0.007]: must not grow"),
         ("[thumb]\nflexion_min = [1.0, 0.0, 0.0]", "thumb.flexion_min [1, 0, 0] must lie below flexion_max"),
-        ("[thumb]\nflexion_max = [35.0, 80.0, 80.0]", "thumb.flexion_max[1] = 35.0; expected a number"),
         ("[little]\nabduction_max = -2.0", "little.abduction_min -0.698132 must lie below abduction_max -2"),
         ("[middle]\ndorsal = [0.0, 1.0, 0.0]", "middle.distal [0, 1, 0] and middle.dorsal [0, 1, 0]: expected two"),
         ("[middle]\ndistal = [0.0, 0.0, 0.0]", "middle.distal [0, 0, 0] and middle.dorsal"),
-        ("[middle]\nbase = [0.0, inf, 0.0]", "middle.base[2] = inf; expected"),
         ("\n".join(f"[{finger}]\nbase = [0, 0, 0.3]" for finger in FINGERS), "the finger bases leave the palm's"),
-        ("hand_length 0.19", "not TOML"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
@@ -259,15 +239,6 @@ def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, message: s
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "near"),
-    [("hand_lenght = 0.19", "hand_length"), ("[indx]\nlength = [1, 1, 1]", "index"), ("[ring]\nradii = [1]", "radius")],
-)
-def test_unknown_keys_list_the_near_ones(tmp_path: Path, text: str, near: str) -> None:
-    with pytest.raises(InputError, match=f"did you mean .*{near}"):
-        HandModel.from_toml(written(tmp_path, text))
-
-
 def test_missing_file_and_unknown_side() -> None:
     with pytest.raises(InputError, match=r"nowhere\.toml: no such file"):
         HandModel.from_toml("nowhere.toml")
@@ -276,20 +247,16 @@ def test_missing_file_and_unknown_side() -> None:
 
 
 @pytest.mark.parametrize(
-    ("position", "orientation", "flexion", "abduction", "name"),
+    ("flexion", "words"),
     [
-        (np.zeros(2), IDENTITY, np.zeros((5, 3)), np.zeros(5), "position has shape"),
-        (np.zeros(3), (1.0, 0.0, 0.0), np.zeros((5, 3)), np.zeros(5), "orientation has shape"),
-        (np.zeros(3), IDENTITY, np.zeros((3, 5)), np.zeros(5), "flexion has shape"),
-        (np.zeros(3), IDENTITY, np.full((5, 3), np.nan), np.zeros(5), "flexion"),
-        (np.zeros(3), IDENTITY, np.zeros((5, 3)), np.zeros(4), "abduction has shape"),
+        (np.zeros((3, 5)), r"flexion has shape \(3, 5\): expected \(5, 3\)"),
+        (np.full((5, 3), np.nan), "flexion .*: expected finite"),
+        ([["x"]], "flexion is .*: expected numbers"),
     ],
 )
-def test_joints_refuse_other_shapes(
-    position: FloatArray, orientation: tuple[float, ...], flexion: FloatArray, abduction: FloatArray, name: str
-) -> None:
-    with pytest.raises(InputError, match=name):
-        RIGHT.joints(position, orientation, flexion, abduction)
+def test_joints_refuse_other_arrays(flexion: ArrayLike, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        RIGHT.joints(np.zeros(3), IDENTITY, flexion, np.zeros(5))
 
 
 def test_a_sphere_of_a_group_encloses_the_spheres_of_the_group() -> None:
@@ -321,17 +288,6 @@ def test_joints_are_those_of_the_model() -> None:
     some = placed.at([2, 0])
     assert np.array_equal(some.joints, placed.joints[[2, 0]])
     assert np.array_equal(some.orientation, orientation[[2, 0]])
-    np.testing.assert_allclose(
-        rotation_matrix(orientation), Rotation.from_quat(orientation, scalar_first=True).as_matrix()
-    )
-
-
-def test_the_shape_is_that_of_the_model() -> None:
-    hand = HandModel.default()
-    shape = hand_shape(hand)
-    assert np.array_equal(shape.phalanx_radius, hand.radius)
-    assert np.array_equal(shape.palm_center, hand.palm_tree.leaf_center)
-    assert np.array_equal(shape.palm_radius, hand.palm_tree.leaf_radius)
 
 
 def test_a_hand_is_read_as_it_was_written(tmp_path: Path) -> None:

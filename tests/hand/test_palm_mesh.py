@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import default_fingers
-from hhsim.hand.palm_mesh import CENTER_HEIGHT, RoundCones, box_rays, palm_mesh, palm_parts
+from hhsim.hand.palm_mesh import CENTER_HEIGHT, RoundCones, palm_mesh, palm_parts
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import undirected_edges
 
@@ -21,11 +20,6 @@ LENGTH, BREADTH = 0.19, 0.085
 def palm(length: float = LENGTH, breadth: float = BREADTH) -> Mesh:
     fingers = default_fingers(length, breadth)
     return palm_mesh(length, breadth, fingers["base"][1:], fingers["radius"][1:, 0])
-
-
-def edge_lengths(mesh: Mesh) -> FloatArray:
-    corners = mesh.triangles
-    return np.asarray(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2))
 
 
 @given(st.floats(0.05, 0.4), st.floats(0.36, 0.55))
@@ -92,13 +86,6 @@ def test_surface_is_the_blended_parts() -> None:
     least = parts.distance(palm().vertices).min(axis=1)
     assert least.min() >= -1e-9
     assert least.max() <= 0.12 * BREADTH
-
-
-def test_rays_are_distinct_units_and_their_triangles_wind_outwards() -> None:
-    rays, faces = box_rays(np.array([3.0, 2.0, 1.0]))
-    np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1.0, atol=1e-15)
-    assert len(np.unique(rays.round(9), axis=0)) == len(rays)
-    assert (np.linalg.det(rays[faces]) > 0.0).all()
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import pytest
 from sealed_change import changed
 
 from hhsim.errors import OutputError, TrajectoryError
-from hhsim.motion.csv_file import format_csv
 from hhsim.motion.file import FORMAT, load_trajectory, save_trajectory
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
@@ -155,8 +154,8 @@ def test_files_that_are_not_there_or_no_trajectories(motion: Trajectory, tmp_pat
     [
         ("format", "hhsim-tree", r"m.h5: format 'hhsim-tree'; expected hhsim-trajectory"),
         ("format", 1, "no format attribute; expected hhsim-trajectory"),
-        ("schema_version", 2, "schema_version 2 is newer than 1: update hhsim"),
-        ("schema_version", "one", "schema_version one; expected a whole number"),
+        ("schema_version", 2, "schema_version 2; expected 1"),
+        ("schema_version", "one", "schema_version one; expected 1"),
     ],
 )
 def test_other_formats_and_newer_schemas_are_named(
@@ -218,30 +217,13 @@ def test_csv_of_others_is_read_with_its_habits(tmp_path: Path) -> None:
     assert (read.flexion == 0.2).all()
 
 
-@pytest.mark.parametrize("separator", [";", "\t"])
-def test_csv_with_semicolons_or_tabs_is_the_same_motion(tmp_path: Path, separator: str) -> None:
-    text = f"# name: a, b\n{HEADER}\n{ROW}\n" + ROW.replace("0.0,", "0.5,", 1)
-    (tmp_path / "commas.csv").write_text(text, encoding="utf-8")
-    remark, table = text.split("\n", 1)
-    (tmp_path / "others.csv").write_text(remark + "\n" + table.replace(",", separator), encoding="utf-8")
-    commas, others = (load_trajectory(tmp_path / f"{name}.csv") for name in ("commas", "others"))
-    assert format_csv(commas) == format_csv(others)
-
-
 BAD_CSV = [
-    ("", "no header line; expected time,px"),
     ("# name: x\n\n", "no header line"),
-    (HEADER, "no samples; expected at least one"),
-    (HEADER.replace(",", " ") + "\n", "the header lacks time, px"),
     (f"{HEADER}\n{ROW}".replace(",", ";").replace(".", ","), "line 2: time is '0,0'; expected a number with a decimal"),
-    (HEADER.replace("time,", ""), r"the header lacks time; expected 28 columns"),
-    ("time,px,py", r"the header lacks pz, qw, qx, qy, qz, thumb_flex1 and 19 more"),
-    (f"{HEADER},phaze\n{ROW},x", "the header has an unknown column 'phaze': did you mean phase"),
-    (f"{HEADER},px\n{ROW},1", "the header has column px twice"),
-    (f"# name: x\n{HEADER}\n{ROW}\n{ROW},7", "line 4 has 29 values; expected 28 as in the header"),
-    (f"{HEADER}\n{ROW}\n\n" + ROW.replace("0.0,0,0,0.1", "1.0,0,zero,0.1"), "line 4: py is 'zero'; expected a number"),
+    ("time,px,py\n0,0,0", "no column pz, qw, qx, qy, qz, thumb_flex1, … of hhsim's own"),
+    (f"{HEADER},phaze\n{ROW},x", "unknown column 'phaze': did you mean phase"),
+    (f"# name: x\n{HEADER}\n{ROW}\n{ROW},7", "line 4 has 29 values; expected 28"),
     (f"{HEADER}\n" + ROW.replace("0.0,0,0,0.1", "0.0,0,nan,0.1"), "position has 1 NaN or infinite value"),
-    (f"{HEADER}\n{ROW}\n{ROW}", "time repeats at sample 1"),
     (f"# object_position: 1 2\n{HEADER}\n{ROW}", "# object_position: 1 2; expected 3 numbers"),
     (f"# object_orientation: a b c d\n{HEADER}\n{ROW}", "# object_orientation: a b c d; expected 4 numbers"),
 ]

@@ -6,13 +6,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation, Slerp
 
 from hhsim.arrays import FloatArray
-from hhsim.motion.resample import (
-    interpolate_monotone,
-    interpolate_orientation,
-    newest_sample,
-    on_stamp,
-    tick_times,
-)
+from hhsim.motion.resample import interpolate_monotone, interpolate_orientation, newest_sample, tick_times
 
 
 def stamps(rng: np.random.Generator, count: int) -> FloatArray:
@@ -104,9 +98,3 @@ def test_orientation_at_rest_and_on_a_stamp_is_the_sample_itself() -> None:
     quaternions[3] = quaternions[2]
     still = interpolate_orientation(time, quaternions, np.linspace(0.021, 0.029, 9))
     assert (still == quaternions[2]).all()
-
-
-def test_on_stamp_marks_exact_ticks_and_those_after_the_end() -> None:
-    time = np.array([0.0, 0.01, 0.02])
-    ticks = np.array([0.0, 0.005, 0.01, 0.02, 0.03])
-    assert on_stamp(time, ticks, newest_sample(time, ticks)).tolist() == [True, False, True, True, True]

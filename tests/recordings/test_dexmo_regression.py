@@ -9,10 +9,10 @@ from conftest import Run
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.fingers import FINGERS
+from hhsim.motion.csv_table import read_table
 from hhsim.motion.file import load_trajectory
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.column_map import JOINT_NAMES
-from hhsim.recordings.csv_table import read_table
 from hhsim.recordings.dexmo_regression import (
     BEND,
     CHANNELS,
@@ -142,22 +142,15 @@ def test_a_calibration_is_kept_as_toml(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[joint", "not TOML"),
-        ("[joints]", "unknown key 'joints': did you mean joint"),
         ("[angle]\nunit = 'grad'", "angle.unit: unknown unit 'grad'"),
         ("[channel]\nindex_bent = {}", "channel: unknown key 'index_bent': did you mean index_bend"),
         ("[channel]\nindex_bend = { open = 1, closed = 2 }", "expected all 11 channels, or none"),
-        ("[joint]\nindex_flex1 = 3", "expected a table"),
-        ("[joint]\nindex_flex1 = { index_bend = 'x' }", "expected a number"),
-        ("[joint]\nindex_flex1 = { index_bend = nan }", "expected a number"),
         ("[joint]\nindex_flex1 = { pinky = 1 }", "joint.index_flex1: unknown key 'pinky'"),
-        ("channel = 1", "expected a table"),
     ],
 )
 def test_calibrations_that_are_none(text: str, words: str) -> None:
-    with pytest.raises(InputError, match=words) as error:
+    with pytest.raises(InputError, match=f"glove.toml: .*{words}"):
         parse_calibration(text, where="glove.toml")
-    assert str(error.value).startswith("glove.toml: ") and "\n" not in str(error.value)
     ends = format_calibration(calibrated(DEFAULT, LOW[None], HIGH[None], HIGH[None]))
     with pytest.raises(InputError, match="open and closed are both 5"):
         parse_calibration(ends.replace("open = 700.0, closed = 2700.0", "open = 5, closed = 5"), where="glove.toml")

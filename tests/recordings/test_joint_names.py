@@ -2,14 +2,8 @@
 
 import pytest
 
-from hhsim.recordings.joint_names import (
-    KEYPOINTS,
-    OPENXR_JOINTS,
-    WEBXR_JOINTS,
-    joint_name,
-    joints_found,
-    joints_missing,
-)
+from hhsim.errors import TrajectoryError
+from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, joint_name, recognised
 from hhsim.recordings.unit_detection import TimeColumn, time_column
 
 
@@ -44,11 +38,10 @@ def test_what_a_name_says(text: str, said: tuple[str, str, str]) -> None:
 
 
 def test_what_was_recognised_is_said_in_the_standards_words() -> None:
-    assert joints_found(set(OPENXR_JOINTS)) == "26 OpenXR joints"
-    assert joints_found(set(WEBXR_JOINTS)) == "25 WebXR joints"
-    assert joints_found({"wrist"}) == "1 joint"
-    assert joints_missing(set(OPENXR_JOINTS)) == ""
-    assert joints_missing({"wrist"}) == "thumb_metacarpal, thumb_proximal, thumb_distal, thumb_tip and 16 more"
+    assert recognised(OPENXR_JOINTS, "left") == "26 OpenXR joints of the left hand named"
+    assert recognised(WEBXR_JOINTS) == "25 WebXR joints named"
+    with pytest.raises(TrajectoryError, match=r"1 joint named, but none that is thumb_metacarpal, .* and 16 more"):
+        recognised({"wrist"})
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,13 @@ from hhsim.recordings.repair import repair
 
 
 def read(sample: JointSample, options: ReadOptions | None = None, **fields: Any) -> Recording:
-    given: dict[str, Any] = {"time": sample.motion.time, "position": sample.named(), "up": "y", "unit": 1.0}
+    given: dict[str, Any] = {
+        "time": sample.motion.time,
+        "position": sample.named(),
+        "up": "y",
+        "unit": 1.0,
+        "time_unit": "s",
+    }
     return recording_of_joints(JointPositions(form="test", **given | fields), "take", options or ReadOptions())
 
 

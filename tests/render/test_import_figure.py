@@ -21,7 +21,7 @@ GREY = "#a6a6a6"
 def picture(recording: Recording, path: Path) -> "np.ndarray[tuple[int, int, int], np.dtype[np.float64]]":
     from matplotlib.image import imread
 
-    draw_import(recording, repair(recording).trajectory, path)
+    draw_import(repair(recording), path)
     return np.asarray(imread(path), dtype=np.float64)
 
 
@@ -58,4 +58,4 @@ def test_a_hand_that_rests_and_holes_can_be_drawn(tmp_path: Path) -> None:
 def test_a_picture_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(OutputError):
-        draw_import(CLEAN, repair(CLEAN).trajectory, tmp_path / "file" / "a.png")
+        draw_import(repair(CLEAN), tmp_path / "file" / "a.png")

@@ -95,7 +95,7 @@ def test_a_table_of_another_maker_is_imported_by_its_columns(tmp_path: Path) -> 
     assert np.abs(motion.flexion - joint_sample().motion.flexion).max() < 1e-5
     path.write_text("time,a,b\n0,1,2\n1,2,3\n")
     assert not is_imported(path)
-    with pytest.raises(TrajectoryError, match=r"the header lacks px, .*\(hhsim import reads other tables, and mends\)"):
+    with pytest.raises(TrajectoryError, match=r"no column px, .*\(hhsim import reads other tables, and mends\)"):
         resolve_trajectory(path)
 
 
@@ -118,7 +118,7 @@ def test_a_recording_that_was_imported_on_the_way_in_is_said_to_be(tmp_path: Pat
 
 def test_an_option_that_a_recording_lacks_is_one_of_the_import(tmp_path: Path) -> None:
     np.save(tmp_path / "points.npy", joint_sample().named())
-    said = r"points\.npy: 40 samples without a stamp; .*: --rate \(of hhsim import, whose output is replayed\)$"
+    said = r"points\.npy: 21 keypoints .* no stamps .*: --rate \(of hhsim import, whose output is replayed\)$"
     with pytest.raises(TrajectoryError, match=said):
         resolve_trajectory(tmp_path / "points.npy")
 

@@ -5,8 +5,7 @@ or left, a leading r or l before a capital letter, _r or .R at the end), and an 
 Metacarpals are left out, but for the thumb's, with which its chain begins as ours does. The wrist is the joint that the
 fingers hang from.
 
-The palm's pose follows from wrist and knuckles, and the angles from the bones, by `hhsim.recordings.finger_ik`. BVH
-states no unit: the hand's length tells it. Its world has y up unless the options say otherwise.
+BVH states no unit: the hand's length tells it. Its world has y up unless the options say otherwise.
 """
 
 import re
@@ -18,23 +17,18 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.bvh_parser import Bvh, Joint, read_bvh
-from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles, palm_origin
-from hhsim.recordings.frames import in_palm, to_our_world
-from hhsim.recordings.recorded_bones import recorded_bones
-from hhsim.recordings.recording import Recording, note
+from hhsim.recordings.hand_side import SIDES, chosen_side
+from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
+from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
-from hhsim.recordings.unit_detection import LENGTH_UNITS
 
 WORDS = ("thumb", "index pointer", "middle mid", "ring", "pinky pinkie little small")
 """Words for thumb to little finger, the first in a name counting."""
 BIPED = re.compile(r"finger(?P<finger>[0-4])(?P<phalanx>[0-9]?)(?:nub)?$", re.IGNORECASE)
 METACARPAL = re.compile(r"metacarp|carpal|inhand|palm", re.IGNORECASE)
-HAND_LENGTHS = (0.13, 0.25)
-"""Range of a hand's length [m], in which only one unit fits."""
 
 
 @dataclass(frozen=True)
@@ -47,48 +41,25 @@ class _Chain:
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the right one; raises TrajectoryError."""
-    hand, up = options.hand, options.world_up or "y"
     bvh = read_bvh(content.text)
-    hands = {side: chains for side in ("right", "left") if len(chains := _chains(bvh.joints, side)) == len(FINGERS)}
+    found = {side: _chains(bvh.joints, side) for side in SIDES}
+    hands = {side: chains for side, chains in found.items() if len(chains) == len(FINGERS)}
     if not hands:
-        found = {side: [f for f in FINGERS if f in _chains(bvh.joints, side)] for side in ("right", "left")}
-        some = "; ".join(f"{side}: {', '.join(names)}" for side, names in found.items() if names) or "none"
+        some = "; ".join(f"{side}: {', '.join(chains)}" for side, chains in found.items() if chains) or "none"
         raise TrajectoryError(f"no hand with five fingers of three joints each among {len(bvh.joints)} joints ({some})")
-    side: HandSide = hand or ("right" if "right" in hands else "left")
-    if side not in hands:
-        raise TrajectoryError(f"no {side} hand with five fingers; the file has a {next(iter(hands))} one")
-    chains = hands[side]
-    wrist = _wrist(bvh.joints, chains)
+    side, findings = chosen_side(dict.fromkeys(hands, 1), options.hand)
+    wrist = _wrist(bvh.joints, hands[side])
     at, turned = bvh.pose()
-    fingers = _finger_points(bvh, chains, at, turned)
-    scale, length, unit = _scale(fingers, at[:, wrist], options.length_unit)
-    knuckles = scale * fingers[:, 1:, 0]
-    orientation = palm_from_knuckles(knuckles, scale * at[:, wrist], side)
-    flexion, abduction, off = finger_angles(in_palm(np.diff(fingers, axis=2), orientation), side)
-    place = palm_origin(knuckles, orientation, side)
-    posture = HandConfiguration(place, orientation, flexion, abduction)
-    fit = recorded_bones(scale * fingers, scale * at[:, wrist], posture, side)
-    position, orientation = to_our_world(place, orientation, up)
-    other = "; the other hand is there too: --hand" if len(hands) == 2 and not hand else ""
-    return Recording(
-        time=np.arange(len(bvh.values), dtype=np.float64) * bvh.frame_time,
-        position=position,
-        orientation=orientation,
-        flexion=flexion,
-        abduction=abduction,
-        stated=frozenset({"length", "angle"}),
-        scaled=True,
+    joints = JointPositions(
+        position=np.concatenate([at[:, [wrist]], _finger_points(bvh, hands[side], at, turned)], axis=1),
         form="bvh",
-        name=content.name,
+        what=f"{side} hand at '{bvh.joints[wrist].name}'",
+        time=np.arange(len(bvh.values), dtype=np.float64) * bvh.frame_time,
         hand=side,
-        hand_length=length,
-        bones=fit,
-        findings=(
-            *bvh.findings,
-            note(f"{side} hand at '{bvh.joints[wrist].name}', lengths in {unit}, world {up} up{other}"),
-            note(f"bones are {np.degrees(np.nanmedian(off)):.1f}° off our plane fingers in the median"),
-        ),
+        up="y",
+        findings=(*bvh.findings, *findings),
     )
+    return recording_of_joints(joints, content.name, options)
 
 
 def side_of(name: str) -> HandSide:
@@ -167,34 +138,15 @@ def _wrist(joints: tuple[Joint, ...], chains: dict[str, _Chain]) -> int:
 
 
 def _finger_points(bvh: Bvh, chains: dict[str, _Chain], at: FloatArray, turned: FloatArray) -> FloatArray:
-    """Return three joints and tip of each finger in the file's unit, shape (T, 5, 4, 3)."""
-    points = np.empty((len(at), len(FINGERS), 4, 3))
-    for f, finger in enumerate(FINGERS):
+    """Return three joints and tip of each finger in the file's unit, shape (T, 20, 3)."""
+    points = []
+    for finger in FINGERS:
         chain = chains[finger]
-        points[:, f, :3] = at[:, list(chain.joints)]
-        if chain.tip is not None:
-            points[:, f, 3] = at[:, chain.tip]
-        else:
-            # A last bone without an end continues the one before in the rest pose, at a usual length.
-            bone = 0.7 * bvh.joints[chain.joints[2]].offset
-            points[:, f, 3] = points[:, f, 2] + np.einsum("tij,j->ti", turned[:, chain.joints[2]], bone)
-    return points
-
-
-def _scale(fingers: FloatArray, wrist: FloatArray, unit: str | None) -> tuple[float, float, str]:
-    """Return metres a unit, the hand's length [m] and the unit's name; TrajectoryError if no unit fits a hand."""
-    bones = np.linalg.norm(np.diff(fingers[:, 2], axis=1), axis=2).sum(axis=1)
-    length = float(np.nanmedian(np.linalg.norm(fingers[:, 2, 0] - wrist, axis=1) + bones))
-    if unit is not None:
-        return LENGTH_UNITS[unit], LENGTH_UNITS[unit] * length, unit
-    low, high = HAND_LENGTHS
-    for word, scale in LENGTH_UNITS.items():
-        if low <= scale * length <= high:
-            return scale, scale * length, word
-    raise TrajectoryError(
-        f"the hand is {length:.4g} long from wrist to middle fingertip, which is no hand in m, cm, mm or inch; say "
-        "--length-unit"
-    )
+        last = chain.joints[2]
+        # A last bone without an end continues the one before in the rest pose, at a usual length.
+        tip = at[:, last] + turned[:, last] @ (0.7 * bvh.joints[last].offset) if chain.tip is None else at[:, chain.tip]
+        points += [*(at[:, joint] for joint in chain.joints), tip]
+    return np.stack(points, axis=1)
 
 
 FORMAT = RecordingFormat(

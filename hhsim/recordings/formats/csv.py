@@ -1,37 +1,16 @@
 """Recordings from CSV: our own columns, or any others by a `hhsim.recordings.column_map.ColumnMap`."""
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 from msgspec import structs
 
-from hhsim.errors import InputError, TrajectoryError
-from hhsim.motion.csv_file import COLUMNS, CSV_SUFFIX, FLAGS, OBJECT_COLUMNS, PHASE, POSE_COLUMNS, SAMPLES, object_pose
+from hhsim.errors import InputError
+from hhsim.motion.csv_file import CSV_SUFFIX, FLAGS, SAMPLES, csv_fields
+from hhsim.motion.csv_table import Table, read_table
 from hhsim.motion.object_motion import ObjectMotion
-from hhsim.recordings.column_map import OWN_COLUMNS, is_own_header, mapped
-from hhsim.recordings.csv_table import Table, read_header, read_table
-from hhsim.recordings.recording import Recording, note
+from hhsim.recordings.column_map import mapped
+from hhsim.recordings.frames import to_our_frames
+from hhsim.recordings.recording import Recording, note, unreadable
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
-
-
-def _own(table: Table, name: str) -> Recording:
-    recording = mapped(table, OWN_COLUMNS, name, "hhsim csv")
-    remarks = table.remarks
-    stated: dict[str, Any] = {key: remarks[key] for key in ("name", "source", "licence", "device") if key in remarks}
-    if remarks.get("hand") in ("right", "left"):
-        stated["hand"] = remarks["hand"]
-    if FLAGS in table.header:
-        bits, _ = table.numbers([FLAGS])
-        known = np.nan_to_num(bits[:, 0]).clip(0.0, 2.0**32 - 1.0)
-        recording = recording.changed(flags=known.astype(np.uint32))
-    if OBJECT_COLUMNS[0] in table.header:
-        rows, _ = table.numbers(OBJECT_COLUMNS)
-        recording = recording.changed(object_motion=ObjectMotion(*np.split(rows, [3], axis=1)))
-    if remarks.get(SAMPLES, str(len(table.rows))) != str(len(table.rows)):
-        text = f"{len(table.rows)} samples where the file says # {SAMPLES}: {remarks[SAMPLES]}: some are lost"
-        recording = recording.found(note(text))
-    return recording.changed(**stated, **object_pose(remarks))
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
@@ -39,33 +18,32 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if options.dexmo is not None or options.poses is not None:
         raise InputError("a calibration of the Dexmo glove, but the file holds other columns than its channels")
     columns = options.columns
-    if columns is None and (options.palm_axes or options.world_up) and is_own_header(read_header(content.text)):
-        columns = OWN_COLUMNS
-    if columns is not None:
-        axes, up = options.palm_axes or columns.palm_axes, options.world_up or columns.world_up
-        columns = structs.replace(columns, palm_axes=tuple(axes), world_up=up)
-        table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
-        return mapped(table, columns, content.name, "csv")
-    table = read_table(content.text)
-    if not is_own_header(table.header):
-        raise TrajectoryError(_unexplained(table.header))
-    return _own(table, content.name)
+    if columns is None:
+        return _own(read_table(content.text), content.name, options)
+    axes, up = options.palm_axes or columns.palm_axes, options.world_up or columns.world_up
+    columns = structs.replace(columns, palm_axes=tuple(axes), world_up=up)
+    table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
+    return mapped(table, columns, content.name, "csv")
 
 
-def _unexplained(header: tuple[str, ...]) -> str:
-    """Describe how a table's columns differ from our own."""
-    if set(POSE_COLUMNS) <= set(header):
-        missing = [name for name in COLUMNS if name not in header]
-        other = [name for name in header if name not in (*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS)]
-        instead = f"; it has {_some(other)} instead" if other else ""
-        return f"no column {_some(missing)} of hhsim's own{instead}: rename them, or map them with --columns"
-    return (
-        f"the columns are {_some(header, 8)}; expected hhsim's own (time, px, …), or a mapping of these with --columns"
-    )
-
-
-def _some(names: Sequence[str], most: int = 3) -> str:
-    return ", ".join(name[:20] for name in names[:most]) + (", …" if len(names) > most else "")
+def _own(table: Table, name: str, options: ReadOptions) -> Recording:
+    """Return the recording of a table with our own columns; TrajectoryError for others."""
+    fields, broken = csv_fields(table)
+    findings = [note(text) for text in table.left_out] + unreadable(broken)
+    stated, count = table.remarks.get(SAMPLES, ""), len(table.rows)
+    if stated not in ("", str(count)):
+        findings.append(note(f"{count} samples where the file says # {SAMPLES}: {stated}: some are lost"))
+    if fields.get("hand") not in ("right", "left"):
+        fields["hand"] = ""
+    if FLAGS in fields:
+        fields[FLAGS] = np.nan_to_num(fields[FLAGS]).clip(0.0, 2.0**32 - 1.0).astype(np.uint32)
+    axes, up = options.palm_axes, options.world_up
+    pose = to_our_frames(fields["position"], fields["orientation"], axes, up)
+    fields["position"], fields["orientation"] = pose
+    if "object_motion" in fields:
+        place, turn = fields["object_motion"]
+        fields["object_motion"] = ObjectMotion(*to_our_frames(place, turn, None, up))
+    return Recording(**{"name": name} | fields, form="hhsim csv", findings=tuple(findings))
 
 
 FORMAT = RecordingFormat(

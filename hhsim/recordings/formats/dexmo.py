@@ -12,14 +12,13 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_file import CSV_SUFFIX
-from hhsim.motion.sample_flags import SampleFlag, mark
+from hhsim.motion.csv_table import read_table
+from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import RawChannel
 from hhsim.recordings.column_map import ColumnMap, OrientationColumns, PositionColumns, TimeColumn, mapped
-from hhsim.recordings.csv_table import read_header, read_table
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, calibrated
-from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.recording import Recording, note, unreadable
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
-from hhsim.system.counted import counted
 
 ALIAS = {"pinky_split": "little_split", "pinky_bend": "little_bend"}
 MOST_NORMALISED = 1.5
@@ -60,18 +59,15 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
             "--calibration, or --open and --fist"
         )
     flexion, abduction = chosen.angles(readings)
-    findings = [Finding(SampleFlag.ESTIMATED.word, "joints beyond the first by linear regression", len(readings), None)]
-    if broken:
-        findings.append(note(f"{counted(broken, 'cell')} of channels without a number: taken as missing"))
-    findings += [note(hint) for hint in chosen.hints]
     recording = recording.changed(
         flexion=flexion,
         abduction=abduction,
         stated=frozenset({"angle"}),
         raw=tuple(RawChannel(key, readings[:, k], "1", "Dexmo, as it was read") for k, key in enumerate(CHANNELS)),
     )
-    mark(recording.flags, np.ones(len(readings), dtype=bool), SampleFlag.ESTIMATED)
-    return recording.found(*findings), chosen
+    text = "joints beyond the first by linear regression"
+    recording = recording.flagged(np.ones(len(readings), dtype=bool), SampleFlag.ESTIMATED, text)
+    return recording.found(*unreadable(broken, " of channels"), *map(note, chosen.hints)), chosen
 
 
 def _within(recording: Recording, readings: FloatArray, span: tuple[float, float], word: str) -> FloatArray:
@@ -87,12 +83,7 @@ def calibration_of(path: Path, options: ReadOptions) -> DexmoRegression:
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
-    if options.columns is not None or not content.is_text:
-        return False
-    try:
-        return has_dexmo_channels(read_header(content.text))
-    except TrajectoryError:
-        return False
+    return options.columns is None and has_dexmo_channels(content.header)
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:

@@ -8,23 +8,23 @@ LZ-string is an LZ78 whose codes are as wide as the dictionary needs, least bit 
 letter of 8 or 16 bits, code 2 the end.
 """
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal, cast
+from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide, RawChannel
-from hhsim.recordings.finger_ik import finger_angles, palm_origin, palm_rotation
-from hhsim.recordings.frames import in_palm, to_our_world
+from hhsim.recordings.finger_ik import palm_rotation
+from hhsim.recordings.frames import to_our_world
+from hhsim.recordings.hand_side import SIDES, frames_with_hand
+from hhsim.recordings.joint_positions import fitted_posture
 from hhsim.recordings.json_document import keys_of, number, objects, read_json, vector
 from hhsim.recordings.recorded_bones import recorded_bones
-from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.recording import Recording, note
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 MILLIMETRE = 1e-3
@@ -52,38 +52,25 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if not frames:
         held = document["frames"] if isinstance(document, dict) else document
         raise TrajectoryError(f"no frames of Leap Motion's, {keys_of(held)}; {EXPECTED}")
-    findings: list[Finding] = []
+    sides = [{hand["type"] for hand in objects(frame.get("hands")) if hand.get("type") in SIDES} for frame in frames]
+    if not any(sides):
+        raise TrajectoryError(f"no hand in any of {len(frames)} frames, the first {keys_of(frames[0])}; {EXPECTED}")
+    side, shown, findings = frames_with_hand(sides, options.hand)
     stated = metadata.get("frames")
     if isinstance(stated, int) and stated != len(frames):
         findings.append(note(f"{len(frames)} frames where the file says {stated}: some are lost"))
-    side = options.hand or _usual_side(frames)
-    if not side:
-        raise TrajectoryError(f"no hand in any of {len(frames)} frames, the first {keys_of(frames[0])}; {EXPECTED}")
-    found = [(frame, seen) for frame in frames if (seen := _hand(frame, side)) is not None]
-    if not found:
-        raise TrajectoryError(f"no {side} hand in any of {len(frames)} frames")
-    if len(found) < len(frames):
-        findings.append(note(f"{len(frames) - len(found)} of {len(frames)} frames show no {side} hand: no samples"))
-    stamps = np.array([number(frame.get("timestamp")) for frame, _ in found])
+    found = [(frames[k], _hand(frames[k], side)) for k in shown]
     direction, normal, wrist = (
         np.array([vector(seen.get(key)) for _, seen in found]) for key in ("direction", "palmNormal", "wrist")
     )
-    joints = np.array([_joints(frame, seen) for frame, seen in found])
-    orientation = palm_rotation(direction, -normal)
-    bones = np.diff(joints, axis=2)
-    flexion, abduction, off = finger_angles(in_palm(bones, orientation), side)
-    if np.isnan(flexion).all():
+    joints = MILLIMETRE * np.array([_joints(frame, seen) for frame, seen in found])
+    if not np.isfinite(joints).any():
         raise TrajectoryError("no frame holds the joints of the fingers; expected bones, as of Leap's API from 2.0 on")
-    findings.append(note(f"bones are {np.degrees(np.nanmedian(off)):.1f}° off our plane fingers in the median"))
-    length = float(
-        np.nanmedian(np.linalg.norm(joints[:, 2, 0] - wrist, axis=1) + np.linalg.norm(bones[:, 2], axis=2).sum(axis=1))
-        if np.isfinite(wrist).any()
-        else np.nan
-    )
-    place = palm_origin(MILLIMETRE * joints[:, 1:, 0], orientation, side)
-    posture = HandConfiguration(place, orientation, flexion, abduction)
-    fit = recorded_bones(MILLIMETRE * joints, MILLIMETRE * wrist, posture, side)
-    position, orientation = to_our_world(place, orientation, "y")
+    palm = palm_rotation(direction, -normal)
+    posture, off = fitted_posture(joints, palm, side)
+    bones = recorded_bones(joints, MILLIMETRE * wrist, posture, side)
+    position, orientation = to_our_world(posture.position, palm, "y")
+    stamps = np.array([number(frame.get("timestamp")) for frame, _ in found])
     first = stamps[np.isfinite(stamps)]
     confidence = np.array([number(seen.get("confidence")) for _, seen in found])
     made = metadata.get("generatedBy")
@@ -91,23 +78,21 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         time=MICROSECOND * (stamps - (first[0] if first.size else 0.0)),
         position=position,
         orientation=orientation,
-        flexion=flexion,
-        abduction=abduction,
+        flexion=posture.flexion,
+        abduction=posture.abduction,
         stated=frozenset({"length", "angle"}),
         form="leap",
         name=content.name.removesuffix(".json"),
         source=f"recorded with {made}" if isinstance(made, str) else "",
         device="Leap Motion",
         hand=side,
-        hand_length=MILLIMETRE * length if 50.0 < length < 400.0 else None,
-        bones=fit,
+        hand_length=bones.hand_length if 0.05 < bones.hand_length < 0.4 else None,
+        bones=bones,
         raw=(RawChannel("confidence", np.nan_to_num(confidence, nan=-1.0), "1", "Leap's confidence, -1 where none"),),
-        findings=tuple(findings),
+        findings=(*findings, off),
     )
-    unsure = confidence < UNSURE
-    if unsure.any():
-        recording = recording.flagged(unsure, SampleFlag.INVALID, f"confidence below {UNSURE:g}, says the device: kept")
-    return recording
+    text = f"confidence below {UNSURE:g}, says the device: kept"
+    return recording.flagged(confidence < UNSURE, SampleFlag.INVALID, text)
 
 
 def looks_packed(text: str) -> bool:
@@ -204,17 +189,10 @@ def _unpacked(structure: Any, packed: Any, where: str, depth: int = 0) -> Any:
     return out
 
 
-def _usual_side(frames: list[Mapping[str, Any]]) -> HandSide:
-    seen: Counter[str] = Counter()
-    for frame in frames:
-        seen.update({str(hand.get("type")) for hand in objects(frame.get("hands"))} & {"right", "left"})
-    return cast(HandSide, max(sorted(seen, reverse=True), key=lambda side: seen[side], default=""))
-
-
-def _hand(frame: Mapping[str, Any], side: Literal["right", "left"] | str) -> Mapping[str, Any] | None:
+def _hand(frame: Mapping[str, Any], side: HandSide) -> Mapping[str, Any]:
     """Return the hand of this side, of several the longest visible."""
     hands = [hand for hand in objects(frame.get("hands")) if hand.get("type") == side]
-    return max(hands, key=lambda hand: float(np.nan_to_num(number(hand.get("timeVisible")), nan=0.0)), default=None)
+    return max(hands, key=lambda hand: float(np.nan_to_num(number(hand.get("timeVisible")), nan=0.0)))
 
 
 def _joints(frame: Mapping[str, Any], hand: Mapping[str, Any]) -> FloatArray:

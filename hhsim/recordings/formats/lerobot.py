@@ -12,11 +12,13 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError
+from hhsim.motion.csv_table import Table
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import mapped
-from hhsim.recordings.csv_table import Table
+from hhsim.recordings.hand_side import chosen_side
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS
-from hhsim.recordings.joint_positions import JointPositions, chosen_side, recording_of_joints
+from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
+from hhsim.recordings.json_document import number
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
@@ -33,14 +35,12 @@ MOST_BYTES = 1 << 28
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read one episode and hand; raises TrajectoryError, and InputError for an episode that is not there."""
-    columns, checked = _columns(content.data)
+    columns = _columns(content.data)
     info = _info(content)
     findings: list[Finding] = []
     rows = _episode(columns, options, findings)
-    time = _time(columns, rows, info, options, findings)
     if options.columns is not None:
-        recording = mapped(_table(columns, rows, info), options.columns, content.name, "lerobot").found(*findings)
-        return recording.changed(checksums="held" if checked else "")
+        return mapped(_table(columns, rows, info), options.columns, content.name, "lerobot").found(*findings)
     names = [name for name in columns if name.split(".")[-1] == "hand_joints"]
     named = names[0] if names else None
     width = 2 * JOINTS * 3
@@ -58,23 +58,25 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     with np.errstate(invalid="ignore", over="ignore"):
         seen = {side: int((np.ptp(hands[:, k], axis=1) > 0.0).any(axis=1).sum()) for k, side in enumerate(sides)}
     side, remarks = chosen_side(seen, options.hand)
-    if len(sides) == 2:
-        findings.append(note("two hands of 25 joints in WebXR's order, taken as left, then right"))
     places = [WEBXR_JOINTS.index(joint) for joint in KEYPOINTS]
+    rate = number(info.get("fps"))
     joints = JointPositions(
-        time=time,
         position=hands[:, sides.index(side)][:, places],
         form="lerobot",
+        what=f"{len(sides)} × 25 joints in WebXR's order{', taken as left, then right' if len(sides) == 2 else ''}",
+        time=_numbers(columns, "timestamp", rows)[:, 0] if "timestamp" in columns else None,
+        time_unit="s",
+        rate=rate if 0.1 <= rate <= 1e5 else None,
         hand=side,
         up="y",
         device=str(info.get("robot_type") or ""),
         findings=(*findings, *remarks),
     )
-    return recording_of_joints(joints, content.name, options).changed(checksums="held" if checked else "")
+    return recording_of_joints(joints, content.name, options)
 
 
-def _columns(data: bytes) -> tuple[dict[str, Any], bool]:
-    """Return the columns as pyarrow's lists, and whether each of their pages agreed with a checksum."""
+def _columns(data: bytes) -> dict[str, Any]:
+    """Return the columns as pyarrow's lists; pages that have a checksum agree with it."""
     try:
         import pyarrow
         from pyarrow import parquet
@@ -86,68 +88,12 @@ def _columns(data: bytes) -> tuple[dict[str, Any], bool]:
             raise TrajectoryError(f"{file.metadata.num_rows:,} rows; expected a recording of a hand")
         table = file.read()
         table.validate(full=True)
-        # After the reading: asked for a column that it cannot read, the library ends the process.
-        groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
-        checked = all(_has_checksums(data, group.column(k)) for group in groups for k in range(group.num_columns))
-        return {str(name): table.column(k) for k, name in enumerate(table.column_names)}, checked
+        return {str(name): table.column(k) for k, name in enumerate(table.column_names)}
     except TrajectoryError:
         raise
     except (pyarrow.ArrowException, OSError, ValueError, KeyError, MemoryError, OverflowError) as error:
         reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
         raise TrajectoryError(f"not a Parquet file, or a damaged one: {reason}") from None
-
-
-def _has_checksums(data: bytes, chunk: Any) -> bool:
-    """True if every page of a column chunk has a CRC-32 (field 4 of its header; field 3 is its size)."""
-    place = min(filter(None, (chunk.dictionary_page_offset, chunk.data_page_offset)))
-    end = place + chunk.total_compressed_size
-    try:
-        while place != end:
-            header, place = _thrift_struct(data, place)
-            place += header[3]
-            if 4 not in header or header[3] < 0 or place > end:
-                return False
-    except (IndexError, KeyError, RecursionError):
-        return False
-    return True
-
-
-def _thrift_struct(data: bytes, place: int) -> tuple[dict[int, int], int]:
-    """Return the 32-bit numbers of a struct in Thrift's compact protocol by field, and its end."""
-    fields: dict[int, int] = {}
-    field = 0
-    while head := data[place]:
-        step, kind = head >> 4, head & 15
-        field, place = (field + step, place + 1) if step else _zigzag(data, place + 1)
-        if kind in (4, 5, 6):
-            value, place = _zigzag(data, place)
-            # A number of another width is skipped.
-            fields |= {field: value} if kind == 5 else {}
-        elif kind == 8:
-            size, place = _varint(data, place)
-            place += size
-        elif kind == 12:
-            _, place = _thrift_struct(data, place)
-        else:
-            # A flag is in its head; no page header has other kinds.
-            place += {1: 0, 2: 0, 3: 1, 7: 8}[kind]
-    return fields, place + 1
-
-
-def _zigzag(data: bytes, place: int) -> tuple[int, int]:
-    """Return a number with its sign in the lowest bit, and its end."""
-    value, place = _varint(data, place)
-    return (value >> 1) ^ -(value & 1), place
-
-
-def _varint(data: bytes, place: int) -> tuple[int, int]:
-    """Return a number of seven bits a byte, at most ten bytes, and its end."""
-    value = 0
-    for k in range(10):
-        value |= (data[place + k] & 127) << 7 * k
-        if data[place + k] < 128:
-            return value, place + k + 1
-    raise IndexError
 
 
 def _info(content: Content) -> dict[str, Any]:
@@ -184,18 +130,6 @@ def _episode(columns: dict[str, Any], options: ReadOptions, findings: list[Findi
     return rows
 
 
-def _time(
-    columns: dict[str, Any], rows: IntArray, info: dict[str, Any], options: ReadOptions, findings: list[Finding]
-) -> FloatArray:
-    if "timestamp" in columns:
-        return _numbers(columns, "timestamp", rows)[:, 0]
-    rate = options.rate or info.get("fps")
-    if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0.1 <= rate <= 1e5:
-        raise TrajectoryError("no column timestamp, and no fps in meta/info.json: --rate")
-    findings.append(note(f"no stamps: made from the rate, {rate:g} Hz"))
-    return np.arange(len(rows)) / rate
-
-
 def _numbers(columns: dict[str, Any], name: str, rows: IntArray | None) -> FloatArray:
     """Return the numbers of a column, nested lists flattened, shape (T, N); NaN where missing."""
     chosen = columns[name] if rows is None else columns[name].take(rows)
@@ -212,8 +146,8 @@ def _numbers(columns: dict[str, Any], name: str, rows: IntArray | None) -> Float
 
 def _flat(cell: Any, depth: int) -> list[float]:
     if isinstance(cell, list) and depth < 6:
-        return [number for item in cell for number in _flat(item, depth + 1)]
-    return [float(cell)] if isinstance(cell, int | float) and not isinstance(cell, bool) else [float("nan")]
+        return [value for item in cell for value in _flat(item, depth + 1)]
+    return [number(cell)]
 
 
 def _table(columns: dict[str, Any], rows: IntArray, info: dict[str, Any]) -> Table:
@@ -229,7 +163,8 @@ def _table(columns: dict[str, Any], rows: IntArray, info: dict[str, Any]) -> Tab
         header += [name] if values.shape[1] == 1 else [f"{name}.{word}" for word in words]
         parts.append(values)
     cells = np.concatenate(parts, axis=1) if parts else np.zeros((0, 0))
-    return Table(tuple(header), tuple(tuple(repr(value) for value in row) for row in cells.tolist()), {}, ".", ())
+    lines = tuple(tuple(map(repr, row)) for row in cells.tolist())
+    return Table(tuple(header), lines, range(1, len(lines) + 1), {})
 
 
 def _names(value: Any) -> list[str]:

@@ -5,7 +5,7 @@
 | .npz | `poses` (T, 48) or (T, 3 + n), or with `global_orient`; `trans` (T, 3), `betas`, `fps` or stamps, `hand` |
 | .jsonl | HOT3D's lines: a wrist's pose and n coefficients |
 
-The same 48 numbers have four meanings (`hhsim.recordings.registry.MANO_READINGS`) that the file does not tell
+The same 48 numbers have four meanings (`READINGS`) that the file does not tell
 apart: DexYCB's are coefficients, those of other sets are angles. So `--mano-pose` says it.
 """
 
@@ -18,30 +18,38 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.quaternion import rotation_vector
 from hhsim.motion.npz_arrays import array_names, numbers, read_npz
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.joint_positions import JointPositions, recording_of_joints, sample_times
+from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.mano_model import ManoModel, read_mano_model
 from hhsim.recordings.pose_lines import read_pose_lines
 from hhsim.recordings.recording import Finding, Recording, note
-from hhsim.recordings.registry import MANO_READINGS, Content, ReadOptions, RecordingFormat
-from hhsim.recordings.unit_detection import TIME_UNITS, time_column
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.unit_detection import time_column
 
 ANGLES = 45
+READINGS = {
+    "axis-angle": "angles of the joints from the flat hand",
+    "axis-angle-mean": "angles of the joints from the model's mean pose",
+    "pca": "coefficients of the model's components about its mean pose",
+    "pca-flat": "coefficients of the model's components about the flat hand",
+}
+"""Meanings of a pose's numbers: 45 angles, or coefficients."""
 POSES = ("poses", "pose", "mano_pose", "hand_pose")
 TURNS = ("global_orient", "root_orient", "rot")
 SHIFTS = ("trans", "transl", "translation")
 
 
 class _Poses(NamedTuple):
-    """Numbers of a file: stamps, wrist, pose and shape of the hand."""
+    """Numbers of a file: wrist, pose and shape of the hand, its side, and stamps or a rate [Hz]."""
 
-    time: FloatArray | None
-    unit: str | None
     rotation: FloatArray
     translation: FloatArray | None
     pose: FloatArray
     betas: FloatArray
     hand: HandSide
-    findings: tuple[Finding, ...]
+    time: FloatArray | None
+    unit: str | None
+    rate: float | None = None
+    findings: tuple[Finding, ...] = ()
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
@@ -49,34 +57,29 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     poses = _from_npz(content.data) if content.head.startswith(b"PK") else _from_lines(content, options)
     count = poses.pose.shape[1]
     reading = _reading(count, options)
-    if options.mano.model is None:
+    if options.mano_model is None:
         raise TrajectoryError(
             f"{len(poses.pose)} poses of a MANO hand, {count} numbers each; the joints need the model's file, "
             "which is the user's own: --mano-model MANO_RIGHT.pkl"
         )
-    model = read_mano_model(options.mano.model)
+    model = read_mano_model(options.mano_model)
     hand = options.hand or poses.hand
-    name = options.mano.model.name.lower()
-    findings = [*poses.findings, note(f"{count} numbers a pose: {MANO_READINGS[reading]} ({reading}); model {name}")]
-    if hand and {"right": "left", "left": "right"}[hand] in name:
-        text = f"{hand} hand, but the model is called {options.mano.model.name}: is it the other hand's?"
-        findings.append(note(text))
-    translation = np.zeros((len(poses.pose), 3)) if poses.translation is None else poses.translation
-    points = model.keypoints(poses.rotation, _angles(poses.pose, reading, model), translation, poses.betas)
-    time, unit = poses.time, poses.unit
-    if time is None:
-        time, _, remarks = sample_times(None, None, len(points), options)
-        findings += remarks
-        unit = "s"
+    name = options.mano_model.name
+    findings = list(poses.findings)
+    if hand and {"right": "left", "left": "right"}[hand] in name.lower():
+        findings.append(note(f"{hand} hand, but the model is called {name}: is it the other hand's?"))
     if poses.translation is None:
         findings.append(note("no translation: the hand turns on the spot"))
+    translation = np.zeros((len(poses.pose), 3)) if poses.translation is None else poses.translation
     joints = JointPositions(
-        time=time * TIME_UNITS[unit] if unit is not None else time,
-        position=points,
+        position=model.keypoints(poses.rotation, _angles(poses.pose, reading, model), translation, poses.betas),
         form="mano",
+        what=f"{count} numbers a pose: {READINGS[reading]} ({reading}); model {name.lower()}",
+        time=poses.time,
+        time_unit=poses.unit,
+        rate=poses.rate,
         hand=hand,
         unit=1.0,
-        time_stated=unit is not None,
         findings=tuple(findings),
     )
     return recording_of_joints(joints, content.name, options)
@@ -84,14 +87,14 @@ def _read(content: Content, options: ReadOptions) -> Recording:
 
 def _reading(count: int, options: ReadOptions) -> str:
     """Return the reading of a pose of `count` numbers."""
-    wanted = options.mano.reading
+    wanted = options.mano_pose
     if not 1 <= count <= ANGLES:
         raise TrajectoryError(f"{count} numbers a pose; expected 45 of the joints, or fewer coefficients")
     if wanted is not None and wanted.startswith("axis-angle") and count < ANGLES:
         raise InputError(f"--mano-pose {wanted}: needs 45 numbers a pose, and there are {count}")
     if wanted is not None:
         return wanted
-    choices = ", ".join(reading for reading in MANO_READINGS if count == ANGLES or reading.startswith("pca"))
+    choices = ", ".join(reading for reading in READINGS if count == ANGLES or reading.startswith("pca"))
     raise TrajectoryError(f"{count} numbers a pose can be read in several ways; say which: --mano-pose {choices}")
 
 
@@ -103,10 +106,9 @@ def _angles(pose: FloatArray, reading: str, model: ManoModel) -> FloatArray:
 
 def _from_lines(content: Content, options: ReadOptions) -> _Poses:
     lines = read_pose_lines(content.text, "pose", options.hand)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        unit = lines.orientation / np.linalg.norm(lines.orientation, axis=1, keepdims=True)
-    turns = rotation_vector(unit)
-    return _Poses(lines.time, "s", turns, lines.translation, lines.numbers, lines.betas, lines.hand, lines.findings)
+    turns, stamps = rotation_vector(lines.orientation), lines.stamps
+    poses = turns, lines.translation, lines.numbers, lines.betas, lines.hand
+    return _Poses(*poses, stamps, "ns", findings=lines.findings)
 
 
 def _from_npz(data: bytes) -> _Poses:
@@ -132,23 +134,18 @@ def _from_npz(data: bytes) -> _Poses:
     shift = next((each for each in SHIFTS if each in arrays), None)
     translation = None if shift is None else numbers(arrays, shift, count, 3)
     stamps = time_column(arrays)
-    time = None if stamps is None else numbers(arrays, stamps.name, count)
     betas = numbers(arrays, "betas") if "betas" in arrays else np.zeros(0)
     side = str(arrays["hand"]).lower() if "hand" in arrays and np.ndim(arrays["hand"]) == 0 else ""
-    findings: list[Finding] = []
-    if time is None and "fps" in arrays and np.size(arrays["fps"]) == 1:
-        rate = float(numbers(arrays, "fps").ravel()[0])
-        if 1.0 <= rate <= 1e4:
-            time, findings = np.arange(len(pose)) / rate, [note(f"no stamps: made from fps, {rate:g} Hz")]
+    rate = float(numbers(arrays, "fps").ravel()[0]) if np.size(arrays.get("fps", ())) == 1 else np.nan
     return _Poses(
-        time,
-        "s" if findings else stamps.unit if stamps is not None else None,
         rotation,
         translation,
         pose,
         (betas[0] if betas.ndim == 2 and len(betas) else betas.ravel())[:10],
         "right" if side.startswith("right") else "left" if side.startswith("left") else "",
-        tuple(findings),
+        None if stamps is None else numbers(arrays, stamps.name, count),
+        None if stamps is None else stamps.unit,
+        rate if 1.0 <= rate <= 1e4 else None,
     )
 
 

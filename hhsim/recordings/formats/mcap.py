@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.hand_side import chosen_side
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
-from hhsim.recordings.joint_positions import JointPositions, chosen_side, recording_of_joints
+from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.recording import MOST_SAMPLES, Finding, Recording, note
 from hhsim.recordings.registry import MOST_BYTES, Content, ReadOptions, RecordingFormat
 from hhsim.system.counted import counted
@@ -48,8 +49,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     channels: dict[int, tuple[str, str]] = {}
     samples: dict[HandSide, list[_Sample]] = {}
     schemas: dict[int, str] = {}
-    container = _Container(content.data)
-    for code, body in container.records():
+    records, proved = _records(content.data)
+    for code, body in records:
         if code == SCHEMA:
             (number,) = _unpack("<H", body, 0)
             schemas[number] = _text(body, 2)[0]
@@ -74,7 +75,6 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         raise TrajectoryError(f"{len(samples[side])} samples of the {side} hand, and none in which it was seen")
     if lost := len(samples[side]) - len(shown):
         findings.append(note(f"{lost} of {len(samples[side])} frames show no {side} hand: no samples"))
-    findings.append(note(f"26 OpenXR joints of the {side} hand"))
     joints = np.array([sample.joints for sample in shown])
     places = [OPENXR_JOINTS.index(joint) for joint in KEYPOINTS]
     valid = joints["valid"][:, places] != 0
@@ -84,19 +84,20 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     position[~valid & (position == 0.0).all(axis=2)] = np.nan
     known = bool((np.nan_to_num(radius) > 0.0).any(axis=0).all())
     positions = JointPositions(
-        time=_stamps([sample.stamps for sample in shown], findings),
         position=position,
         form="mcap",
+        what=f"{len(OPENXR_JOINTS)} OpenXR joints of the {side} hand",
+        time=_stamps([sample.stamps for sample in shown], findings),
+        time_unit="s",
         hand=side,
         unit=1.0,
         up="y",
         radius=radius if known else None,
         doubtful=~valid.all(axis=1),
-        tip_on_surface=not known,
         device="OpenXR through Isaac Teleop",
         findings=tuple(findings),
     )
-    return recording_of_joints(positions, content.name, options).changed(checksums="held" if container.held else "")
+    return recording_of_joints(positions, content.name, options).changed(checksums="held" if proved else "")
 
 
 def _side(topic: str) -> HandSide:
@@ -120,56 +121,46 @@ def _stamps(stamps: list[tuple[int, ...]], findings: list[Finding]) -> FloatArra
     return np.asarray((logged - logged[0]) * NANOSECOND)
 
 
-class _Container:
-    """Records of a file, whose checksums are verified on the way.
+def _records(data: bytes) -> tuple[list[tuple[int, bytes]], bool]:
+    """Return every record with its code, those in chunks too, and whether checksums prove all messages.
 
-    Attributes:
-        held: True if every message agreed with a checksum and none is lost; known after all records.
+    Raises:
+        TrajectoryError: A damaged file.
     """
-
-    def __init__(self, data: bytes) -> None:
-        self.held = False
-        self._data = data
-
-    def records(self) -> Iterator[tuple[int, bytes]]:
-        """Yield every record with its code, those in chunks too; TrajectoryError for a damaged file."""
-        data, code = self._data, 0
-        if not data.startswith(MAGIC):
-            raise TrajectoryError("no MCAP file: it does not begin as one")
-        if not data.endswith(MAGIC):
-            raise TrajectoryError("a damaged MCAP file: it does not end as one; was it cut short?")
-        messages = chunks = records = unpacked = 0
-        each_held, whole_held, statistics_hold = True, False, False
-        for place, code, body in _walk(data, len(MAGIC), len(data) - len(MAGIC)):
-            if code == CHUNK:
-                inner, checked = _chunk(body, MOST_BYTES - unpacked)
-                unpacked += len(inner)
-                each_held, chunks = each_held and checked, chunks + 1
-                for _, code_inside, body_inside in _walk(inner, 0, len(inner)):
-                    messages, records = messages + (code_inside == MESSAGE), records + 1
-                    if records > MOST_SAMPLES:
-                        raise TrajectoryError(f"more than {MOST_SAMPLES:,} records; expected a recording of a hand")
-                    yield code_inside, body_inside
-                continue
-            if code == MESSAGE:
-                each_held, messages = False, messages + 1
-            elif code == DATA_END:
-                whole_held = _agrees(memoryview(data)[:place], _unpack("<I", body, 0)[0], "the data")
-            elif code == STATISTICS:
-                stated, _, _, _, _, stated_chunks = _unpack("<QHIIII", body, 0)
-                statistics_hold = True
-                if (stated, stated_chunks) != (messages, chunks):
-                    raise TrajectoryError(
-                        f"a damaged MCAP file: {counted(messages, 'message')} in {counted(chunks, 'chunk')}, where its "
-                        f"statistics count {stated} in {stated_chunks}"
-                    )
-            elif code == FOOTER:
-                start, _, checksum = _unpack("<QQI", body, 0)
-                _agrees(memoryview(data)[start or place : place + 25], checksum, "the summary")
-            yield code, body
-        if code != FOOTER:
-            raise TrajectoryError("a damaged MCAP file: no footer at its end; was it cut short?")
-        self.held = whole_held or (each_held and statistics_hold)
+    if not data.startswith(MAGIC) or not data.endswith(MAGIC):
+        raise TrajectoryError("a damaged MCAP file: it does not begin and end as one; was it cut short?")
+    records: list[tuple[int, bytes]] = []
+    chunks = unpacked = code = 0
+    each_held, whole_held, statistics_hold = True, False, False
+    for place, code, body in _walk(data, len(MAGIC), len(data) - len(MAGIC)):
+        if code == CHUNK:
+            inner, checked = _chunk(body, MOST_BYTES - unpacked)
+            unpacked += len(inner)
+            each_held, chunks = each_held and checked, chunks + 1
+            for _, code_inside, body_inside in _walk(inner, 0, len(inner)):
+                records.append((code_inside, body_inside))
+                if len(records) > MOST_SAMPLES:
+                    raise TrajectoryError(f"more than {MOST_SAMPLES:,} records; expected a recording of a hand")
+            continue
+        records.append((code, body))
+        if code == MESSAGE:
+            each_held = False
+        elif code == DATA_END:
+            whole_held = _agrees(memoryview(data)[:place], _unpack("<I", body, 0)[0], "the data")
+        elif code == STATISTICS:
+            stated, _, _, _, _, stated_chunks = _unpack("<QHIIII", body, 0)
+            messages, statistics_hold = sum(kind == MESSAGE for kind, _ in records), True
+            if (stated, stated_chunks) != (messages, chunks):
+                raise TrajectoryError(
+                    f"a damaged MCAP file: {counted(messages, 'message')} in {counted(chunks, 'chunk')}, where its "
+                    f"statistics count {stated} in {stated_chunks}"
+                )
+        elif code == FOOTER:
+            start, _, checksum = _unpack("<QQI", body, 0)
+            _agrees(memoryview(data)[start or place : place + 25], checksum, "the summary")
+    if code != FOOTER:
+        raise TrajectoryError("a damaged MCAP file: no footer at its end; was it cut short?")
+    return records, whole_held or (each_held and statistics_hold)
 
 
 def _walk(data: bytes, place: int, end: int) -> Iterator[tuple[int, int, bytes]]:

@@ -7,19 +7,18 @@ position. The files do not say which axis points up: on Quest it is y, on Aria z
 of --object-track in HOT3D's dynamic_objects.csv beside the recording, or the only one there.
 """
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError
+from hhsim.errors import TrajectoryError, named
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.motion.object_motion import ObjectMotion
-from hhsim.recordings.frames import to_our_world
+from hhsim.recordings.frames import posed_tree, to_our_world
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.json_document import keys_of
+from hhsim.recordings.json_document import keys_of, read_json
 from hhsim.recordings.pose_lines import object_beside, read_pose_lines
 from hhsim.recordings.recording import Recording, note
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
@@ -41,11 +40,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     local = _hand_points(rest, axes, landmarks, poses.numbers[:, :ANGLES])
     if poses.hand == "right":
         local = local * [-1.0, 1.0, 1.0]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        norm = np.linalg.norm(poses.orientation, axis=1, keepdims=True)
-        turns = rotation_matrix(poses.orientation / norm)
-    points = np.einsum("tij,tkj->tki", turns, local) + poses.translation[:, None]
-    findings = [*poses.findings, note(f"20 angles of the {poses.hand} hand, sizes from {path.name}{chosen}")]
+    points = np.einsum("tij,tkj->tki", rotation_matrix(poses.orientation), local) + poses.translation[:, None]
+    findings = list(poses.findings)
     up = options.world_up
     if up is None:
         findings.append(note("the file does not say which axis is up: y, as on Quest; on Aria it is z: --world-up"))
@@ -54,7 +50,15 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if remark is not None:
         findings.append(remark)
     joints = JointPositions(
-        time=poses.time, position=points, form="umetrack", hand=poses.hand, unit=1.0, up=up, findings=tuple(findings)
+        position=points,
+        form="umetrack",
+        what=f"{ANGLES} angles of the {poses.hand} hand, sizes from {path.name}{chosen}",
+        time=poses.stamps,
+        time_unit="ns",
+        hand=poses.hand,
+        unit=1.0,
+        up=up,
+        findings=tuple(findings),
     )
     recording = recording_of_joints(joints, content.name, options)
     return recording if moved is None else recording.changed(object_motion=ObjectMotion(*to_our_world(*moved, up)))
@@ -65,21 +69,14 @@ def _hand_points(rest: FloatArray, axes: FloatArray, landmarks: FloatArray, angl
 
     The profile gives rest positions and unit axes of 20 joints, and rest positions of 21 landmarks, in its unit.
     """
-    points = np.empty((len(angles), 21, 3))
-    points[:, 0] = landmarks[WRIST]
-    for finger in range(5):
-        rotation, shift = np.tile(np.eye(3), (len(angles), 1, 1)), np.zeros((len(angles), 3))
-        for k in range(4):
-            joint = 4 * finger + k
-            if k > 0:
-                # Not for k = 0: the wrist is point 0, and point 4 f is the tip of the finger before.
-                points[:, 4 * finger + k] = rotation @ rest[joint] + shift
-            turn = rotation_matrix(quaternion(angles[:, joint, None] * axes[joint]))
-            # The joint's motion after those before it: x ↦ turn·(x - p) + p about its rest position p.
-            shift = shift + np.einsum("tij,tj->ti", rotation, rest[joint] - turn @ rest[joint])
-            rotation = rotation @ turn
-        points[:, 4 * finger + 4] = rotation @ landmarks[finger] + shift
-    return points
+    turns = rotation_matrix(quaternion(angles[..., None] * axes))
+    rotation, shift = posed_tree([joint - 1 if joint % 4 else -1 for joint in range(ANGLES)], rest, turns)
+    # The first joint of a finger turns where the second one does.
+    at = np.einsum("tjik,jk->tji", rotation, rest) + shift
+    tips = np.einsum("tjik,jk->tji", rotation[:, 3::4], landmarks[:5]) + shift[:, 3::4]
+    fingers = np.concatenate([at.reshape(-1, 5, 4, 3)[:, :, 1:], tips[:, :, None]], axis=2)
+    wrist = np.tile(landmarks[WRIST], (len(angles), 1, 1))
+    return np.concatenate([wrist, fingers.reshape(-1, 20, 3)], axis=1)
 
 
 def _profile_path(content: Content, options: ReadOptions) -> tuple[Path, str]:
@@ -94,30 +91,26 @@ def _profile_path(content: Content, options: ReadOptions) -> tuple[Path, str]:
 
 def _profile(path: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Read rest positions [m] and unit axes of the joints, and the landmarks [m]."""
-    try:
-        document: Any = json.loads(path.read_bytes())
-    except OSError as error:
-        raise TrajectoryError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, RecursionError):
-        raise TrajectoryError(f"{path}: not JSON; expected the profile of an UmeTrack hand") from None
-    model = document.get("hand_model", document) if isinstance(document, dict) else None
-    if not isinstance(model, dict):
-        raise TrajectoryError(f"{path}: {keys_of(document)}; expected the profile of an UmeTrack hand")
-    rest = MILLIMETRE * _numbers(path, model, "joint_rest_positions", ANGLES)
-    axes = _numbers(path, model, "joint_rotation_axes", ANGLES)
-    norm = np.linalg.norm(axes, axis=1, keepdims=True)
-    if not (np.abs(norm - 1.0) < 0.02).all():
-        raise TrajectoryError(f"{path}: joint_rotation_axes are no unit vectors")
-    return rest, axes / norm, MILLIMETRE * _numbers(path, model, "landmark_rest_positions", 21)
+    with named(path):
+        document = read_json(Content(path, what="the profile of an UmeTrack hand").text)
+        model = document.get("hand_model", document) if isinstance(document, dict) else None
+        if not isinstance(model, dict):
+            raise TrajectoryError(f"{keys_of(document)}; expected the profile of an UmeTrack hand")
+        rest = MILLIMETRE * _numbers(model, "joint_rest_positions", ANGLES)
+        axes = _numbers(model, "joint_rotation_axes", ANGLES)
+        norm = np.linalg.norm(axes, axis=1, keepdims=True)
+        if not (np.abs(norm - 1.0) < 0.02).all():
+            raise TrajectoryError("joint_rotation_axes are no unit vectors")
+        return rest, axes / norm, MILLIMETRE * _numbers(model, "landmark_rest_positions", 21)
 
 
-def _numbers(path: Path, model: dict[str, Any], key: str, count: int) -> FloatArray:
+def _numbers(model: dict[str, Any], key: str, count: int) -> FloatArray:
     try:
         values = np.array(model.get(key), dtype=np.float64)
     except (TypeError, ValueError):
         values = np.zeros(0)
     if values.ndim != 2 or values.shape[0] < count or values.shape[1] != 3 or not np.isfinite(values).all():
-        raise TrajectoryError(f"{path}: {key} is not at least {count} points; expected the profile of an UmeTrack hand")
+        raise TrajectoryError(f"{key} is not at least {count} points; expected the profile of an UmeTrack hand")
     return values[:count]
 
 

@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 import pytest
 from bvh_document import RIGS, bvh_text
+from joint_samples import words
 from recording_samples import read_as, smooth_recording
 
 from hhsim.errors import TrajectoryError
@@ -27,7 +28,7 @@ def test_our_own_hand_comes_back_from_every_rig(rig: str, side: Literal["right",
     assert np.abs(recording.flexion - CLEAN.flexion).max() < 1e-4
     assert np.abs(recording.abduction).max() < 1e-4
     assert recording.hand_length is not None and 0.17 < recording.hand_length < 0.2
-    assert recording.form == "bvh" and f"{side} hand at" in recording.findings[0].text
+    assert recording.form == "bvh" and f"{side} hand at" in words(recording)
     repaired = repair(recording)
     assert repaired.trajectory.hand == side and {finding.kind for finding in repaired.findings} == {"note"}
 
@@ -94,16 +95,15 @@ def test_both_hands_in_one_file() -> None:
     rows = [f"{one} {' '.join(other.split()[6:])}" for one, other in pairs]
     both = root + inner + "MOTION\n" + "\n".join(motion.splitlines()[:2] + rows) + "\n"
     recording = read_as("bvh", both)
-    assert recording.hand == "right" and "the other hand is there too" in recording.findings[0].text
+    assert recording.hand == "right" and "the left one is there too" in words(recording)
     assert np.abs(recording.flexion - CLEAN.flexion).max() < 1e-4
     assert np.abs(read_as("bvh", both, hand="left").flexion - CLEAN.flexion).max() < 1e-4
 
 
 def test_units_come_from_the_hand_or_the_user() -> None:
     text = bvh_text(CLEAN, RIGS["mixamo"])
-    assert "lengths in cm" in read_as("bvh", text).findings[0].text
-    stated = read_as("bvh", text, length_unit="inch")
-    assert stated.hand_length is not None and stated.hand_length > 0.4
+    assert "taken for cm" in words(read_as("bvh", text))
+    assert "taken for" not in words(read_as("bvh", text, length_unit="cm"))
     z_up = read_as("bvh", text, world_up="z")
     assert np.allclose(z_up.flexion, CLEAN.flexion, atol=1e-4)
     assert np.allclose(z_up.position[:, 2], -CLEAN.position[:, 1], atol=0.2)
@@ -115,45 +115,38 @@ def test_frames_that_are_broken_or_lost() -> None:
     lines[first + 7] = lines[first + 7][:50]
     lines[first + 9] = lines[first + 9].replace(".", "x", 1)
     recording = read_as("bvh", "\n".join(lines) + "\n")
-    assert "2 frames without" in recording.findings[0].text
+    assert "2 frames without" in words(recording)
     repaired = repair(recording)
     assert repaired.trajectory.flags is not None
     assert np.flatnonzero(marked(repaired.trajectory.flags, SampleFlag.PALM_FILLED)).tolist() == [7, 9]
     short = read_as("bvh", "\n".join(lines[:-5]) + "\n")
-    assert "20 frames where the file says 25" in short.findings[0].text
+    assert "20 frames where the file says 25" in words(short)
     cut = read_as("bvh", "\n".join(lines)[:-3])
-    assert cut.sample_count == 24 and "has no line end" in cut.findings[0].text
+    assert cut.sample_count == 24 and "has no line end" in words(cut)
 
 
 TEXT = bvh_text(CLEAN, RIGS["mixamo"])
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "said"),
     [
         ("HIERARCHY", "a BVH hierarchy without MOTION"),
-        ("ROOT a", "line 1 is 'ROOT a'; expected HIERARCHY"),
-        ("HIERARCHY\n}", "line 2: a brace that closes nothing"),
-        ("HIERARCHY\nJOINT a", "line 2: JOINT where none can be"),
+        ("HIERARCHY\n}", "line 2 is '}', which no BVH"),
+        ("HIERARCHY\nJOINT a", "line 2 is 'JOINT a', which no BVH"),
         ("HIERARCHY\nROOT a\n{\n}", "line 4: a has no OFFSET"),
         ("HIERARCHY\nROOT a\n{\nOFFSET 1 2 nan", "line 4: OFFSET 1 2 nan; expected 3 number"),
         ("HIERARCHY\nROOT a\n{\nCHANNELS 1 Wrotation", "expected CHANNELS, their number"),
-        ("HIERARCHY\nhello", "line 2 is 'hello', which no BVH hierarchy holds there"),
-        (TEXT.replace("Frames: 25", "Frames: x"), "Frames: x; expected 1 number"),
+        ("HIERARCHY\nhello", "line 2 is 'hello'"),
         (TEXT.replace("Frame Time: 0.010000", "Frame Time: 0"), "expected seconds between frames"),
-        (TEXT.split("Frame Time")[0], "expected Frames: and Frame Time:"),
+        (TEXT.split("Frame Time")[0], "no Frames: and Frame Time:"),
         (TEXT[: TEXT.index("Frame Time") + 20] + "\n", "no frames"),
         (TEXT.replace("HandIndex", "HandToe"), "no hand with five fingers of three joints each"),
-        (
-            TEXT.replace("OFFSET -", "OFFSET -7").replace("OFFSET 0", "OFFSET 70"),
-            "which is no hand in m, cm, mm or inch",
-        ),
         ("HIERARCHY\n" + "ROOT a\n{\nOFFSET 0 0 0\n" + "JOINT b\n{\nOFFSET 0 0 0\n" * 3000, "more than 2000 joints"),
     ],
 )
-def test_what_is_no_hand_is_refused(text: str, words: str) -> None:
-    with pytest.raises(TrajectoryError, match=words) as error:
+def test_what_is_no_hand_is_refused(text: str, said: str) -> None:
+    with pytest.raises(TrajectoryError, match=said):
         read_as("bvh", text)
-    assert "\n" not in str(error.value)
-    with pytest.raises(TrajectoryError, match="no left hand with five fingers; the file has a right one"):
+    with pytest.raises(TrajectoryError, match="no left hand; the file has a right one"):
         read_as("bvh", TEXT, hand="left")

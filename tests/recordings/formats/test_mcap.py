@@ -44,7 +44,7 @@ FOOTER = record(2, struct.pack("<QQI", 0, 0, 0))
         (lambda data: data[:8] + data[-8:], "no footer at its end"),
         (lambda data: data[:8] + FOOTER + data[-8:], "no hand among the channels, which are none"),
         (lambda data: data[:8] + struct.pack("<BQ", 1, 1 << 40) + data[17:], "ends beyond the file"),
-        (lambda data: b"x" + data[1:], "does not begin as one"),
+        (lambda data: b"x" + data[1:], "does not begin and end as one"),
         (lambda data: data[:-12] + b"\0\0\0\1" + data[-8:], "the summary differs from its checksum"),
     ],
 )

@@ -1,0 +1,196 @@
+"""Tables as CSV text of any maker, with their header.
+
+Delimiters are commas, semicolons, tabs or blanks; lines that begin with # before the header are remarks. A strict
+reader refuses a line or a cell that it cannot read; a lenient one leaves the line out, takes the cell as missing, and
+tells of both.
+"""
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import TrajectoryError, check_known
+from hhsim.system.counted import counted
+
+DELIMITERS = (",", ";", "\t")
+"""Delimiters in the order of preference; a header without any is delimited by blanks."""
+DECIMAL_POINT = " with a decimal point"
+"""Expectation for a number with a comma."""
+MISSING = {"", "na", "n/a", "null", "none", "-"}
+"""Words for a missing number, beside those for NaN and infinity."""
+MOST_BROKEN = 0.25
+"""Largest share of lines, or of a column's cells, that may be unreadable."""
+MOST_LINES = 10_000_000
+"""Largest number of lines: three hours at 1 kHz."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Table of text cells.
+
+    Attributes:
+        rows: Cells, as many a row as there are names in the header.
+        lines: Number of each row's line in the text, from 1 on.
+        remarks: The `# key: value` lines before the header.
+        decimal: Decimal sign.
+        strict: True if every cell of a column has to be a number, or marked as missing.
+        left_out: Sentences about lines that were left out.
+    """
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    lines: Sequence[int]
+    remarks: dict[str, str]
+    decimal: str = "."
+    strict: bool = False
+    left_out: tuple[str, ...] = ()
+
+    def numbers(self, columns: Sequence[str]) -> tuple[FloatArray, int]:
+        """Return the numbers of some columns, shape (T, C), NaN for missing ones, and the count of unreadable cells.
+
+        Raises:
+            TrajectoryError: A column holds no numbers, or a strict table's a cell without one.
+            UnknownNameError: The table has no such column; the message lists similar names.
+        """
+        check_known("column", columns, self.header)
+        values = np.full((len(self.rows), len(columns)), np.nan)
+        broken = 0
+        for place, column in enumerate(columns):
+            index = self.header.index(column)
+            numbers = [_number(cells[index], self.decimal) for cells in self.rows]
+            bad = [row for row, number in enumerate(numbers) if number is None]
+            if len(bad) > (0.0 if self.strict else MOST_BROKEN) * len(self.rows):
+                cell = self.rows[bad[0]][index].strip()[:40]
+                point = DECIMAL_POINT if "," in cell else ""
+                raise TrajectoryError(f"line {self.lines[bad[0]]}: {column} is '{cell}'; expected a number{point}")
+            values[:, place] = [math.nan if number is None else number for number in numbers]
+            broken += len(bad)
+        return values, broken
+
+    def text(self, column: str) -> list[str]:
+        """Return the cells of a column as text."""
+        index = self.header.index(column)
+        return [cells[index].strip() for cells in self.rows]
+
+
+def read_table(
+    text: str,
+    *,
+    delimiter: str | None = None,
+    decimal: str = ".",
+    names: Sequence[str] | None = None,
+    strict: bool = False,
+) -> Table:
+    """Read a table.
+
+    Args:
+        delimiter: Delimiter of cells; None detects it in the header.
+        names: Column names of a table without a header line.
+        strict: Refuse every line with another number of cells than the header's.
+
+    Raises:
+        TrajectoryError: No header, no line below it, two columns of the same name, or many lines of another length.
+    """
+    lines = text.splitlines()
+    remarks, first, sign, header = _header(lines, delimiter)
+    if len(lines) > MOST_LINES:
+        raise TrajectoryError(f"{len(lines):,} lines; expected at most {MOST_LINES:,}")
+    below = first + 1
+    if names is not None:
+        header, below = tuple(names), first
+    elif lacks_names(header):
+        shown = ", ".join(cell[:12] for cell in header[:3])
+        raise TrajectoryError(f"no header line, the first one holds {shown}, …; expected the names of the columns")
+    if twice := next((name for name in header if name and header.count(name) > 1), ""):
+        raise TrajectoryError(f"the header has column {twice[:40]} twice")
+    left_out = []
+    if not strict and len(lines) > below + 1 and not text.endswith(("\n", "\r")):
+        # A number that was cut in the middle is a wrong number that looks like a right one.
+        left_out.append(f"line {len(lines)}, the last one, has no line end: left out, it may have been cut")
+        lines.pop()
+    rows: dict[int, tuple[str, ...]] = {}
+    broken: dict[int, int] = {}
+    for number, line in enumerate(lines[below:], start=below + 1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        cells = _cells(line, sign)
+        if len(cells) == len(header):
+            rows[number] = tuple(cells)
+        else:
+            broken[number] = len(cells)
+    if len(broken) > (0.0 if strict else MOST_BROKEN) * (len(rows) + len(broken)):
+        number, size = next(iter(broken.items()))
+        count = f"{len(broken)} of {counted(len(rows) + len(broken), 'line')} of another length than the header's"
+        raise TrajectoryError(f"line {number} has {counted(size, 'value')}; expected {len(header)} ({count})")
+    if not rows:
+        raise TrajectoryError("no line below the header; expected one a sample")
+    if broken:
+        left = counted(len(broken), "line")
+        left_out.append(
+            f"{left} with another number of cells than the header left out, first line {next(iter(broken))}"
+        )
+    return Table(header, tuple(rows.values()), tuple(rows), remarks, decimal, strict, tuple(left_out))
+
+
+def format_table(remarks: Mapping[str, str], header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return the CSV text of a table with commas, and `# key: value` lines before it."""
+    text = io.StringIO()
+    for key, value in remarks.items():
+        # A line break in a value would end the remark.
+        text.write(f"# {key}: {' '.join(value.split())}\n")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def read_header(text: str) -> tuple[str, ...]:
+    """Return the names of a table's columns; raise TrajectoryError if there is no header."""
+    return _header(text.splitlines(), None)[3]
+
+
+def lacks_names(header: Sequence[str]) -> bool:
+    """Return True if a header is a sample: all numbers, and not all whole as the names 0, 1, 2 are."""
+    return all(_number(cell, ".") is not None for cell in header) and not all(cell.isdecimal() for cell in header)
+
+
+def _header(lines: Sequence[str], delimiter: str | None) -> tuple[dict[str, str], int, str, tuple[str, ...]]:
+    """Return the remarks, the index of the header line, its delimiter, and the names in it."""
+    remarks = {}
+    for index, line in enumerate(lines):
+        if line.startswith("#"):
+            key, colon, value = line[1:].partition(":")
+            if colon:
+                remarks[key.strip()] = value.strip()
+        elif line.strip():
+            sign = max(DELIMITERS, key=line.count)
+            sign = delimiter or (sign if sign in line else " ")
+            return remarks, index, sign, tuple(cell.strip() for cell in _cells(line, sign))
+    raise TrajectoryError("no header line; expected the names of the columns")
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    if delimiter == " ":
+        return line.split()
+    try:
+        # Line by line, so that a stray quotation mark spoils one line and not the rest of the file.
+        return next(csv.reader([line.replace("\0", "?")], delimiter=delimiter), [])
+    except csv.Error:
+        return []
+
+
+def _number(cell: str, decimal: str) -> float | None:
+    """Return the number in a cell, NaN for one that is missing or not finite, None for other text."""
+    word = cell.strip().strip('"')
+    if "_" in word:
+        return None
+    try:
+        value = float(word if decimal == "." else word.replace(decimal, "."))
+    except ValueError:
+        return math.nan if word.lower() in MISSING else None
+    return value if math.isfinite(value) else math.nan

@@ -1,0 +1,161 @@
+"""Joints of hands in JSON of any maker, and the joint centres of one hand in it.
+
+A frame is an object with a stamp, or a list, and has hands anywhere in it: objects whose keys are joints, lists of
+objects that name their joint, lists of 21 points (in MediaPipe's order), 25 (WebXR's) or 26 (OpenXR's), or of 63
+numbers. A joint has a position, three numbers or x, y and z, in itself or in its pose or transform.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hhsim.errors import TrajectoryError
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.hand_side import frames_with_hand
+from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, joint_name, recognised
+from hhsim.recordings.joint_positions import JointPositions
+from hhsim.recordings.json_document import keys_of, number, vector
+from hhsim.recordings.registry import ReadOptions
+from hhsim.recordings.unit_detection import time_column
+
+ORDERS = {len(joints): joints for joints in (KEYPOINTS, WEBXR_JOINTS, OPENXR_JOINTS)}
+"""Order of the joints in a list of points, by its length."""
+DEEPEST = 8
+"""Deepest nesting of a hand in a frame."""
+FEWEST = 8
+"""Number of joints among an object's keys that make it a hand."""
+MOST_ENTRIES = 64
+"""Number of entries of a list that are searched for hands."""
+
+
+class Joint(NamedTuple):
+    """Joint of a hand: position, shape (3,), and radius, both in the unit of the file, NaN where missing."""
+
+    position: Sequence[float] = (np.nan, np.nan, np.nan)
+    radius: float = np.nan
+    valid: bool = True
+
+
+class Frame(NamedTuple):
+    """Joints of each hand by their names, and a stamp, NaN where missing, in a unit that is None if unknown."""
+
+    hands: Mapping[HandSide, Mapping[str, Joint]]
+    stamp: float
+    unit: str | None
+
+
+def read_frames(document: Any) -> list[Frame]:
+    """Return the frames of a document; raise TrajectoryError if there are none."""
+    frames = document
+    # The side of the file holds for all its frames.
+    usual: HandSide = ""
+    if isinstance(document, dict):
+        usual = _stated_side(document, "")
+        lists = [v for v in document.values() if isinstance(v, list) and v and isinstance(v[0], dict | list)]
+        frames = max(lists, key=len, default=[])
+    if not isinstance(frames, list) or not frames:
+        raise TrajectoryError(f"no frames in JSON that is {keys_of(document)}; expected a list of frames with joints")
+    return [_frame(frame, usual) for frame in frames]
+
+
+def _frame(frame: Any, usual: HandSide) -> Frame:
+    hands: dict[HandSide, Mapping[str, Joint]] = {}
+    for side, hand in _hands(frame, usual, 0):
+        hands.setdefault(side, hand)
+    column = time_column(frame) if isinstance(frame, dict) else None
+    return Frame(hands, np.nan, None) if column is None else Frame(hands, number(frame.get(column.name)), column.unit)
+
+
+def joints_of_frames(
+    frames: Sequence[Frame],
+    form: str,
+    options: ReadOptions,
+    *,
+    up: str | None = None,
+    may_be_mirrored: bool = False,
+    device: str = "",
+) -> JointPositions:
+    """Return the joint centres of the hand of the options, else of the one in more frames.
+
+    Raises:
+        TrajectoryError: No such hand, or one of the 21 joints in no frame.
+    """
+    side, shown, findings = frames_with_hand([frame.hands for frame in frames], options.hand)
+    hands = [frames[k].hands[side] for k in shown]
+    what = recognised({joint for hand in hands for joint in hand}, side)
+    joints = [[hand.get(joint, Joint()) for joint in KEYPOINTS] for hand in hands]
+    radius = np.array([[joint.radius for joint in hand] for hand in joints])
+    stamps = np.array([frames[k].stamp for k in shown])
+    return JointPositions(
+        position=np.array([[joint.position for joint in hand] for hand in joints]),
+        form=form,
+        what=what,
+        time=stamps if np.isfinite(stamps).any() else None,
+        time_unit=next((frames[k].unit for k in shown if frames[k].unit is not None), None),
+        hand=side,
+        up=up,
+        may_be_mirrored=may_be_mirrored,
+        radius=radius if np.isfinite(radius).any(axis=0).all() else None,
+        doubtful=np.array([not all(joint.valid for joint in hand) for hand in joints]),
+        device=device,
+        findings=tuple(findings),
+    )
+
+
+def _hands(node: Any, side: HandSide, depth: int) -> Iterator[tuple[HandSide, Mapping[str, Joint]]]:
+    """Yield hands anywhere in a node, each with the side of the nearest key or value around it."""
+    if depth > DEEPEST:
+        return
+    if isinstance(node, dict):
+        side = _stated_side(node, side)
+        hand = {joint: _joint(value) for key, value in node.items() if (joint := joint_name(str(key)).joint)}
+        if len(hand) >= FEWEST:
+            sides = [joint_name(str(key)).side for key in node]
+            yield next((each for each in sides if each), side), hand
+            return
+        for key, value in node.items():
+            yield from _hands(value, joint_name(str(key)).side or side, depth + 1)
+    elif isinstance(node, list):
+        hand = _listed_hand(node)
+        if hand:
+            yield side, hand
+            return
+        for entry in node[:MOST_ENTRIES]:
+            yield from _hands(entry, side, depth + 1)
+
+
+def _listed_hand(node: list[Any]) -> dict[str, Joint]:
+    """Return the joints in a list, by their names or by its length; empty if it is no hand."""
+    names = [joint_name(_label(entry)).joint for entry in node if isinstance(entry, dict)]
+    if sum(map(bool, names)) >= FEWEST:
+        entries = (entry for entry in node if isinstance(entry, dict))
+        return {name: _joint(entry) for name, entry in zip(names, entries) if name}
+    if len(node) == 3 * len(KEYPOINTS):
+        node = [node[k : k + 3] for k in range(0, len(node), 3)]
+    joints = {name: _joint(entry) for name, entry in zip(ORDERS.get(len(node), ()), node)}
+    return joints if any(np.isfinite(joint.position).all() for joint in joints.values()) else {}
+
+
+def _label(entry: Mapping[str, Any]) -> str:
+    return next((str(entry[key]) for key in ("name", "joint", "jointName", "joint_name", "id") if key in entry), "")
+
+
+def _stated_side(node: Mapping[str, Any], side: HandSide) -> HandSide:
+    """Return the side that an object states, else the given one."""
+    for key in ("handedness", "hand", "side", "handSide"):
+        value = node.get(key)
+        if isinstance(value, str) and value.lower() in ("right", "left"):
+            return "right" if value.lower() == "right" else "left"
+    return side
+
+
+def _joint(value: Any) -> Joint:
+    if not isinstance(value, dict):
+        return Joint(vector(value))
+    inner = next((value[key] for key in ("pose", "transform") if isinstance(value.get(key), dict)), value)
+    place = next(
+        (inner[key] for key in ("position", "translation", "pos") if key in inner), inner if "x" in inner else None
+    )
+    valid = next((value[key] for key in ("valid", "isValid", "is_valid", "tracked", "isTracked") if key in value), True)
+    return Joint(vector(place), number(value.get("radius")), bool(valid))

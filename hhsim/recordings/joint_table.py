@@ -1,0 +1,86 @@
+"""Joint centres of one hand in a table, whose columns say each joint and coordinate by their names."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import TrajectoryError
+from hhsim.hand.fingers import FINGERS
+from hhsim.motion.csv_table import Table
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.hand_side import chosen_side
+from hhsim.recordings.joint_names import KEYPOINTS, JointName, recognised
+from hhsim.recordings.joint_positions import JointPositions
+from hhsim.recordings.recording import note, unreadable
+from hhsim.recordings.registry import ReadOptions
+from hhsim.recordings.unit_detection import time_column
+
+WORLD_JOINTS = {"palm", *(f"{finger}_metacarpal" for finger in FINGERS[1:])}
+"""Joints that OpenXR and WebXR alone have, whose world has y up."""
+
+Columns = dict[HandSide, dict[str, dict[str, str]]]
+"""Columns by hand, joint and part."""
+
+
+def joint_columns(names: Mapping[str, JointName]) -> Columns:
+    """Return the columns of each hand that has a joint with all three coordinates, from the meanings of columns."""
+    found: Columns = {}
+    for column, name in names.items():
+        if name.joint and name.part in ("x", "y", "z", "radius", "valid"):
+            found.setdefault(name.side, {}).setdefault(name.joint, {}).setdefault(name.part, column)
+    return {side: joints for side, joints in found.items() if located(joints)}
+
+
+def located(joints: Mapping[str, Mapping[str, str]]) -> set[str]:
+    """Return the joints that have columns of all three coordinates."""
+    return {joint for joint, parts in joints.items() if {"x", "y", "z"} <= set(parts)}
+
+
+def joints_of_table(
+    table: Table, names: Mapping[str, JointName], form: str, options: ReadOptions, *, may_be_mirrored: bool = False
+) -> JointPositions:
+    """Return the joint centres of the hand of the options, else of the one with more columns.
+
+    Args:
+        names: Meaning of each column of a joint.
+
+    Raises:
+        TrajectoryError: No joints, no such hand, or one of the 21 joints is missing.
+    """
+    hands = joint_columns(names)
+    if not hands:
+        raise TrajectoryError("no columns named after the joints of a hand, such as left_index_tip_x")
+    side, findings = chosen_side({side: len(located(joints)) for side, joints in hands.items()}, options.hand)
+    joints = hands[side]
+    what = recognised(located(joints), side)
+    findings = [*map(note, table.left_out), *findings]
+
+    def numbers(*columns: str) -> FloatArray:
+        values, broken = table.numbers(columns)
+        findings.extend(unreadable(broken, f" of {columns[0]} and its like"))
+        return values
+
+    stamps = time_column(column for column in table.header if column not in names or not names[column].joint)
+    if stamps is not None and stamps.others:
+        findings.append(note(f"stamps from column '{stamps.name}'; there are also {', '.join(stamps.others[:3])}"))
+    valid = [parts["valid"] for parts in joints.values() if "valid" in parts]
+    has_radii = all("radius" in joints[joint] for joint in KEYPOINTS)
+    return JointPositions(
+        position=np.stack([numbers(*(joints[joint][axis] for axis in "xyz")) for joint in KEYPOINTS], axis=1),
+        form=form,
+        what=what,
+        time=None if stamps is None else numbers(stamps.name)[:, 0],
+        time_unit=None if stamps is None else stamps.unit,
+        hand=side,
+        up="y" if located(joints) & WORLD_JOINTS else None,
+        may_be_mirrored=may_be_mirrored,
+        radius=numbers(*(joints[joint]["radius"] for joint in KEYPOINTS)) if has_radii else None,
+        doubtful=(_truths(table, valid) == 0.0).any(axis=1) if valid else None,
+        findings=tuple(findings),
+    )
+
+
+def _truths(table: Table, columns: list[str]) -> FloatArray:
+    words = {"true": 1.0, "false": 0.0, "1": 1.0, "0": 0.0, "1.0": 1.0, "0.0": 0.0}
+    return np.array([[words.get(cell.lower(), 1.0) for cell in table.text(column)] for column in columns]).T

@@ -1,0 +1,53 @@
+"""Tables of text: what they may be like, and what a strict reader refuses that another counts as missing."""
+
+import numpy as np
+import pytest
+
+from hhsim.errors import HhsimError
+from hhsim.motion.csv_table import read_table
+
+
+def test_tables_of_many_makers() -> None:
+    texts = ("a,b\n1,2\n", "a;b\n1;2\n", "a\tb\n1\t2\n", "a b\n1  2\n", "# by: me\n\na , b\r\n1,2\r\n", "a,b\n1,2\n3")
+    for text in texts:
+        table = read_table(text)
+        values, broken = table.numbers(["b", "a"])
+        assert table.header == ("a", "b") and values.tolist() == [[2.0, 1.0]] and broken == 0
+    assert read_table("# by: me\na\n1\n").remarks == {"by": "me"}
+    german = read_table("a;b\n1,5;2,25\n", decimal=",")
+    assert german.numbers(["a", "b"])[0].tolist() == [[1.5, 2.25]]
+
+
+def test_a_sample_is_no_header() -> None:
+    with pytest.raises(HhsimError, match="no header line"):
+        read_table("0.5,1,1\n1.5,2,2\n")
+    assert read_table("0,1,2\n1.5,2,2\n").header == ("0", "1", "2"), "as pandas names columns without names"
+    assert len(read_table("0.5 1\n1.5 2\n", names=("a", "b")).rows) == 2
+
+
+def test_what_cannot_be_read_is_missing_and_counted_or_refused() -> None:
+    text = "a,b\n" + "1,2\n" * 8 + "x,2\n1,2,3\n1,nan\n1,\n1_0,2\n1,2"
+    table = read_table(text)
+    values, broken = table.numbers(["a", "b"])
+    assert len(values) == 12 and broken == 2 and np.isnan(values).sum() == 4
+    assert [sentence[:20] for sentence in table.left_out] == ["line 15, the last on", "1 line with another "]
+    with pytest.raises(HhsimError, match="line 11 has 3 values; expected 2"):
+        read_table(text, strict=True)
+    with pytest.raises(HhsimError, match="line 10: a is 'x'; expected a number"):
+        read_table(text.replace("1,2,3\n", ""), strict=True).numbers(["a"])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("# only: remarks\n", "no header line"),
+        ("a,b\n", "no line below the header"),
+        ("a,a\n1,2\n", "column a twice"),
+        ("a,b\n1\n2\n3,4\n", "line 2 has 1 value; expected 2"),
+        ("a;b\n0,5;1\n0,6;2\n", "line 2: a is '0,5'; expected a number with a decimal point"),
+        ("c,b\n1,1\n1,2\n", "unknown column 'a'"),
+    ],
+)
+def test_what_is_no_table_is_refused(text: str, words: str) -> None:
+    with pytest.raises(HhsimError, match=words):
+        read_table(text).numbers(["a"])
