@@ -68,6 +68,11 @@ def test_the_index_names_every_page() -> None:
     assert there <= listed, f"docs/README.md does not list {sorted(there - listed)}"
 
 
+def test_the_page_of_commands_names_each_of_them() -> None:
+    named = Page.read(REPOSITORY / "docs" / "cli.md").spans()
+    assert set(HHSIM.list_commands(click.Context(HHSIM))) <= set(named)
+
+
 def test_every_picture_of_the_docs_is_shown_and_says_what_it_shows() -> None:
     pictures = {".png", ".svg"}
     shown = {Path(target).name for page in PAGES for target in page.links() if Path(target).suffix in pictures}
