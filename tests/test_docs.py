@@ -198,16 +198,6 @@ def test_every_dotted_name_exists(page: Page) -> None:
 
 
 @EACH
-def test_python_blocks_import_what_there_is(page: Page) -> None:
-    for block in page.blocks("python"):
-        for node in ast.walk(ast.parse(block)):
-            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("hhsim"):
-                module = importlib.import_module(str(node.module))
-                for alias in node.names:
-                    assert hasattr(module, alias.name), f"{page.path.name}: {node.module} has no {alias.name}"
-
-
-@EACH
 def test_formulas_are_whole(page: Page) -> None:
     prose = SPAN.sub("", page.prose)
     if not page.blocks("math"):
