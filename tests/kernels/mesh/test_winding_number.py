@@ -98,7 +98,7 @@ def test_rays_count_as_solid_angles_do_also_where_parts_overlap_or_are_inside_ou
     vertices = np.concatenate([ball.vertices, np.asarray(ring.vertices) + [0.01, 0.0, 0.0]])
     faces = np.concatenate([ball.faces, faces + len(ball.vertices)]).astype(np.int64)
     mesh, _ = mesh_features(vertices, faces, closed=True)
-    points = np.random.default_rng(1).uniform(-0.07, 0.07, (4000, 3))
+    points = np.random.default_rng(1).uniform(-0.07, 0.07, (1500, 3))
     winding, found = np.empty(len(points)), np.empty(len(points), dtype=bool)
     winding_numbers(np.ascontiguousarray(vertices[faces]), points, winding)
     surrounded(mesh, points, found)

@@ -84,7 +84,7 @@ def joined(state: Any) -> list[int]:
     return [f for f in range(5) if state.progressive.yields[f] >= 0]
 
 
-@pytest.mark.parametrize("seed", [1, 3, 6])
+@pytest.mark.parametrize("seed", [1, 3])
 def test_palm_and_fingers_are_the_optima_of_their_own_programs(seed: int) -> None:
     plain, palms, fingers = 0, 0, 0
     for solver in harvest("progressive", random_targets(HAND, 2 * TICKS, seed), 7):
