@@ -1,12 +1,10 @@
 """The loop beside a bare one: what is counted, and which limit is missed."""
 
-import json
-
 import numpy as np
 import pytest
 
 from hhsim.result.miss_cause import MissCause
-from tools.beside_bare import Beside, Turns, as_json, table
+from tools.beside_bare import Beside, Turns
 
 
 def beside(loop: int, bare: int, computed: int = 0) -> Beside:
@@ -30,11 +28,3 @@ def test_a_limit_that_is_missed_is_told(loop: int, computed: int, interrupted: i
     both = beside(loop, 100, computed)
     both.gloves["sim"].interrupted = interrupted
     assert both.missed_limits() == missed
-
-
-def test_the_table_and_its_document_have_the_same_in_microseconds() -> None:
-    both = beside(120, 100)
-    (wakeup,) = (line for line in table(both).splitlines() if line.startswith("| wake-up p50"))
-    assert wakeup.split("|")[2:4] == [" 500 / 989 / 998 "] * 2
-    document = json.loads(json.dumps(as_json(both)))
-    assert (document["sim"]["wakeup_us"]["p50"], document["bare"]["missed"]) == (499.5, 100)
