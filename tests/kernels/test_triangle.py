@@ -65,13 +65,6 @@ def test_agrees_with_trimesh() -> None:
     assert np.abs(found - expected).max() < 1e-9
 
 
-def test_a_point_triangle() -> None:
-    t = np.tile([1.0, 2.0, 3.0], (3, 1))
-    q, distance, _ = closest(np.zeros(3), t)
-    assert np.array_equal(q, t[0])
-    assert distance == pytest.approx(np.sqrt(14.0))
-
-
 def test_every_feature_is_named() -> None:
     t = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     places = [(0.2, 0.2), (-1.0, -1.0), (2.0, -0.5), (-0.5, 2.0), (0.5, -1.0), (1.0, 1.0), (-1.0, 0.5)]

@@ -8,13 +8,11 @@ from tools.architecture import (
     counts,
     imported_by,
     is_current,
-    matrix_table,
     order,
     picture,
     places,
     reduced,
 )
-from tools.import_graph import PACKAGES, matrix
 
 
 def test_the_committed_picture_is_current() -> None:
@@ -36,22 +34,3 @@ def test_every_package_has_a_place_and_imports_from_none_above_it() -> None:
     boxes = places()
     for name, imported in imported_by().items():
         assert all(boxes[name].layer <= boxes[other].layer for other in imported), name
-
-
-def test_the_arrows_are_the_fewest_that_lead_to_all_that_is_imported() -> None:
-    graph, arrows = imported_by(), reduced(imported_by())
-
-    def reach(name: str, skipped: str | None = None) -> set[str]:
-        direct = {other for other in arrows[name] if other != skipped}
-        return direct.union(*(reach(other) for other in direct))
-
-    for name, imported in graph.items():
-        assert imported <= reach(name)
-        assert all(other not in reach(name, skipped=other) for other in arrows[name])
-
-
-def test_the_matrix_counts_every_import_below_its_diagonal() -> None:
-    rows = [line.split() for line in matrix_table().splitlines()[2:]]
-    assert [row[1] for row in rows] == list(PACKAGES)
-    counted = sum(int(cell) for row in rows for cell in row[2:] if cell != ".")
-    assert counted == sum(map(len, matrix().values()))

@@ -1,12 +1,10 @@
 """The loop beside a bare one: what is counted, and which limit is missed."""
 
-import json
-
 import numpy as np
 import pytest
 
 from hhsim.result.miss_cause import MissCause
-from tools.beside_bare import Beside, Turns, as_json, table
+from tools.beside_bare import Beside, Turns
 
 
 def beside(loop: int, bare: int, computed: int = 0) -> Beside:
@@ -30,32 +28,3 @@ def test_a_limit_that_is_missed_is_told(loop: int, computed: int, interrupted: i
     both = beside(loop, 100, computed)
     both.gloves["sim"].interrupted = interrupted
     assert both.missed_limits() == missed
-
-
-def test_a_miss_without_a_name_is_told() -> None:
-    both = beside(3, 100)
-    both.gloves["sim"].causes[MissCause.HOST] = 1
-    assert both.missed_limits() == ["sim: 2 missed periods have no name"]
-
-
-def test_a_recording_that_is_not_whole_is_told() -> None:
-    both = beside(1, 1)
-    both.gloves["sim"].lost, both.gloves["sim"].differing = 3, 1
-    assert len(both.missed_limits()) == 2
-
-
-def test_each_glove_is_judged_by_the_same_bare_loop() -> None:
-    both = beside(120, 100)
-    both.gloves["udp"] = Turns(100_000, 130)
-    both.gloves["udp"].causes[MissCause.WOKEN_LATE] = 130
-    (line,) = both.missed_limits()
-    assert line.startswith("udp: the loop missed 0.1300 %")
-    assert "| — |" in next(row for row in table(both).splitlines() if row.startswith("| sample sent"))
-
-
-def test_the_table_and_its_document_have_the_same_in_microseconds() -> None:
-    both = beside(120, 100)
-    (wakeup,) = (line for line in table(both).splitlines() if line.startswith("| wake-up p50"))
-    assert wakeup.split("|")[2:4] == [" 500 / 989 / 998 "] * 2
-    document = json.loads(json.dumps(as_json(both)))
-    assert (document["sim"]["wakeup_us"]["p50"], document["bare"]["missed"]) == (499.5, 100)

@@ -1,16 +1,13 @@
 """Sections: against areas and distances that are known in closed form."""
 
-from typing import Literal
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mesh_oracle import to_cone
 
-from hhsim.hand.model import HandModel
-from tools.cross_section import Plane, cut_mesh, cut_spheres, finger_plane, round_cone_outline
-from tools.shapes.generators import cube, sphere
+from tools.cross_section import Plane, cut_mesh, cut_spheres, round_cone_outline
+from tools.shapes.generators import sphere
 
 FLAT = Plane(np.zeros(3), np.eye(3))
 
@@ -44,22 +41,6 @@ def test_a_sphere_is_cut_into_one_curve_of_its_area(seed: int) -> None:
     assert area(curve) == pytest.approx(np.pi * (0.05**2 - away**2), rel=0.02)
 
 
-def test_a_plane_through_vertices_cuts_too_and_one_outside_does_not() -> None:
-    mesh = cube(0.1)
-    top = Plane(np.array([0.0, 0.0, 0.05]), np.eye(3))
-    (curve,) = cut_mesh(top, mesh.vertices, mesh.faces)
-    assert area(curve) == pytest.approx(0.01)
-    assert cut_mesh(Plane(np.array([0.0, 0.0, 0.0501]), np.eye(3)), mesh.vertices, mesh.faces) == []
-
-
-def test_two_parts_are_two_curves() -> None:
-    one, other = cube(0.1), cube(0.05)
-    vertices = np.concatenate([one.vertices, other.vertices + [0.2, 0.0, 0.0]])
-    faces = np.concatenate([one.faces, other.faces + len(one.vertices)])
-    curves = cut_mesh(Plane(np.array([0.0, 0.0, 0.001]), np.eye(3)), vertices, faces)
-    assert sorted(area(curve) for curve in curves) == pytest.approx([0.0025, 0.01])
-
-
 @given(
     length=st.floats(0.0, 0.05),
     thick=st.floats(1e-3, 0.02),
@@ -72,23 +53,3 @@ def test_an_outline_is_where_the_round_cone_ends(length: float, thick: float, sh
     outline = round_cone_outline(a, b, thick, share * thick)
     corners, first, last = (np.pad(points, [(0, 0)] * (points.ndim - 1) + [(0, 1)]) for points in (outline[::7], a, b))
     assert np.abs(to_cone(corners, first, last, thick, share * thick)).max() < 1e-9
-
-
-@pytest.mark.parametrize("finger", range(5))
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_a_finger_stays_in_its_plane_as_it_bends(finger: int, side: Literal["right", "left"]) -> None:
-    hand = HandModel.default(side)
-    rng = np.random.default_rng(finger)
-    position, abduction = np.array([0.01, 0.02, 0.03]), rng.uniform(-0.1, 0.1, 5)
-    orientation = rng.normal(size=4)
-    orientation /= np.linalg.norm(orientation)
-    pose = position, orientation, rng.uniform(0.0, 1.0, (5, 3)), abduction
-    up = np.array([0.3, 0.5, 0.2])
-    plane = finger_plane(hand, pose, finger, up)
-    np.testing.assert_allclose(plane.axes @ plane.axes.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(plane.axes) == pytest.approx(1.0)
-    assert plane.axes[1] @ up > 0.0
-    for flexion in (pose[2], rng.uniform(0.0, 1.0, (5, 3))):
-        np.testing.assert_allclose(
-            plane.height(hand.joints(position, orientation, flexion, abduction)[finger]), 0.0, atol=1e-12
-        )

@@ -1,4 +1,4 @@
-"""The command that judges a tree, and meshes moved at random."""
+"""Meshes moved at random are judged alike."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.verify.tree_checks import Verdict, referee
-from tools.tree_checks import main, moved_at_random
+from tools.tree_checks import moved_at_random
 
 
 def judged(mesh: Mesh) -> Verdict:
@@ -28,17 +28,3 @@ def test_a_motion_and_a_scale_change_the_errors_by_less_than_two_percent(name: s
     assert found.protrusion == pytest.approx(scale * plain.protrusion, rel=0.02)
     assert found.protrusion_mean == pytest.approx(scale * plain.protrusion_mean, rel=0.02)
     assert found.gap <= 1e-9 * scale
-
-
-@pytest.mark.soak
-def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
-    few = ["cube", "--size", "100", "--level", "1", "--points", "2000"]
-    main(few)
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 3
-    assert lines[-1].split()[:2] == ["1", "8"]
-    main([*few, "--moved", "1"])
-    moved = capsys.readouterr().out.splitlines()
-    assert float(moved[-1].split()[2]) == pytest.approx(float(lines[-1].split()[2]), rel=0.02)
-    with pytest.raises(SystemExit, match="unknown object 'cbue'"):
-        main(["cbue"])

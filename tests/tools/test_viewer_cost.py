@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from hhsim.errors import InputError
-from tools.viewer_cost import LIVE_FIGURES, Command, live_medians, main, viewer_cost
+from tools.viewer_cost import Command, viewer_cost
 
 
 def commands(*walls: float, cpu: float = 1.0, tick: float = 1e-5, ticks: int = 10_000) -> list[Command]:
@@ -38,28 +37,3 @@ def test_the_ratios_are_those_of_the_medians() -> None:
 def test_a_bar_that_is_missed_is_said(factor: float, write: float, ticks: int, missed: list[str]) -> None:
     cost = viewer_cost(commands(2.0, ticks=ticks), commands(2.0 * factor, ticks=ticks), [write])
     assert list(cost.missed) == missed
-
-
-def test_what_are_no_pairs_is_refused() -> None:
-    with pytest.raises(InputError, match="expected pairs"):
-        viewer_cost(commands(1.0, 2.0), commands(1.0), [0.5])
-    with pytest.raises(InputError, match="expected pairs"):
-        viewer_cost([], [], [])
-    with pytest.raises(InputError, match="different numbers of ticks"):
-        viewer_cost(commands(1.0), commands(1.0, ticks=9_999), [0.5])
-
-
-def test_a_scene_that_there_is_not_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit, match="unknown object 'cubee'"):
-        main(["cubee", "--pairs", "1"])
-
-
-def test_sessions_are_compared_by_their_medians() -> None:
-    times = dict.fromkeys(LIVE_FIGURES[1:], 0.0)
-    sessions = [{**times, "ticks": 990, "missed": 10, "wakeup_p99": 3e-4}, {**times, "ticks": 1, "missed": 1}]
-    found = live_medians([*sessions, {**times, "ticks": 500, "missed": 0, "wakeup_p99": 1e-4}])
-    assert tuple(found) == LIVE_FIGURES
-    assert (found["missed"], found["wakeup_p99"], found["tick_p50"]) == (0.01, 1e-4, 0.0)
-    for nothing in ([], [{**times, "ticks": 0, "missed": 5}]):
-        with pytest.raises(InputError, match="nothing to compare"):
-            live_medians(nothing)

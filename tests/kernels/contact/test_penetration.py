@@ -93,17 +93,6 @@ def random_hands(ticks: int, seed: int) -> PlacedHands:
     return PlacedHands(joints, position, np.ascontiguousarray(turn.as_matrix()))
 
 
-def test_known_depths() -> None:
-    # A ball of 30 mm, 1 mm into the tip of the straight index finger, ahead of it on its axis.
-    joints = HAND.joints(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros((5, 3)), np.zeros(5))[None]
-    tip, last = joints[0, 1, 3], joints[0, 1, 2]
-    center = tip + (tip - last) / np.linalg.norm(tip - last) * (HAND.radius[1, 3] + 0.03 - 0.001)
-    hands = PlacedHands(joints, np.zeros((1, 3)), np.eye(3)[None])
-    palm, finger = run(SHAPE, tree_of(center[None], np.array([0.03])), hands, 0.0)
-    assert finger[0, 1] == pytest.approx(-0.001, abs=1e-12)
-    assert palm[0] == finger[0, 0] == finger[0, 4] == 0.0
-
-
 @pytest.mark.parametrize("finger", range(5))
 def test_nan_is_not_freedom(finger: int) -> None:
     hands = random_hands(3, 5)

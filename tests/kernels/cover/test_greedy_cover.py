@@ -134,27 +134,11 @@ def test_longest_edges(case: Case) -> None:
     assert longest == pytest.approx(edges.max(axis=1), rel=1e-12)
 
 
-def test_a_lone_ball_has_no_second(case: Case) -> None:
-    found = assigned(case, case.center[:1], case.depth[:1])
-    assert (found.owner == 0).all() and (found.second == -1).all()
-    assert np.isfinite(found.cost).all() and np.isinf(found.second_cost).all()
-
-
 def test_each_ball_reaches_its_micro_triangles_and_no_farther(case: Case) -> None:
     far = far_corner(case.micro.corner, case.center)
     for sphere, radius in enumerate(case.radius):
         mine = case.owner == sphere
         assert radius == pytest.approx(far[mine, sphere].max() if mine.any() else -1.0, abs=1e-15)
-
-
-def test_going_on_gives_what_one_call_gives(case: Case) -> None:
-    whole_center, whole_owner = case.center.copy(), case.owner.copy()
-    count = len(case.depth)
-    case.center, case.depth = np.empty((count, 3)), np.empty(count)
-    assert case.place(0, 7) == 7
-    assert case.place(7, count) == count
-    assert np.array_equal(case.center, whole_center)
-    assert np.array_equal(case.owner, whole_owner)
 
 
 def certify(case: Case, center: FloatArray, radius: FloatArray, slack: float = 1e-14) -> IntArray:
@@ -183,14 +167,6 @@ def test_certificate_agrees_with_dense_sampling(case: Case) -> None:
         size = np.linalg.norm(np.ptp(case.vertices[case.faces], axis=1), axis=1).max() if unproved.size else 0.0
         assert (reach <= radius[lost] + size).all()
         assert unproved.size > 0 or not bare.any()
-
-
-def test_certificate_fails_without_balls_that_reach(case: Case) -> None:
-    far_away = np.full((1, 3), 9.0)
-    assert certify(case, far_away, np.array([0.1])).size == len(case.faces)
-    around = np.zeros((1, 3))
-    assert certify(case, around, np.array([1.0])).size == 0
-    assert certify(case, around, np.array([1.0]), slack=1.0).size == len(case.faces)
 
 
 def test_union_distance_is_brute_force() -> None:

@@ -54,21 +54,6 @@ def test_cut_mesh_meets_the_target(target: int) -> None:
     assert np.allclose(np.linalg.norm(micro.normal, axis=1), 1.0)
 
 
-def test_shares_set_the_sizes() -> None:
-    corner = as_argument(trimesh.creation.box((1.0, 1.0, 1.0)).triangles).reshape(-1, 9)
-    share = np.where(np.arange(12) < 6, 1.0, 0.1)
-    edge = edges_for(corner, share, 5000)
-    assert edge == pytest.approx(share * edge[0])
-    count = cut_faces(corner, edge, np.empty((0, 9)), np.empty(0, np.int64))
-    # Twelve like faces are cut alike: the count doubles in steps.
-    assert 2500 <= count <= 10_000
-
-
-def test_faces_without_area_stay() -> None:
-    corner = np.zeros((1, 9))
-    assert cut_faces(corner, np.array([1e-3]), np.empty((0, 9)), np.empty(0, np.int64)) == 1
-
-
 def test_halves_tile_what_was_halved_and_stay_in_the_nodes() -> None:
     micro = cut_cylinder(2000)
     chosen = np.random.default_rng(0).random(len(micro.corner)) < 0.3

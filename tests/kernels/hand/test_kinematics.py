@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -12,7 +11,6 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel, Side
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
-    BOX_CORNERS,
     DOF,
     PALM_BODY,
     HandArrays,
@@ -148,19 +146,6 @@ def test_derivatives_are_the_finite_differences(seed: int, side: Side) -> None:
     np.testing.assert_allclose(difference(np.zeros(DOF), np.ones(5)), expected, atol=1e-9)
 
 
-def test_positive_flexion_curls_to_the_palm_and_positive_abduction_goes_to_the_thumb() -> None:
-    rest = Pose(np.zeros(3), Rotation.identity(), np.zeros((5, 3)), np.zeros(5))
-    for side, hand in HANDS.items():
-        thumb_side = -1.0 if side == "right" else 1.0
-        start = place(hand, rest).joints
-        curled = place(hand, rest._replace(flexion=np.full((5, 3), 0.3))).joints
-        spread = place(hand, rest._replace(abduction=np.full(5, 0.3))).joints
-        assert (curled[1:, 1:, 2] < start[1:, 1:, 2]).all()
-        assert (thumb_side * (spread - start)[1:, 1:, 0] > 0.0).all()
-        # The thumb opens out of the palm's plane.
-        assert (spread[0, 1:, 2] < start[0, 1:, 2]).all()
-
-
 def body_points(hand: HandArrays, pose: Pose, share: FloatArray) -> list[FloatArray]:
     """Points of each body in the world: on the axes of the phalanges at these shares, and the palm's sphere centres."""
     joints = place(hand, pose).joints
@@ -213,60 +198,3 @@ def test_a_small_step_is_bounded_by_what_the_ends_move(seed: int, side: Side) ->
     corners = pose.rotation.apply(hand.palm_box)
     turned = Rotation.from_rotvec(step[3:6]).apply(corners) + step[:3]
     np.testing.assert_allclose(bound[PALM_BODY], np.linalg.norm(turned - corners, axis=1).max(), rtol=1e-3)
-
-
-@pytest.mark.parametrize("about", ["flexion", "abduction"])
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_bound_is_reached_to_second_order(side: Side, about: str) -> None:
-    """All turns of a straight finger about one axis draw its end towards the palm, and the palm's own way is that way.
-
-    What the end moves beyond the first order is then half of the greatest acceleration, and no less would be a bound.
-    """
-    hand, angle, far = HANDS[side], 2e-3, 10.0
-    hand = hand._replace(base=hand.distal * np.linalg.norm(hand.base, axis=1)[:, None])
-    straight = Pose(np.zeros(3), Rotation.identity(), np.zeros((5, 3)), np.zeros(5))
-    at = place(hand, straight)
-    for f in range(5):
-        axis = at.axis[f] if about == "flexion" else at.abduction_axis[f]
-        for k in range(3):
-            step, abduction_step = np.zeros(DOF), np.zeros(5)
-            step[3:6] = angle * axis
-            if about == "flexion":
-                step[6 + 3 * f : 9 + 3 * f] = 2.0 * angle, angle, 3.0 * angle
-            else:
-                abduction_step[f] = 2.0 * angle
-            # The end stands still to first order, but for a long way along the finger.
-            tiny = 1e-7
-            ahead = place(hand, moved(straight, step, abduction_step, tiny)).joints[f, k + 1]
-            step[:3] = (at.joints[f, k + 1] - ahead) / tiny - far * at.direction[f, k]
-            end = place(hand, moved(straight, step, abduction_step)).joints[f, k + 1]
-            beyond = np.linalg.norm(end - at.joints[f, k + 1]) - far
-            assert beyond > 1e-7
-            assert bounds(hand, straight, step, abduction_step)[3 * f + k] - far == pytest.approx(beyond, rel=0.01)
-
-
-def test_bound_of_a_palm_is_reached_to_second_order() -> None:
-    angle, far, out = 0.01, 10.0, np.array([0.06, -0.03, 0.02])
-    hand = HANDS["right"]._replace(palm_box=np.tile(out, (8, 1)), palm_reach=np.array([np.linalg.norm(out)]))
-    pose = random_pose(np.random.default_rng(3))
-    point = pose.rotation.apply(out)
-    step = np.zeros(DOF)
-    step[3:6] = angle * np.cross(point, [1.0, 0.0, 0.0]) / np.linalg.norm(np.cross(point, [1.0, 0.0, 0.0]))
-    step[:3] = np.cross(point, step[3:6]) - far * point / np.linalg.norm(point)
-    end = Rotation.from_rotvec(step[3:6]).apply(point) + step[:3]
-    beyond = np.linalg.norm(end - point) - far
-    assert beyond > 1e-7
-    assert bounds(hand, pose, step, np.zeros(5))[PALM_BODY] - far == pytest.approx(beyond, rel=0.01)
-
-
-@pytest.mark.parametrize("corner", range(BOX_CORNERS))
-def test_every_corner_of_a_palm_counts(corner: int) -> None:
-    """The palm turns about the corner opposite to it, across the diagonal, so that this one moves most."""
-    # No sphere lies in a corner: where their reach says more than the box does, it is taken.
-    hand, pose = HANDS["left"]._replace(palm_reach=np.ones(1)), random_pose(np.random.default_rng(4))
-    opposite, here = pose.rotation.apply(hand.palm_box[[BOX_CORNERS - 1 - corner, corner]])
-    step, diagonal = np.zeros(DOF), here - opposite
-    step[3:6] = 1e-6 * np.cross(diagonal, [1.0, 0.0, 0.0])
-    step[:3] = np.cross(opposite, step[3:6])
-    way = np.linalg.norm(np.cross(step[3:6], diagonal))
-    assert bounds(hand, pose, step, np.zeros(5))[PALM_BODY] == pytest.approx(way, rel=1e-4)

@@ -101,13 +101,3 @@ def test_normals_are_outward_units_or_zero() -> None:
     assert np.allclose(np.linalg.norm(normal[:-1], axis=1), 1.0)
     assert (np.einsum("ij,ij->i", normal[:-1], vertices[faces].mean(axis=1)) > 0.0).all()
     assert np.array_equal(normal[-1], np.zeros(3))
-
-
-def test_real_scan(shared_data: object) -> None:
-    mesh = trimesh.load_mesh(f"{shared_data}/meshes/object_sim_stanfordbunny.stl")
-    vertices, faces = arrays(mesh)
-    points = np.random.default_rng(5).uniform(vertices.min(axis=0), vertices.max(axis=0), (60, 3))
-    signed = mesh_signed_distance(build_mesh_bvh(vertices, faces), points)
-    size = np.ptp(vertices, axis=0).max()
-    assert np.abs(np.abs(signed) - brute_force(vertices, faces, points)).max() < 1e-9 * size
-    assert np.array_equal(signed < 0.0, np.asarray(mesh.contains(points)))

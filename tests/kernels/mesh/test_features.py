@@ -79,29 +79,6 @@ def test_spheres_enclose_the_faces_below_them_and_hold_each_face_once(count: int
     assert len(spheres.child) <= count // 2 + 1
 
 
-@pytest.mark.parametrize("count", [65, 80, 513, 640, 1118])
-def test_groups_of_faces_are_nearly_full_whatever_their_number(count: int) -> None:
-    spheres = spheres_of(soup(np.random.default_rng(count), count))
-    used = (spheres.block[:, 0] != NOWHERE).sum(axis=1)
-    of_faces = (spheres.child < 0).all(axis=1)
-    assert used[of_faces].sum() == count
-    assert used[of_faces].min() >= 6
-
-
-@given(SEEDS)
-@settings(max_examples=30)
-def test_the_sphere_of_a_face_is_the_least_one(seed: int) -> None:
-    corners = np.random.default_rng(seed).normal(0.0, 0.02, (1, 3, 3))
-    if seed % 3 == 0:
-        corners[0, 2] = corners[0, 0] + 0.4 * (corners[0, 1] - corners[0, 0]) + 1e-7
-    spheres = spheres_of(corners)
-    sides = np.sort(np.linalg.norm(corners[0] - np.roll(corners[0], 1, axis=0), axis=1))
-    area = 0.5 * np.linalg.norm(np.cross(corners[0, 1] - corners[0, 0], corners[0, 2] - corners[0, 0]))
-    obtuse = sides[2] ** 2 >= sides[0] ** 2 + sides[1] ** 2
-    expected = 0.5 * sides[2] if obtuse else float(np.prod(sides) / (4.0 * area))
-    assert spheres.block[0, 3, 0] == pytest.approx(expected, rel=1e-9)
-
-
 @given(SEEDS, st.sampled_from(COUNTS), st.sampled_from([1e-6, 1e-3, 4e-3, 0.02, 0.1]))
 @settings(max_examples=25)
 def test_every_face_within_reach_is_found_once(seed: int, count: int, reach: float) -> None:

@@ -100,16 +100,6 @@ def test_a_sheet_is_left_half_its_thickness_away() -> None:
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 0.043, atol=5e-5)
 
 
-def test_two_layers_are_left_at_the_outer_one() -> None:
-    ball = sphere(0.08, subdivisions=3)
-    small = ball.scaled(0.5)
-    both = Mesh(
-        np.concatenate([ball.vertices, small.vertices]), np.concatenate([ball.faces, small.faces + len(ball.vertices)])
-    )
-    start, end = np.array([[0.0, 0.001, 0.002]]), np.array([[0.06, 0.001, 0.002]])
-    assert shares(solid(both), start, end)[0] == pytest.approx(0.04 / 0.06, rel=0.01)
-
-
 def test_near_is_a_distance() -> None:
     points = np.array([[0.0, 0.0, 0.036], [0.0, 0.0, 0.0381], [0.0, 0.0, 0.0]])
     found = np.empty(3, np.bool_)

@@ -9,7 +9,7 @@ from mesh_oracle import by_arctangents
 from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.kernels.jit import JIT_ENABLED, jit_allocating
+from hhsim.kernels.jit import jit_allocating
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.kernels.mesh.ray_winding import DIRECTIONS, is_surrounded
@@ -34,27 +34,12 @@ def test_equals_the_sum_of_arctangents_on_random_triangles(seed: int, count: int
     np.testing.assert_allclose(winding(triangles, points), by_arctangents(triangles, points), atol=1e-11 * count)
 
 
-def test_one_octant_is_an_eighth() -> None:
-    assert winding(np.eye(3)[None], np.zeros((1, 3)))[0] == pytest.approx(0.125, abs=1e-15)
-
-
-def test_inside_of_a_cube_by_its_coordinates() -> None:
-    points = np.random.default_rng(1).uniform(-0.05, 0.05, size=(3000, 3))
-    inside = (np.abs(points) < 0.035).all(axis=1)
-    assert inside.any()
-    np.testing.assert_allclose(winding(cube(0.07).triangles, points), inside, atol=1e-12)
-
-
 def test_degenerate_triangles_and_points_on_the_surface_stay_finite() -> None:
     flat = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]], [[1.0, 1.0, 1.0]] * 3])
     points = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [1.0, 1.0, 1.0], [3.0, 1.0, 2.0]])
     np.testing.assert_array_equal(winding(flat, points), 0.0)
     corners = cube().vertices
     assert np.isfinite(winding(cube().triangles, corners)).all()
-
-
-def test_no_triangles_surround_nothing() -> None:
-    np.testing.assert_array_equal(winding(np.empty((0, 3, 3)), np.zeros((2, 3))), 0.0)
 
 
 def fast(vertices: FloatArray, faces: IntArray, points: FloatArray) -> FloatArray:
@@ -88,14 +73,6 @@ def test_the_fast_one_is_near_the_exact_one_close_to_surfaces(mesh: "object") ->
     assert error.mean() < 0.01
 
 
-def test_far_away_one_triangle_is_its_solid_angle() -> None:
-    vertices = np.eye(3)
-    points = np.random.default_rng(3).normal(size=(100, 3)) * 50.0
-    true = winding(vertices[np.array([[0, 1, 2]])], points)
-    # The terms left out are of the order (size / distance)² of the first.
-    np.testing.assert_allclose(fast(vertices, np.array([[0, 1, 2]]), points), true, rtol=0.05, atol=1e-6)
-
-
 def test_moments_of_a_closed_surface_sum_to_its_volume() -> None:
     mesh = rock()
     moments = winding_moments(build_mesh_bvh(mesh.vertices, mesh.faces, signed=False))
@@ -103,20 +80,6 @@ def test_moments_of_a_closed_surface_sum_to_its_volume() -> None:
     # By the divergence theorem ∮ x nᵀ is the volume times the identity.
     np.testing.assert_allclose(moments.moment[0, 3:].reshape(3, 3), mesh.volume * np.eye(3), atol=1e-15)
     assert (moments.radius > 0.0).all()
-
-
-def test_a_triangle_without_area_counts_nothing() -> None:
-    vertices = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
-    points = np.random.default_rng(5).normal(size=(20, 3)) * 3.0
-    np.testing.assert_array_equal(fast(vertices, np.array([[0, 1, 2]]), points), 0.0)
-
-
-@pytest.mark.skipif(not JIT_ENABLED, reason="without the compiler there are no signatures")
-def test_one_signature() -> None:
-    fast(np.eye(3), np.array([[0, 1, 2]]), np.ones((1, 3)))
-    winding(np.eye(3)[None], np.zeros((1, 3)))
-    assert len(fast_winding_numbers.signatures) == 1  # type: ignore[attr-defined]
-    assert len(winding_numbers.signatures) == 1  # type: ignore[attr-defined]
 
 
 @jit_allocating
@@ -135,7 +98,7 @@ def test_rays_count_as_solid_angles_do_also_where_parts_overlap_or_are_inside_ou
     vertices = np.concatenate([ball.vertices, np.asarray(ring.vertices) + [0.01, 0.0, 0.0]])
     faces = np.concatenate([ball.faces, faces + len(ball.vertices)]).astype(np.int64)
     mesh, _ = mesh_features(vertices, faces, closed=True)
-    points = np.random.default_rng(1).uniform(-0.07, 0.07, (4000, 3))
+    points = np.random.default_rng(1).uniform(-0.07, 0.07, (1500, 3))
     winding, found = np.empty(len(points)), np.empty(len(points), dtype=bool)
     winding_numbers(np.ascontiguousarray(vertices[faces]), points, winding)
     surrounded(mesh, points, found)

@@ -28,11 +28,11 @@ from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.feature_distance import line_witness, vertex_distance
 from hhsim.kernels.mesh.features import ALONG, MeshFeatures
-from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
+from hhsim.kernels.round_cone_distance import RoundCone
 from hhsim.kernels.sphere_tree import STACK_SIZE
-from hhsim.kernels.surfaces.mesh import LONG_LIST, NEAR_CONE, PHALANX_CAPACITY, SKIN_SHARES, _into_cone
+from hhsim.kernels.surfaces.mesh import NEAR_CONE, PHALANX_CAPACITY, SKIN_SHARES, _into_cone
 from hhsim.kernels.tick.curvature import curvature_product
-from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.features import mesh_features
 from hhsim.metrics.mesh_penetration import mesh_clearance
@@ -113,16 +113,6 @@ def test_a_finger_flat_on_a_large_face_has_a_row_at_each_end() -> None:
     assert not rows["slides"].any()
 
 
-def test_a_ridge_across_the_middle_of_a_finger_has_one_row_that_slides() -> None:
-    x, top = 0.5 * LENGTH, beside(0.5 * LENGTH)
-    roof = [[x, -0.03, top], [x, 0.03, top], [x - 0.02, 0.0, top - 0.04], [x + 0.02, 0.0, top - 0.04]]
-    rows = finger_rows(under_the_finger(np.array(roof), [[0, 1, 2], [1, 0, 3]]))
-    assert len(rows["key"]) == 1
-    assert rows["distance"] == pytest.approx(GAP, abs=1e-12)
-    assert rows["slides"] == 1
-    assert 0.2 * LENGTH < rows["along"][0] < 0.8 * LENGTH
-
-
 @pytest.mark.parametrize("start", [-0.5, 0.2, 0.7])
 @pytest.mark.parametrize("end", [0.8, 1.5])
 def test_a_finger_along_a_ridge_is_held_where_the_ridge_and_the_finger_end(start: float, end: float) -> None:
@@ -134,26 +124,6 @@ def test_a_finger_along_a_ridge_is_held_where_the_ridge_and_the_finger_end(start
     for x in (max(first, 0.0), min(last, LENGTH)):
         assert np.abs(rows["along"] - x).min() < 1e-3
     np.testing.assert_allclose(rows["distance"], GAP, atol=1e-9)
-
-
-def test_a_needle_of_a_sheet_is_felt_from_either_side_and_at_its_tip() -> None:
-    x = 0.4 * LENGTH
-    for side in (1.0, -1.0):
-        # A strip of 0.2 mm that stands up to the finger, its faces to the left and to the right.
-        needle = np.array([[x, 0.0, beside(x)], [x + 1e-4, side * 0.01, -0.05], [x - 1e-4, side * 0.01, -0.05]])
-        rows = finger_rows(under_the_finger(needle, [[0, 1, 2]]))
-        assert len(rows["key"]) == 1
-        assert rows["distance"] == pytest.approx(GAP, abs=1e-9)
-        assert rows["slides"] == 1
-        np.testing.assert_array_equal(rows["straight"], 0.0)
-    for face in ([0, 1, 2], [2, 1, 0]):
-        wide = np.array([[-0.3, -0.3, beside(-0.3)], [0.5, -0.3, beside(0.5)], [0.0, 0.6, beside(0.0)]])
-        below = finger_rows(under_the_finger(wide, [face]))
-        above = finger_rows(under_the_finger(wide * [1.0, 1.0, -1.0], [face]))
-        for rows in (below, above):
-            np.testing.assert_allclose(rows["distance"], GAP, atol=1e-12)
-        np.testing.assert_allclose(np.abs((below["normal"] * above["normal"]).sum(axis=1)), 1.0, atol=0.1)
-        assert ((below["normal"] * above["normal"]).sum(axis=1) < 0.0).all()
 
 
 def test_a_vertex_of_a_hundred_triangles_is_one_row() -> None:
@@ -203,61 +173,24 @@ def test_the_plane_of_a_narrow_face_ends_where_the_face_does() -> None:
         assert len(rows["key"]) >= 4
 
 
-def test_a_corner_beside_a_finger_that_crosses_a_ridge_adds_no_row() -> None:
-    x, beyond = 0.5 * LENGTH, 1e-4
-    # Askew, so that the place of the finger's axis that is nearest to the corner is another one than to the ridge.
-    ridge = [[x + y, y, beside(x + y)] for y in (-0.03, beyond, 0.03)]
-    wings = [[x + side * 0.02, 0.0, beside(x) - 0.04] for side in (-1.0, 1.0)]
-    rows = finger_rows(under_the_finger(np.array(ridge + wings), [[0, 1, 3], [1, 2, 3], [1, 0, 4], [2, 1, 4]]))
-    assert len(rows["key"]) == 1
-    assert rows["slides"] == 1
-
-
-def test_a_face_of_slivers_holds_a_finger_as_one_face_does() -> None:
-    # Strips of 50 µm by 0.8 m, cut in two: thousands to one, each with flat sides alone.
-    y = np.linspace(-0.005, 0.005, 201)
-    place = np.array([[x, value, beside(x)] for value in y for x in (-0.3, 0.5)])
-    rows = finger_rows(under_the_finger(place, strips(201)))
-    np.testing.assert_allclose(rows["distance"], GAP, atol=1e-10)
-    for radius in (RADIUS, END_RADIUS):
-        assert np.abs(rows["radius"] - radius).min() < 1e-12
-
-
-def fitted_sheet(square: float, gap: float, away: float) -> MeshFeatures:
-    """Squares [m] cut in two under the whole finger, at the gap [m]; to its sides as much lower as away says."""
-    x, y = np.meshgrid(np.arange(0.0, LENGTH, square), np.arange(-3e-3, 3e-3, square), indexing="ij")
-    across = RADIUS - np.sqrt(RADIUS**2 - y**2)
-    low, high = beside(0.0, gap), beside(LENGTH, gap)
-    place = np.stack([x, y, low + (high - low) * x / LENGTH - away * across], axis=-1)
-    number = np.arange(x.size).reshape(x.shape)
-    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
-    return under_the_finger(place.reshape(-1, 3), np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3))
-
-
-def listed_at(mesh: MeshFeatures, needed: float) -> tuple[Any, int]:
-    """The lists of the straight hand, and how many features the middle phalanx of the index has."""
-    state, straight = new_state(), still(np.zeros(3))
-    set_pose(HAND, state.pose, straight)
-    assert evaluate(ARRAYS, state.pose, mesh, needed, MARGIN, SKIN, state.candidates, state.work) == 0
-    candidates, middle = state.candidates, INDEX_MIDDLE
-    cone = bodies(straight).kernel(middle)
-    assert candidates.nearest[middle] == pytest.approx(least_of_features(mesh, cone), abs=FREE_OF_ROUNDING)
-    return candidates, candidates.faces[middle] + candidates.edges[middle] + candidates.vertices[middle]
-
-
-def test_a_crowd_of_triangles_is_listed_less_far_and_the_nearest_is_still_among_them() -> None:
-    candidates, listed = listed_at(fitted_sheet(2e-4, 1e-4, 2.0), 2e-4)
-    assert candidates.skin_share[INDEX_MIDDLE] > 0
-    assert 0 < listed <= 3 * LONG_LIST
-    assert 2e-4 <= candidates.slack[INDEX_MIDDLE] < MARGIN + SKIN
-
-
 def test_more_triangles_than_there_is_room_for_make_the_steps_short_and_no_error() -> None:
     # A plane that a finger lies flat on, in squares of 0.1 mm: ten thousand within a quarter of what is needed.
-    candidates, listed = listed_at(fitted_sheet(1e-4, 1e-5, 0.0), 1e-3)
-    assert candidates.skin_share[INDEX_MIDDLE] >= len(SKIN_SHARES)
-    assert 0 < listed <= 3 * PHALANX_CAPACITY
-    assert 1e-5 <= candidates.slack[INDEX_MIDDLE] < 1e-3
+    gap, needed = 1e-5, 1e-3
+    x, y = np.meshgrid(np.arange(0.0, LENGTH, 1e-4), np.arange(-3e-3, 3e-3, 1e-4), indexing="ij")
+    low, high = beside(0.0, gap), beside(LENGTH, gap)
+    place = np.stack([x, y, low + (high - low) * x / LENGTH], axis=-1).reshape(-1, 3)
+    number = np.arange(x.size).reshape(x.shape)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    mesh = under_the_finger(place, np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3))
+    state, straight, middle = new_state(), still(np.zeros(3)), INDEX_MIDDLE
+    set_pose(HAND, state.pose, straight)
+    found = state.candidates
+    assert evaluate(ARRAYS, state.pose, mesh, needed, MARGIN, SKIN, found, state.work) == 0
+    least = least_of_features(mesh, bodies(straight).kernel(middle))
+    assert found.nearest[middle] == pytest.approx(least, abs=FREE_OF_ROUNDING)
+    assert found.skin_share[middle] >= len(SKIN_SHARES)
+    assert 0 < found.faces[middle] + found.edges[middle] + found.vertices[middle] <= 3 * PHALANX_CAPACITY
+    assert gap <= found.slack[middle] < needed
 
 
 def bodies(motion: HandConfiguration, tick: int = 0) -> Cones:
@@ -394,19 +327,6 @@ def test_rounding_at_the_border_of_a_normal_cone_does_not_choose_the_curvature(
     np.testing.assert_allclose(normal, frame[2], atol=1e-12)
 
 
-def test_what_a_mesh_that_cuts_through_itself_does_not_go_around_is_outside() -> None:
-    # The nearest face is one of the smaller box, which is wound the other way and sticks out of the larger one. The
-    # third box is far away, and the box around them all reaches there.
-    larger, smaller = trimesh.creation.box((0.1, 0.06, 0.02)), trimesh.creation.box((0.02, 0.02, 0.02))
-    vertices = np.concatenate(
-        [larger.vertices, smaller.vertices + [0.05, 0.0, 0.0], smaller.vertices + [1.0, 1.0, 1.0]]
-    )
-    faces = np.concatenate([larger.faces, smaller.faces[:, ::-1] + 8, smaller.faces + 16]).astype(np.int64)
-    mesh, _ = mesh_features(np.asarray(vertices, np.float64), faces, closed=True)
-    for x, expected in ((0.4, 0.335), (0.11, 0.045), (-0.02, -0.015)):
-        assert cone_distance(mesh, sphere_cone(x, 0.0, 0.0, 0.005), 1.0, STACK) == pytest.approx(expected, abs=1e-15)
-
-
 @pytest.mark.parametrize("name", OPEN)
 def test_open_meshes_by_search_over_their_triangles(name: str) -> None:
     vertices, faces = OPEN[name]()
@@ -425,11 +345,11 @@ def test_open_meshes_by_search_over_their_triangles(name: str) -> None:
     sampled(
         [
             (name, method, ticks)
-            for ticks in (2000, 200_000)
+            for ticks in (1000, 200_000)
             for name in ("cube", "cup", "sheet")
             for method in ("coupled", "progressive")
         ],
-        lambda _, case: case in (("cube", "coupled", 2000), ("cup", "progressive", 2000), ("sheet", "coupled", 2000)),
+        lambda _, case: case in (("cube", "coupled", 1000), ("cup", "progressive", 1000), ("sheet", "coupled", 1000)),
     ),
 )
 def test_no_hand_enters_a_mesh_or_gets_stuck_at_it(name: str, method: str, ticks: int) -> None:
@@ -439,32 +359,21 @@ def test_no_hand_enters_a_mesh_or_gets_stuck_at_it(name: str, method: str, ticks
     motion = RandomTargets(HAND, 5)
     bvh = build_mesh_bvh(vertices, faces) if name in CLOSED else None
     touched = 0
-    for _ in range(0, ticks, 2000):
-        record = solver.run(*motion.take(2000))
+    for _ in range(0, ticks, 1000):
+        record = solver.run(*motion.take(1000))
         assert not (record.status & STATUS_STUCK).any()
         if bvh is not None:
             shown = PlacedHand(record.joints, record.position, record.orientation)
             clearance = mesh_clearance(bvh, SHAPE, shown, 1e-3)
         else:
             went = HandConfiguration.of(record)
-            clearance = np.array([soup_clearance(went.part(i, i + 1), mesh) for i in range(0, 2000, 10)])
-            for i in range(0, 2000, 100):
+            clearance = np.array([soup_clearance(went.part(i, i + 1), mesh) for i in range(0, 1000, 10)])
+            for i in range(0, 1000, 100):
                 assert least_by_search(went, vertices[faces], i).min() > 0.0
         assert clearance.min() > 0.0
         touched += int((clearance < 1e-5).sum())
     # A hand that keeps away would pass for free.
-    assert touched > 0.1 * len(clearance) * ticks / 2000
-
-
-@pytest.mark.parametrize("method", ["coupled", "progressive"])
-def test_a_hand_that_turns_along_an_edge_comes_somewhere_before_its_linearisations_end(method: str) -> None:
-    # With twelve of them one tick in 200,000 came nowhere, with eight, which is two lengths of a step, one in 5,000.
-    vertices, faces = CLOSED["cube"]()
-    mesh, _ = mesh_features(vertices, faces, closed=True)
-    solver = HandSolver(HAND, mesh, SolverOptions(method=method, surface="mesh", linearisations=8))
-    record = solver.run(*RandomTargets(HAND, 7).take(2400))
-    assert not (record.status & STATUS_STUCK).any()
-    assert ((record.status & STATUS_LAG) > 0).sum() > 100
+    assert touched > 0.1 * len(clearance) * ticks / 1000
 
 
 STEP = 2e-5

@@ -13,16 +13,12 @@ from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import (
-    STATUS_INPUT_INVALID,
-    STATUS_START_INSIDE,
     STATUS_STUCK,
     WORK_CANDIDATES,
-    WORK_LINEARISATIONS,
     WORK_TOUCHING,
 )
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.methods.paper import PaperEngine
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -136,11 +132,6 @@ def test_a_gentle_grasp_is_that_of_progressive() -> None:
     assert record_clearance(RIGHT, BALL, record).min() > -1e-5
 
 
-def test_a_tick_is_one_linearisation_unless_more_are_asked_for() -> None:
-    assert (paper(RIGHT, BALL, grasp(50, 10)).work[:, WORK_LINEARISATIONS] == 1).all()
-    assert (paper(RIGHT, BALL, grasp(50, 10), linearisations=3).work[:, WORK_LINEARISATIONS] == 3).all()
-
-
 def test_a_hand_in_free_space_is_the_haptic_hand() -> None:
     far = sphere_tree(np.array([[5.0, 0.0, 0.0]]), np.array([0.01]))
     motion = random_targets(RIGHT, 200, 4, hold=1, sweep=True)
@@ -164,31 +155,6 @@ def test_random_targets_make_it_penetrate_and_it_says_so() -> None:
     assert (record.flexion >= RIGHT.flexion_min - 1e-6).all() and (record.flexion <= RIGHT.flexion_max + 1e-6).all()
 
 
-def slowly(motion: HandConfiguration, step: float) -> HandConfiguration:
-    """The same targets approached by at most `step` [m] a tick of the palm's position; 5 rad of rotation are 1 m."""
-    rotation = Rotation.from_quat(motion.orientation, scalar_first=True)
-    at = (motion.position[0], rotation[0], motion.flexion[0])
-    ticks = []
-    for i in range(len(motion.position)):
-        way, turn, bend = motion.position[i] - at[0], (rotation[i] * at[1].inv()).as_rotvec(), motion.flexion[i] - at[2]
-        share = step / max(np.linalg.norm(way), 0.2 * np.linalg.norm(turn), 0.1 * np.abs(bend).max(), step)
-        at = (at[0] + share * way, Rotation.from_rotvec(share * turn) * at[1], at[2] + share * bend)
-        ticks.append((at[0], at[1].as_quat(scalar_first=True), at[2]))
-    position, orientation, flexion = (np.array(values) for values in zip(*ticks))
-    return HandConfiguration(position, orientation, flexion, motion.abduction)
-
-
-def test_the_palm_drags_fingers_into_the_object_however_slowly_it_moves() -> None:
-    # A tenth of a millimetre a tick is well within Δr. The palm's program does not see the fingers; three joint angles
-    # cannot free a phalanx whose base is carried inside (algorithm.md).
-    motion = slowly(random_targets(RIGHT, 4000, 0, hold=1000), 1e-4)
-    clearance = record_clearance(RIGHT, BALL, paper(RIGHT, BALL, motion))
-    assert clearance[:, 15].min() > -1e-5
-    assert clearance[:, :15].min() < -1e-3
-    safe = HandSolver(RIGHT, BALL.arrays(), SolverOptions(method="progressive")).run(*motion)
-    assert record_clearance(RIGHT, BALL, safe).min() >= -1e-6
-
-
 def test_a_part_that_has_no_solution_stays_until_the_haptic_one_is_free() -> None:
     # A jump to the middle of a ball is not seen coming. Out again, palm and fingers follow.
     inside = still([0.0, -0.03, 0.0], flexion=CURL, ticks=20)
@@ -200,89 +166,31 @@ def test_a_part_that_has_no_solution_stays_until_the_haptic_one_is_free() -> Non
     np.testing.assert_array_equal(record.flexion[25:], motion.flexion[25:])
 
 
-def test_it_begins_where_the_other_methods_do() -> None:
-    motion = still([0.0, -0.045, 0.045], flexion=CURL, ticks=3)
-    record = paper(RIGHT, BALL, motion)
-    assert record.status[0] & STATUS_START_INSIDE
-    assert record_clearance(RIGHT, BALL, record).min() > -1e-4
-    nowhere = motion._replace(position=np.where(np.arange(3)[:, None] == 1, np.nan, motion.position))
-    assert paper(RIGHT, BALL, nowhere).status[1] & STATUS_INPUT_INVALID
-
-
-def test_place_takes_any_configuration_and_its_euler_angles() -> None:
-    solver = HandSolver(RIGHT, BALL.arrays(), SolverOptions(method="paper"))
-    turned = Rotation.from_euler("xyz", [2.0, 1.4, -2.5])
-    solver.place(np.array([0.0, 0.0, 0.2]), turned.as_quat(scalar_first=True), CURL, np.zeros(5))
-    assert isinstance(solver.engine, PaperEngine)
-    found = Rotation.from_euler("xyz", solver.engine.method.work[0].euler)
-    assert (found * turned.inv()).magnitude() < 1e-12
-
-
-def pressed_on_one_sphere(force: str) -> tuple[TickRecord, FloatArray, int, FloatArray, FloatArray]:
-    """The index held against one sphere: record, haptic flexion, phalanx that touches, contact point, its normal."""
+def test_multipliers_balance_the_joints_coupling() -> None:
+    # The index is held against one sphere; its contact is the nearest of many points of the phalanx's axis.
     free = np.zeros((5, 3))
     free[INDEX] = [0.2, 0.3, 0.2]
     bent = free.copy()
     bent[INDEX] = [0.4, 0.5, 0.3]
     tree = under_the_index(RIGHT, free, 0.02)
     start, goal = still(np.zeros(3), flexion=0.7 * free), still(np.zeros(3), flexion=bent)
-    motion = start.line(goal, 199).hold(50)
-    record = paper(RIGHT, tree, motion, force=force)
+    record = paper(RIGHT, tree, start.line(goal, 199).hold(50), force="kkt")
     assert record.work[-1, WORK_TOUCHING] == 1
-    phalanx = int(np.argmax(np.linalg.norm(record.phalanx[-1, INDEX], axis=1)))
-    center = tree.leaf_center[0]
-    a, b = record.joints[-1, INDEX, phalanx : phalanx + 2]
+    k = int(np.argmax(np.linalg.norm(record.phalanx[-1, INDEX], axis=1)))
+    force, joints = record.phalanx[-1, INDEX, k], record.joints[-1, INDEX]
     shares = np.linspace(0.0, 1.0, 200001)
-    axis = a + shares[:, None] * (b - a)
-    size = RIGHT.radius[INDEX, phalanx] + shares * (RIGHT.radius[INDEX, phalanx + 1] - RIGHT.radius[INDEX, phalanx])
-    nearest = int(np.argmin(np.linalg.norm(axis - center, axis=1) - size))
-    normal = (axis[nearest] - center) / np.linalg.norm(axis[nearest] - center)
-    return record, bent, phalanx, axis[nearest] - size[nearest] * normal, normal
-
-
-def flexion_axis(joints: FloatArray) -> FloatArray:
-    axis = np.cross(joints[1] - joints[0], joints[3] - joints[1])
-    return np.asarray(axis / np.linalg.norm(axis))
-
-
-def test_eq_14_is_the_way_from_haptic_to_graphic_contact_point() -> None:
-    record, bent, phalanx, point, normal = pressed_on_one_sphere("paper")
-    joints = record.joints[-1, INDEX]
-    haptic = RIGHT.joints(np.zeros(3), [1.0, 0, 0, 0], bent, np.zeros(5))[INDEX]
-    angle = (bent[INDEX] - record.flexion[-1, INDEX])[: phalanx + 1].sum()
-    same = haptic[phalanx] + Rotation.from_rotvec(angle * flexion_axis(joints)).apply(point - joints[phalanx])
-    size = SolverOptions().stiffness.contact * float(np.linalg.norm(point - same))
-    assert size > 0.1
-    np.testing.assert_allclose(record.phalanx[-1, INDEX, phalanx], size * normal, atol=1e-4 * size)
-
-
-def test_multipliers_balance_the_joints_coupling() -> None:
-    record, bent, phalanx, point, normal = pressed_on_one_sphere("kkt")
-    force, joints = record.phalanx[-1, INDEX, phalanx], record.joints[-1, INDEX]
+    axis = joints[k] + shares[:, None] * (joints[k + 1] - joints[k])
+    size = RIGHT.radius[INDEX, k] + shares * (RIGHT.radius[INDEX, k + 1] - RIGHT.radius[INDEX, k])
+    away = axis - tree.leaf_center[0]
+    nearest = int(np.argmin(np.linalg.norm(away, axis=1) - size))
+    normal = away[nearest] / np.linalg.norm(away[nearest])
     np.testing.assert_allclose(force, np.linalg.norm(force) * normal, atol=1e-4 * float(np.linalg.norm(force)))
-    lever = np.cross(flexion_axis(joints), point - joints[:3])
-    lever[phalanx + 1 :] = 0.0
+    bends = np.cross(joints[1] - joints[0], joints[3] - joints[1])
+    lever = np.cross(bends / np.linalg.norm(bends), axis[nearest] - size[nearest] * normal - joints[:3])
+    lever[k + 1 :] = 0.0
     coupling = SolverOptions().stiffness.flexion * (bent[INDEX] - record.flexion[-1, INDEX])
     assert np.abs(coupling).max() > 1e-3
     np.testing.assert_allclose(lever @ force, -coupling, atol=1e-4 * float(np.abs(coupling).max()))
-
-
-def test_fingers_that_the_scene_does_not_use_follow_the_users() -> None:
-    motion = grasp()
-    record = paper(RIGHT, BALL, motion, fingers=("thumb", "middle"))
-    np.testing.assert_array_equal(record.flexion[:, [1, 3, 4]], motion.flexion[:, [1, 3, 4]])
-    clearance = record_clearance(RIGHT, BALL, record)
-    assert clearance[:, [0, 1, 2, 6, 7, 8, 15]].min() > -1e-5
-    assert clearance.min() < -1e-3
-    assert not record.phalanx[:, [1, 3, 4]].any()
-
-
-def test_defaults_are_the_papers() -> None:
-    options = SolverOptions(method="paper")
-    assert (options.force, options.margin, options.linearisations) == ("paper", 5e-4, 1)
-    others = SolverOptions()
-    assert (others.force, others.margin, others.linearisations) == ("kkt", 1e-3, 12)
-    assert SolverOptions(method="paper", force="kkt", margin=1e-3).to_json()["force"] == "kkt"
 
 
 def test_more_pairs_than_there_is_room_for_leave_their_part_where_it_was() -> None:

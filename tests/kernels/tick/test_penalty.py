@@ -12,7 +12,6 @@ from sphere_scenes import brute_pairs, bumpy_ball, random_targets, sphere_tree
 
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
 from hhsim.kernels.tick.penalty import LIMIT_WEIGHT
 from hhsim.kernels.tick.state import (
     STATUS_START_INSIDE,
@@ -241,20 +240,3 @@ def test_a_joint_is_shown_at_its_limit_and_passes_the_force_on() -> None:
     assert np.linalg.norm(record.phalanx[-1, 2, 0]) > 0.5
     np.testing.assert_allclose(record.flexion[-1, 2], HAND.flexion_min[2], atol=1e-12)
     np.testing.assert_allclose(record.total[-1], record.palm_wrench[-1, :3], atol=1e-5)
-
-
-def test_forces_of_the_paper_are_those_of_what_touches() -> None:
-    motion = onto_the_ball()
-    springs, paper = (solver_of(BALL, force=force).run(*motion) for force in ("kkt", "paper"))
-    np.testing.assert_array_equal(springs.joints, paper.joints)
-    np.testing.assert_array_equal(springs.palm_wrench, paper.palm_wrench)
-    assert np.linalg.norm(paper.total[-1]) > 0.1
-    assert not np.allclose(springs.total[-1], paper.total[-1], rtol=0.05)
-    assert not paper.total[0].any()
-
-
-def test_a_hand_that_never_touches_tests_no_pair() -> None:
-    record = solver_of(FAR).run(*random_targets(HAND, 200, 0))
-    assert not record.work[:, COUNT_PAIR_TESTS].any()
-    assert not record.total.any()
-    assert (record.work[:, WORK_QP_ITERATIONS] <= 3).all()

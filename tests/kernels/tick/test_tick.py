@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sampled import sampled
 from scipy.spatial.transform import Rotation
 from sphere_scenes import bumpy_ball, object_tree, random_targets, record_clearance, sphere_tree
 
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
-from hhsim.kernels.tick.haptic_input import set_haptic
 from hhsim.kernels.tick.state import (
     STATUS_INPUT_INVALID,
     STATUS_LAG,
@@ -21,7 +18,6 @@ from hhsim.kernels.tick.state import (
     STATUS_STUCK,
     WORK_CANDIDATES,
     WORK_LINEARISATIONS,
-    WORK_QP_ITERATIONS,
     WORK_TOUCHING,
 )
 from hhsim.mesh.catalogue import load_object
@@ -66,18 +62,6 @@ def test_in_free_space_the_hand_goes_all_the_way(seed: int, method: str) -> None
     np.testing.assert_allclose(record.joints[0], HAND.joints(*target.at(0)), atol=1e-12)
 
 
-def test_a_hand_that_never_touches_tests_no_pair() -> None:
-    random = np.random.default_rng(0)
-    motion = still(FREE, ticks=500)
-    motion.position[:] += np.cumsum(random.normal(0.0, 1e-3, (500, 3)), axis=0) * [1.0, 1.0, 0.0]
-    record = solver_at(BALL, motion).run(*motion)
-    assert not record.work[:, COUNT_PAIR_TESTS].any()
-    assert not record.work[:, [WORK_CANDIDATES, WORK_TOUCHING, WORK_QP_ITERATIONS]].any()
-    assert (record.work[:, WORK_LINEARISATIONS] == 1).all()
-    assert not record.status.any()
-    np.testing.assert_allclose(record.position, motion.position, atol=1e-15)
-
-
 @pytest.mark.parametrize("scale", [1.0, -1.0, 3.0, 1e-3])
 def test_a_quaternion_counts_by_its_direction(scale: float) -> None:
     turn = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_quat(scalar_first=True)
@@ -116,18 +100,6 @@ def test_input_that_is_none_is_held(name: str, method: str) -> None:
         np.testing.assert_array_equal(getattr(found, kept), getattr(fine, kept))
 
 
-def test_set_haptic_reports_what_it_refuses() -> None:
-    solver = HandSolver(HAND, BALL.arrays(), SolverOptions())
-    position, orientation, flexion, abduction = still(FREE).at(0)
-    nowhere = np.full(3, np.nan)
-    assert set_haptic(solver.workspace.hand, position, orientation, flexion, abduction, solver.workspace.states[0]) == 0
-    assert (
-        set_haptic(solver.workspace.hand, nowhere, orientation, flexion, abduction, solver.workspace.states[0])
-        == STATUS_INPUT_INVALID
-    )
-    np.testing.assert_array_equal(solver.workspace.states[0].haptic.position, FREE)
-
-
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     ("tree", "position"),
@@ -147,17 +119,6 @@ def test_starting_inside_begins_at_a_free_place(tree: SphereTree, position: list
     assert np.linalg.norm(record.position[-1] - motion.position[-1]) < 0.08
 
 
-def test_a_joint_beyond_its_limit_is_shown_at_the_limit() -> None:
-    wild = np.where(np.arange(15).reshape(5, 3) % 2 == 0, 9.0, -9.0)
-    for position in (FREE, [0.0, -0.045, 0.052]):
-        motion = sequence(still(FREE), still(position, flexion=wild, ticks=60))
-        record = HandSolver(HAND, BALL.arrays(), SolverOptions()).run(*motion)
-        assert (record.flexion >= HAND.flexion_min - 1e-9).all()
-        assert (record.flexion <= HAND.flexion_max + 1e-9).all()
-    free = HandSolver(HAND, BALL.arrays(), SolverOptions()).run(*still(FREE, flexion=wild, ticks=2))
-    np.testing.assert_allclose(free.flexion[1], np.where(wild > 0.0, HAND.flexion_max, HAND.flexion_min), atol=1e-12)
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_what_a_tick_counts(method: str) -> None:
     goal = still([0.0, -0.045, 0.052], flexion=0.5)
@@ -172,49 +133,6 @@ def test_what_a_tick_counts(method: str) -> None:
     lag = record.status & STATUS_LAG > 0
     np.testing.assert_array_equal(record.lag[lag] > 0.0, True)
     assert not record.status[-1]
-
-
-def wall(spacing: float = 3e-3, radius: float = 2.3e-3) -> SphereTree:
-    """A leaf of spheres in the plane z = 0, 0.36 m wide, without a hole; thinner than a finger."""
-    ticks = np.arange(-0.18, 0.18, spacing)
-    x, y = (axis.ravel() for axis in np.meshgrid(ticks, ticks))
-    return sphere_tree(np.stack([x, y, np.zeros_like(x)], axis=1), np.full(x.size, radius))
-
-
-@pytest.fixture(scope="module")
-def leaf() -> SphereTree:
-    return wall()
-
-
-@pytest.mark.parametrize(
-    ("method", "ticks", "depth"),
-    sampled(
-        [(method, *way) for way in ((1, 0.25), (80, 0.2), (40, 0.2), (2, 0.5)) for method in METHODS],
-        lambda place, _: place in (0, 1, 4, 7),
-    ),
-)
-def test_no_speed_carries_the_hand_through_a_thin_leaf(leaf: SphereTree, method: str, ticks: int, depth: float) -> None:
-    # A jump of half a metre across it, and swipes of 5 and 10 m/s.
-    turn = Rotation.from_rotvec([0.4, 0.3, 0.1]).as_quat(scalar_first=True)
-    flexion = np.full((5, 3), 0.3)
-    start = still([0.0, 0.0, 0.25], orientation=turn, flexion=flexion)
-    end = still([0.0, 0.0, -depth], orientation=turn, flexion=flexion)
-    motion = start.line(end, ticks).hold(20)
-    record = solver_at(leaf, start, method=method).run(*motion)
-    assert record_clearance(HAND, leaf, record).min() >= -1e-6
-    assert (record.joints[..., 2] > 0.0).all()
-    assert (record.position[:, 2] > 0.0).all()
-    assert record.position[-1, 2] < 0.15, "it comes up to the leaf"
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_a_jump_through_empty_air_takes_one_tick(method: str) -> None:
-    solver = solver_at(BALL, still(FREE), method=method)
-    record = solver.run(*still([0.5, 0.0, 0.4]))
-    np.testing.assert_allclose(record.position[0], [0.5, 0.0, 0.4], atol=1e-12)
-    # Past the ball, with the ball in the way of the straight line: free in the end, however many ticks it takes.
-    record = solver.run(*still([-0.2, 0.0, 0.0], ticks=200))
-    assert record_clearance(HAND, BALL, record).min() >= -1e-6
 
 
 @pytest.mark.parametrize("method", METHODS)
