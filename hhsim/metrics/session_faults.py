@@ -1,6 +1,5 @@
 """Figures of a live session: its times, and its faults: an early end, malformed packets, freed fingers."""
 
-import json
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -93,7 +92,7 @@ def recorded_faults(session: Result) -> FaultCounts:
     early = float(bool(broken_off(session)))
 
     def glove(name: str) -> float:
-        return float(json.loads((session.live or {}).get("counters") or "{}").get(name, 0))
+        return float(session.told("counters").get(name, 0))
 
     return FaultCounts(
         early=early,
@@ -109,25 +108,23 @@ def how_it_ended(result: Result) -> str:
     """Reason of a session's end; "" of a replay."""
     if result.live is None:
         return ""
-    ended = str(result.live.get("ended") or "")
+    ended = str(result.live["ended"])
     return "the recording was cut short" if not ended or (ended in IN_ORDER and not result.complete) else ended
 
 
 def ended_before_its_time(result: Result) -> str:
     """Reason and time of an end before the duration that was asked for; "" of any other run."""
-    ended, asked = how_it_ended(result), result.scene.get("duration")
-    if ended in ("", "duration") or not isinstance(asked, int | float):
+    ended = how_it_ended(result)
+    if ended in ("", "duration") or result.scene["duration"] is None:
         return ""
     periods = result.ticks + int(result.summary.get("missed", 0))
-    return f"{_in_words(ended)} after {periods / result.rate:.1f} of {asked:g} s"
+    return f"{_in_words(ended)} after {periods / result.rate:.1f} of {result.scene['duration']:g} s"
 
 
 def broken_off(result: Result) -> str:
     """Reason of an end out of order; "" of any other run."""
     ended = how_it_ended(result)
-    # A file that does not tell the duration tells the signal of a loop whose command was killed.
-    in_order = ended in SIGNALS and result.scene.get("duration", "unknown") is None
-    if not ended or ended in IN_ORDER or in_order:
+    if not ended or ended in IN_ORDER or (ended in SIGNALS and result.scene["duration"] is None):
         return ""
     return ended_before_its_time(result) or _in_words(ended)
 
@@ -147,7 +144,7 @@ def _in_words(ended: str) -> str:
 def _known(count: Callable[[], float]) -> float:
     try:
         return count()
-    except (InputError, ValueError, TypeError, AttributeError):
+    except (InputError, ValueError, TypeError):
         return np.nan
 
 

@@ -85,20 +85,15 @@ def test_an_end_that_was_not_in_order_is_a_fault(
         ("the command was killed", None, True, "the command was killed"),
         ("SIGTERM", 30.0, True, "ended by SIGTERM after 0.7 of 30 s"),
         ("SIGTERM", None, False, ""),
-        # As a file says nothing that was written before the duration was: its loop had the signal.
-        ("SIGTERM", "unknown", True, "ended by SIGTERM"),
         ("stopped", 30.0, False, "stopped after 0.7 of 30 s"),
         ("duration", 0.7, False, ""),
     ],
 )
 def test_a_session_that_its_user_did_not_stop_has_to_last_as_long_as_was_asked(
-    tmp_path: Path, ticks: np.ndarray, ended: str, asked: float | str | None, early: bool, told: str
+    tmp_path: Path, ticks: np.ndarray, ended: str, asked: float | None, early: bool, told: str
 ) -> None:
     session = recorded(tmp_path / "session.h5", ticks, ended)
-    if asked == "unknown":
-        del session.scene["duration"]
-    else:
-        session.scene["duration"] = asked
+    session.scene["duration"] = asked
     assert recorded_faults(session).early == early
     assert (broken_off(session) or ended_before_its_time(session)) == told
 
