@@ -53,9 +53,10 @@ def _replay(result: Result) -> Trajectory:
         # A phase ends where the next begins, the last one with its last sample.
         after = 1.0 / result.rate if end < len(time) - 1 else 0.0
         phases.append(Phase(name, float(time[first]), float(time[end]) + after))
+    haptic = HandConfiguration(*(result[f"haptic/{name}"] for name in HandConfiguration._fields))
     return Trajectory(
         time,
-        *(result[f"haptic/{name}"] for name in HandConfiguration._fields),
+        *haptic,
         phases=tuple(phases),
         object_motion=result.object_motion() if result.driven else None,
         **_origin(result),

@@ -50,7 +50,7 @@ def own_hand(result: Result) -> OwnHand:
     """Read the hand of a result."""
     arrays = {**HAND_ARRAYS, "palm_center": "palm_center", "palm_radius": "palm_radius"}
     sign = -1.0 if result.scene["hand"]["side"] == "left" else 1.0
-    return OwnHand(*(np.array(result.static[f"hand/{arrays[name]}"]) for name in OwnHand._fields[:-1]), sign)
+    return OwnHand._make([*(np.array(result.static[f"hand/{arrays[name]}"]) for name in OwnHand._fields[:-1]), sign])
 
 
 def configurations(result: Result, whose: str) -> HandConfiguration:
