@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.errors import HhsimError, InputError
-from hhsim.gate.run import Side, find_side, interleaved_times, this_python
+from hhsim.gate.run import Side, find_side, process_times, this_python
 from hhsim.gate.suite import GateScene, default_suite
 from hhsim.gate.time_comparison import BETTER, WORSE, TimeComparison, compare_times
 
@@ -154,7 +154,7 @@ def _run(folder: Path, scene: GateScene, options: Any) -> list[Trials]:
     if options.planted:
         probe = find_side("head", changed_python(folder / "probe", BLOCK, plant_work(CALIBRATION_ROUNDS)))
         probe.figures(scene, folder)
-        before, after = interleaved_times(scene, folder, base, probe, CALIBRATION_PROCESSES)
+        after, before = process_times(scene, folder, probe, base, CALIBRATION_PROCESSES)
         tick, slowed = float(np.median(before)), float(np.median(after))
         if slowed <= tick:
             raise InputError("planted work takes no time: is it in the module that is timed?")
@@ -175,7 +175,7 @@ def _repeat(
         side.figures(scene, Path.cwd())
     found = []
     for i in range(repetitions):
-        before, after = interleaved_times(scene, Path.cwd(), base, head, options.processes)
+        after, before = process_times(scene, Path.cwd(), head, base, options.processes)
         found.append(compare_times(before, after, options.limit))
         print(f"{name} {i + 1} of {repetitions}: {found[-1].ratio:.4f}, {found[-1].verdict}", file=sys.stderr)
     return found

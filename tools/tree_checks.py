@@ -16,6 +16,7 @@ from hhsim.mesh.mesh import Mesh, load_mesh
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.file import load_tree
 from hhsim.trees.options import TreeOptions
+from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.tree_checks import MESH_POINTS, Verdict, referee
 
 
@@ -29,12 +30,28 @@ def moved_at_random(mesh: Mesh, seed: int) -> tuple[Mesh, float]:
     return mesh.scaled(scale).transformed(Rotation.random(rng=rng).as_matrix(), shift), scale
 
 
-def table(verdicts: Sequence[Verdict], scale: float = 1.0) -> str:
-    """The verdicts as a table for people, all lengths divided by `scale`."""
+def sticking_out(tree: SphereTree, level: int, *, leaves_only: bool = False) -> float:
+    """Return the maximum by which a deeper sphere sticks out of its ancestor on a level [m]; negative for none."""
+    worst = -np.inf
+    nodes = np.flatnonzero(tree.level > level)
+    if leaves_only:
+        nodes = nodes[tree.level[nodes] == tree.depth]
+    ancestor = nodes.copy()
+    while (tree.level[ancestor] > level).any():
+        ancestor = np.where(tree.level[ancestor] > level, tree.parent[ancestor], ancestor)
+    if nodes.size:
+        away = np.linalg.norm(tree.center[nodes] - tree.center[ancestor], axis=1)
+        worst = float((away + tree.radius[nodes] - tree.radius[ancestor]).max())
+    return worst
+
+
+def table(tree: SphereTree, verdicts: Sequence[Verdict], scale: float = 1.0) -> str:
+    """The verdicts on a tree as a table for people, all lengths divided by `scale`."""
     lines = ["level  spheres  protrusion max [mm]  mean [mm]  gap [nm]  deepest leaf outside an ancestor [nm]"]
     for item in verdicts:
         most, mean, gap = (x / scale for x in (item.protrusion, item.protrusion_mean, item.gap))
-        out = "—" if item.leaf_sticking_out == -np.inf else f"{1e9 * max(0.0, item.leaf_sticking_out) / scale:.3f}"
+        leaf = sticking_out(tree, item.level, leaves_only=True)
+        out = "—" if leaf == -np.inf else f"{1e9 * max(0.0, leaf) / scale:.3f}"
         lines.append(
             f"{item.level:5d}  {item.spheres:7,d}  {1e3 * most:19.4f}  {1e3 * mean:9.4f}  {1e9 * gap:8.2f}  {out:>37s}"
         )
@@ -69,7 +86,7 @@ def main(arguments: Sequence[str]) -> None:
         else:
             tree = load_tree(options.tree)
         count = options.points
-        print(table(referee(mesh, tree, mesh_points=count, sphere_points=count, seed=options.seed), scale))
+        print(table(tree, referee(mesh, tree, mesh_points=count, sphere_points=count, seed=options.seed), scale))
     except HhsimError as error:
         raise SystemExit(str(error)) from error
 

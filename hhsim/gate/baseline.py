@@ -4,9 +4,11 @@ import json
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
+
+import msgspec
+from msgspec import structs
 
 from hhsim import __version__
 from hhsim.errors import InputError
@@ -25,22 +27,44 @@ DIGITS = 15
 """Significant digits of sums in the file; the tolerance of a comparison is far above."""
 
 
-@dataclass(frozen=True)
-class RecordedScene:
+class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=False, omit_defaults=True):
     """One scene of a baseline."""
 
-    figures: RunFigures  # figures of its run; `cpu_p50` is NaN
+    inputs: RunInputs
+    digest: str = ""  # of poses and forces
+    errors: dict[str, float | None]  # figures that the gate judges; None where undefined
+    counters: dict[str, int]
     times: tuple[float, ...] = ()  # median of each timed process [s]; empty where none was timed
     references: tuple[float, ...] = ()  # median of the reference workload before each [s]
 
+    @classmethod
+    def of(cls, figures: RunFigures) -> "RecordedScene":
+        """Return the scene of a run, without times."""
+        errors = {name: value if math.isfinite(value) else None for name, value in figures.errors.items()}
+        return cls(inputs=figures.inputs, digest=figures.digest, errors=errors, counters=figures.counters)
 
-@dataclass(frozen=True)
-class Baseline:
+    def check(self) -> None:
+        """Check that there is a time of the reference workload for each time."""
+        if len(self.times) != len(self.references):
+            raise InputError(f"{len(self.times)} times beside {len(self.references)} of the reference workload")
+
+    @property
+    def figures(self) -> RunFigures:
+        """Figures of the run, NaN for those that are undefined or not in the file, `cpu_p50` too."""
+        found = {name: self.errors.get(name) for name in judged_metrics()}
+        errors = {name: math.nan if value is None else value for name, value in found.items()}
+        counters = {name: self.counters[name] for name in COUNTERS if name in self.counters}
+        return RunFigures(self.inputs, errors, counters, math.nan, digest=self.digest)
+
+
+class Baseline(Settings, frozen=True, forbid_unknown_fields=False):
     """Recorded baseline; `source` is for messages, `reference_version` that of the workload beside its times."""
 
-    source: str
-    reference_version: int
-    scenes: Mapping[str, RecordedScene] = field(default_factory=dict)
+    format: Literal["hhsim-gate-baseline"]
+    version: Version
+    scenes: dict[str, RecordedScene]
+    reference_version: int = 0
+    source: str = ""
 
 
 def write_baseline(path: Path, scenes: Mapping[str, RecordedScene]) -> None:
@@ -52,7 +76,7 @@ def write_baseline(path: Path, scenes: Mapping[str, RecordedScene]) -> None:
         "hhsim": __version__,
         # A file without times is the same from any machine: what it was made on would only make noise in its history.
         **({"machine": info.machine(), "reference_version": REFERENCE_VERSION} if timed else {}),
-        "scenes": {name: _scene_json(scene) for name, scene in scenes.items()},
+        "scenes": msgspec.to_builtins(scenes),
     }
     text = json.dumps(_rounded(document), indent=1, ensure_ascii=False)
     # A list of numbers is a line: a changed number is then a changed line, and no page of them.
@@ -75,44 +99,9 @@ def load_baseline(path: Path) -> Baseline:
     except json.JSONDecodeError as error:
         raise InputError(f"the baseline {path} is no JSON: {error}") from error
     try:
-        found = typed(document, _BaselineFile, f"the baseline {path}")
+        return structs.replace(typed(document, Baseline, f"the baseline {path}"), source=str(path))
     except InputError as error:
         raise InputError(f"{error}; record it anew with hhsim gate --write-baseline FILE") from None
-    scenes = {name: scene.recorded() for name, scene in found.scenes.items()}
-    return Baseline(str(path), found.reference_version, scenes)
-
-
-class _SceneTable(Settings, frozen=True, forbid_unknown_fields=False):
-    inputs: RunInputs
-    errors: dict[str, float | None]
-    counters: dict[str, int]
-    digest: str = ""
-    times: tuple[float, ...] = ()
-    references: tuple[float, ...] = ()
-
-    def check(self) -> None:
-        if len(self.times) != len(self.references):
-            raise InputError(f"{len(self.times)} times beside {len(self.references)} of the reference workload")
-
-    def recorded(self) -> RecordedScene:
-        """Return the scene, with NaN for figures that are undefined or not in the file."""
-        found = {name: self.errors.get(name) for name in judged_metrics()}
-        errors = {name: math.nan if value is None else value for name, value in found.items()}
-        counters = {name: self.counters[name] for name in COUNTERS if name in self.counters}
-        figures = RunFigures(self.inputs, errors, counters, math.nan, digest=self.digest)
-        return RecordedScene(figures, self.times, self.references)
-
-
-class _BaselineFile(Settings, frozen=True, forbid_unknown_fields=False):
-    format: Literal["hhsim-gate-baseline"]
-    version: Version
-    scenes: dict[str, _SceneTable]
-    reference_version: int = 0
-
-
-def _scene_json(scene: RecordedScene) -> dict[str, Any]:
-    timed = {"times": list(scene.times), "references": list(scene.references)} if scene.times else {}
-    return {**scene.figures.to_json(), **timed}
 
 
 def _rounded(value: Any) -> Any:

@@ -5,11 +5,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from msgspec import structs
+
 from hhsim.errors import InputError
 from hhsim.gate.baseline import Baseline, RecordedScene
 from hhsim.gate.input_hash import differences
 from hhsim.gate.metrics import SESSION_DEFAULTS, RunFigures, run_figures, without_times
-from hhsim.gate.run import RunFailed, Side, Step, interleaved_times, times_beside_reference
+from hhsim.gate.run import RunFailed, Side, Step, process_times
 from hhsim.gate.suite import REPLAY, SESSION, SUBMISSION, GateScene, GateSuite, default_suite
 from hhsim.gate.time_comparison import NOT_COMPARABLE
 from hhsim.gate.verdict import (
@@ -239,7 +241,7 @@ class _SuiteGate:
         rows += _judged(scene.name, figures, before, limits, scene.slack, scene.motion_may_change)
         if why:
             rows.insert(0, inputs_row(scene.name, why, NOT_COMPARABLE))
-        recorded = RecordedScene(figures)
+        recorded = RecordedScene.of(figures)
         if scene.timed and self.timed:
             comparable = before is None or not differences(before.inputs, figures.inputs)
             try:
@@ -261,8 +263,8 @@ class _SuiteGate:
         """
         suite, rows = self.suite, []
         if base is not None:
-            before, after = interleaved_times(scene, suite.folder, base, self.head, suite.time.processes, step)
-            rows.append(judge_time(scene.name, after, before, suite.time.limit))
+            times, before = process_times(scene, suite.folder, self.head, base, suite.time.processes, step)
+            rows.append(judge_time(scene.name, times, before, suite.time.limit))
         against = kept if self.base is None and kept is not None and kept.times else None
         if against is not None and self.baseline is not None and self.baseline.reference_version != REFERENCE_VERSION:
             reason = f"reference workload {self.baseline.reference_version} there, {REFERENCE_VERSION} here"
@@ -270,9 +272,9 @@ class _SuiteGate:
             against = None
         if against is None and not self.record_times:
             return rows, recorded
-        times, references = times_beside_reference(scene, suite.folder, self.head, suite.time.processes, step)
+        times, references = process_times(scene, suite.folder, self.head, None, suite.time.processes, step)
         if against is not None:
             here = [time / reference for time, reference in zip(times, references)]
             there = [time / reference for time, reference in zip(against.times, against.references)]
             rows.append(judge_time(scene.name, here, there, suite.time.recorded_limit, divided=True))
-        return rows, RecordedScene(recorded.figures, tuple(times), tuple(references))
+        return rows, structs.replace(recorded, times=tuple(times), references=tuple(references))

@@ -48,13 +48,13 @@ def run_inputs(result: Result) -> RunInputs:
     result = result if result.free else result.seen_from_object
     scene = result.scene
     solver: dict[str, Any] = {}
-    for name, value in scene.get("solver", {}).items():
+    for name, value in scene["solver"].items():
         solver |= {f"{name}.{key}": v for key, v in value.items()} if isinstance(value, dict) else {name: value}
     return RunInputs(
         schema=result.schema_version,
-        mesh=str(scene.get("object_mesh") or scene.get("checksums", {}).get("object", "")),
+        mesh=str(scene.get("object_mesh") or scene["checksums"]["object"]),
         ticks=result.ticks,
-        spheres=int(scene.get("object_spheres", 0)),
+        spheres=int(scene["object_spheres"]),
         options={**{name: scene.get(name) for name in INPUT_OPTIONS}, **_free_object(result)},
         solver=solver,
         tree=_moments(result.static["object/tree/center"], result.static["object/tree/radius"]),

@@ -4,9 +4,8 @@ Errors are computed anew from the stored poses and forces where no solver is nee
 pass.
 """
 
-from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,10 +13,10 @@ from hhsim.arrays import AnyArray
 from hhsim.gate.input_hash import RunInputs, run_inputs
 from hhsim.hand.fingers import FINGERS
 from hhsim.metrics import metrics
-from hhsim.metrics.run.registry import judged_metrics, known_figures, run_metrics
+from hhsim.metrics.run.registry import judged_metrics, known_figures, run_metrics, tick_figures
 from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
-from hhsim.metrics.run_metric import Figure, RunMetric
-from hhsim.metrics.run_ticks import RunTicks, result_ticks
+from hhsim.metrics.run_metric import Figure
+from hhsim.metrics.run_ticks import result_ticks
 from hhsim.metrics.session_faults import (
     SESSION_FAULTS,
     SESSION_TIMES,
@@ -91,11 +90,6 @@ class RunFigures:
     stopped: str = ""  # reason and time of a session's end before its duration; "" for none
     digest: str = ""  # of poses and forces, `hhsim.result.digest.tick_digest`; "" where a baseline has none
 
-    def to_json(self) -> dict[str, Any]:
-        """Return errors, counters and inputs as plain values; None for undefined ones."""
-        errors = {name: value if np.isfinite(value) else None for name, value in self.errors.items()}
-        return {"inputs": asdict(self.inputs), "digest": self.digest, "errors": errors, "counters": self.counters}
-
 
 def run_figures(result: Result) -> RunFigures:
     """Compute the figures of a result from its ticks.
@@ -109,13 +103,26 @@ def run_figures(result: Result) -> RunFigures:
     # The number of near pairs follows from the pose; it is work only for hhsim's methods.
     own = known if WORK in gives else known.intersection((UNITS_OF_WORK,))
     counters = {name: int(np.sum(result[dataset])) for name, (dataset, _) in COUNTERS.items() if dataset in own}
-    told, run = known_figures(gives), result_ticks(result, _ComputedAnew(result))
-    errors = {name: value for name, value in _errors(result, run, known).items() if name in told}
+    told = known_figures(gives) if result.live is None else known_figures(gives) | OF_SESSIONS
+    computed, judged = tick_figures(result_ticks(result, _ComputedAnew(result))), judged_metrics()
+    stored = {name: float(result.summary.get(name, np.nan)) for name in told if name not in computed}
+    found = stored | {name: value for name, value in computed.items() if name in told}
+    lost = {name for name in NEVER_UNDEFINED if name in known and not np.isfinite(result[name]).all()}
+    # A force or a pose that is not finite is an error, not a missing one.
+    errors = {
+        name: np.inf if np.isnan(found[name]) and lost.intersection(metric.needs) else found[name]
+        for name, metric in judged.items()
+        if name in found
+    }
+    others = {name: value for name, value in found.items() if name not in judged}
+    others |= {name: float(value) for name, value in result.score.items() if name in OF_SUBMISSIONS}
+    ended = ("", "")
+    if result.live is not None:
+        others |= recorded_faults(result).figures
+        ended = first_mishap(result), ended_before_its_time(result)
     stuck = is_mostly_stuck(errors.get("stuck_ticks", 0.0), result.ticks)
     suspicions = tuple(map(str, result.scene.get("submission", {}).get("suspicions", ())))
     promises = stored_promises(result.scene)
-    others = _others(result, run, told)
-    ended = ("", "") if result.live is None else (first_mishap(result), ended_before_its_time(result))
     return RunFigures(inputs, errors, counters, cpu_p50(result), others, stuck, promises, suspicions, *ended, digest)
 
 
@@ -124,30 +131,6 @@ def cpu_p50(result: Result) -> float:
     contact = result["contacts/candidates"] > 0
     cpu = result["duration/total_cpu"]
     return float(np.median(cpu[contact] if contact.any() else cpu)) * 1e-9
-
-
-def _errors(result: Result, run: RunTicks, known: Collection[str]) -> dict[str, float]:
-    found = {name: _figure(metric, result, run) for name, metric in judged_metrics().items()}
-    lost = {name for name in NEVER_UNDEFINED if name in known and not np.isfinite(result[name]).all()}
-    # A force or a pose that is not finite is an error, not a missing one.
-    return {
-        name: np.inf if np.isnan(value) and lost.intersection(judged_metrics()[name].needs) else value
-        for name, value in found.items()
-    }
-
-
-def _others(result: Result, run: RunTicks, told: set[str]) -> dict[str, float]:
-    names = (told if result.live is None else told | OF_SESSIONS) - judged_metrics().keys()
-    found = {name: _figure(run_metrics().get(name), result, run, name) for name in names}
-    if result.live is not None:
-        found |= recorded_faults(result).figures
-    return {**found, **{name: float(value) for name, value in result.score.items() if name in OF_SUBMISSIONS}}
-
-
-def _figure(metric: RunMetric | None, result: Result, run: RunTicks, name: str = "") -> float:
-    if metric is None or metric.compute is None:
-        return float(result.summary.get(name if metric is None else metric.name, np.nan))
-    return np.nan if metric.free_only and run.free is None else float(metric.compute(run))
 
 
 class _ComputedAnew:

@@ -125,41 +125,25 @@ def this_python() -> Path:
     return Path(sys.executable)
 
 
-def interleaved_times(
-    scene: GateScene, folder: Path, base: Side, head: Side, processes: int, step: Step | None = None
+def process_times(
+    scene: GateScene, folder: Path, head: Side, base: Side | None, processes: int, step: Step | None = None
 ) -> tuple[list[float], list[float]]:
-    """Return the p50 [s] of each process of base and head, in turn, base first in every other pair.
+    """Return the p50 [s] of each process of head, and of base in turn, base first in every other pair.
 
-    Raises:
-        RunFailed: A run did not end well.
-    """
-    times: dict[str, list[float]] = {"base": [], "head": []}
-    with interruptible_between() as check_interrupt:
-        for pair in range(processes):
-            for key, side in (("base", base), ("head", head)) if base_first(pair) else (("head", head), ("base", base)):
-                if step is not None:
-                    step(f"{scene.name}, time of {key}, {pair + 1} of {processes}")
-                times[key].append(side.replay(scene, folder, cpu_p50))
-                check_interrupt()
-    return times["base"], times["head"]
-
-
-def times_beside_reference(
-    scene: GateScene, folder: Path, head: Side, processes: int, step: Step | None = None
-) -> tuple[list[float], list[float]]:
-    """Return the p50 [s] of each process, and of the reference workload right before it.
+    Without a base, the second times are those of the reference workload, right before each process of head.
 
     Raises:
         RunFailed: A run did not end well.
     """
     from hhsim.gate.machine_calibration import reference_p50
 
-    times, references = [], []
+    times: dict[str, list[float]] = {"head": [], "base": []}
     with interruptible_between() as check_interrupt:
-        for i in range(processes):
-            if step is not None:
-                step(f"{scene.name}, time, {i + 1} of {processes}")
-            references.append(reference_p50())
-            times.append(head.replay(scene, folder, cpu_p50))
-            check_interrupt()
-    return times, references
+        for pair in range(processes):
+            for name in ("base", "head") if base is None or base_first(pair) else ("head", "base"):
+                side = head if name == "head" else base
+                if side is not None and step is not None:
+                    step(f"{scene.name}, time of {name}, {pair + 1} of {processes}")
+                times[name].append(reference_p50() if side is None else side.replay(scene, folder, cpu_p50))
+                check_interrupt()
+    return times["head"], times["base"]

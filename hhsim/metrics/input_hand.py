@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import HandModel
@@ -128,20 +128,30 @@ def _mesh_depths(mesh: Mesh, shape: HandShape, fingers: BoolArray) -> Depths:
 def deepest(depths: Depths, palm_center: FloatArray, placed: PlacedHand, known: float = 0.0) -> float:
     """Depth of the deepest of some hands [m], to `SAME_DEPTH`; `known` where none is deeper.
 
-    No finger is deeper than at another tick by more than its surface moves between them, so most ticks are skipped.
-
     Args:
         depths: Depth function of the object.
         palm_center: Centres of the palm's spheres [m], palm frame, shape (P, 3).
         placed: The hands, in the order of time, all of them finite.
         known: Depth found elsewhere [m].
     """
-    count = len(placed.joints)
-    if count == 0:
+    if len(placed.joints) == 0:
         return known
-    travel = np.concatenate([np.zeros((1, 6)), np.cumsum(_moved(palm_center, placed), axis=0)])
-    looked = np.unique(np.append(np.arange(0, count, FIRST_LOOKS), count - 1))
-    depth = depths(placed.at(looked))
+    return search_deepest(_moved(palm_center, placed), lambda ticks: depths(placed.at(ticks)), known)
+
+
+def search_deepest(moved: FloatArray, depths_at: Callable[[IntArray], FloatArray], known: float = 0.0) -> float:
+    """Largest depth of some bodies over T ticks [m], to `SAME_DEPTH`; `known` where none is deeper.
+
+    No body is deeper than at another tick by more than its surface moves between them, so most ticks are skipped.
+
+    Args:
+        moved: Upper bound of the travel of each body's surface to the next tick [m], shape (T - 1, B).
+        depths_at: Function from ticks (n,) to the depths of the bodies [m], shape (n, B).
+        known: Depth found elsewhere [m].
+    """
+    travel = np.concatenate([np.zeros((1, moved.shape[1])), np.cumsum(moved, axis=0)])
+    looked = np.unique(np.append(np.arange(0, len(travel), FIRST_LOOKS), len(travel) - 1))
+    depth = depths_at(looked)
     best = max(known, float(depth.max()))
     while True:
         # Upper bound in between: the depths at both ends, and the travel from them.
@@ -150,7 +160,7 @@ def deepest(depths: Depths, palm_center: FloatArray, placed: PlacedHand, known: 
         if open_.size == 0:
             return best
         more = (looked[open_] + looked[open_ + 1]) // 2
-        found = depths(placed.at(more))
+        found = depths_at(more)
         best = max(best, float(found.max()))
         looked, depth = np.insert(looked, open_ + 1, more), np.insert(depth, open_ + 1, found, axis=0)
 

@@ -1,7 +1,7 @@
 """Ticks of a run as its figures see them, of a replay or of a result file."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -103,8 +103,6 @@ class RunTicks:
 def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
     """Build the ticks of a result; `columns` replaces the file's, in a moving object's frame."""
     static = result.static
-    level = static["object/tree/level"]
-    bodies = static["hand/phalanx_length"].size + static["hand/palm_radius"].size
     center, radius, levels, parent = (static[f"object/tree/{name}"] for name in ("center", "radius", "level", "parent"))
     tree = SphereTree(center, radius, levels, parent)
     mesh = Mesh(static["object/vertices"], static["object/faces"])
@@ -115,6 +113,14 @@ def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
         np.array([finger in result.fingers for finger in FINGERS]),
         float(result.scene["solver"]["touch"]),
     )
+    return replace(ticks_alone(result, columns), touched=touched)
+
+
+def ticks_alone(result: Result, columns: Columns | None = None) -> RunTicks:
+    """Build the ticks of a result without its object: figures of contacts and of the user's hand are NaN."""
+    static = result.static
+    level = static["object/tree/level"]
+    bodies = static["hand/phalanx_length"].size + static["hand/palm_radius"].size
     return RunTicks(
         columns=result.seen_from_object if columns is None else columns,
         ticks=result.ticks,
@@ -122,7 +128,6 @@ def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
         rate=result.rate,
         fingers=len(result.fingers),
         all_pairs=bodies * int(np.sum(level == level.max())),
-        touched=touched,
         breaks=_breaks(result),
         hand=_hand(result),
         free=result_free_run(result),

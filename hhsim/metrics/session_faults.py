@@ -1,6 +1,5 @@
 """Figures of a live session: its times, and its faults: an early end, malformed packets, freed fingers."""
 
-import json
 import signal
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -113,11 +112,8 @@ SESSION_FAULTS = (
 def recorded_faults(session: Result) -> FaultCounts:
     """Count the faults of a recorded session; NaN for packets that its file does not tell of."""
     early = float(bool(broken_off(session)))
-    try:
-        counters = json.loads((session.live or {})["counters"])
-        malformed, frames = float(counters["malformed"]), float(counters["frames"])
-    except (KeyError, ValueError, TypeError):
-        malformed = frames = np.nan
+    counters = session.told("counters")
+    malformed, frames = (float(counters.get(name, np.nan)) for name in ("malformed", "frames"))
     return FaultCounts(
         early=early,
         faults=max(early, float(len(session_log(session).faults))),
@@ -132,24 +128,23 @@ def how_it_ended(result: Result) -> str:
     """Reason of a session's end; "" of a replay."""
     if result.live is None:
         return ""
-    ended = str(result.live.get("ended") or "")
+    ended = str(result.live["ended"])
     return "the recording was cut short" if not ended or (ended in IN_ORDER and not result.complete) else ended
 
 
 def ended_before_its_time(result: Result) -> str:
     """Reason and time of an end before the duration that was asked for; "" of any other run."""
-    ended, asked = how_it_ended(result), result.scene.get("duration")
-    if ended in ("", "duration") or not isinstance(asked, int | float):
+    ended = how_it_ended(result)
+    if ended in ("", "duration") or result.scene["duration"] is None:
         return ""
     periods = result.ticks + int(result.summary.get("missed", 0))
-    return f"{_in_words(ended)} after {periods / result.rate:.1f} of {asked:g} s"
+    return f"{_in_words(ended)} after {periods / result.rate:.1f} of {result.scene['duration']:g} s"
 
 
 def broken_off(result: Result) -> str:
     """Reason of an end out of order; "" of any other run."""
     ended = how_it_ended(result)
-    in_order = ended in SIGNALS and result.scene.get("duration") is None
-    if not ended or ended in IN_ORDER or in_order:
+    if not ended or ended in IN_ORDER or (ended in SIGNALS and result.scene["duration"] is None):
         return ""
     return ended_before_its_time(result) or _in_words(ended)
 

@@ -57,7 +57,7 @@ def export_ticks(
         known |= {column.name: column for column in OBJECT_COLUMNS}
     if result.live is not None:
         of_loop = (replace(column, name=f"{LIVE_TICK}/{column.name}") for column in LIVE_TICK_COLUMNS)
-        known |= {column.name: column for column in of_loop if not column.optional or column.name in result}
+        known |= {column.name: column for column in of_loop}
     wanted = tuple(known) if columns and ALL in columns else tuple(columns or USUAL)
     for name in wanted:
         if name not in known:

@@ -14,7 +14,7 @@ import numpy as np
 
 from hhsim.arrays import AnyArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
-from hhsim.hand.fingers import BODIES, FINGERS
+from hhsim.hand.fingers import BODIES
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.motion.trajectory import TickPhase, phase_names
 from hhsim.result.object_frame import TURNS, as_object_sees
@@ -93,34 +93,40 @@ class Result:
     _loaded: dict[str, AnyArray] = field(default_factory=dict, compare=False)
 
     def __repr__(self) -> str:
-        run = f"{self.scene.get('object_name') or 'object'}, {self.scene.get('motion') or 'motion'}"
+        run = f"{self.scene['object_name']}, {self.scene['motion']}"
         ticks = f"{self.ticks:,} ticks at {self.rate:g} Hz{'' if self.complete else ', cut short'}"
-        how = f"{self.method or 'no method'} on {self.surface}"
-        return f"Result({self.path.name}: {run}, {how}, {ticks}{phase_names(self.phases)})"
+        return f"Result({self.path.name}: {run}, {self.method} on {self.surface}, {ticks}{phase_names(self.phases)})"
 
     @property
     def method(self) -> str:
-        """Method of the run; "" where the file does not say."""
-        return str(self.scene.get("solver", {}).get("method", ""))
+        """Method of the run."""
+        return str(self.scene["solver"]["method"])
 
     @property
     def surface(self) -> str:
-        """Surface of the object that the hand touched: `spheres`, the default, or `mesh`."""
-        return str(self.scene.get("solver", {}).get("surface", "spheres"))
+        """Surface of the object that the hand touched: `spheres` or `mesh`."""
+        return str(self.scene["solver"]["surface"])
 
     def gives(self, what: str) -> bool:
         """True if the method gives something, one of `hhsim.solver.method.EVERYTHING`; hhsim's own give everything."""
         return what in self.scene.get("gives", [what])
 
+    def told(self, name: str) -> dict[str, Any]:
+        """Return the JSON object in an attribute of a session, such as `limits`; raise InputError for anything else."""
+        try:
+            return _mapping(str((self.live or {})[name]))
+        except (KeyError, DamagedFileError) as error:
+            raise InputError(f"{self.path}: {name} of /live: {error}") from None
+
     @property
     def rate(self) -> float:
-        """Ticks per second [Hz]; 1 kHz where the file does not say."""
-        return float(self.scene.get("rate", 1000.0))
+        """Ticks per second [Hz]."""
+        return float(self.scene["rate"])
 
     @property
     def fingers(self) -> tuple[str, ...]:
         """Names of the modelled fingers."""
-        return tuple(self.scene.get("solver", {}).get("fingers", FINGERS))
+        return tuple(self.scene["solver"]["fingers"])
 
     @property
     def free(self) -> bool:
@@ -167,15 +173,13 @@ class Result:
     def __getitem__(self, name: str) -> AnyArray:
         if name not in self._loaded:
             with _opened(self.path) as file:
-                if name.startswith(f"{LIVE}/"):
-                    self._loaded[name] = self._live_column(file, name)
-                elif name.startswith(f"{CONTACT}/"):
-                    self._loaded[name] = self._contact_column(file, name)
-                else:
-                    dataset = file["tick"].get(name)
-                    if not isinstance(dataset, h5py.Dataset):
-                        raise self._no_dataset(name, dataset)
-                    self._loaded[name] = _frozen(self._rows(file, name, slice(0, self.ticks)))
+                of_ticks = not name.startswith((f"{LIVE}/", f"{CONTACT}/"))
+                dataset = file.get(f"tick/{name}" if of_ticks else name)
+                if not isinstance(dataset, h5py.Dataset):
+                    raise self._no_dataset(name, dataset)
+                rows = slice(self.ticks if of_ticks else self._whole_rows(dataset))
+                found = self._rows(file, name, rows) if of_ticks else read_numbers(dataset, rows)
+                self._loaded[name] = _frozen(found)
         return self._loaded[name]
 
     def keys(self) -> list[str]:
@@ -194,8 +198,11 @@ class Result:
         if group is not None:
             inside = [known for known in self.keys() if known.startswith(f"{name}/")]
             return InputError(f"{self.path}: {name} is a group; expected one of its datasets: {', '.join(inside)}")
-        error = UnknownNameError("dataset", name, self.keys())
-        return InputError(f"{self.path}: {error}")
+        if name.startswith(f"{LIVE}/") and self.live is None:
+            return InputError(f"{self.path} has no dataset {name}: it is no live session")
+        if name.startswith(f"{CONTACT}/") and not self.free:
+            return InputError(f"{self.path} has no dataset {name}: contacts are stored where the object is free")
+        return InputError(f"{self.path}: {UnknownNameError('dataset', name, self.keys())}")
 
     def blocks(self, names: Sequence[str], size: int = CHUNK_TICKS) -> Iterator[dict[str, AnyArray]]:
         """Yield datasets of /tick or `live/tick` by name, `size` ticks at a time: sessions may exceed the memory."""
@@ -216,27 +223,17 @@ class Result:
         with _opened(self.path) as file:
             return {name: np.asarray(self._rows(file, name, tick)) for name in names}
 
-    def _contact_column(self, file: h5py.File, name: str) -> AnyArray:
-        if not isinstance(file.get(name), h5py.Dataset):
-            raise InputError(f"{self.path} has no dataset {name}: contacts are stored where the object is free")
-        # A killed run may have written more contacts than ticks.
-        ticks, bodies = file[CONTACT]["tick"][...], file[CONTACT]["body"][...]
+    def _whole_rows(self, dataset: h5py.Dataset) -> int:
+        """Number of rows that belong to the ticks: a killed run may have written a block to some datasets only."""
+        if dataset.name.startswith(f"/{LIVE_TICK}/"):
+            return self.ticks
+        table = dataset.parent
+        if table.name != f"/{CONTACT}":
+            return min(len(column) for column in table.values())
+        ticks, bodies = table["tick"][...], table["body"][...]
         if (np.diff(ticks) < 0).any() or (ticks[:1] < 0).any() or ((bodies < -1) | (bodies >= BODIES)).any():
             raise InputError(f"{self.path} is damaged: a contact of no tick, or of no body")
-        rows = int(np.searchsorted(ticks, self.ticks))
-        return _frozen(read_numbers(file[name], slice(rows)))
-
-    def _live_column(self, file: h5py.File, name: str) -> AnyArray:
-        if self.live is None:
-            raise InputError(f"{self.path} has no dataset {name}: it is no live session")
-        if not isinstance(file.get(name), h5py.Dataset):
-            raise self._no_dataset(name, file.get(name))
-        table = file[name.rsplit("/", 1)[0]]
-        rows: list[int] = []
-        # A killed run may have written a block to some of the datasets only.
-        table.visititems(lambda _, item: rows.append(len(item)) if isinstance(item, h5py.Dataset) else None)
-        of_ticks = f"{table.name}/".startswith(f"/{LIVE_TICK}/")
-        return _frozen(read_numbers(file[name], slice(self.ticks if of_ticks else min(rows))))
+        return int(np.searchsorted(ticks, self.ticks))
 
     def phase_at(self, tick: int) -> str:
         """Name of the phase of a tick; "" for none."""
@@ -278,11 +275,9 @@ def load_result(path: str | Path) -> Result:
             _check_dataset(file[CONTACT], column, (-1, *column.shape), path)
         ticks = min(len(tick[column.name]) for column in columns)
         if LIVE_TICK in file:
-            loop = file[LIVE_TICK]
-            kept = [column.name for column in LIVE_TICK_COLUMNS if not column.optional or column.name in loop]
-            ticks = min(ticks, *(len(loop[name]) for name in kept))
+            ticks = min(ticks, *(len(file[LIVE_TICK][column.name]) for column in LIVE_TICK_COLUMNS))
         attributes = file.attrs
-        dirty = attributes.get("git_dirty", UNKNOWN)
+        dirty = attributes["git_dirty"]
         return Result(
             path=path,
             complete=bool(attributes["complete"]),
@@ -290,15 +285,15 @@ def load_result(path: str | Path) -> Result:
             schema_version=int(attributes["schema_version"]),
             hhsim_version=str(attributes["hhsim_version"]),
             created_utc=str(attributes["created_utc"]),
-            scene=_Stated(_scene(attributes["scene"]), path),
+            scene=_Stated(_mapping(attributes["scene"]), path),
             machine=_mapping(attributes["machine"]),
             packages=_mapping(attributes["packages"]),
-            phases=tuple(phase for phase in _read_phases(file) if phase.first_tick < ticks),
+            phases=tuple(phase for phase in read_phases(file) if phase.first_tick < ticks),
             summary=_attributes(file["summary"]),
             static={column.name: _frozen(_finite_numbers(file[column.name])) for column in STATIC_COLUMNS},
             live=_Stated(_attributes(file[LIVE]), path) if LIVE in file else None,
-            command=tuple(json.loads(attributes.get("command", "[]"))),
-            git_revision=str(attributes.get("git_revision", UNKNOWN)),
+            command=tuple(json.loads(attributes["command"])),
+            git_revision=str(attributes["git_revision"]),
             git_dirty=dirty if isinstance(dirty, str) else bool(dirty),
             repeated=_mapping(attributes.get("repeated", "{}")),
             score=_mapping(attributes.get("score", "{}")),
@@ -344,14 +339,6 @@ def _dataset_names(group: h5py.Group) -> list[str]:
     return names
 
 
-def _scene(written: str) -> dict[str, Any]:
-    scene = _mapping(written)
-    solver = scene.get("solver", {})
-    if "settled" in solver:  # the option's name in older files
-        solver["step_tolerance"] = solver.pop("settled")
-    return scene
-
-
 def check_result_path(path: Path) -> None:
     """Check, before the work, that a result can be written to `path`.
 
@@ -372,7 +359,8 @@ def check_result_path(path: Path) -> None:
         raise OutputError(f"{path} exists and is no result file, so it is not replaced: name another file with --out")
 
 
-def _read_phases(file: h5py.File) -> Iterator[TickPhase]:
+def read_phases(file: h5py.File) -> Iterator[TickPhase]:
+    """Yield the phases in a file of ticks."""
     group = file["phase"]
     for name, first, last in zip(group["name"].asstr()[...], group["first_tick"], group["last_tick"]):
         yield TickPhase(str(name), int(first), int(last))

@@ -1,6 +1,6 @@
 """Datasets of a result file (format `hhsim-result`): the table that writer, reader and checks share.
 
-A change raises `SCHEMA_VERSION`, and files of another schema are refused; only an optional column may be added without.
+A change raises `SCHEMA_VERSION`, and files of another schema are refused.
 A result holds all that a run needs, so that it can be run again from nothing else (`hhsim.replay.repeat`).
 """
 
@@ -113,7 +113,6 @@ class Column:
     source: str = ""
     # transformation to a moving object's frame: "point", "vector" (of 3, or of twice 3), "orientation", or ""
     turns: str = ""
-    optional: bool = False  # True if older files may lack it
 
     @property
     def known_by(self) -> str:
@@ -295,7 +294,6 @@ LIVE_TICK_COLUMNS: tuple[Column, ...] = (
     Column(
         *("early", (), "<i8", "ns"),
         *("how long before its period's end that was, since a sample had come; 0: none had", "early_ns"),
-        optional=True,
     ),
     Column(
         *("wakeup", (), "<i8", "ns"),
@@ -309,7 +307,6 @@ LIVE_TICK_COLUMNS: tuple[Column, ...] = (
     Column(
         *("at_once", (), "|u1", "1"),
         *("1: the work before ended in this period, and the tick began without a sleep", "at_once"),
-        optional=True,
     ),
     Column("safety", (), "<i8", "1", "why the fingers were kept free, sum of bits; 0: they were not", "safety"),
     Column("command_bend", (5,), "<f8", "1", "where each finger was told to stop, 0 flat to 1 fist", "command_bend"),
@@ -318,10 +315,9 @@ LIVE_TICK_COLUMNS: tuple[Column, ...] = (
         *("cause", (), "|u1", "1"),
         "who took the time of the periods missed: 1 computed too long, 2 woken late, 3 the host, 4 the device; 0: none",
         "cause",
-        optional=True,
     ),
     *(
-        Column(f"taken/{part}", (), "<i8", "ns", f"where periods were missed, {what}", f"taken.{part}", optional=True)
+        Column(f"taken/{part}", (), "<i8", "ns", f"where periods were missed, {what}", f"taken.{part}")
         for part, what in (
             ("computed", "CPU time of the loop since the wake-up before"),
             ("kept", "time since the deadline before that it neither ran nor slept as it had asked to"),

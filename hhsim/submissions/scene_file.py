@@ -16,9 +16,9 @@ from hhsim import __version__
 from hhsim.arrays import AnyArray
 from hhsim.errors import DamagedFileError, InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.motion.trajectory import Phase, TickInput, TickPhase, Trajectory
+from hhsim.motion.trajectory import Phase, TickInput, Trajectory
 from hhsim.replay.stored_scene import checksums, static_arrays, stored_hand, stored_mesh, stored_tree
-from hhsim.result.reader import Result
+from hhsim.result.reader import Result, read_phases
 from hhsim.result.schema import STATIC_COLUMNS
 from hhsim.scene.scene import Scene, open_scene
 from hhsim.system.atomic_write import put_dataset, sealed_hdf5
@@ -121,6 +121,16 @@ def scene_content(scene: Scene) -> bytes:
     return sealed_hdf5(fill)
 
 
+def tick_trajectory(ticks: TickInput, **about: Any) -> Trajectory:
+    """Return the ticks as a motion with a sample a tick; `about` are the other fields of `Trajectory`."""
+    last = ticks.tick_count - 1
+    phases = tuple(
+        Phase(phase.name, float(ticks.time[phase.first_tick]), float(ticks.time[min(phase.last_tick + 1, last)]))
+        for phase in ticks.phases
+    )
+    return Trajectory(ticks.time, *HandConfiguration.of(ticks), phases=phases, **about)
+
+
 def load_scene(path: Path) -> Scene:
     """Read a scene's file.
 
@@ -147,9 +157,7 @@ def _load(path: Path) -> Scene:
         said = json.loads(file.attrs["scene"])
         static = {column.name: file[column.name][()] for column in STATIC_COLUMNS}
         motion = {name: file[f"motion/{name}"][()] for name in MOTION}
-        names = file["phase/name"].asstr()[()]
-        spans = zip(names, file["phase/first_tick"][()], file["phase/last_tick"][()])
-        phases = tuple(TickPhase(str(name), int(first), int(last)) for name, first, last in spans)
+        phases = tuple(read_phases(file))
         version = str(file.attrs.get("hhsim_version", ""))
     held = Result(
         path=path,
@@ -167,15 +175,8 @@ def _load(path: Path) -> Scene:
     )
     rate = float(said["rate"])
     ticks = TickInput(**motion, phases=phases, rate=rate)
-    trajectory = Trajectory(
-        motion["time"],
-        *HandConfiguration.of(ticks),
-        phases=tuple(Phase(p.name, motion["time"][p.first_tick], motion["time"][p.last_tick]) for p in phases),
-        object_position=static["object/position"],
-        object_orientation=static["object/orientation"],
-        name=said["motion"],
-        source=said["motion_source"],
-    )
+    place = {name: static[name.replace("_", "/")] for name in ("object_position", "object_orientation")}
+    trajectory = tick_trajectory(ticks, name=said["motion"], source=said["motion_source"], **place)
     more = ("names", "object_name", "motion", "motion_source", "rate", "hand", "checksums")
     description = {name: value for name, value in said.items() if name not in more}
     return Scene(stored_mesh(held), stored_tree(held), stored_hand(held), trajectory, ticks, description)

@@ -15,10 +15,10 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.csv_file import format_csv
-from hhsim.motion.trajectory import Phase, Trajectory
+from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.scene import Scene
 from hhsim.submissions.pose_file import Submission, format_poses
-from hhsim.submissions.scene_file import scene_content, scene_digest, scene_names, scene_title
+from hhsim.submissions.scene_file import scene_content, scene_digest, scene_names, scene_title, tick_trajectory
 from hhsim.table.table import Table
 
 SCENE_FILE = "scene.h5"
@@ -99,22 +99,9 @@ def example_submission(scene: Scene) -> Submission:
 
 
 def _motion(scene: Scene) -> Trajectory:
-    ticks, motion = scene.ticks, scene.trajectory
-    last = ticks.tick_count - 1
-    phases = tuple(
-        Phase(phase.name, float(ticks.time[phase.first_tick]), float(ticks.time[min(phase.last_tick + 1, last)]))
-        for phase in ticks.phases
-    )
-    return Trajectory(
-        ticks.time,
-        *HandConfiguration.of(ticks),
-        phases=phases,
-        object_position=motion.object_position,
-        object_orientation=motion.object_orientation,
-        name=motion.name,
-        source=motion.source,
-        hand=scene.hand.side,
-    )
+    about = ("object_position", "object_orientation", "name", "source")
+    given = {name: getattr(scene.trajectory, name) for name in about}
+    return tick_trajectory(scene.ticks, hand=scene.hand.side, **given)
 
 
 def _numbers(hand: HandModel) -> dict[str, Any]:

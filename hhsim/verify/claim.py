@@ -1,6 +1,7 @@
 """Verdict of the referee on one claim of a result, with the worst deviation, its tick and the tolerance."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -80,6 +81,14 @@ def difference(stored: FloatArray, own: FloatArray) -> FloatArray:
     stored = np.asarray(stored, np.float64)
     one, other = np.isnan(stored), np.isnan(own)
     return np.where(one & other, 0.0, np.where(one | other, np.inf, np.abs(stored - own)))
+
+
+def as_number(value: Any) -> float:
+    """Return a figure of the file as a number; NaN for what is none."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return float("nan")
 
 
 def told_apart(stored: float, own: float) -> tuple[str, str]:

@@ -1,7 +1,6 @@
 """Distances of the hand to leaf spheres and triangles by the collision library coal.
 
-Coal has no round cones but balls: the cone's distance is the minimum of d(x(s)) − r(s) along its axis. d is convex, so
-its tangents, from coal's nearest points, bound it from below; the next s is where two tangents meet.
+Coal has no round cones but balls: the cone's distance is the minimum of d(x(s)) − r(s) along its axis, which is convex.
 """
 
 import math
@@ -15,8 +14,7 @@ from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 
 EXACT = 1e-9
-"""Tolerance of the bounds of a distance [m]."""
-_MOST_PLACES = 200
+"""Tolerance of a distance [m]."""
 NO_AREA = 1e-12
 """Ratio of a triangle's height to its longest side below which it is a line; less than `EXACT` is lost on it."""
 
@@ -75,56 +73,37 @@ def triangle_shapes(mesh: Mesh) -> Callable[[int], Shape]:
 
 
 def coal_distance(a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, shape: Any, place: Any) -> float:
-    """Signed distance [m] of the hull of two balls to a shape of coal, at most `EXACT` too large.
+    """Compute the signed distance [m] of the hull of two balls to a shape of coal, at most `EXACT` too large.
 
     `a`, `b` are the centres of the balls [m], shape (3,), with their radii [m].
     """
     import coal
+    from scipy.optimize import minimize_scalar
 
     request, answer, ball, there = coal.DistanceRequest(), coal.DistanceResult(), coal.Sphere(0.0), coal.Transform3s()
     request.gjk_tolerance = 1e-12
-    axis, drop = b - a, radius_b - radius_a
 
-    def tangent(share: float) -> tuple[float, float, float]:
-        """Share of the axis, distance there and slope."""
-        at = a + share * axis
-        there.setTranslation(at)
+    def distance(share: float) -> float:
+        there.setTranslation(a + share * (b - a))
         answer.clear()
-        distance = float(coal.distance(shape, place, ball, there, request, answer))
-        away = at - np.array(answer.getNearestPoint1())
-        # Inside a sphere the nearest point is farther out.
-        slope = float(away @ axis) / (math.copysign(float(np.linalg.norm(away)), distance) or math.inf)
-        return share, distance - radius_a - share * drop, slope - drop
+        radius = (1.0 - share) * radius_a + share * radius_b
+        return float(coal.distance(shape, place, ball, there, request, answer)) - radius
 
-    low, high = tangent(0.0), tangent(1.0)
-    best = min(low[1], high[1])
-    for _ in range(_MOST_PLACES):
-        if low[2] >= 0.0 or high[2] <= 0.0:
-            break
-        share = (high[1] - low[1] + low[2] * low[0] - high[2] * high[0]) / (low[2] - high[2])
-        if best <= low[1] + low[2] * (share - low[0]) + EXACT:
-            break
-        found = tangent(share)
-        best = min(best, found[1])
-        low, high = (found, high) if found[2] < 0.0 else (low, found)
-    return best
+    ends = min(distance(0.0), distance(1.0))
+    if np.array_equal(a, b):
+        return ends
+    # The search looks between the ends, and does not reach them.
+    return min(ends, float(minimize_scalar(distance, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-9}).fun))
 
 
 def frame_along(axis: FloatArray) -> FloatArray:
-    """A rotation that turns z along an axis [m], shape (3, 3); the identity for an axis of no length."""
+    """Return a rotation that turns z along an axis [m], shape (3, 3), by Duff et al. (2017); the identity for none."""
     x, y, z = axis.tolist()
     length = math.hypot(x, y, z)
     if length == 0.0:
         return np.eye(3)
     x, y, z = x / length, y / length, z / length
-    # Across the coordinate axis that is farthest from this one; by hand, since numpy takes most of a query for it.
-    if abs(x) <= min(abs(y), abs(z)):
-        side = math.hypot(y, z)
-        i, j, k = 0.0, z / side, -y / side
-    elif abs(y) <= abs(z):
-        side = math.hypot(x, z)
-        i, j, k = -z / side, 0.0, x / side
-    else:
-        side = math.hypot(x, y)
-        i, j, k = y / side, -x / side, 0.0
-    return np.array([[i, y * k - z * j, x], [j, z * i - x * k, y], [k, x * j - y * i, z]])
+    sign = math.copysign(1.0, z)
+    slope = -1.0 / (sign + z)
+    both = x * y * slope
+    return np.array([[1.0 + sign * x * x * slope, both, x], [sign * both, sign + y * y * slope, y], [-sign * x, -y, z]])

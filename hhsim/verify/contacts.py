@@ -69,20 +69,16 @@ class Groups(NamedTuple):
 
 
 def grouped(center: FloatArray, radius: FloatArray) -> Groups:
-    """Group pieces by halving them at the median of their longest extent; balls of centres (L, 3), radii (L,) [m]."""
+    """Group pieces as a k-d tree of their centres lists them; balls of centres (L, 3), radii (L,) [m]."""
+    from scipy.spatial import cKDTree
+
     most = max(GROUP, len(radius) // MOST_GROUPS)
-    waiting, groups = [np.arange(len(radius))], []
-    while waiting:
-        rows = waiting.pop()
-        if len(rows) <= most:
-            groups.append(rows)
-            continue
-        rows = rows[np.argsort(center[rows, np.ptp(center[rows], axis=0).argmax()], kind="stable")]
-        waiting += [rows[: len(rows) // 2], rows[len(rows) // 2 :]]
+    order = cKDTree(center, leafsize=most).indices
+    first = np.append(np.arange(0, len(order), most), len(order))
+    groups = np.split(order, first[1:-1])
     middle = np.array([0.5 * (center[rows].min(axis=0) + center[rows].max(axis=0)) for rows in groups])
     around = [(np.linalg.norm(center[rows] - at, axis=1) + radius[rows]).max() for rows, at in zip(groups, middle)]
-    first = np.cumsum([0, *(len(rows) for rows in groups)])
-    return Groups(np.concatenate(groups), first, middle, np.array(around), center, radius)
+    return Groups(order, first, middle, np.array(around), center, radius)
 
 
 def near_rows(
@@ -126,7 +122,7 @@ def _by_chunks(posed: Posed, search: Callable[[Posed], tuple[Pairs, ...]]) -> Pa
     """Pairs of a search by `CHUNK` ticks."""
     found: list[Pairs] = []
     for first in range(0, len(posed.joints), CHUNK):
-        some = Posed(*(values[first : first + CHUNK] for values in posed))
+        some = posed.at(slice(first, first + CHUNK))
         found.extend(pairs._replace(tick=pairs.tick + first) for pairs in search(some))
     return joined(found)
 

@@ -6,7 +6,7 @@ from hhsim.arrays import FloatArray
 from hhsim.metrics.mesh_penetration import ticks_looked_at
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.system.counted import counted
-from hhsim.verify.claim import NOT_CLAIMED, NOT_JUDGED, Claim, all_true, difference, judged
+from hhsim.verify.claim import NOT_CLAIMED, NOT_JUDGED, Claim, all_true, as_number, difference, judged
 from hhsim.verify.coal_distance import EXACT, coal_distance, sphere_shapes, triangle_shapes
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import follows, leaves
@@ -129,7 +129,7 @@ def contact_error_claim(judge: JudgedTicks) -> Claim:
     # Equal contact points of a hand at rest are measured once.
     points, place = np.unique(np.round(touching.point, 12), axis=0, return_inverse=True)
     away = nearest_on(surface.model, points)[0][place.ravel()]
-    stated = float(result.summary[CONTACT_ERROR])
+    stated = as_number(result.summary[CONTACT_ERROR])
     over = np.maximum(0.0, away - stated) if np.isfinite(stated) else away
     if len(judge.asked) == len(judge.chosen) == result.ticks and np.isfinite(stated):
         # With every tick judged, the farthest contact equals the figure.

@@ -73,7 +73,7 @@ def _complete(result: Result) -> Claim:
 
 
 def _checksums(result: Result) -> Claim:
-    found, stated = checksums(result.static), result.scene.get("checksums", {})
+    found, stated = checksums(result.static), result.scene["checksums"]
     wrong = {what: found[part] != stated.get(part) for part, what in PARTS.items()}
     names = ", ".join(what for what, differs in wrong.items() if differs)
     note = f"not those of the run: {names}" if names else ""
@@ -86,12 +86,9 @@ def _time(result: Result) -> Claim:
         deadline = np.asarray(result["live/tick/deadline"])
         off = np.abs(time - 1e-9 * (deadline - deadline[0]))
         return judged("time", "the time of a tick is that of its deadline", off, 1e-9, "s", why, ticks=ticks)
-    rate = float(result.scene.get("rate", 0.0))
-    if rate <= 0.0:
-        return all_true("time", "time goes on from tick to tick", ~(np.diff(time) > 0.0), ticks=ticks[1:])
-    period = float(result.scene["solver"].get("period", 1.0 / rate))
-    off = np.maximum(np.abs(time - ticks / rate), abs(period - 1.0 / rate))
-    says = f"a tick every {1e3 / rate:g} ms from 0 on, which is the solver's period"
+    period = float(result.scene["solver"]["period"])
+    off = np.maximum(np.abs(time - ticks / result.rate), abs(period - 1.0 / result.rate))
+    says = f"a tick every {1e3 / result.rate:g} ms from 0 on, which is the solver's period"
     return judged("time", says, off, 1e-9, "s", why, ticks=ticks)
 
 
@@ -154,7 +151,7 @@ def _durations(result: Result) -> Claim:
     off = np.maximum(0, np.maximum(parts - total, -negative)) * 1e-9
     if result.gives("work"):
         cpu = 1e-9 * np.asarray(result["duration/total_cpu"], np.float64)
-        threads = int(result.scene["solver"].get("threads", 1))
+        threads = int(result.scene["solver"]["threads"])
         off = np.maximum(off, np.maximum(0.0, cpu - 1e-9 * threads * total - BETWEEN_CLOCKS))
     method, contact = result.scene["solver"]["method"], np.asarray(result["work/rows"]) > 0
     if result.live is not None:

@@ -5,15 +5,11 @@ import math
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
+from hhsim.result.safety import Safety
+from hhsim.verify.claim import Claim, all_true, judged
 from hhsim.verify.session_rows import HANDED_OVER, QUIET, SessionRows
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, INPUT_INVALID
 
-STALE, NOT_FINITE, SOLVER_FAILED, OVERRUN, DEVICE_LOST, STOPPING, NO_WATCHDOG, DRY_RUN, NO_INPUT = (
-    1 << bit for bit in range(9)
-)
-"""Reasons of free fingers: bits of `safety`."""
-INPUT_INVALID, CAPACITY_EXCEEDED = 4, 16
-"""Status flags: an input that is not finite, and more contacts than the solver holds."""
 ROUNDING = 1e-9
 """Tolerance of commands; a glove has a few thousand steps."""
 WHY_ROUNDING = "rounding; a glove has a few thousand steps"
@@ -29,33 +25,33 @@ def _reasons(rows: SessionRows) -> Claim:
     status = np.asarray(result["status"])
     safety = rows.limits["safety"]
     wrong: dict[str, BoolArray] = {
-        "unknown": (bits < 0) | (bits >= 2 * NO_INPUT),
-        "dry run": (bits & DRY_RUN > 0) != rows.dry_run,
+        "unknown": (bits < 0) | (bits >= 2 * max(Safety)),
+        "dry run": (bits & Safety.DRY_RUN > 0) != rows.dry_run,
         # Ticks before the first input are not in the file.
-        "no input yet": bits & NO_INPUT > 0,
-        "not finite": (status & INPUT_INVALID > 0) & (bits & NOT_FINITE == 0),
-        "solver failed": (status & CAPACITY_EXCEEDED > 0) & (bits & SOLVER_FAILED == 0),
-        "overrun streak": _overrun(rows, _release_at(rows)) & (bits & OVERRUN == 0),
+        "no input yet": bits & Safety.NO_INPUT_YET > 0,
+        "not finite": (status & INPUT_INVALID > 0) & (bits & Safety.NOT_FINITE == 0),
+        "solver failed": (status & CAPACITY_EXCEEDED > 0) & (bits & Safety.SOLVER_FAILED == 0),
+        "overrun streak": _overrun(rows, _release_at(rows)) & (bits & Safety.OVERRUN_STREAK == 0),
         "stopping": _stopping(rows),
     }
     known = rows.used >= 0
     if known.any():
         age = rows.woke - rows.samples["time"][np.maximum(rows.used, 0)]
-        wrong["stale"] = known & (age > round(1e9 * safety["stale"])) & (bits & STALE == 0)
+        wrong["stale"] = known & (age > round(1e9 * safety["stale"])) & (bits & Safety.STALE_INPUT == 0)
     clear = rows.clear
     if clear.any():
         # The newest sample that a tick took cannot be used, and so is one after that which it uses.
         after = rows.used + 1
         bad = ~np.append(rows.usable, True)[after]
         came = np.append(rows.samples["time"], np.iinfo(np.int64).max)[after]
-        stated = bits & NOT_FINITE > 0
+        stated = bits & Safety.NOT_FINITE > 0
         # A tick that tells a latency took a sample: where it is not the one in use, it cannot be used.
         took = rows.follows & (rows.latency != -1) & (rows.used == np.concatenate([[-2], rows.used[:-1]]))
         missing = ~stated & bad & (took | (came < rows.woke - HANDED_OVER))
         groundless = stated & ~(bad & (came < rows.over)) & (status & INPUT_INVALID == 0)
         wrong["not finite"] |= clear & (missing | groundless)
     if rows.dry_run or not safety["watchdog"]:
-        wrong["no watchdog"] = bits & NO_WATCHDOG > 0
+        wrong["no watchdog"] = bits & Safety.NO_WATCHDOG > 0
     found = [f"{name} at {int(ticks.argmax()):,}" for name, ticks in wrong.items() if ticks.any()]
     says = "the reasons for free fingers are those that the stamps, the samples and the status show"
     any_ = np.any(list(wrong.values()), axis=0)
@@ -66,7 +62,7 @@ def _release_at(rows: SessionRows) -> int:
     """Missed periods in a row that free the fingers; a stall that is held or eased may last as long as a heartbeat."""
     safety = rows.limits["safety"]
     most = int(safety["overruns"])
-    if safety.get("after_stall", "release") == "release":
+    if safety["after_stall"] == "release":
         return most
     return max(most, round(1e9 * float(safety["heartbeat_stale"])) // rows.period_ns - 1)
 
@@ -74,7 +70,7 @@ def _release_at(rows: SessionRows) -> int:
 def _eased(rows: SessionRows) -> BoolArray:
     """True for ticks after a stall that begin to ease the stiffness, where that was configured."""
     safety = rows.limits["safety"]
-    if safety.get("after_stall") != "ease":
+    if safety["after_stall"] != "ease":
         return np.zeros(len(rows.numbers), bool)
     return _streak(rows) >= int(safety["overruns"])
 
@@ -97,7 +93,7 @@ def _streak(rows: SessionRows) -> IntArray:
 
 def _stopping(rows: SessionRows) -> BoolArray:
     """True for ticks wrong about stopping: only the last tick stops, and it does if the session ended in order."""
-    stopping = rows.safety & STOPPING > 0
+    stopping = rows.safety & Safety.STOPPING > 0
     wrong = stopping & (rows.numbers < len(stopping) - 1)
     if rows.result.complete and rows.live["ended"] in ("duration", "stopped"):
         # Unless the last tick of all is not in the file.
@@ -128,7 +124,7 @@ def _stiffness(rows: SessionRows) -> Claim:
         most[0] = output["stiffness_rise"] * period
     allowed = np.minimum(target, most)
     eased = _since(eases) < _since(rows.safety != 0)
-    fall = np.array(output["stiffness"]) * period / float(output.get("ease", 1.0))
+    fall = np.array(output["stiffness"]) * period / float(output["ease"])
     allowed = np.where(eased[:, None], np.maximum(allowed, before - fall), allowed)
     beyond = rows.stiffness - allowed
     sure = np.isfinite(most) & ~_after_gap(rows)[:, None]
@@ -183,11 +179,8 @@ def _bounds(rows: SessionRows) -> Claim:
 
 
 def _set_points(rows: SessionRows) -> Claim:
-    name, says = "set points", "each finger is stopped where the shown hand is, or as near as its speed lets it be"
-    bend = rows.limits.get("bend")
-    if bend is None:
-        note = "the file does not hold what a bend is in angles"
-        return Claim(name, says, NOT_JUDGED, note=note)
+    says = "each finger is stopped where the shown hand is, or as near as its speed lets it be"
+    bend = rows.limits["bend"]
     flexion = np.asarray(rows.result["graphic/flexion"]) - np.array(bend["offset"])
     own = np.stack([_fitted(np.array(slope), flexion[:, f]) for f, slope in enumerate(bend["slope"])], axis=1)
     own = np.clip(own, 0.0, 1.0)
@@ -200,7 +193,7 @@ def _set_points(rows: SessionRows) -> Claim:
     known = rows.follows.copy()
     known[0] = bool(finite[0]) and rows.result["live/tick/record"][0] == 0
     off = np.abs(rows.bend - expected).max(axis=1)[known]
-    return judged(name, says, off, ROUNDING, "1", WHY_ROUNDING, ticks=rows.numbers[known])
+    return judged("set points", says, off, ROUNDING, "1", WHY_ROUNDING, ticks=rows.numbers[known])
 
 
 def _fitted(slope: FloatArray, flexion: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from hhsim.verify.forces import (
     proxy_forces,
     residual,
 )
-from hhsim.verify.kinematics import Posed, turn_between
+from hhsim.verify.kinematics import turn_between
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
 
 FORCE = 1e-6
@@ -130,7 +130,6 @@ def _balance(judge: JudgedTicks) -> Claim:
         at, force, late = _moment(judge, int(i)), stored[i], bool(lags[i])
         explanations = [] if late else [(at.pull, True), (at.pull, False)] if progressive else [(at.pull, False)]
         off[n] = min((explained(at, judge.scale, force, pull, apart) for pull, apart in explanations), default=np.inf)
-        # On its way, or where the palm of `progressive` yields to a finger: what touches bears what it can.
         # On its way, or where the palm of `progressive` yields to a finger, contacts bear what they can.
         yields = late or (progressive and off[n] > slack[i])
         if yields and judge.on_mesh:
@@ -170,7 +169,7 @@ def _eq_14(judge: JudgedTicks) -> Claim:
         other = on_another_part(judge.hand, judge.chosen_posed, judge.touching, *leaves(judge.result), closed)
         unclear[judge.touching.tick[other]] = True
     chosen = np.flatnonzero(~unclear & (judge.status[judge.chosen] & CAPACITY_EXCEEDED == 0))
-    wanted = Posed(*(values[judge.chosen] for values in judge.wanted_posed))
+    wanted = judge.wanted_posed.at(judge.chosen)
     there = judge.wanted.at(judge.chosen).orientation
     turn = Rotation.from_rotvec(turn_between(judge.chosen_shown.orientation, there)).as_matrix()
     stiffness = float(judge.options["stiffness"]["contact"])

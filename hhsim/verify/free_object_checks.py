@@ -3,14 +3,12 @@
 Velocities are derived from poses, forces on the object from contacts, slip from the poses of both bodies.
 """
 
-from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.result.reader import Result
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
@@ -18,7 +16,7 @@ from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import follows
 from hhsim.verify.force_checks import FORCE, WHY_FORCE, WHY_SLACK, force_slack
 from hhsim.verify.forces import AT_LIMIT, residual
-from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, rotations, turn_between
+from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, rotations
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
 
 if TYPE_CHECKING:
@@ -31,8 +29,6 @@ EARTH = (0.0, 0.0, -9.81)
 """Gravity [m/s²]."""
 APART = 1e-6
 """Distance below which two contacts of one body are the same [m]."""
-ENERGY = 1e-14
-"""Energy that rounding of poses adds, per newton [J/N]."""
 STICKS = 1e-9
 """Largest slip of a contact that sticks, in one tick [m]."""
 RADIUS = 0.02
@@ -452,95 +448,6 @@ def _on_hand(posed: Posed, i: int, motion: FreeMotion, row: int) -> FloatArray:
         f, last = divmod(body, 3)
         for k in range(last + 1):
             found[6 + 3 * f + k] = posed.axes[i, f] @ (np.cross(point - posed.joints[i, f, k], force) + twist)
-    return found
-
-
-def free_figures(result: Result) -> dict[str, float]:
-    """Compute the summary's figures of a free object by their documented definitions; none where it is not free."""
-    if not result.free:
-        return {}
-    # An object's view of two ticks is from two places, between which a spring has no energy.
-    motion = FreeMotion(replace(result, view=None, _loaded={}))
-    wrench = np.asarray(result["object/hand_wrench"]) + result["object/table_wrench"]
-    size = np.sqrt((motion.friction**2).sum(axis=1))
-    outside = (size > motion.coefficient * motion.load * (1.0 + 1e-9)) | (motion.load < 0.0)
-    slips = [
-        sum(motion.slip[chosen & (motion.tick == tick)].max() for tick in np.unique(motion.tick[chosen]))
-        for chosen in (motion.body == body for body in np.unique(motion.body[~motion.of_table]))
-    ]
-    in_contact = np.unique(motion.tick)
-    residual = np.asarray(result["object/friction_residual"])[in_contact] if len(in_contact) else np.zeros(1)
-    return {
-        **{
-            f"friction_residual_{name}": float(np.quantile(residual, share))
-            for name, share in (("p50", 0.5), ("p99", 0.99), ("max", 1.0))
-        },
-        "object_raised": float(motion.center[1:, 2].max() - motion.center[1, 2]),
-        "object_slip": float(max(slips, default=0.0)),
-        "object_creep": _creep(motion),
-        "object_momentum": float(motion.unbalanced(wrench[:, :3]).max()),
-        "energy_gained": float(np.fmax.reduce(_energy_gains(motion), initial=0.0)),
-        "cone_outside": 100.0 * float(outside.sum()) / len(outside) if len(outside) else 0.0,
-        "table_depth_max": max(0.0, -float(np.min(result["object/table_distance"]))),
-    }
-
-
-def _energy_gains(motion: FreeMotion) -> FloatArray:
-    """Unexplained gain of object and spring energy in each tick [J]; NaN where the tick before is unknown.
-
-    The terms are documented with `energy_gained`.
-    """
-    result, solver = motion.result, motion.result.scene["solver"]
-    velocity = np.asarray(result["object/velocity"])
-    shown, user = (configurations(result, name) for name in ("graphic", "haptic"))
-    omega = motion.turned[1:].inv().apply(np.array(result["object/angular_velocity"]))
-    kinetic = 0.5 * (motion.mass * (velocity * velocity).sum(axis=1) + (omega @ motion.inertia * omega).sum(axis=1))
-    springs = np.repeat([solver["stiffness"][name] for name in ("translation", "rotation", "flexion")], (3, 3, 15))
-    kept = [_stretch(springs, user.at(slice(1, None)), shown.at(part)) for part in (slice(0, -1), slice(1, None))]
-    fall = np.diff(motion.center[1:], axis=0) @ motion.gravity
-    gained = np.diff(kinetic) - motion.mass * fall + kept[1] - kept[0]
-    clearance = np.zeros(result.ticks)
-    np.add.at(clearance, motion.tick, float(solver["offset"]) * motion.load)
-    size = np.sqrt(2.0 * motion.mass * np.maximum(kinetic[1:], kinetic[:-1])) / motion.period
-    size += motion.mass * np.linalg.norm(motion.gravity) + np.sqrt(2.0 * springs.max() * np.maximum(*kept))
-    gained -= clearance[1:] + ENERGY * size
-    # The user moves a finger's abduction, which does work at its first joint.
-    hand = own_hand(result)
-    posed, palm = pose(hand, shown), rotations(shown.orientation)[0]
-    turn = np.diff(shown.abduction, axis=0, prepend=shown.abduction[:1])
-    for row in np.flatnonzero(~motion.of_table & (motion.body != PALM)):
-        tick, f = int(motion.tick[row]), int(motion.body[row]) // 3
-        if tick and turn[tick, f]:
-            arm = motion.point[row] - posed.joints[tick, f, 0]
-            moment = np.cross(arm, motion.force[row]) + motion.torsion[row] * motion.normal[row]
-            gained[tick - 1] += hand.sign * turn[tick, f] * (palm[tick].apply(hand.dorsal[f]) @ moment)
-    return np.where(motion.follows, np.concatenate([[np.nan], gained]), np.nan)
-
-
-def _stretch(springs: FloatArray, user: HandConfiguration, shown: HandConfiguration) -> FloatArray:
-    """Energy of the springs between two hands [J], shape (T,)."""
-    turn = turn_between(shown.orientation, user.orientation)
-    bend = (user.flexion - shown.flexion).reshape(-1, 15)
-    return np.asarray(0.5 * np.concatenate([user.position - shown.position, turn, bend], axis=1) ** 2 @ springs)
-
-
-def _creep(motion: FreeMotion) -> float:
-    """Largest speed of a corner of the object's box in the second half of a hold [m/s]."""
-    bounds = motion.result.static["object/vertices"]
-    low, high = bounds.min(axis=0), bounds.max(axis=0)
-    corners = np.array([np.where([(n >> axis) & 1 for axis in range(3)], high, low) for n in range(8)])
-    held = np.abs(np.asarray(motion.result["object/hand_wrench"])[:, :3]).sum(axis=1) > 0.0
-    found = float("nan")
-    for phase in motion.result.phases:
-        if phase.name != "hold":
-            continue
-        last = min(phase.last_tick, motion.result.ticks - 1)
-        first = (phase.first_tick + last + 1) // 2
-        if last > first and held[first : last + 1].all():
-            arm = corners - np.array(motion.free["center"])
-            ends = [motion.center[t + 1] + motion.turned[t + 1].apply(arm) for t in (first, last)]
-            travel = float(np.linalg.norm(ends[1] - ends[0], axis=1).max())
-            found = float(np.fmax(found, travel * motion.result.rate / (last - first)))
     return found
 
 

@@ -4,11 +4,12 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.metrics.input_hand import search_deepest
 from hhsim.result.reader import Result
 from hhsim.system.counted import counted
-from hhsim.verify.claim import NOT_JUDGED, Claim, judged
+from hhsim.verify.claim import NOT_JUDGED, Claim, as_number, judged
 from hhsim.verify.contacts import near_pairs
-from hhsim.verify.kinematics import Posed, rotations
+from hhsim.verify.kinematics import rotations
 from hhsim.verify.tick_data import LENGTH, WHY_LENGTH, JudgedTicks
 
 DEPTH = "input_depth_max"
@@ -18,13 +19,11 @@ SEARCHED = 1e-6
 """Tolerance of the search for the deepest tick [m]."""
 BETWEEN = 1e-8
 """Tolerance of the curve between two samples [m, rad]: a stamp belongs to its tick within a nanosecond."""
-FIRST_LOOKS = 20
-"""Initial interval of the search for the deepest tick [ticks]."""
 
 
 def input_hand_claims(judge: JudgedTicks) -> list[Claim]:
-    """Judge the summary's figures of the user's hand; none of a session, or of an older file without them."""
-    if judge.result.live is not None or not judge.result.complete or DEPTH not in judge.result.summary:
+    """Judge the summary's figures of the user's hand; none of a session, or of a run that was stopped."""
+    if judge.result.live is not None or not judge.result.complete:
         return []
     return [_depth(judge), _correction(judge)]
 
@@ -71,25 +70,14 @@ def _depth(judge: JudgedTicks) -> Claim:
     name, says = "input depth", "the user's hand is as deep as the summary says, and in no tick deeper"
     if judge.on_mesh:
         return Claim(name, says, NOT_JUDGED, unit="m", note="inside a mesh the referee has no depth of its own")
-    stated, looked = float(judge.result.summary[DEPTH]), np.append(judge.numbers[:-1:FIRST_LOOKS], judge.numbers[-1])
-    travel, depth = np.concatenate([[0.0], np.cumsum(_moved(judge))]), _depths(judge, looked)
-    while True:
-        # A depth changes by no more than the hand moves.
-        bound = 0.5 * (depth[:-1] + depth[1:] + np.diff(travel[looked]))
-        gaps = np.flatnonzero((bound > depth.max() + SEARCHED) & (np.diff(looked) > 1))
-        if gaps.size == 0:
-            break
-        more = (looked[gaps] + looked[gaps + 1]) // 2
-        looked, depth = np.insert(looked, gaps + 1, more), np.insert(depth, gaps + 1, _depths(judge, more))
-    off = np.where(depth == depth.max(), np.abs(depth - stated), 0.0)
-    return judged(name, says, off, SEARCHED, "m", "as near as it is searched for", ticks=looked)
+    deepest = search_deepest(_moved(judge)[:, None], lambda ticks: _depths(judge, ticks)[:, None])
+    off = abs(deepest - as_number(judge.result.summary.get(DEPTH)))
+    return judged(name, says, [off], SEARCHED, "m", "as near as it is searched for")
 
 
 def _depths(judge: JudgedTicks, ticks: IntArray) -> FloatArray:
     """Depth of the user's hand in the leaf spheres at some ticks [m], shape (len(ticks),)."""
-    if len(ticks) == 0:
-        return np.empty(0)
-    posed = Posed(*(values[ticks] for values in judge.wanted_posed))
+    posed = judge.wanted_posed.at(ticks)
     pairs = near_pairs(judge.hand, posed, judge.pieces, judge.fingers, 0.0)
     return np.asarray(np.maximum(0.0, -pairs.nearest(len(ticks)).min(axis=1)))
 
@@ -114,7 +102,7 @@ def _correction(judge: JudgedTicks) -> Claim:
     found = np.full(4, np.nan)
     if len(palm):
         found = np.array([palm.mean(), palm.max(), joints.mean(), joints.max()])
-    stated = np.array([float(result.summary.get(name, np.inf)) for name in CORRECTION])
+    stated = np.array([as_number(result.summary.get(name, np.inf)) for name in CORRECTION])
     # Without contact there is no such figure.
     off = np.where(np.isnan(stated) & np.isnan(found), 0.0, np.abs(stated - found))
     return judged("correction", says, off, LENGTH, "m", WHY_LENGTH)

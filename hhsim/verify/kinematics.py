@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.result.reader import Result
+from hhsim.result.stored_hand import HAND_ARRAYS
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -40,22 +41,16 @@ class Posed(NamedTuple):
     palm: FloatArray
     position: FloatArray
 
+    def at(self, ticks: slice | IntArray) -> "Posed":
+        """Return the hands of some ticks."""
+        return Posed._make(values[ticks] for values in self)
+
 
 def own_hand(result: Result) -> OwnHand:
     """Read the hand of a result."""
-    static = {name: np.array(values) for name, values in result.static.items()}
-    return OwnHand(
-        base=static["hand/base"],
-        distal=static["hand/distal"],
-        dorsal=static["hand/dorsal"],
-        length=static["hand/phalanx_length"],
-        radius=static["hand/phalanx_radius"],
-        flexion_min=static["hand/flexion_min"],
-        flexion_max=static["hand/flexion_max"],
-        palm_center=static["hand/palm_center"],
-        palm_radius=static["hand/palm_radius"],
-        sign=-1.0 if result.scene["hand"]["side"] == "left" else 1.0,
-    )
+    arrays = {**HAND_ARRAYS, "palm_center": "palm_center", "palm_radius": "palm_radius"}
+    sign = -1.0 if result.scene["hand"]["side"] == "left" else 1.0
+    return OwnHand._make([*(np.array(result.static[f"hand/{arrays[name]}"]) for name in OwnHand._fields[:-1]), sign])
 
 
 def configurations(result: Result, whose: str) -> HandConfiguration:

@@ -10,7 +10,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.forward_kinematics import PlacedHand
@@ -18,6 +17,7 @@ from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
 from hhsim.verify.coal_distance import frame_along
 from hhsim.verify.contacts import BODIES, PALM
+from hhsim.verify.kinematics import rotations
 from hhsim.verify.tree_checks import TrueSurface, nearest_on
 
 EXACT = 1e-8
@@ -57,9 +57,9 @@ class HandReferee:
         thinnest = np.concatenate(
             [np.minimum(shape.phalanx_radius[:, :3], shape.phalanx_radius[:, 1:]).ravel(), shape.palm_radius]
         )
-        for tick in range(len(placed.joints)):
-            joints = placed.joints[tick]
-            palm = palm_centers(shape.palm_center, placed.position[tick], placed.orientation[tick])
+        turned = rotations(placed.orientation)[0].as_matrix()
+        palms = np.einsum("tij,pj->tpi", turned, shape.palm_center) + placed.position[:, None]
+        for tick, (joints, palm) in enumerate(zip(placed.joints, palms)):
             phalanges = np.stack([joints[:, :3], joints[:, 1:]], axis=2).reshape(PALM, 2, 3)
             ends = np.concatenate([phalanges, np.repeat(palm[:, None], 2, axis=1)])
             least = bound - np.sqrt(((ends - at) ** 2).sum(axis=2)).max(axis=1) - EXACT
@@ -131,11 +131,3 @@ class HandReferee:
         arguments = self.surface.model, self._still, segment, place, self._request, self._answer
         distance = self._coal.distance(*arguments)
         return max(0.0, float(distance)), np.array(self._answer.getNearestPoint2())
-
-
-def palm_centers(palm_center: ArrayLike, position: ArrayLike, orientation: ArrayLike) -> FloatArray:
-    """Centres of the palm's spheres [m], world, (P, 3), from the palm's position and orientation w x y z."""
-    from scipy.spatial.transform import Rotation
-
-    w, x, y, z = np.asarray(orientation, np.float64)
-    return np.asarray(Rotation.from_quat([x, y, z, w]).apply(np.asarray(palm_center)) + np.asarray(position))

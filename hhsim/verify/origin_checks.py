@@ -148,22 +148,22 @@ def _hand(result: Result) -> Claim:
 
 def _described(result: Result) -> Claim:
     scene, static, solver = result.scene, result.static, result.scene["solver"]
-    modelled = scene.get("modelled", {})
+    modelled = scene["modelled"]
     leaf, palm, phalanges = len(leaves(result)[1]), len(static["hand/palm_radius"]), 3 * len(solver["fingers"])
     depth = int(static["object/tree/level"].max(initial=0))
     stated = {
-        "object_spheres": (scene.get("object_spheres", leaf), leaf),
-        "hand.palm_spheres": (scene["hand"].get("palm_spheres", palm), palm),
-        "modelled.fingers": (modelled.get("fingers", solver["fingers"]), solver["fingers"]),
-        "modelled.phalanges": (modelled.get("phalanges", phalanges), phalanges),
-        "modelled.palm_spheres": (modelled.get("palm_spheres", palm), palm),
-        "modelled.object_spheres": (modelled.get("object_spheres", leaf), leaf),
-        "modelled.all_pairs": (modelled.get("all_pairs"), (PALM + palm) * leaf),
-        "modelled.not_modelled": ("friction" in modelled.get("not_modelled", ["friction"]), not result.free),
+        "object_spheres": (scene["object_spheres"], leaf),
+        "hand.palm_spheres": (scene["hand"]["palm_spheres"], palm),
+        "modelled.fingers": (modelled["fingers"], solver["fingers"]),
+        "modelled.phalanges": (modelled["phalanges"], phalanges),
+        "modelled.palm_spheres": (modelled["palm_spheres"], palm),
+        "modelled.object_spheres": (modelled["object_spheres"], leaf),
+        "modelled.all_pairs": (modelled["all_pairs"], (PALM + palm) * leaf),
+        "modelled.not_modelled": ("friction" in modelled["not_modelled"], not result.free),
         "tree_options.level": ((scene.get("tree_options") or {}).get("level", depth), depth),
         "ticks": (not result.complete or result.ticks <= int(scene.get("ticks") or result.ticks), True),
     }
-    wrong = {name: pair for name, pair in stated.items() if None not in pair and pair[0] != pair[1]}
+    wrong = {name: pair for name, pair in stated.items() if pair[0] != pair[1]}
     note = "; ".join(f"{name} is stated as {given}, there are {own}" for name, (given, own) in wrong.items())
     says = "spheres, fingers and pairs are as many as the scene says"
     return all_true("scene", says, np.isin(list(stated), list(wrong)), note=note)

@@ -10,17 +10,17 @@ import numpy as np
 
 from hhsim.kernels.live.deadlines import EARLIEST
 from hhsim.kernels.live.phase import LARGEST_SHIFT
+from hhsim.metrics.session_faults import MISSED_BY
 from hhsim.result.reader import Result
+from hhsim.result.safety import Safety
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged, told_apart
-from hhsim.verify.finger_command_checks import DEVICE_LOST, STOPPING, command_claims
-from hhsim.verify.session_rows import LOOP_DIED, MOST_READ, OLD_NAME, SessionRows
+from hhsim.verify.finger_command_checks import command_claims
+from hhsim.verify.session_rows import LOOP_DIED, MOST_READ, SessionRows
 
 FINGER_NAMES = ("thumb", "index finger", "middle finger", "ring finger", "little finger")
 JUMPED = "jumped by"
 """Text after a finger's name in the log line on a rejected jump."""
-OLD_SHIFT = 0.01
-"""Largest shift of a deadline in files without the column `early`, as a fraction of the period."""
 IN_ORDER = ("duration", "stopped", "the command was killed", *(number.name for number in signal.Signals))
 """Reasons of an end by the loop itself."""
 DRIVER_DIED = "the glove's driver "
@@ -42,13 +42,6 @@ SAME = 1e-9
 HALF_A_BIN = 1e-3
 """Relative tolerance of percentiles: half a bin of the loop's histogram, which is 0.2 % wide."""
 PERCENTILES = {"p50": 50.0, "p99": 99.0, "p999": 99.9}
-REASONS = (
-    *("stale_input", "not_finite", "solver_failed", "overrun_streak", "device_lost"),
-    *("stopping", "no_watchdog", "dry_run", "no_input_yet"),
-)
-"""Names of the bits of `safety`, lowest first."""
-CAUSES = ("missed_computed", "missed_woken_late", "missed_host", "missed_device")
-"""Figures of the missed periods by cause, in the order of /live/tick/cause, from 1."""
 
 
 def session_claims(result: Result) -> list[Claim]:
@@ -88,37 +81,30 @@ def _records(rows: SessionRows) -> Claim:
     return all_true("records", says, np.array(wrong), note="; ".join(notes))
 
 
-def _most_shift(rows: SessionRows) -> int:
-    return int(rows.period_ns * (LARGEST_SHIFT if rows.tells("early") else OLD_SHIFT))
-
-
 def _deadlines(rows: SessionRows) -> Claim:
     ends = rows.deadline + rows.early
     periods = np.diff(rows.period, prepend=rows.period[0] - 1)
     apart = np.diff(ends, prepend=ends[0] - rows.period_ns)
     off = np.where(periods < 1, np.inf, np.abs(apart - rows.period_ns * periods))
-    most = _most_shift(rows) * np.maximum(1, periods - rows.missed)
+    most = int(rows.period_ns * LARGEST_SHIFT) * np.maximum(1, periods - rows.missed)
     says = f"ends of periods are {1e-6 * rows.period_ns:g} ms apart, by their numbers"
     why = f"a tick moves the next one by {LARGEST_SHIFT:g} of its period at most, towards the glove's samples"
     return judged("deadlines", says, 1e-9 * off, 1e-9 * most, "s", why, ticks=rows.numbers)
 
 
 def _early(rows: SessionRows) -> Claim:
-    name = "early ticks"
     says = f"a tick is due before its period ends only with a sample that it takes, and by {EARLIEST:g} periods at most"
-    if not rows.tells("early"):
-        return Claim(name, says, NOT_JUDGED, note="the file does not say which ticks were early")
     most, early = int(EARLIEST * rows.period_ns), rows.early > 0
     wrong = (rows.early < 0) | (rows.early > most)
     wrong |= early & ((rows.missed > 0) | rows.at_once | (rows.wakeup >= rows.early))
-    if rows.samples_whole and rows.handed is not None:
+    if rows.samples_whole:
         # Samples that cannot be used make a tick due as well, but are no tick's.
         at = 1 + np.flatnonzero(early[1:] & rows.follows[1:] & (rows.used[:-1] >= 0))
-        first, due = rows.used[at - 1] + 1, rows.deadline[at]
-        last = np.searchsorted(rows.handed, due, side="right") - 1
-        there = (last >= first) & ((rows.handed[last] == due) | (rows.early[at] == most))
+        first, due, handed = rows.used[at - 1] + 1, rows.deadline[at], rows.samples["handed"]
+        last = np.searchsorted(handed, due, side="right") - 1
+        there = (last >= first) & ((handed[last] == due) | (rows.early[at] == most))
         wrong[at] |= ~there
-    return all_true(name, says, wrong, ticks=rows.numbers)
+    return all_true("early ticks", says, wrong, ticks=rows.numbers)
 
 
 def _missed(rows: SessionRows) -> Claim:
@@ -132,10 +118,7 @@ def _missed(rows: SessionRows) -> Claim:
 
 def _causes(rows: SessionRows) -> Claim:
     """Judge that a missed period's cause took most of the measured time, and fits the stamps."""
-    name = "causes of missed periods"
     says = "what was missed is named by who took most of the time, which is as much as the stamps leave"
-    if "live/tick/cause" not in rows.result:
-        return Claim(name, says, NOT_JUDGED, note="the file does not say who took the time")
     cause = np.asarray(rows.result["live/tick/cause"], np.int64)
     parts = ("computed", "kept", "run_delay", "steal", "device")
     taken = {part: np.asarray(rows.result[f"live/tick/taken/{part}"], np.int64) for part in parts}
@@ -150,11 +133,11 @@ def _causes(rows: SessionRows) -> Claim:
     at = 1 + np.flatnonzero(rows.closed[:-1] & (rows.missed[1:] > 0))
     since = at - 1 - rows.at_once[at - 1]
     at, since = at[rows.closed[since]], since[rows.closed[since]]
-    period = rows.period_ns + _most_shift(rows) + rows.early[since]
+    period = rows.period_ns + int(rows.period_ns * LARGEST_SHIFT) + rows.early[since]
     most = rows.over[at - 1] - rows.woke[since] - taken["computed"][at]
     kept = taken["kept"][at] - rows.wakeup[at] - rows.wakeup[since] % rows.period_ns
     wrong[at] |= (kept < np.maximum(0, most - period)) | (kept > np.maximum(0, most))
-    return all_true(name, says, wrong, ticks=rows.numbers)
+    return all_true("causes of missed periods", says, wrong, ticks=rows.numbers)
 
 
 def _wakeup(rows: SessionRows) -> Claim:
@@ -172,7 +155,7 @@ def _wakeup(rows: SessionRows) -> Claim:
 
 def _latency(rows: SessionRows) -> Claim:
     sampled = np.flatnonzero(rows.latency != -1)
-    lost = (rows.safety[sampled] & DEVICE_LOST > 0) & (not rows.dry_run)
+    lost = (rows.safety[sampled] & Safety.DEVICE_LOST > 0) & (not rows.dry_run)
     off = np.where((rows.latency[sampled] < 0) | lost, np.inf, 0.0)
     # The time of a newest sample that was not used is unknown.
     usable = np.append(rows.usable, True)
@@ -189,11 +172,10 @@ def _latency(rows: SessionRows) -> Claim:
 
 
 def _samples(rows: SessionRows) -> Claim:
-    seq, time, good = (rows.samples[name] for name in ("seq", "time", "good"))
+    seq, time, handed, good = (rows.samples[name] for name in ("seq", "time", "handed", "good"))
     finite = np.isfinite(rows.samples["flexion"]).all(axis=(1, 2)) & np.isfinite(rows.samples["abduction"]).all(axis=1)
     wrong = (np.diff(seq, prepend=-1) < 1) | (np.diff(time, prepend=0) < 0) | (good > 1) | ((good == 1) & ~finite)
-    if rows.handed is not None:
-        wrong |= (rows.handed < time) | (np.diff(rows.handed, prepend=0) < 0)
+    wrong |= (handed < time) | (np.diff(handed, prepend=0) < 0)
     says = "samples are in the order in which they came and were handed over, and good ones are finite"
     return all_true("samples", says, wrong)
 
@@ -237,7 +219,7 @@ def _haptic(rows: SessionRows) -> Claim:
 def _ended(rows: SessionRows) -> Claim:
     ended = str(rows.live["ended"])
     of_loop = ended in IN_ORDER or ended.startswith(DRIVER_DIED)
-    stops = bool(rows.safety[-1] & STOPPING > 0)
+    stops = bool(rows.safety[-1] & Safety.STOPPING > 0)
     wrong = [rows.result.complete and not (of_loop or ended in BROKEN_OFF), stops and ended in BROKEN_OFF]
     says = "the session ended by a known cause, which its last tick agrees with"
     return all_true("end", says, wrong, note=f"it is said to have ended by '{ended}'" if any(wrong) else "")
@@ -258,7 +240,7 @@ def _counters(rows: SessionRows) -> Claim:
     # Each period has a command, each of which may be sent once more to be sure, and the end has some of its own.
     periods = int(rows.period.max(initial=0)) + 1
     held = bool((rows.stiffness > 0.0).any()) and not rows.dry_run
-    takes = not TAKES_COMMANDS.isdisjoint(json.loads(str(rows.live["device"])).get("capabilities", TAKES_COMMANDS))
+    takes = not TAKES_COMMANDS.isdisjoint(rows.result.told("device").get("capabilities", TAKES_COMMANDS))
     wrong = {
         f"nobody counts {', '.join(sorted(set(stated) - set(COUNTERS)))}": len(found) > len(COUNTERS),
         "a count is below zero": min(found.values()) < 0,
@@ -282,7 +264,7 @@ def _figures(rows: SessionRows) -> list[Claim]:
     """Judge the figures of the summary of a complete session."""
     if not rows.result.complete:
         return []
-    stored = {name.replace(*OLD_NAME): value for name, value in rows.result.summary.items()}
+    stored = rows.result.summary
     wrong, off = [], []
     own = {**_counts(rows), **_percentiles(rows)}
     for name, value in own.items():
@@ -300,7 +282,7 @@ def _figures(rows: SessionRows) -> list[Claim]:
     by_cause = _causes_off(rows, stored, missed)
     off.append(math.inf if by_cause else 0.0)
     wrong += by_cause
-    strange = sorted(set(stored) - set(own) - {"missed"} - set(CAUSES))
+    strange = sorted(set(stored) - set(own) - {"missed", *(figure.name for figure in MISSED_BY)})
     off += [math.inf] * len(strange)
     wrong += [f"{name} has no definition here" for name in strange]
     says, why = "the figures of the summary are those of the rows", "a billionth; half a bin of 0.2 % for percentiles"
@@ -308,22 +290,21 @@ def _figures(rows: SessionRows) -> list[Claim]:
 
 
 def _causes_off(rows: SessionRows, stored: Mapping[str, Any], missed: int) -> list[str]:
-    """Errors of the missed periods by cause, as text; none where the file has no causes."""
-    if "live/tick/cause" not in rows.result:
-        return []
+    """Errors of the missed periods by cause, as text."""
     died = rows.live["ended"] == LOOP_DIED
     # A loop that was killed had counted its last tick's or not.
     counted = rows.numbers < len(rows.numbers) - died
     cause = np.asarray(rows.result["live/tick/cause"])
-    given = [int(stored.get(name, -1)) for name in CAUSES]
-    least = [int(rows.missed[counted & (cause == i)].sum()) for i in range(1, 5)]
+    given = {figure.name: int(stored.get(figure.name, -1)) for figure in MISSED_BY}
+    least = {name: int(rows.missed[counted & (cause == i)].sum()) for i, name in enumerate(given, 1)}
     found = [
-        f"{name} is stored as {count:,}, the rows have {own:,}"
-        for name, count, own in zip(CAUSES, given, least, strict=True)
-        if count < own
+        f"{name} is stored as {given[name]:,}, the rows have {own:,}"
+        for name, own in least.items()
+        if given[name] < own
     ]
-    if sum(given) != missed and not (died and sum(given) <= missed):
-        found.append(f"the causes are {sum(given):,} missed periods together, missed is stored as {missed:,}")
+    total = sum(given.values())
+    if total != missed and not (died and total <= missed):
+        found.append(f"the causes are {total:,} missed periods together, missed is stored as {missed:,}")
     return found
 
 
@@ -353,7 +334,7 @@ def _counts(rows: SessionRows) -> dict[str, float]:
         "samples_used": (steps > 0).sum(),
         "samples_superseded": (steps[steps > 1] - 1).sum(),
         "penetration_max": np.nan_to_num(result["penetration_depth"]).max(initial=0.0),
-        **{f"kept_free_{name}": (rows.safety >> bit & 1).sum() for bit, name in enumerate(REASONS)},
+        **{f"kept_free_{why.name}".lower(): (rows.safety & why > 0).sum() for why in Safety},
         **{f"lost_{what}": rows.live[f"lost_{what}"] for what in ("ticks", "samples", "events")},
     }
     return {name: float(value) for name, value in found.items()}

@@ -5,7 +5,6 @@ a tick's work lies between its wake-up and the next deadline, or the next begin,
 whose span its bytes were read.
 """
 
-import json
 from functools import cached_property
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from hhsim.arrays import AnyArray, BoolArray, IntArray
 from hhsim.result.reader import Result
+from hhsim.result.safety import WORDS, Safety
 from hhsim.verify.file_checks import follows
 
 MOST_ANGLE = 2.0 * np.pi
@@ -20,16 +20,12 @@ MOST_ANGLE = 2.0 * np.pi
 MOST_READ = 64
 """Most samples taken by one tick."""
 HANDED_OVER = 20_000_000
-"""Longest time from a sample's bytes to its record [ns], for the last sample and files without `handed`."""
+"""Longest time from a sample's bytes to its record [ns], for the last sample."""
 
-SOLVER_FAILED = "the solver failed"
-"""Begin of the log line on a tick without a hand."""
 QUIET = 1_000_000_000
 """Time in which the log does not repeat a line [ns]."""
 LOOP_DIED = "the loop failed or was killed"
 """Reason of the end of a session whose loop was not brought to its end."""
-OLD_NAME = ("guardian", "watchdog")
-"""Name of the watchdog in the first sessions and today's, as arguments of `str.replace`."""
 
 
 class SessionRows:
@@ -40,7 +36,7 @@ class SessionRows:
         dry_run: True if nothing was sent.
         period_ns, bend_step: Period of a tick [ns], and most that a bend moves in it.
         numbers, follows: Number of each row, and whether its row before is the tick before, shape (T,).
-        period, deadline, wakeup, latency, missed, safety, early, at_once: As /live/tick; 0 where the file lacks them.
+        period, deadline, early, wakeup, latency, missed, at_once, safety: As /live/tick, shape (T,).
         bend, stiffness: Command to each finger, shape (T, 5).
         woke: Wake-up of the loop, or begin of the tick [ns], shape (T,).
         closed: True where the end of the tick's span is known, shape (T,).
@@ -50,16 +46,17 @@ class SessionRows:
     def __init__(self, result: Result) -> None:
         self.result = result
         self.live: dict[str, Any] = dict(result.live or {})
-        self.limits: dict[str, Any] = json.loads(str(self.live["limits"]).replace(*OLD_NAME))
+        self.limits: dict[str, Any] = result.told("limits")
         self.dry_run = bool(self.live["dry_run"])
         self.period_ns = round(1e9 / float(result.scene["rate"]))
         self.bend_step = float(self.limits["output"]["bend_speed"]) * 1e-9 * self.period_ns
         self.numbers = np.arange(result.ticks)
         self.follows = follows(result)
-        self.period, self.deadline, self.wakeup, self.latency, self.missed, self.safety = (
+        self.period, self.deadline, self.early, self.wakeup, self.latency, self.missed, self.safety = (
             np.asarray(result[f"live/tick/{name}"], np.int64)
-            for name in ("period", "deadline", "wakeup", "latency", "missed", "safety")
+            for name in ("period", "deadline", "early", "wakeup", "latency", "missed", "safety")
         )
+        self.at_once = np.asarray(result["live/tick/at_once"], bool)
         self.bend = np.asarray(result["live/tick/command_bend"])
         self.stiffness = np.asarray(result["live/tick/command_stiffness"])
         slept_over = self.wakeup // self.period_ns * self.period_ns
@@ -69,21 +66,12 @@ class SessionRows:
         whole[1:] = np.diff(self.period) == 1 + self.missed[1:]
         whole &= self.follows
         self.closed = np.append(whole[1:], False)
-        self.at_once, self.early = self._optional("at_once").astype(bool), self._optional("early")
         self.over = np.append(np.where(self.at_once, self.woke, self.deadline - slept_over)[1:], 0)
-
-    def tells(self, name: str) -> bool:
-        """True if the file has this column of /live/tick; older files may lack it."""
-        return f"live/tick/{name}" in self.result
-
-    def _optional(self, name: str) -> IntArray:
-        column = self.result[f"live/tick/{name}"] if self.tells(name) else np.zeros(self.result.ticks)
-        return np.asarray(column, np.int64)
 
     @cached_property
     def samples(self) -> dict[str, AnyArray]:
         """Columns of /live/sample, by name."""
-        names = ("record", "seq", "time", "good", "flexion", "abduction")
+        names = ("record", "seq", "time", "handed", "good", "flexion", "abduction")
         return {name: np.asarray(self.result[f"live/sample/{name}"]) for name in names}
 
     @property
@@ -118,15 +106,7 @@ class SessionRows:
         The driver hands samples over one by one: at the stamp of one, the one before is there.
         """
         there = np.searchsorted(self.samples["time"], self.woke - HANDED_OVER) - 1
-        if self.handed is None:
-            return there
-        return np.maximum(there, np.searchsorted(self.handed, self.woke) - 2)
-
-    @cached_property
-    def handed(self) -> IntArray | None:
-        """Stamps right before the driver handed each sample over [ns], shape (S,); None where the file lacks them."""
-        name = "live/sample/handed"
-        return np.asarray(self.result[name], np.int64) if name in self.result else None
+        return np.maximum(there, np.searchsorted(self.samples["handed"], self.woke) - 2)
 
     @cached_property
     def clear(self) -> BoolArray:
@@ -141,7 +121,7 @@ class SessionRows:
         if int(self.live["lost_events"]) > 0:
             return np.ones(len(begin), bool)
         stamps = np.asarray(self.result["live/event/time"], np.int64)
-        failed = stamps[np.array([text.startswith(SOLVER_FAILED) for text in self.log], bool)]
+        failed = stamps[np.array([text.startswith(WORDS[Safety.SOLVER_FAILED]) for text in self.log], bool)]
         return np.asarray(((failed > begin[:, None] - QUIET) & (failed < end[:, None])).any(axis=1))
 
     @cached_property

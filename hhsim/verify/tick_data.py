@@ -22,7 +22,7 @@ from hhsim.verify.contacts import (
     triangle_groups,
 )
 from hhsim.verify.file_checks import follows, leaves, usable
-from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, turn_between
+from hhsim.verify.kinematics import configurations, own_hand, pose, turn_between
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD = 1, 2, 4, 8, 16, 32
@@ -82,7 +82,7 @@ class JudgedTicks:
         self.wanted = configurations(result, "haptic").at(last_usable)
         self.shown_posed, self.wanted_posed = pose(self.hand, self.shown), pose(self.hand, self.wanted)
         self.chosen_shown = self.shown.at(chosen)
-        self.chosen_posed = Posed(*(values[chosen] for values in self.shown_posed))
+        self.chosen_posed = self.shown_posed.at(chosen)
         g = self.options["stiffness"]
         self.diagonal = np.repeat([g["translation"], g["rotation"], g["flexion"]], [3, 3, 15]).astype(np.float64)
         self.scale = np.sqrt(g["translation"] / self.diagonal)
@@ -186,7 +186,7 @@ class JudgedTicks:
         """Find what is within `reach` [m] at some chosen ticks; distant pairs, which are many, are only counted."""
         found_blocks = []
         for block in np.array_split(places, range(BLOCK, len(places), BLOCK)):
-            posed, size = Posed(*(values[block] for values in self.chosen_posed)), len(block)
+            posed, size = self.chosen_posed.at(block), len(block)
             if self.on_mesh:
                 found = near_triangle_pairs(self.hand, posed, self._triangles, self.pieces, self.fingers, reach)
             else:

@@ -1,4 +1,4 @@
-"""Gap, protrusion and enclosure of a sphere tree, measured without the builder's code.
+"""Gap and protrusion of a sphere tree, measured without the builder's code.
 
 Distances to the mesh are coal's, the spheres near a point come from scipy's k-d tree. The figures are lower bounds from
 samples; each search refines its worst samples on their triangle or sphere.
@@ -31,6 +31,7 @@ INSIDE = 0.5
 WORST = 200
 CHILDREN = 40
 ROUNDS = 5
+FIRST_STEP = 0.2
 SHRINK = 0.35
 """Search parameters: `CHILDREN` new points around each of the `WORST`, for `ROUNDS` rounds, each closer."""
 
@@ -45,10 +46,6 @@ class Verdict:
     slack: float  # minimum depth of a point of the mesh inside the spheres [m]; negative for a gap
     protrusion: float  # maximum distance of a point of the spheres' union outside the mesh [m]
     protrusion_mean: float  # mean over the part of the union's surface that is outside [m]
-    sticking_out: float  # maximum by which a deeper node sticks out of its ancestor here [m]; below 0 for none
-    leaf_sticking_out: float  # the same for leaves alone, which a descent of the tree relies on
-    mesh_points: int  # numbers of points examined, the searches' included
-    sphere_points: int
 
 
 def referee(
@@ -79,27 +76,10 @@ def referee(
     for level in range(tree.depth + 1) if levels is None else levels:
         rng = np.random.default_rng([seed, level])
         spheres = _Spheres(*tree.spheres(level))
-        slack, seen = _least_slack(mesh, depth_in_spheres(spheres.center, spheres.radius), mesh_points, rng)
-        protrusion, mean, looked = _protrusion(surface, spheres, sphere_points, rng)
-        nodes, leaf_nodes = sticking_out(tree, level), sticking_out(tree, level, leaves_only=True)
-        gap, count = max(0.0, -slack), len(spheres.radius)
-        verdicts.append(Verdict(level, count, gap, slack, protrusion, mean, nodes, leaf_nodes, seen, looked))
+        slack = _least_slack(mesh, depth_in_spheres(spheres.center, spheres.radius), mesh_points, rng)
+        protrusion, mean = _protrusion(surface, spheres, sphere_points, rng)
+        verdicts.append(Verdict(level, len(spheres.radius), max(0.0, -slack), slack, protrusion, mean))
     return tuple(verdicts)
-
-
-def sticking_out(tree: SphereTree, level: int, *, leaves_only: bool = False) -> float:
-    """Maximum by which a deeper sphere sticks out of its ancestor on a level [m]; negative for none."""
-    worst = -np.inf
-    nodes = np.flatnonzero(tree.level > level)
-    if leaves_only:
-        nodes = nodes[tree.level[nodes] == tree.depth]
-    ancestor = nodes.copy()
-    while (tree.level[ancestor] > level).any():
-        ancestor = np.where(tree.level[ancestor] > level, tree.parent[ancestor], ancestor)
-    if nodes.size:
-        away = np.linalg.norm(tree.center[nodes] - tree.center[ancestor], axis=1)
-        worst = float((away + tree.radius[nodes] - tree.radius[ancestor]).max())
-    return worst
 
 
 class TrueSurface:
@@ -116,6 +96,8 @@ class TrueSurface:
     """
 
     def __init__(self, mesh: Mesh, *, open_too: bool = False) -> None:
+        import trimesh
+
         require_coal()
         self._as_found = open_too
         if open_too:
@@ -124,26 +106,17 @@ class TrueSurface:
         self.model = coal_model(mesh.vertices, mesh.faces)
         self._faces = mesh.faces
         self._low, self._high = self.triangles.min(axis=(0, 1)), self.triangles.max(axis=(0, 1))
-        a, b, c = self.triangles.transpose(1, 0, 2)
-        normal = np.cross(b - a, c - a)
-        self.normal = normal / np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)[:, None]
-        edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        self._edges, self._edge_of = np.unique(edges, axis=0, return_inverse=True)
-        self._edge_of = self._edge_of.reshape(-1, 3)
-        self.closed = bool((np.bincount(self._edge_of.ravel()) == 2).all()) and _is_wound_outward(mesh)
+        # In millimetres: trimesh's tolerances are of lengths like those.
+        found = trimesh.Trimesh(1e3 * mesh.vertices, mesh.faces, process=False)
+        self.closed = bool(found.is_volume)
         if not self.closed and not open_too:
             raise MeshError(
                 f"{mesh.name}: not watertight and wound outward, so that nothing is outside of it; the referee needs it"
             )
-        self.edge_normal = np.zeros((len(self._edges), 3))
-        self.vertex_normal = np.zeros((len(mesh.vertices), 3))
-        for k in range(3):
-            np.add.at(self.edge_normal, self._edge_of[:, k], self.normal)
-            u = self.triangles[:, (k + 1) % 3] - self.triangles[:, k]
-            v = self.triangles[:, (k + 2) % 3] - self.triangles[:, k]
-            lengths = np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
-            angle = np.arccos(np.clip((u * v).sum(axis=1) / np.maximum(lengths, np.finfo(float).tiny), -1.0, 1.0))
-            np.add.at(self.vertex_normal, mesh.faces[:, k], angle[:, None] * self.normal)
+        self.normal, self.vertex_normal = np.array(found.face_normals), np.array(found.vertex_normals)
+        self._edge_of = np.array(found.faces_unique_edges)
+        self.edge_normal = np.zeros((len(found.edges_unique), 3))
+        np.add.at(self.edge_normal, self._edge_of, self.normal[:, None])
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
         """Signed distance [m] of points (n, 3): negative inside a watertight mesh; shape (n,)."""
@@ -186,13 +159,6 @@ def _without_needles(mesh: Mesh) -> Mesh:
     longest = np.linalg.norm(np.stack([b - a, c - b, a - c]), axis=2).max(axis=0)
     high = np.linalg.norm(np.cross(b - a, c - a), axis=1) > NEEDLE * longest
     return mesh if high.all() or not high.any() else replace(mesh, faces=mesh.faces[high])
-
-
-def _is_wound_outward(mesh: Mesh) -> bool:
-    """True if each edge occurs once in each direction, around a positive volume."""
-    walked = mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    there, back = (np.unique(ends, axis=0) for ends in (walked, walked[:, ::-1]))
-    return len(there) == len(walked) and np.array_equal(there, back) and mesh.volume > 0.0
 
 
 def nearest_on(model: Any, points: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -271,8 +237,8 @@ class _Spheres:
 
 def _least_slack(
     mesh: Mesh, depth_of: "Callable[[FloatArray], FloatArray]", count: int, rng: np.random.Generator
-) -> tuple[float, int]:
-    """Minimum depth of the mesh inside the spheres [m], and the number of points examined."""
+) -> float:
+    """Minimum depth of the mesh inside the spheres [m]."""
     triangles = mesh.triangles
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
     face = rng.choice(len(triangles), size=count, p=area / area.sum())
@@ -295,14 +261,11 @@ def _least_slack(
         there = np.where(there.any(axis=1, keepdims=True), there, weight)
         return np.asarray(there / there.sum(axis=1, keepdims=True), np.float64)
 
-    worst, seen = _search(face, weight, depth, moved, 0.2)
-    return -worst, seen
+    return -_search(face, weight, depth(face, weight), depth, moved)
 
 
-def _protrusion(
-    surface: TrueSurface, spheres: _Spheres, count: int, rng: np.random.Generator
-) -> tuple[float, float, int]:
-    """Maximum and mean distance of the spheres' union outside the mesh [m], and the number of points examined."""
+def _protrusion(surface: TrueSurface, spheres: _Spheres, count: int, rng: np.random.Generator) -> tuple[float, float]:
+    """Maximum and mean distance of the spheres' union outside the mesh [m]."""
     area = spheres.radius**2
     each = np.maximum(LEAST_EACH, np.floor(count * area / area.sum())).astype(np.int64)
     owner = np.repeat(np.arange(len(each)), each)
@@ -325,32 +288,28 @@ def _protrusion(
         there = direction + step * rng.normal(size=direction.shape)
         return np.asarray(there / np.linalg.norm(there, axis=1)[:, None], np.float64)
 
-    worst, seen = _search(owner, direction, height, moved, 0.2, first)
-    return max(0.0, worst), mean, seen
+    return max(0.0, _search(owner, direction, first, height, moved)), mean
 
 
 def _search(
     key: IntArray,
     place: FloatArray,
+    found: FloatArray,
     value: "Callable[[IntArray, FloatArray], FloatArray]",
     moved: "Callable[[FloatArray, float], FloatArray]",
-    step: float,
-    first: FloatArray | None = None,
-) -> tuple[float, int]:
-    """Maximum of `value` over all places, refined around the best ones, and the number of places examined."""
-    found = value(key, place) if first is None else first
-    seen = len(found)
+) -> float:
+    """Maximum of `value`, which is `found` at some places, refined around the best of them."""
+    step = FIRST_STEP
     best = np.argsort(-found, kind="stable")[:WORST]
     key, place, found = key[best], place[best], found[best]
     for _ in range(ROUNDS):
         wide_key = np.repeat(key, CHILDREN)
         there = moved(np.repeat(place, CHILDREN, axis=0), step)
         tried = value(wide_key, there).reshape(-1, CHILDREN)
-        seen += tried.size
         pick = tried.argmax(axis=1)
         top = tried[np.arange(len(key)), pick]
         better = top > found
         place = np.where(better[:, None], there.reshape(len(key), CHILDREN, -1)[np.arange(len(key)), pick], place)
         found = np.maximum(found, top)
         step *= SHRINK
-    return float(found.max()), seen
+    return float(found.max())

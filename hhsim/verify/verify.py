@@ -138,7 +138,7 @@ def verify(
         contact_error_claim(judge),
         motion_claim(result),
         *input_hand_claims(judge),
-        *metric_claims(seen),
+        *metric_claims(result),
         *session_claims(result),
         *origin_claims(result, again),
     ]

@@ -75,16 +75,6 @@ def test_the_closed_form_is_what_the_gate_does(spread: float, slower: float) -> 
     assert abs(found - expected) < 4.0 * deviation
 
 
-def test_one_process_is_a_plain_difference_of_normals() -> None:
-    for slower in (0.0, 0.02, 0.1):
-        gap = math.log(1.05) - math.log1p(slower)
-        assert chance_of_worse(0.03, slower, LIMIT, 1) == pytest.approx(stats.norm.sf(gap / (0.03 * math.sqrt(2.0))))
-
-
-def test_what_is_slower_by_the_limit_is_called_worse_half_of_the_time() -> None:
-    assert chance_of_worse(0.02, LIMIT, LIMIT, PROCESSES) == pytest.approx(0.5)
-
-
 def test_false_alarms_and_misses_are_as_rare_as_the_docs_say() -> None:
     for spread, processes, alarms, misses in (
         (0.015, 5, 95_000, 41_000),

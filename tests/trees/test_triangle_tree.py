@@ -8,7 +8,7 @@ from hhsim.arrays import FloatArray
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.triangle_tree import MANY, tree_of_any, triangle_tree
-from hhsim.verify.tree_checks import sticking_out
+from tools.tree_checks import sticking_out
 
 
 def soup(count: int, seed: int = 3, size: float = 0.03) -> Mesh:

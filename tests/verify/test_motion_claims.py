@@ -173,8 +173,6 @@ def test_a_correction_that_is_another_is_found(result: Result, name: str) -> Non
     assert verdicts(result, **{name: float(result.summary[name]) + 1e-8}) == {"input depth": HOLDS, "correction": FAILS}
 
 
-def test_an_older_file_claims_nothing_and_a_mesh_is_not_judged(result: Result) -> None:
-    older = replace(result, summary={name: value for name, value in result.summary.items() if name != DEPTH})
-    assert input_hand_claims(JudgedTicks(older, np.arange(0, result.ticks, 10))) == []
+def test_in_a_mesh_the_referee_has_no_depth_of_its_own(result: Result) -> None:
     scene = {**result.scene, "solver": {**result.scene["solver"], "surface": "mesh"}}
     assert verdicts(replace(result, scene=scene))["input depth"] == NOT_JUDGED

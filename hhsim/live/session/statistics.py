@@ -126,8 +126,8 @@ def session_figures(
 
     Returns:
         The figures of `LiveTally.to_json` (`wakeup_p999` is the 99.9th percentile [s]), ticks kept free by reason
-        (`kept_free_stale_input`), `missed`, the same by cause (`missed_host`), `penetration_max` [m], and the lost
-        records of each ring.
+        (`kept_free_stale_input`), `missed`, the same by cause (`hhsim.metrics.session_faults.MISSED_BY`),
+        `penetration_max` [m], and the lost records of each ring.
     """
     figures = tally.to_json()
     del figures["uncounted_ticks"]

@@ -96,9 +96,11 @@ def test_one_more_file_is_in_the_report_and_its_verdict(replayed: tuple[ReplaySu
     assert cut.rows[-1].value == summary.rows[-1].value
 
 
-def test_the_referee_says_that_it_does_not_know_one_more(replayed: tuple[ReplaySummary, Result]) -> None:
-    (rest,) = (claim for claim in metric_claims(replayed[1]) if claim.name == "summary, rest")
-    assert "lag_mean is not computed here" in rest.note
+def test_the_referee_judges_one_more(replayed: tuple[ReplaySummary, Result]) -> None:
+    result = replayed[1]
+    forged = dataclasses.replace(result, summary={**result.summary, "lag_mean": 9.0})
+    (claim,) = (claim for claim in metric_claims(forged) if claim.name == "summary")
+    assert claim.failed and "lag_mean is stored as 9" in claim.note
 
 
 def ticks_of(names: tuple[str, ...], ticks: int) -> RunTicks:
@@ -109,7 +111,7 @@ def ticks_of(names: tuple[str, ...], ticks: int) -> RunTicks:
     return RunTicks(columns, ticks, phases, 1000.0, 5, 100)
 
 
-# Those of a free object are in tests/verify/test_free_object_checks.py, beside the referee's own.
+# Those of a free object are in tests/verify/test_free_object_checks.py.
 OF_ANY = {name: metric for name, metric in run_metrics().items() if not metric.free_only}
 
 
