@@ -45,8 +45,6 @@ def test_a_table_names_a_region_or_several() -> None:
     [
         ("handle", "expected a table"),
         ({"pinky": "handle"}, "unknown key 'pinky'"),
-        ({"thumb": 3}, "expected the name of a region, or several"),
-        ({"thumb": []}, "expected the name of a region, or several"),
         ({"thumb": ["handle", ""]}, r"thumb\[2\] = ''"),
     ],
 )
@@ -126,12 +124,6 @@ def test_a_region_counts_only_leaves_that_would_be_touched_within_it(seed: int) 
     assert anywhere <= found
 
 
-def test_a_region_that_the_object_lacks_is_refused() -> None:
-    position, rotation, joints, _ = pose(0)
-    with pytest.raises(UnknownNameError, match="unknown region of the cup 'spout'"):
-        touch_distances([Touch("thumb", "spout")], "cup", HAND, TREE, joints, position, rotation)
-
-
 RANDOM = np.random.default_rng(7)
 POINTS = RANDOM.uniform(-1.0, 1.0, (4000, 3))
 
@@ -169,15 +161,10 @@ def test_a_region_is_what_all_of_its_shapes_hold() -> None:
     ("shapes", "message"),
     [
         ([], "expected a list such as"),
-        ({"box": 1}, "expected a list such as"),
         ([{"cone": [0, 0, 0]}], "unknown key 'cone': did you mean cylinder"),
-        ([{"box": [[0, 0, 0], [1, 1]]}], r"\[1\].box\[2\] = \[1, 1\]; expected a list of 3"),
-        ([{"box": [[0, 0, 0], [1, 1, "x"]]}], r"\[1\].box\[2\]\[3\] = 'x'; expected a number"),
         ([{"box": [[1, 0, 0], [0, 1, 1]]}], "holds no point"),
         ([{"box": [[0, 0, 0], [1, 1, 1]], "radius": 1}], "expected a box, a cylinder and its radius"),
         ([{"sphere": [0, 0, 0]}], "a sphere and its radius"),
-        ([{"sphere": [0, 0, 0], "radius": -1}], "radius = -1; expected"),
-        ([{"sphere": [0, 0, float("nan")], "radius": 1}], r"sphere\[3\] = nan; expected a number"),
         ([{"cylinder": [[0, 0, 0], [0, 0, 0]], "radius": [1, 1]}], "two different ends"),
     ],
 )
@@ -192,34 +179,6 @@ def test_every_shipped_region_holds_some_of_the_surface_and_not_most_of_it(name:
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
     share = area[object_region(name, region).holds(triangles.mean(axis=1))].sum() / area.sum()
     assert 0.005 < share < 0.75
-
-
-@pytest.mark.parametrize(
-    ("name", "one", "other"),
-    [
-        ("bunny", "ear_left", "ear_right"),
-        ("bunny", "ear_left", "head"),
-        ("bunny", "ear_right", "head"),
-        ("bunny", "head", "body"),
-        ("cup", "inside", "outside"),
-        ("cup", "handle", "outside"),
-        ("cup", "handle", "rim"),
-        ("teapot", "spout", "edge"),
-        ("teapot", "spout", "handle"),
-        ("teapot", "knob", "edge"),
-        ("shamrock", "leaf_right", "leaf_left"),
-        ("shamrock", "leaf_right", "stem"),
-        ("shamrock", "leaf_top", "leaf_right"),
-        ("rock", "front", "rear"),
-        ("rock", "upper", "lower"),
-    ],
-)
-def test_parts_that_are_apart_share_no_surface(name: str, one: str, other: str) -> None:
-    triangles = load_object(name).mesh.triangles
-    weights = RANDOM.dirichlet((1.0, 1.0, 1.0), len(triangles))
-    points = np.concatenate([triangles.reshape(-1, 3), np.einsum("tk,tki->ti", weights, triangles)])
-    regions = object_regions(name)
-    assert not (regions[one].holds(points) & regions[other].holds(points)).any()
 
 
 def test_an_unknown_region_lists_the_near_ones() -> None:
