@@ -280,7 +280,7 @@ def command(
         else:
             chosen = tree.load(mesh, mesh_file.unit_length(object_))
         described = moving.words(object_, trajectory, mesh_file, tree, seed)
-        placed = described_scene(described, mesh, chosen.tree, chosen.level, hand, motion, solver_options.fingers)
+        placed = described_scene(described, mesh, chosen.tree, hand, motion, solver_options.fingers)
         remarks += filter(None, [placed.note])
         scene = replace(placed.scene, free=free.object(placed.scene.mesh, object_))
         settle = viewer.settle if viewer is not None else None

@@ -24,7 +24,7 @@ from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.mesh.catalogue import load_object
-from hhsim.scene.contact_goals import ANYWHERE, PALM, TOUCHING, Touch, object_region
+from hhsim.scene.contact_goals import ANYWHERE, PALM, TOUCHING, Touch, holds, object_region
 from hhsim.scene.finger_closure import FingerClosure, PlacedCloser, body_distances
 from hhsim.scene.script import Placement, Script, ScriptTable
 from hhsim.scene.synthesis import synthesize
@@ -272,9 +272,9 @@ class PlacementSearch:
         if region == ANYWHERE:
             return center, radius
         shape = object_region(self.object_name, region)
-        held = shape.holds(center)
+        held = holds(shape, center)
         for axis in (*np.eye(3), *-np.eye(3)):
-            held |= shape.holds(center + radius[:, None] * axis)
+            held |= holds(shape, center + radius[:, None] * axis)
         return center[held], radius[held]
 
     def _distance(self, touch: Touch, joints: FloatArray, position: FloatArray, rotation: FloatArray) -> float:

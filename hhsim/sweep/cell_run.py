@@ -158,13 +158,12 @@ class _SceneKey:
 @lru_cache(2)
 def _scene(key: _SceneKey, plan_folder: Path) -> Scene:
     cell = key.cell
-    mesh, tree, level = cell_object(cell, plan_folder)
+    mesh, tree = cell_object(cell, plan_folder)
     motion = motion_of(cell, plan_folder)
     if "tremor_mm_deg" in cell.options and isinstance(motion, Script):
         motion = motion.shaken(cell.options["tremor_mm_deg"])
     hand = cell_hand(cell, plan_folder, motion)
-    words = cell.words()
-    return described_scene(words, mesh, tree, level, hand, motion, cell.solver_options().fingers).scene
+    return described_scene(cell.words(), mesh, tree, hand, motion, cell.solver_options().fingers).scene
 
 
 def cell_hand(cell: Cell, plan_folder: Path, motion: Motion) -> HandModel:
@@ -173,8 +172,8 @@ def cell_hand(cell: Cell, plan_folder: Path, motion: Motion) -> HandModel:
     return hand_of(motion, cell.options.get("hand"), None if sizes is None else plan_folder / sizes)
 
 
-def cell_object(cell: Cell, plan_folder: Path) -> tuple[Mesh, SphereTree, int]:
-    """Return the mesh [m] of a cell, its sphere tree, and the tree's level.
+def cell_object(cell: Cell, plan_folder: Path) -> tuple[Mesh, SphereTree]:
+    """Return the mesh [m] of a cell and its sphere tree.
 
     Raises:
         HhsimError: As `hhsim.mesh.catalogue.resolve_object`, or no tree of that level or error.
@@ -184,10 +183,9 @@ def cell_object(cell: Cell, plan_folder: Path) -> tuple[Mesh, SphereTree, int]:
     word: str | Path = plan_folder / shape.word if names_a_file(shape.word) else shape.word
     mesh, usual = resolve_object(word, shape.unit, size, thickness, solid)
     if "max_error" in cell.options:
-        choice = coarsest_sphere_tree(mesh, cell.options["max_error"])
-        return mesh, choice.tree, choice.level
+        return mesh, coarsest_sphere_tree(mesh, cell.options["max_error"]).tree
     level = cell.options.get("level", usual)
-    return mesh, cached_sphere_tree(mesh, TreeOptions(level=level)) if solid else tree_of_any(mesh, level), level
+    return mesh, cached_sphere_tree(mesh, TreeOptions(level=level)) if solid else tree_of_any(mesh, level)
 
 
 def motion_of(cell: Cell, plan_folder: Path) -> Motion:

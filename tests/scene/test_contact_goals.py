@@ -15,10 +15,10 @@ from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.metrics.brute_force_distance import round_cone_contact, round_cone_distance, sphere_contact
 from hhsim.scene.contact_goals import (
-    Region,
     Shapes,
     Touch,
     TouchTable,
+    holds,
     object_region,
     object_regions,
     touch_distances,
@@ -117,7 +117,7 @@ def test_a_region_counts_only_leaves_that_would_be_touched_within_it(seed: int) 
             distance, places = round_cone_contact(
                 center[None], np.array([radius]), joints[2, k], joints[2, k + 1], *HAND.radius[2, k : k + 2]
             )
-            if object_region("cup", "inside").holds(places)[0]:
+            if holds(object_region("cup", "inside"), places)[0]:
                 best = min(best, float(distance[0]))
     assert found == pytest.approx(best, abs=1e-12)
     (anywhere,) = touch_distances([Touch("middle")], "cup", HAND, coarse, joints, position, rotation)
@@ -130,31 +130,31 @@ POINTS = RANDOM.uniform(-1.0, 1.0, (4000, 3))
 NAMED = [(name, region) for name in object_names() for region in object_regions(name)]
 
 
-def holds(*shapes: object) -> np.ndarray:
-    return Region("part", typed(list(shapes), Shapes, "x.toml")).holds(POINTS)
+def held(*shapes: object) -> np.ndarray:
+    return holds(typed(list(shapes), Shapes, "x.toml"), POINTS)
 
 
 def test_a_box_holds_what_is_between_its_corners() -> None:
     expected = [all(low <= v <= high for v, low, high in zip(p, (-0.5, 0, -1), (0.5, 1, 0.2))) for p in POINTS]
-    assert np.array_equal(holds({"box": [[-0.5, 0.0, -1.0], [0.5, 1.0, 0.2]]}), expected)
+    assert np.array_equal(held({"box": [[-0.5, 0.0, -1.0], [0.5, 1.0, 0.2]]}), expected)
 
 
 def test_a_sphere_holds_what_is_near_its_centre() -> None:
     expected = ((POINTS - [0.2, 0.0, -0.3]) ** 2).sum(axis=1) <= 0.49
-    assert np.array_equal(holds({"sphere": [0.2, 0.0, -0.3], "radius": 0.7}), expected)
+    assert np.array_equal(held({"sphere": [0.2, 0.0, -0.3], "radius": 0.7}), expected)
 
 
 def test_a_tapered_cylinder_along_z_holds_what_is_nearer_to_its_axis_than_its_radius_there() -> None:
     x, y, z = POINTS.T
     expected = (z >= -0.5) & (z <= 0.5) & (np.hypot(x - 0.1, y) <= 0.6 + 0.4 * (z + 0.5))
     shape = {"cylinder": [[0.1, 0.0, -0.5], [0.1, 0.0, 0.5]], "radius": [0.6, 1.0]}
-    assert np.array_equal(holds(shape), expected)
-    assert np.array_equal(holds(shape | {"outside": True}), ~expected)
+    assert np.array_equal(held(shape), expected)
+    assert np.array_equal(held(shape | {"outside": True}), ~expected)
 
 
 def test_a_region_is_what_all_of_its_shapes_hold() -> None:
     box, ball = {"box": [[-1, -1, 0], [1, 1, 1]]}, {"sphere": [0, 0, 0], "radius": 0.5}
-    assert np.array_equal(holds(box, ball), holds(box) & holds(ball))
+    assert np.array_equal(held(box, ball), held(box) & held(ball))
 
 
 @pytest.mark.parametrize(
@@ -177,7 +177,7 @@ def test_what_is_no_region_is_refused(shapes: object, message: str) -> None:
 def test_every_shipped_region_holds_some_of_the_surface_and_not_most_of_it(name: str, region: str) -> None:
     triangles = load_object(name).mesh.triangles
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
-    share = area[object_region(name, region).holds(triangles.mean(axis=1))].sum() / area.sum()
+    share = area[holds(object_region(name, region), triangles.mean(axis=1))].sum() / area.sum()
     assert 0.005 < share < 0.75
 
 
