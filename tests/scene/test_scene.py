@@ -135,22 +135,6 @@ def test_a_scene_of_a_mesh_and_a_motion_that_are_loaded(tmp_path: Path) -> None:
     assert scene.hand.side == "right"
 
 
-def test_a_mistake_is_told_before_anything_is_built() -> None:
-    with pytest.raises(UnknownNameError, match="unknown object 'cbue': did you mean cube"):
-        hhsim.open_scene("cbue")
-    with pytest.raises(UnknownNameError, match="unknown trajectory 'pinhc': did you mean pinch"):
-        hhsim.open_scene("cube", "pinhc")
-    with pytest.raises(InputError, match="unit and size are for mesh files; 'cube' is an object that has its size"):
-        hhsim.open_scene("cube", unit="mm")
-    with pytest.raises(InputError, match="exclude each other"):
-        hhsim.open_scene("mug.stl", unit="mm", size=0.1)
-
-
-def test_a_scene_says_what_it_is_in_one_line() -> None:
-    scene = hhsim.open_scene("cube", "pinch", level=2)
-    assert repr(scene) == str(scene) == "Scene(cube with 64 leaf spheres, right hand, pinch: 3,000 ticks at 1000 Hz)"
-
-
 def test_everything_that_a_program_is_given_has_a_repr_of_a_few_lines(tmp_path: Path) -> None:
     (tmp_path / "short.toml").write_text(short_grasp_text())
     scene = hhsim.open_scene("cube", tmp_path / "short.toml", level=2)

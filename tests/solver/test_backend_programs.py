@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from sphere_scenes import CURL, bumpy_ball, random_targets, record_clearance
 
-from hhsim.errors import UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
@@ -12,7 +11,6 @@ from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.qp import available_backends
 
 HAND = HandModel.default("right")
 BALL = bumpy_ball(150)
@@ -69,9 +67,3 @@ def test_the_work_and_the_times_are_counted_here_too() -> None:
     assert (record.duration_total >= record.duration.sum(axis=1) // 2).all()
     # From the fifth tick on the two solvers differ by rounding, and a walk looks as far as what it has found.
     np.testing.assert_array_equal(record.work[:4, :2], ours.work[:4, :2])
-
-
-def test_an_unknown_solver_is_named() -> None:
-    assert set(BACKENDS) <= set(available_backends())
-    with pytest.raises(UnknownNameError, match="quadprog"):
-        run(grasp(5), "quadprogg")
