@@ -26,12 +26,9 @@ from .run_again import names_a_result, run_again
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hhsim.hand.model import HandModel
-    from hhsim.motion.trajectory import Trajectory
     from hhsim.replay.summary import ReplaySummary
-    from hhsim.scene.demonstration import Demonstration
     from hhsim.scene.described_scene import SceneWords
-    from hhsim.scene.script import Script
+    from hhsim.scene.motion_catalogue import Motion
     from hhsim.solver.options import SolverOptions
     from hhsim.view.sink import RerunTarget
 
@@ -55,7 +52,7 @@ class SolverSettings(options.Linearising, options.SolverChoice):
     qp: str = option(
         metavar="NAME",
         default="active-set",
-        help="QP solver: active-set (hhsim's own) or one that qpsolvers finds installed, such as clarabel.",
+        help="QP solver: active-set (hhsim's own); for coupled also one that qpsolvers finds, such as clarabel.",
     )
     force: str | None = option(
         type=click.Choice(["kkt", "paper"]),
@@ -122,14 +119,14 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
         "--hand", type=options.SIDES, help="Which hand grasps. Default: the recording's, else the right one."
     )
     hand_file: Path | None = shared(options.hand_file)
-    tremor: tuple[float, ...] | None = option(
+    tremor: tuple[float, float] | None = option(
         callback=number_list("mm", "degrees", ranges=[(0.0, 100.0), (0.0, 180.0)]),
         metavar="MM,DEG",
         help="Add seeded tremor of 10 Hz of this amplitude: palm position [mm] and rotation [°], such as 0.1,0.2.",
     )
     ticks: int | None = option(type=COUNT, metavar="N", help="Run only the first N ticks. Default: the whole motion.")
 
-    def motion(self, trajectory: str) -> "Script | Demonstration | Trajectory":
+    def motion(self, trajectory: str) -> "Motion":
         """Return the motion that TRAJECTORY names, with its tremor.
 
         Raises:
@@ -161,14 +158,6 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
                 f"--tremor is for scripts; '{trajectory}' is a recording, with what tremor the hand had"
             )
         return motion.shaken(self.tremor)
-
-    def hand(self, motion: "Script | Demonstration | Trajectory") -> "HandModel":
-        """Return the hand of a motion."""
-        from hhsim.hand.model import HandModel
-        from hhsim.scene.scene import side_of
-
-        side = self.side or side_of(motion)
-        return HandModel.default(side) if self.hand_file is None else HandModel.from_toml(self.hand_file, side)
 
     def words(self, object_: str, trajectory: str, mesh_file: MeshFile, tree: TreeOrFile, seed: int) -> "SceneWords":
         """Return what the command line says, for the result."""
@@ -263,6 +252,7 @@ def command(
     from hhsim.result.reader import check_result_path
     from hhsim.scene.described_scene import described_scene
     from hhsim.scene.motion_catalogue import import_remarks
+    from hhsim.scene.scene import hand_of
 
     solver_options = solver.options()
     motion = moving.motion(trajectory)
@@ -284,13 +274,13 @@ def command(
             # Before the progress bar starts a thread, which would not survive a fork.
             viewer = stack.enter_context(ViewAhead(rerun))
         report = stack.enter_context(progress(quiet=output.quiet))
-        hand = moving.hand(motion)
+        hand = hand_of(motion, moving.side, moving.hand_file)
         if tree.path is None:
             chosen = tree.choose(mesh, usual_level, report, solid=solid)
         else:
             chosen = tree.load(mesh, mesh_file.unit_length(object_))
         described = moving.words(object_, trajectory, mesh_file, tree, seed)
-        placed = described_scene(described, mesh, chosen.tree, chosen.level, hand, motion, solver_options.fingers)
+        placed = described_scene(described, mesh, chosen.tree, hand, motion, solver_options.fingers)
         remarks += filter(None, [placed.note])
         scene = replace(placed.scene, free=free.object(placed.scene.mesh, object_))
         settle = viewer.settle if viewer is not None else None

@@ -78,7 +78,7 @@ def command(plan: Path, settings: SweepSettings, as_json: bool, quiet: bool) -> 
             print_notes(read.notes)
         announce_compilation(quiet=quiet)
         if settings.dry_run:
-            found = estimate(read, folder, chosen.workers, report)
+            found = estimate(read, folder, report)
         else:
             ended = run_sweep(read, folder, chosen, report)
     if settings.dry_run:
@@ -97,19 +97,15 @@ def command(plan: Path, settings: SweepSettings, as_json: bool, quiet: bool) -> 
 def _print_estimate(found: "Estimate", workers: int, *, as_json: bool) -> None:
     from hhsim.sweep.pace import lasting
 
-    left = found.cells - found.done - found.failed
-    least, seconds = found.elapsed(workers)
+    seconds = found.elapsed(workers)
     if as_json:
         counts = {"cells": found.cells, "done": found.done, "failed": found.failed, "ticks": found.ticks}
-        times = {"seconds_least": least, "seconds": seconds, "start_up": found.start_up}
-        print_json({**counts, "processes": workers, **times, "estimated_from": found.by})
+        print_json({**counts, "processes": workers, "seconds": seconds, "estimated_from": found.by})
         return
-    print_line(f"{counted(found.cells, 'cell')}: {found.done:,} done, {found.failed:,} failed, {left:,} to run")
-    if left:
-        processes = f"{workers} process{'es' * (workers > 1)}"
-        about = " to ".join(dict.fromkeys((lasting(least), lasting(seconds))))
-        by = f"by cells that ran on this machine: {found.by}"
-        print_line(f"{found.ticks:,} ticks: about {about} in {processes}, {by}")
+    print_line(f"{counted(found.cells, 'cell')}: {found.done:,} done, {found.failed:,} failed, {found.left:,} to run")
+    if found.left:
+        about = f"{lasting(seconds)} in {workers} process{'es' * (workers > 1)}"
+        print_line(f"{found.ticks:,} ticks: about {about}, by cells that ran on this machine: {found.by}")
 
 
 def _print(ended: "SweepSummary", folder: Path) -> None:

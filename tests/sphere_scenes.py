@@ -27,6 +27,7 @@ from hhsim.kernels.tick.method import Coupled, Progressive, solve_program
 from hhsim.kernels.tick.tick import begin_tick
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion import analytic_motion
+from hhsim.result.reader import Result
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -266,3 +267,13 @@ def record_clearance(hand: HandModel, tree: SphereTree, record: TickRecord | Pla
     palm, shown = hand.palm_tree, (record.joints, record.position, record.orientation)
     sizes = (hand.radius, palm.leaf_center, palm.leaf_radius)
     return brute_clearance(tree.leaf_center, tree.leaf_radius, *sizes, *shown)
+
+
+def result_clearance(result: Result, ticks: Any = slice(None)) -> FloatArray:
+    """`brute_clearance` of some ticks of a result, from nothing but the file, shape (T, 16)."""
+    static, level = result.static, result.static["object/tree/level"]
+    leaves = [static[f"object/tree/{name}"][level == level.max()] for name in ("center", "radius")]
+    sizes = [static[f"hand/{name}"] for name in ("phalanx_radius", "palm_center", "palm_radius")]
+    return brute_clearance(
+        *leaves, *sizes, *(result[f"graphic/{name}"][ticks] for name in ("joints", "position", "orientation"))
+    )

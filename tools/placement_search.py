@@ -17,18 +17,19 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.bench.paper.scene import check_holds, turned_by
-from hhsim.errors import HhsimError
+from hhsim.errors import HhsimError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.mesh.catalogue import load_object
-from hhsim.scene.contact_goals import ANYWHERE, PALM, TOUCHING, Touch, object_region
+from hhsim.scene.contact_goals import ANYWHERE, PALM, TOUCHING, Touch, holds, object_region
 from hhsim.scene.finger_closure import FingerClosure, PlacedCloser, body_distances
-from hhsim.scene.script import Placement, Script, read_script
+from hhsim.scene.script import Placement, Script, ScriptTable
 from hhsim.scene.synthesis import synthesize
 from hhsim.solver.options import SolverOptions
+from hhsim.system.settings_file import read_settings
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
@@ -271,9 +272,9 @@ class PlacementSearch:
         if region == ANYWHERE:
             return center, radius
         shape = object_region(self.object_name, region)
-        held = shape.holds(center)
+        held = holds(shape, center)
         for axis in (*np.eye(3), *-np.eye(3)):
-            held |= shape.holds(center + radius[:, None] * axis)
+            held |= holds(shape, center + radius[:, None] * axis)
         return center[held], radius[held]
 
     def _distance(self, touch: Touch, joints: FloatArray, position: FloatArray, rotation: FloatArray) -> float:
@@ -312,6 +313,16 @@ class PlacementSearch:
         return body_distances(closer.hand, closer.tree, position, rotation, flexion, spread, closer.work)
 
 
+def table_of(placement: Placement) -> str:
+    """Return a placement as a table of a script; lengths to 10 µm, angles and directions to 10⁻⁴."""
+    lines = ["[[placement]]", f'object = "{placement.object_name}"']
+    for name in ("position", "orientation", "back", "open", "abduction", "slide"):
+        values, digits = getattr(placement, name), 5 if name == "position" else 4
+        if name in ("position", "orientation", "back") or values.any():
+            lines.append(f"{name} = [{', '.join(f'{round(float(v), digits) + 0.0:g}' for v in values)}]")
+    return "\n".join(lines)
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Run the command."""
     parser = argparse.ArgumentParser(prog="python -m tools.placement_search", description=__doc__)
@@ -322,7 +333,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--level", type=int)
     given = parser.parse_args(arguments)
     try:
-        script, found = read_script(given.script, unplaced=True), load_object(given.object)
+        table = read_settings(given.script, ScriptTable, "script", TrajectoryError)
+        script, found = table.script(given.script.stem), load_object(given.object)
         tree = cached_sphere_tree(found.mesh, TreeOptions(level=given.level or found.level))
         towards = None
         if given.come_from:
@@ -336,7 +348,7 @@ def main(arguments: list[str] | None = None) -> None:
         raise SystemExit(str(error)) from error
     if distance > TOUCHING:
         raise SystemExit(f"no place found: a touch is {1e3 * distance:.3g} mm from happening; try another --seed")
-    print(placement.to_toml())
+    print(table_of(placement))
 
 
 if __name__ == "__main__":

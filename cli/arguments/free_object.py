@@ -11,10 +11,8 @@ from .options import ranged, within
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
-    from hhsim.motion.trajectory import Trajectory
-    from hhsim.scene.demonstration import Demonstration
     from hhsim.scene.free_object import FreeObject
-    from hhsim.scene.script import Script
+    from hhsim.scene.motion_catalogue import Motion
     from hhsim.solver.options import SolverOptions
 
 UNDER, NONE = "under", "none"
@@ -58,9 +56,7 @@ class FreeChoice(OptionGroup, heading="Free object"):
         "table_friction", "MU", "Coefficient of friction of table and object. Default: as of the hand."
     )
 
-    def require(
-        self, solver: "SolverOptions", motion: "Script | Demonstration | Trajectory | None", *, way_out: str = ""
-    ) -> None:
+    def require(self, solver: "SolverOptions", motion: "Motion | None", *, way_out: str = "") -> None:
         """Check, before the work, that the options go together; `motion` is None where a glove makes it.
 
         Raises:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 from click.shell_completion import CompletionItem
 
-from hhsim.errors import UnknownNameError
+from hhsim.errors import UnknownNameError, check_known
 from hhsim.ranges import RANGES
 from hhsim.solver.method import METHODS
 from hhsim.solver.surface import SURFACES
@@ -92,15 +92,12 @@ def file(metavar: str, help: str, *flags: str) -> Any:
 
 def _read_fingers(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
     """Read names of fingers with commas between; they come back in the hand's order."""
-    from hhsim.errors import UnknownNameError
     from hhsim.hand.fingers import FINGERS
 
     if value is None:
         return None
     names = [name.strip() for name in value.split(",")]
-    for name in names:
-        if name not in FINGERS:
-            raise UnknownNameError("finger", name, FINGERS)
+    check_known("finger", names, FINGERS)
     return tuple(name for name in FINGERS if name in names)
 
 

@@ -22,10 +22,9 @@ METRES = {"": 1e-3, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
 
 
 class ChosenTree(NamedTuple):
-    """A sphere tree, its level, and notes on the choice."""
+    """A sphere tree, and notes on the choice."""
 
     tree: "SphereTree"
-    level: int
     notes: tuple[str, ...]
 
 
@@ -83,8 +82,8 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
         if self.max_error is None:
             level = self.level or usual_level
             if solid:
-                return ChosenTree(cached_sphere_tree(mesh, TreeOptions(level=level), report), level, ())
-            return ChosenTree(tree_of_any(mesh, level, report), level, ())
+                return ChosenTree(cached_sphere_tree(mesh, TreeOptions(level=level), report), ())
+            return ChosenTree(tree_of_any(mesh, level, report), ())
         if self.level not in (None, AUTO):
             raise click.UsageError(f"--max-error chooses the level itself: leave --level {self.level} out")
         choice = coarsest_sphere_tree(mesh, self.max_error, report)
@@ -92,7 +91,7 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
             f"level {choice.level} is the coarsest within {1e3 * self.max_error:g} mm: {choice.tree.leaf_count:,} "
             f"spheres, which reach out of the mesh by {1e3 * choice.bound:.3f} mm at most"
         )
-        return ChosenTree(choice.tree, choice.level, (note,))
+        return ChosenTree(choice.tree, (note,))
 
 
 class TreeOrFile(TreeChoice):
@@ -110,4 +109,4 @@ class TreeOrFile(TreeChoice):
         if self.level is not None or self.max_error is not None:
             raise click.UsageError(f"--tree {self.path} has its own level: leave --level and --max-error out")
         found = load_tree_for(self.path, mesh, unit_length)
-        return ChosenTree(found.tree, found.tree.depth, (f"the sphere tree is that of {self.path}", *found.notes))
+        return ChosenTree(found.tree, (f"the sphere tree is that of {self.path}", *found.notes))

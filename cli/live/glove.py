@@ -313,7 +313,7 @@ def command(
             **scene.description,
             "object": object_,
             "object_mesh": mesh.sha256,
-            "level": chosen.level,
+            "level": chosen.tree.depth,
             "hand_file": str(hand.hand_file) if hand.hand_file else None,
             "device": device.kind,
             "trajectory": None if motion is None else hand.trajectory or usual,

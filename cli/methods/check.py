@@ -30,7 +30,7 @@ def command(name: str, isolate: bool, as_json: bool) -> int:
     findings = list(check_method(isolated_name(name) if isolate else name))
     wrong = sum(finding.verdict == WRONG for finding in findings)
     if as_json:
-        print_json({"method": name, "passed": not wrong, "findings": [finding.to_json() for finding in findings]})
+        print_json({"method": name, "passed": not wrong, "findings": [finding._asdict() for finding in findings]})
         return int(bool(wrong))
     print_table(Table([words("", of) for of in ("name", "verdict", "says")], findings))
     print_line(f"{name}: {wrong} of {len(findings)} are wrong" if wrong else f"{name} can be measured")

@@ -55,8 +55,6 @@ USUAL: tuple[int, ...] = (1, 2, 3, 12)
 LINEARISATIONS: dict[str, tuple[int, ...]] = {"paper": (1, 2, 3), "penalty": (12,)}
 """Limits of the linearisations in a tick, by method, if not `USUAL`: `paper` makes all of them; `penalty` linearises
 once, and the number bounds the rounds of its step."""
-QP_METHODS = ("coupled", "progressive")
-"""Methods whose programs other QP solvers can solve; they solve those of the first one that is run."""
 STRETCH = (100, 50)
 """Ticks before and after the start of the first hold that QP solvers are compared on: other solvers are driven from
 Python, at milliseconds a tick."""
@@ -200,15 +198,15 @@ def configurations(options: SpeedErrorOptions) -> list[Configuration]:
 
 
 def backend_configurations(options: SpeedErrorOptions) -> list[Configuration]:
-    """Return the configurations of all QP solvers, for a stretch of the first motion on every object."""
-    methods = [method for method in QP_METHODS if method in (options.methods or ())]
-    if not options.backends or not methods:
+    """Return the configurations of `coupled` with all QP solvers, for a stretch of the first motion on every object."""
+    method = "coupled"
+    if not options.backends or method not in (options.methods or ()):
         return []
-    surface = options.surfaces_of(methods[0])[0]
+    surface = options.surfaces_of(method)[0]
     nearest = min(options.levels, key=lambda level: abs(level - DEFAULT_LEVEL))
     level = nearest if surface == "spheres" else NO_LEVEL
     return [
-        Configuration(methods[0], level, usual_linearisations(methods[0]), qp, stretch=True, surface=surface)
+        Configuration(method, level, usual_linearisations(method), qp, stretch=True, surface=surface)
         for qp in (ACTIVE_SET, *options.backends)
     ]
 

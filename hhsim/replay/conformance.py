@@ -37,10 +37,6 @@ class Finding(NamedTuple):
     verdict: str
     says: str
 
-    def to_json(self) -> dict[str, str]:
-        """Return the finding as plain values."""
-        return self._asdict()
-
 
 def check_method(name: str) -> Iterator[Finding]:
     """Run a method of a name through a short grasp of a ball, and yield what is found, until it fails."""

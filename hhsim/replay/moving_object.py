@@ -68,7 +68,7 @@ class FreeFrame(MovingFrame):
     def __init__(
         self, haptic: HandConfiguration, ticks: ObjectRecord, position: AnyArray, orientation: AnyArray
     ) -> None:
-        moved, count = moved_by(ticks), len(ticks.turn)
+        moved, count = RigidMotion(ticks.turn, ticks.shift), len(ticks.turn)
         pose = ObjectMotion(
             moved.points(np.broadcast_to(np.asarray(position, np.float64), (count, 3))),
             quaternion_product(moved.turn, np.broadcast_to(np.asarray(orientation, np.float64), (count, 4))),
@@ -97,11 +97,6 @@ def scene_frames(scene: "Scene", solver: "HandSolver") -> Callable[[slice], Stil
     motion = scene.driven.object_motion
     first = motion.position[0], motion.orientation[0]
     return lambda part: MovingFrame(given.at(part), motion.at(part).since(*first), motion.at(part))
-
-
-def moved_by(ticks: ObjectRecord) -> RigidMotion:
-    """Return the motion of a free object from before the first tick to the end of each."""
-    return RigidMotion(ticks.turn, ticks.shift)
 
 
 def contact_rows(ticks: ObjectRecord, first: int) -> dict[str, AnyArray]:

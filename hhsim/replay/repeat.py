@@ -257,9 +257,8 @@ def _compare_contacts(
     for array, again in zip(arrays, computed.values(), strict=True):
         stored = result[array.name][first:last]
         if len(stored) != len(again):
-            shape = (max(len(stored), len(again)), *array.column.shape)
-            stored, again = np.zeros(shape, array.column.dtype), np.ones(shape)
-        if len(stored):
+            stored, again = np.zeros(len(at), array.column.dtype), np.ones(len(at))
+        if len(at):
             array.add(stored, again, at)
 
 

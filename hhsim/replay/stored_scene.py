@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from hhsim.result.reader import Result
 from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS, result_hand
 from hhsim.scene.free_object import LAW, FreeObject
 from hhsim.scene.scene import all_pairs
-from hhsim.solver.options import UNLIMITED, SolverOptions, Stiffness
+from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -133,17 +132,7 @@ def stored_free(result: Result) -> FreeObject | None:
 
 def stored_options(result: Result) -> SolverOptions:
     """Return the solver's options; InputError if hhsim has no such options."""
-    values = dict(result.scene.get("solver", {}))
-    known = {option.name for option in fields(SolverOptions)}
-    strange = sorted(values.keys() - known)
-    if strange or not values:
-        what = f"solver options that this hhsim does not have: {', '.join(strange)}" if strange else "no solver options"
-        raise InputError(f"{result.path} states {what}; it was written by hhsim {result.hhsim_version}")
     try:
-        values["stiffness"] = Stiffness(**values["stiffness"])
-        values["fingers"] = tuple(values["fingers"])
-        # Before a budget had a default, none meant that there was none.
-        values["budget"] = UNLIMITED if values.get("budget") is None else values["budget"]
-        return SolverOptions(**values)
-    except (KeyError, TypeError) as error:
+        return SolverOptions.from_json(result.scene["solver"])
+    except (KeyError, InputError) as error:
         raise InputError(f"{result.path}: its solver options cannot be read: {error}") from error

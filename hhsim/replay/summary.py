@@ -25,7 +25,7 @@ from hhsim.replay.summary_table import SummaryRow, figure_table, short_table, su
 from hhsim.replay.tick_columns import KeptColumns
 from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.replay.verdict import Verdict, run_verdict
-from hhsim.scene.scene import Scene
+from hhsim.scene.scene import Scene, all_pairs
 from hhsim.solver.compile import WarmUp
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import FORCES, PROMISES, RUNS
@@ -143,7 +143,7 @@ def summarise(
         phases=ticks.phases,
         rate=ticks.rate,
         fingers=len(options.fingers),
-        all_pairs=scene.all_pairs,
+        all_pairs=all_pairs(scene.hand, scene.tree),
         touched=TouchedObject(
             scene.mesh,
             surface.arrays,

@@ -131,16 +131,13 @@ def run_verdict(
 def _contact(figures: Mapping[str, SummaryRow], surface: str) -> tuple[str, bool]:
     """Sentence on the contact, and whether the hand touched the object, as far as known."""
     near, touching, depth = (figures.get(name) for name in ("candidates_max", "touching_max", "penetration_max"))
-    force = figures.get("force_contact_max")
-    if any(row is not None and row.value > 0.0 for row in (touching, force, depth)):
-        touched = True
-    else:
-        touched = touching is None and (near is None or near.value > 0.0)
-    if not touched:
-        where = "never touches" if near is not None and near.value > 0 else "never comes near"
-        return f"The hand {where} the object, so that this run says nothing about contact. {ELSEWHERE}", False
-    if depth is None:
+    if near is None or touching is None or depth is None:
+        # A run that was stopped has no figures.
         return "", True
+    force = figures.get("force_contact_max")
+    if not any(row is not None and row.value > 0.0 for row in (touching, force, depth)):
+        where = "never touches" if near.value > 0 else "never comes near"
+        return f"The hand {where} the object, so that this run says nothing about contact. {ELSEWHERE}", False
     if depth.shown == depth.figure.shown(0.0):
         return f"The shown hand stays out of the object's {surface} in every tick.", True
     return f"The shown hand is up to {depth.shown} {depth.unit} inside the object's {surface}.", True

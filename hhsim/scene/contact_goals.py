@@ -23,7 +23,6 @@ from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
-from numpy.typing import ArrayLike
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, check_known
@@ -88,24 +87,19 @@ class Shape(Settings, frozen=True):
 Shapes = Annotated[tuple[Shape, ...], a_list("[{ box = [[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]] }]")]
 
 
-@dataclass(frozen=True, eq=False)
-class Region:
-    """Named region of an object: the intersection of its shapes."""
+Region = tuple[Shape, ...]
+"""Region of an object: the intersection of its shapes."""
 
-    name: str
-    shapes: tuple[Shape, ...]
 
-    def holds(self, points: ArrayLike) -> BoolArray:
-        """Return True for each point of the object's frame [m], shape (n, 3), that it holds; shape (n,)."""
-        array = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        return np.asarray(np.all([shape.holds(array) for shape in self.shapes], axis=0))
+def holds(region: Region, points: FloatArray) -> BoolArray:
+    """Return True for each point of the object's frame [m], shape (n, 3), that a region holds; shape (n,)."""
+    return np.asarray(np.all([shape.holds(points) for shape in region], axis=0))
 
 
 @cache
 def object_regions(name: str) -> dict[str, Region]:
     """Return the regions of a catalogue object by name; most have none. InputError for an invalid description."""
-    regions = typed(object_description(name).get("regions", {}), dict[str, Shapes], f"objects/{name}.toml: regions")
-    return {region: Region(region, shapes) for region, shapes in regions.items()}
+    return typed(object_description(name).get("regions", {}), dict[str, Shapes], f"objects/{name}.toml: regions")
 
 
 def object_region(name: str, region: str) -> Region:
@@ -193,7 +187,7 @@ def _nearest(
         _, points = (
             sphere_contact(*leaves, a, radius_a) if ball else round_cone_contact(*leaves, a, b, radius_a, radius_b)
         )
-        held = region.holds(points)
+        held = holds(region, points)
         if held.any():
             return float(distance[some[held]].min())
     return np.inf

@@ -2,41 +2,45 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from msgspec import Meta
 
-from hhsim.errors import TrajectoryError
+from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
-from hhsim.hand.model import HandModel
+from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.trajectory import ResampleMode, Trajectory
 from hhsim.scene.contact_goals import TOUCHING
-from hhsim.scene.demonstration import Demonstration
+from hhsim.scene.motion_catalogue import Motion
 from hhsim.scene.recorded_grasp_pose import GraspPlacement, place_at_grasp
 from hhsim.scene.scene import Scene, make_scene
-from hhsim.scene.script import Script
+from hhsim.system.settings_file import Settings, between
+from hhsim.trees.options import MOST_LEVEL
 from hhsim.trees.sphere_tree import SphereTree
 
 Place = Literal["recorded", "auto"]
+Tremor = Annotated[float, between(0.0, 100.0)]
+TWO = "two numbers, [mm] and [°], such as [0.1, 0.2]"
 
 MOST_START_DEPTH = 0.005
 """A hand that begins deeper [m] in the object was not recorded at it: fit, tracker and spheres are off by less."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SceneWords:
+class SceneWords(Settings, frozen=True, kw_only=True):
     """Arguments of a scene, as `hhsim replay` takes them; None where an argument was not given.
 
     Attributes:
         object, trajectory: Name of the catalogue, or a file.
         unit, size_mm, thickness_mm: Unit of a mesh file, its longest extent [mm], thickness of its open parts' sheets
             [mm].
-        max_error: Error that the tree was chosen by [m].
+        level, max_error: Level of the tree, or error that it was chosen by [m].
         tree, hand_file: Files of the tree and of the hand's sizes.
+        hand: Side of the hand.
         tremor_mm_deg: Amplitudes of a script's tremor: position [mm] and rotation [°].
         samples: Interpolation between two samples of the motion.
         place_object: Placement of a recording's object; None: as recorded, unless the hand touches nothing there, or
@@ -50,16 +54,23 @@ class SceneWords:
     unit: str | None = None
     size_mm: float | None = None
     thickness_mm: float | None = None
-    max_error: float | None = None
+    level: Annotated[int, between(1, MOST_LEVEL)] | None = None
+    max_error: Annotated[float, between(1e-6, 1.0)] | None = None
     tree: str | None = None
+    hand: Side | None = None
     hand_file: str | None = None
-    tremor_mm_deg: tuple[float, ...] | None = None
+    tremor_mm_deg: Annotated[tuple[Tremor, Tremor], Meta(description=TWO)] | None = None
     samples: ResampleMode = "interpolate"
     place_object: Place | None = None
     object_pose: str = "recorded"
-    rate: float = 1000.0
+    rate: Annotated[float, between(1.0, 100_000.0)] = 1000.0
     ticks: int | None = None
     seed: int = 0
+
+    def check(self) -> None:
+        """Raise InputError if two arguments choose the level."""
+        if self.level is not None and self.max_error is not None:
+            raise InputError("max_error chooses the level itself: leave level out")
 
 
 @dataclass(frozen=True)
@@ -91,9 +102,8 @@ def described_scene(
     words: SceneWords,
     mesh: Mesh,
     tree: SphereTree,
-    level: int,
     hand: HandModel,
-    motion: Script | Demonstration | Trajectory,
+    motion: Motion,
     fingers: Sequence[str] = FINGERS,
 ) -> PlacedScene:
     """Make a scene with its description, and place the object of a recording that is in no world.
@@ -120,7 +130,7 @@ def described_scene(
         **{name: getattr(words, name) for name in (*as_given, "tremor_mm_deg", "seed")},
         "object_mesh": mesh.sha256,
         "object_repairs": list(mesh.repairs),
-        "level": level,
+        "level": tree.depth,
         "tree_options": dict(tree.options),
         "place_object": placed.place,
         "placement": placed.to_json(),
@@ -136,10 +146,10 @@ def _placed_scene(
     mesh: Mesh,
     tree: SphereTree,
     hand: HandModel,
-    motion: Script | Demonstration | Trajectory,
+    motion: Motion,
     fingers: Sequence[str],
 ) -> PlacedScene:
-    def make(moved: Script | Demonstration | Trajectory) -> Scene:
+    def make(moved: Motion) -> Scene:
         return make_scene(mesh, tree, hand, moved, rate=words.rate, mode=words.samples, seed=words.seed)
 
     if words.place_object == "auto" and isinstance(motion, Trajectory):

@@ -11,8 +11,8 @@ from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh, mass_properties
 from hhsim.ranges import check_range
 from hhsim.reproducible import principal_axes
+from hhsim.system.settings_file import typed
 
-_VECTORS = ("center", "gravity", "velocity", "angular_velocity")
 Triple = tuple[float, float, float]
 GRAVITY: Triple = (0.0, 0.0, -9.81)
 """[m/s²], world."""
@@ -58,10 +58,11 @@ class FreeObject:
     angular_velocity: Triple = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        vectors = [(name, value) for name in _VECTORS[1:] for value in getattr(self, name)]
-        numbers = ("mass", "friction", "torsion", "damping", "table", "table_friction")
-        for name, value in [*((name, getattr(self, name)) for name in numbers), *vectors]:
-            if value is not None or not name.startswith("table"):
+        for name in ("mass", "friction", "torsion", "damping", "table", "table_friction"):
+            if getattr(self, name) is not None or not name.startswith("table"):
+                check_range(name, getattr(self, name))
+        for name in ("gravity", "velocity", "angular_velocity"):
+            for value in getattr(self, name):
                 check_range(name, value)
         if not (np.isfinite(self.center).all() and np.isfinite(self.inertia).all()):
             raise InputError("the centre or the inertia of the free object is not finite")
@@ -87,7 +88,8 @@ class FreeObject:
         solid = mass_properties(mesh)
         mass = density * solid.volume if mass is None else mass
         inertia = mass / solid.volume * solid.inertia
-        return cls(mass, _triple(solid.center), _rows(0.5 * (inertia + inertia.T)), **others)
+        first, second, third = (_triple(row) for row in 0.5 * (inertia + inertia.T))
+        return cls(mass, _triple(solid.center), (first, second, third), **others)
 
     @property
     def of_table(self) -> float:
@@ -97,18 +99,9 @@ class FreeObject:
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Self:
         """Return what `to_json` stored; InputError for values that describe no free object."""
-        try:
-            rows = {name: _triple(value) for name, value in values.items() if name in _VECTORS}
-            return cls(**{**values, **rows, "inertia": _rows(values["inertia"])})
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"the free object cannot be read: {error}") from error
+        return typed(values, cls, "free object")
 
 
 def _triple(values: ArrayLike) -> Triple:
-    x, y, z = (float(value) for value in np.asarray(values, np.float64))
+    x, y, z = np.asarray(values, np.float64).tolist()
     return (x, y, z)
-
-
-def _rows(values: ArrayLike) -> tuple[Triple, Triple, Triple]:
-    a, b, c = np.asarray(values, np.float64)
-    return (_triple(a), _triple(b), _triple(c))

@@ -62,7 +62,7 @@ def kept_closure(
     path = cache_root() / "closures" / f"{hashlib.sha256(f'{key} {_sources()}'.encode()).hexdigest()[:32]}.json"
     try:
         closure = decoded(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError):
+    except (OSError, KeyError, TypeError, ValueError):
         closure = search()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -106,14 +106,8 @@ def decoded(fields: Fields) -> FingerClosure:
     """Return the closure of such fields.
 
     Raises:
-        ValueError: They are none of a closure.
+        KeyError, TypeError, ValueError: They are none of a closure.
     """
-    if not isinstance(fields, dict) or fields.keys() != {*_SHAPES, *_FINGERS}:
-        raise ValueError("no closure")
-    arrays: dict[str, Any] = {name: np.array(fields[name], dtype=np.float64) for name in _SHAPES}
-    if not all(arrays[name].shape == shape and np.isfinite(arrays[name]).all() for name, shape in _SHAPES.items()):
-        raise ValueError("no closure")
-    names: dict[str, Any] = {name: tuple(fields[name]) for name in _FINGERS}
-    if not all(set(fingers) <= set(FINGERS) for fingers in names.values()):
-        raise ValueError("no closure")
-    return FingerClosure(**arrays, **names)
+    parts: dict[str, Any] = {name: tuple(fields[name]) for name in _FINGERS}
+    parts |= {name: np.array(fields[name], np.float64).reshape(shape) for name, shape in _SHAPES.items()}
+    return FingerClosure(**parts)

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -22,6 +22,8 @@ from hhsim.scene.script import Script, parse_script
 from hhsim.system.media_kind import media_kind_of
 from hhsim.system.settings_file import parse_toml, read_toml_text
 
+Motion: TypeAlias = Script | Demonstration | Trajectory
+"""Motion of a hand, as a word on the command line names it."""
 SCRIPT_SUFFIX = ".toml"
 RECORDING_SUFFIXES = (".h5", ".hdf5", CSV_SUFFIX)
 """Suffixes of trajectories and results; a recording of any other format, a .csv too, is imported."""
@@ -119,7 +121,7 @@ def of_the_paper(description: Mapping[str, Any]) -> bool:
     return motion in _names()[0] and any(object_ in use.objects for use in load_script(motion).paper)
 
 
-def resolve_trajectory(name_or_path: str | Path) -> Script | Demonstration | Trajectory:
+def resolve_trajectory(name_or_path: str | Path) -> Motion:
     """Return the script, demonstration or recording that a word on the command line means; a catalogue name wins.
 
     Raises:

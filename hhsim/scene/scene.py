@@ -17,7 +17,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
 from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.free_object import FreeObject
-from hhsim.scene.motion_catalogue import resolve_trajectory
+from hhsim.scene.motion_catalogue import Motion, resolve_trajectory
 from hhsim.scene.script import Script
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -66,27 +66,30 @@ class Scene:
             f"{self.trajectory.name or 'motion'}: {ticks.tick_count:,} ticks at {ticks.rate:g} Hz)"
         )
 
-    @property
-    def all_pairs(self) -> int:
-        """Number of pairs that a model without trees tests every tick; see `all_pairs`."""
-        return all_pairs(self.hand, self.tree)
-
 
 def all_pairs(hand: HandModel, tree: SphereTree) -> int:
-    """Return the number of pairs of a hand body (phalanx or palm sphere) and an object sphere."""
+    """Return the number of pairs that a model without trees tests every tick.
+
+    A pair is a hand body (phalanx or palm sphere) and an object sphere.
+    """
     return (hand.radius[:, 1:].size + hand.palm_tree.leaf_count) * tree.leaf_count
 
 
-def side_of(motion: Script | Demonstration | Trajectory) -> Side:
-    """Return the side of the recorded hand; scripts close either, and default to the right."""
-    return "left" if getattr(motion, "hand", "") == "left" else "right"
+def hand_of(motion: Motion, side: Side | None = None, hand_file: str | Path | None = None) -> HandModel:
+    """Return the hand model of a side, with the sizes of a file if one is given; HhsimError for a bad file.
+
+    The side is by default that of the recorded hand; scripts close either, and default to the right.
+    """
+    if side is None:
+        side = "left" if getattr(motion, "hand", "") == "left" else "right"
+    return HandModel.default(side) if hand_file is None else HandModel.from_toml(hand_file, side)
 
 
 def make_scene(
     mesh: Mesh,
     tree: SphereTree,
     hand: HandModel,
-    motion: Script | Demonstration | Trajectory,
+    motion: Motion,
     *,
     rate: float = 1000.0,
     mode: ResampleMode = "interpolate",
@@ -127,7 +130,7 @@ def make_scene(
 
 def open_scene(
     object_: str | Path | Mesh = "bunny",
-    motion: str | Path | Script | Demonstration | Trajectory = "grasp",
+    motion: str | Path | Motion = "grasp",
     *,
     unit: str | None = None,
     size: float | None = None,
@@ -178,5 +181,5 @@ def open_scene(
     }
     if isinstance(hand, str):
         check_known("hand", [hand], SIDES)
-    model = hand if isinstance(hand, HandModel) else HandModel.default(hand or side_of(moved))
+    model = hand if isinstance(hand, HandModel) else hand_of(moved, hand)
     return make_scene(mesh, tree, model, moved, rate=rate, mode=mode, seed=seed, description=description)

@@ -48,7 +48,6 @@ Each phase moves by minimum jerk: 10τ³ − 15τ⁴ + 6τ⁵ (Flash & Hogan, J.
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, fields, replace
-from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
@@ -62,7 +61,7 @@ from hhsim.mesh.catalogue import object_names
 from hhsim.motion.tremor import Disturbance
 from hhsim.reproducible import norm
 from hhsim.scene.contact_goals import ANYWHERE, PALM, Touch, TouchTable, touches_of
-from hhsim.system.settings_file import Settings, a_list, between, one_of, parse_settings, read_toml_text
+from hhsim.system.settings_file import Settings, a_list, between, one_of, parse_settings
 
 DEFAULT_FINGERS: dict[str, tuple[str, ...]] = {"touch": ("index",), "pinch": ("thumb", "index"), "grasp": FINGERS}
 """Fingers that a closing phase closes where it names none."""
@@ -123,10 +122,6 @@ class PaperUse(Settings, frozen=True):
         check_known("object", self.objects, object_names())
 
 
-_REQUIRED = ("position", "orientation", "back")
-_OPTIONAL = ("open", "abduction", "slide")
-
-
 @dataclass(frozen=True, eq=False)
 class Placement:
     """Place of a hand on one object; the module's docstring explains the fields.
@@ -141,15 +136,6 @@ class Placement:
     open: FloatArray = field(default_factory=lambda: np.zeros(len(FINGERS)))
     abduction: FloatArray = field(default_factory=lambda: np.zeros(len(FINGERS)))
     slide: FloatArray = field(default_factory=lambda: np.zeros(3))
-
-    def to_toml(self) -> str:
-        """Return the placement as a table of a script; lengths to 10 µm, angles and directions to 10⁻⁴."""
-        lines = ["[[placement]]", f'object = "{self.object_name}"']
-        for name in (*_REQUIRED, *_OPTIONAL):
-            values, digits = getattr(self, name), 5 if name == "position" else 4
-            if name in _REQUIRED or values.any():
-                lines.append(f"{name} = [{', '.join(f'{round(float(v), digits) + 0.0:g}' for v in values)}]")
-        return "\n".join(lines)
 
 
 Number = Annotated[float, between(-10.0, 10.0)]
@@ -178,7 +164,7 @@ class PlacementTable(Settings, frozen=True):
 
     def placement(self) -> Placement:
         """Return the placement, with directions normalised."""
-        names = (*_REQUIRED, *_OPTIONAL)
+        names = ("position", "orientation", "back", "open", "abduction", "slide")
         given = {name: np.array(value) for name in names if (value := getattr(self, name)) is not None}
         for key in given.keys() & {"orientation", "back", "slide"}:
             given[key] /= norm(given[key])
@@ -257,25 +243,16 @@ class Script:
         return tuple(found)
 
 
-def read_script(path: Path, *, unplaced: bool = False) -> Script:
-    """Read a script from a TOML file; arguments and errors as for `parse_script`, or no such file."""
-    text = read_toml_text(path, "script", TrajectoryError)
-    return parse_script(text, name=path.stem, where=str(path), unplaced=unplaced)
-
-
-def parse_script(text: str, *, name: str, where: str, unplaced: bool = False) -> Script:
+def parse_script(text: str, *, name: str, where: str) -> Script:
     """Read a script from TOML text; `where` names the text in messages.
 
-    `unplaced` accepts a script without placements on the objects that it is made for.
-
     Raises:
-        TrajectoryError: Not TOML, or an unknown key, value or phase.
+        TrajectoryError: Not TOML, or an unknown key, value or phase; no placement on an object that it is made for.
     """
-    table = parse_settings(text, _ScriptTable, where, TrajectoryError)
-    script = table.script(name)
+    script = parse_settings(text, ScriptTable, where, TrajectoryError).script(name)
     placed = {placement.object_name for placement in script.placements}
     missing = [name for name in script.objects if name not in placed]
-    if missing and not unplaced:
+    if missing:
         raise TrajectoryError(f"{where}: no placement on {', '.join(missing)}; expected one for each object")
     if script.sample_count > MAX_SAMPLES:
         raise TrajectoryError(f"{where}: {script.sample_count} samples; expected at most {MAX_SAMPLES}")
@@ -315,7 +292,9 @@ class _PhaseTable(Settings, frozen=True):
         )
 
 
-class _ScriptTable(Settings, frozen=True, kw_only=True):
+class ScriptTable(Settings, frozen=True, kw_only=True):
+    """TOML document of a script; the module's docstring explains the keys."""
+
     title: str = ""
     stresses: str = ""
     rate: Annotated[float, between(1.0, 1e5, "Hz")] = Script.rate
@@ -334,6 +313,7 @@ class _ScriptTable(Settings, frozen=True, kw_only=True):
     sensor: dict[Annotated[str, one_of(DISTURBANCES["sensor"])], Any] = msgspec.field(default_factory=dict)
 
     def check(self) -> None:
+        """Check that phases, placements and touches go together."""
         check_known("object", self.objects, object_names())
         names = [phase.name for phase in self.phase]
         if names[0] != "approach":
@@ -357,10 +337,12 @@ class _ScriptTable(Settings, frozen=True, kw_only=True):
         self.disturbance()
 
     def disturbance(self) -> Disturbance:
+        """Return the tremor and the sensor noise."""
         tables = {"tremor": self.tremor, "sensor": self.sensor}
         return Disturbance(**{f"{part}_{key}": value for part, table in tables.items() for key, value in table.items()})
 
     def script(self, name: str) -> Script:
+        """Return the script under a name."""
         as_they_are = {key: getattr(self, key) for key in self.__struct_fields__ if key in Script.__dataclass_fields__}
         return Script(
             name,

@@ -1,8 +1,7 @@
-"""Programs of a tick solved by any installed QP solver.
+"""Programs of `coupled`'s ticks solved by any installed QP solver.
 
 The tick is the kernels' own, `hhsim.kernels.tick.tick.converge`, run as Python: only the solving differs, and a program
-that a backend fails on counts as infeasible. In `progressive` our solver decides which fingers join the palm's program,
-since few backends tell infeasible from unsolved.
+that a backend fails on counts as infeasible.
 """
 
 from collections.abc import Callable
@@ -12,6 +11,7 @@ import numpy as np
 
 from hhsim.arrays import IntArray
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
+from hhsim.kernels.contact.linearise import LIMIT_ROWS
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
@@ -31,12 +31,12 @@ from hhsim.kernels.tick.method import (
 )
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
-from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_PALM
 from hhsim.kernels.tick.tick import converge, solve_hand
-from hhsim.solver.contact_qp import coupled_problem, finger_problem, palm_problem
 from hhsim.solver.qp import QpProblem, QpStatus, solve
 from hhsim.solver.workspace import TickWorkspace
 
+LIMITS_PER_FINGER = LIMIT_ROWS // FINGER_COUNT
 MULTIPLIER_FLOOR = 1e-9
 """Interior-point backends leave smaller multipliers [N] on inactive rows."""
 
@@ -71,20 +71,13 @@ def drive_tick(workspace: TickWorkspace, method: Coupled | Progressive, solve: C
     return int(tick(given, workspace.hand, workspace.surface, workspace.states[0], workspace.qp))
 
 
-def run_block_with_backend(
-    workspace: TickWorkspace, method: Coupled | Progressive, haptic: HapticBlock, record: TickRecord
-) -> int:
+def run_block_with_backend(workspace: TickWorkspace, method: Coupled, haptic: HapticBlock, record: TickRecord) -> int:
     """Run one tick per haptic configuration with the QP solver that the options name; return the ticks done."""
     state, backend = workspace.states[0], workspace.options.qp
-
-    def solve_one() -> bool:
-        if isinstance(method, Coupled) or state.program.is_coupled:
-            return _solve_first(state, coupled_problem(state), slice(0, DOF), backend)
-        return _solve_progressive(method, state, workspace.qp, backend)
-
     for i, sample in enumerate(zip(*haptic)):
         cpu, wall = thread_cpu_ns(), monotonic_ns()
-        status = set_haptic(workspace.hand, *sample, state) | drive_tick(workspace, method, solve_one)
+        status = set_haptic(workspace.hand, *sample, state)
+        status |= drive_tick(workspace, method, lambda: _solve_with(backend, state))
         wall, cpu = monotonic_ns() - wall, thread_cpu_ns() - cpu
         record_tick(state, status, wall, cpu, i, record)
         if status & STATUS_CAPACITY_EXCEEDED:
@@ -92,39 +85,49 @@ def run_block_with_backend(
     return len(haptic.position)
 
 
-def _solve_first(state: Any, program: tuple[QpProblem, IntArray], part: slice, backend: str) -> bool:
-    """Solve the program of the whole hand, or of the palm."""
-    began = monotonic_ns()
-    state.step.count = 0
-    solved = _take(state, *program, part, backend)
-    state.step.duration[DURATION_PALM] += monotonic_ns() - began
-    return solved
-
-
-def _solve_progressive(method: Progressive, state: Any, qp: QpWork, backend: str) -> bool:
-    from hhsim.kernels.tick.progressive import solve_progressive
-
-    if solve_progressive(method, state, qp) != OPTIMAL:
-        return False
-    solved = _solve_first(state, palm_problem(state), slice(0, 6), backend)
-    began, start = monotonic_ns(), state.contacts.start
-    for finger in range(FINGER_COUNT):
-        if solved and start[finger + 1] != start[finger + 2]:
-            problem, rows = finger_problem(state, finger, state.step.delta[:6])
-            first = 6 + PHALANX_COUNT * finger
-            solved = _take(state, problem, rows, slice(first, first + PHALANX_COUNT), backend)
-    state.step.duration[DURATION_FINGERS] += monotonic_ns() - began
-    return solved
-
-
-def _take(state: Any, problem: QpProblem, rows: IntArray, part: slice, backend: str) -> bool:
+def _solve_with(backend: str, state: Any) -> bool:
+    began, step = monotonic_ns(), state.step
+    problem, rows = coupled_problem(state)
     solution = solve(problem, backend)
-    if solution.status not in (QpStatus.OPTIMAL, QpStatus.INACCURATE):
-        return False
-    step = state.step
-    step.delta[part] = solution.x[: part.stop - part.start]
-    for i in np.flatnonzero(solution.multiplier > MULTIPLIER_FLOOR)[: ACTIVE_CAPACITY - step.count]:
-        step.row[step.count] = rows[i]
-        step.multiplier[step.count] = solution.multiplier[i]
-        step.count += 1
-    return True
+    solved = solution.status in (QpStatus.OPTIMAL, QpStatus.INACCURATE)
+    step.count = 0
+    if solved:
+        step.delta[:] = solution.x
+        pushing = np.flatnonzero(solution.multiplier > MULTIPLIER_FLOOR)[:ACTIVE_CAPACITY]
+        step.count = len(pushing)
+        step.row[: step.count], step.multiplier[: step.count] = rows[pushing], solution.multiplier[pushing]
+    step.duration[DURATION_PALM] += monotonic_ns() - began
+    return solved
+
+
+def coupled_problem(state: Any) -> tuple[QpProblem, IntArray]:
+    """Return the coupled program of the current linearisation, and the kernels' row of each of its rows.
+
+    The palm's contacts come first, then each finger's contacts and its six joint limits. `state` is a tick's after
+    `hhsim.kernels.tick.linearisation.build_program` has found contacts.
+    """
+    problem, start = state.problem, state.contacts.start
+    rows, matrix = [], []
+    for body in range(1 + FINGER_COUNT):
+        own, finger = np.arange(start[body], start[body + 1]), body - 1
+        if finger >= 0:
+            limits = start[-1] + LIMITS_PER_FINGER * finger
+            own = np.concatenate([own, np.arange(limits, limits + LIMITS_PER_FINGER)])
+        part = np.zeros((own.size, DOF))
+        part[:, :6] = problem.common[:, own].T
+        if finger >= 0:
+            first = 6 + PHALANX_COUNT * finger
+            part[:, first : first + PHALANX_COUNT] = problem.block[:, own].T
+        rows.append(own)
+        matrix.append(part)
+    index = np.concatenate(rows)
+    weight = problem.inverse_root[:DOF]
+    return (
+        QpProblem(
+            stiffness=np.array(state.stiffness),
+            matrix=np.concatenate(matrix) / weight,
+            rhs=np.array(problem.rhs[index]),
+            target=problem.target[:DOF] * weight,
+        ),
+        index,
+    )

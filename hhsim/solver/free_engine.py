@@ -23,7 +23,7 @@ from hhsim.reproducible import matmul, principal_axes
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import surface_of
-from hhsim.solver.workspace import TickWorkspace, zeroed
+from hhsim.solver.workspace import TickWorkspace, fresh_state
 
 BELOW = 1e-6
 """Largest depth [m] of an object in the table at the start: rounding."""
@@ -76,18 +76,10 @@ class FreeEngine:
         self.free = free
         self.method = Free(workspace.tick_options, support_of(workspace))
         self.qp = new_work(FREE_DOF, FREE_ROWS)
-        self.states = zeroed(free_state_dtype(surface_of(workspace.surface).candidates))
+        dtype = free_state_dtype(surface_of(workspace.surface).candidates)
+        self.states = fresh_state(dtype, workspace.options.stiffness.diagonal(), workspace.options.modelled())
         self.ticks = object_record(0)
-        state, plain = self.states[0], workspace.states[0]
-        for name in ("modelled", "stiffness"):
-            state[name][:] = plain[name]
-        state.candidates.gathered_slack[:] = plain.candidates.gathered_slack
-        state.candidates.nearest[:] = np.inf
-        state.problem.inverse_root[:] = plain.problem.inverse_root
-        state.free_problem.inverse_root[:] = plain.problem.inverse_root
-        for pose in (state.pose, state.safe, state.haptic):
-            pose.orientation[0] = 1.0
-            pose.rotation[:] = np.eye(3)
+        self.states[0].free_problem.inverse_root[:] = self.states[0].problem.inverse_root
         self._place_object()
 
     def _place_object(self) -> None:

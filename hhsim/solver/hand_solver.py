@@ -81,25 +81,29 @@ class HandSolver:
         record = tick_record(ticks)
         if ticks == 0:
             return record
-        if self._advance(haptic, record) & STATUS_CAPACITY_EXCEEDED:
+        if self.tick(haptic, record) & STATUS_CAPACITY_EXCEEDED:
             raise self.workspace.full()
         return record
 
     def tick(self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None) -> int:
-        """Run one tick in allocated memory, for a loop that must not wait for any.
+        """Run one tick for each haptic configuration in allocated memory, for a loop that must not wait for any.
 
-        It gives the same bytes as `run` with that configuration alone, but states in the status, instead of raising,
-        that more pairs were near than the arrays hold.
+        It gives the same bytes as `run`, but states in the status, instead of raising, that more pairs were near than
+        the arrays hold.
 
         Args:
-            haptic: As in `run` with B = 1, float64 and C-contiguous.
-            record: Record of one tick; overwritten.
+            haptic: As in `run`, at least one, float64 and C-contiguous.
+            record: Record of as many ticks; overwritten.
             object_ticks: Record of a free object; None allocates one.
 
         Returns:
-            Status bits of the tick (`hhsim.kernels.tick.state`).
+            Status bits of the last tick (`hhsim.kernels.tick.state`).
         """
-        return self._advance(haptic, record, object_ticks)
+        start, engine = 0 if self._started else self.begin(haptic), self.engine
+        own = [object_ticks] if isinstance(engine, FreeEngine) else []
+        done = engine.run(haptic, record, *own)
+        record.status[0] |= start
+        return int(record.status[done - 1])
 
     def begin(self, haptic: HapticBlock) -> int:
         """Place the graphic hand at the first finite haptic configuration; the first tick does it if nobody has.
@@ -166,14 +170,6 @@ class HandSolver:
             return workspace.block(engine.method, haptic, record)
         method = Coupled(workspace.tick_options)
         return 0, TickBlock(method, workspace.hand, workspace.surface, workspace.states, workspace.qp, haptic, record)
-
-    def _advance(self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None) -> int:
-        """Run one tick per configuration, at least one; return the status bits of the last one."""
-        start, engine = 0 if self._started else self.begin(haptic), self.engine
-        own = [object_ticks] if isinstance(engine, FreeEngine) else []
-        done = engine.run(haptic, record, *own)
-        record.status[0] |= start
-        return int(record.status[done - 1])
 
     def place(self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray) -> None:
         """Place the graphic hand at a configuration, shapes (3,), (4,), (5, 3), (5,), that does not penetrate.

@@ -55,16 +55,15 @@ def _no_engine(name: str, workspace: Any) -> Engine:
 def outside_method(name: str, made: Callable[[Any], Any]) -> Method:
     """Return the record of a method from outside: a `hhsim.solver.outside_method.OutsideMethod` class, or a factory."""
     facts = facts_of(made)
-    return _method(name, facts, partial(_engine, name, made, facts["forces"]))
+    return _method(facts, partial(_engine, name, made, facts["forces"]))
 
 
-def _method(name: str, facts: Mapping[str, Any], engine: Callable[[Any], Engine]) -> Method:
+def _method(facts: Mapping[str, Any], engine: Callable[[Any], Engine]) -> Method:
     return Method(
         summary=facts["summary"],
         engine=engine,
         never_penetrates=facts["never_penetrates"],
         follows_input=True,
-        refuses_backends=f"method {name} comes from outside and takes no QP solver of hhsim's, not {{qp}}",
         gives=frozenset((TIMES, RUNS, *([FORCES] if facts["forces"] else []), *([UNITS] if facts["work"] else []))),
         compiled=False,
         missing=facts["missing"],
@@ -84,4 +83,4 @@ def _isolated(name: str) -> Method:
 
     isolated_name(name)
     facts = isolated_facts(name)
-    return _method(name, facts, partial(isolated_engine, name, facts["forces"]))
+    return _method(facts, partial(isolated_engine, name, facts["forces"]))

@@ -7,7 +7,7 @@ from hhsim.solver.workspace import TickWorkspace
 
 
 class LinearisingEngine:
-    """Runs the ticks of `coupled` and `progressive`, shared by threads or with the programs of another QP solver."""
+    """Runs the ticks of `coupled` and `progressive`, shared by threads, or of `coupled` by another QP solver."""
 
     def __init__(self, workspace: TickWorkspace, method: Coupled | Progressive) -> None:
         self.workspace = workspace
@@ -38,4 +38,5 @@ class LinearisingEngine:
                 return workspace.run_block(method, haptic, record)
         from hhsim.solver.backend_programs import run_block_with_backend
 
+        assert isinstance(method, Coupled)
         return run_block_with_backend(workspace, method, haptic, record)

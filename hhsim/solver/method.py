@@ -48,7 +48,7 @@ class Method:
         nearest_to_user: Promised: no hand near the shown one is closer to the user's in coupling energy.
         follows_input: Promised: where nothing is near, the shown hand is the user's.
         takes_threads: Its ticks can be shared among threads.
-        refuses_backends: Reason for taking no QP solver but ours, with `{qp}` for the other one; "" if it takes any.
+        takes_backends: Its programs can be solved by any QP solver that qpsolvers offers.
         refuses_surfaces: Reason for taking no surface but spheres; "" if it takes any.
         defaults: Defaults of the options named in `USUAL`.
         gives: Subset of `EVERYTHING`; what is missing has no row in a table.
@@ -63,7 +63,7 @@ class Method:
     nearest_to_user: bool = False
     follows_input: bool = False
     takes_threads: bool = False
-    refuses_backends: str = "it solves its own programs and takes no QP solver, not {qp}"
+    takes_backends: bool = False
     refuses_surfaces: str = ""
     defaults: Mapping[str, Any] = field(default_factory=lambda: USUAL)
     gives: frozenset[str] = EVERYTHING

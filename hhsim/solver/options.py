@@ -1,13 +1,14 @@
 """Options of the solver: method, backend, stiffness, and lengths of a tick."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.errors import InputError, UnknownNameError
-from hhsim.hand.fingers import BODIES, FINGERS, PHALANGES
+from hhsim.errors import InputError, check_known
+from hhsim.hand.fingers import FINGERS, PHALANGES
 from hhsim.ranges import check_range
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import methods_that
@@ -83,7 +84,7 @@ class SolverOptions:
     Attributes:
         method: One of `hhsim.solver.method_names.method_names`, or `package.module:Class`.
         surface: One of `hhsim.solver.surface.SURFACES`: what of the object the hand touches.
-        qp: `active-set`, or a backend that qpsolvers offers; `paper` takes no other, `penalty` needs none.
+        qp: `active-set`, or, of `coupled`, a backend that qpsolvers offers.
         force: `kkt` (the QP's multipliers) or `paper` (Eq. 14). Default: `paper` for method `paper`, else `kkt`.
         fingers: Fingers that the scene uses, of thumb, index, middle, ring, little. The others follow the haptic hand
             without contact; the palm is always used.
@@ -136,23 +137,19 @@ class SolverOptions:
         for name, value in method.defaults.items():
             if getattr(self, name) is BY_METHOD:
                 object.__setattr__(self, name, value)
-        if self.surface not in SURFACES:
-            raise UnknownNameError("surface", self.surface, SURFACES)
+        check_known("surface", [self.surface], SURFACES)
         if self.surface != "spheres" and method.refuses_surfaces:
             why = method.refuses_surfaces
             raise InputError(f"method {self.method} takes the surface spheres, not {self.surface}: {why}")
         for name, value in DEFAULTS_OF_SURFACE.get(self.surface, USUAL_OF_SURFACE).items():
             if getattr(self, name) is BY_SURFACE:
                 object.__setattr__(self, name, value)
-        if method.refuses_backends and self.qp != "active-set":
-            raise InputError(method.refuses_backends.format(qp=self.qp))
-        if self.force not in FORCES:
-            raise UnknownNameError("force model", self.force, FORCES)
-        if self.frustum_ends not in FRUSTUM_ENDS:
-            raise UnknownNameError("kind of frustum ends", self.frustum_ends, FRUSTUM_ENDS)
-        for finger in self.fingers:
-            if finger not in FINGERS:
-                raise UnknownNameError("finger", finger, FINGERS)
+        if self.qp != "active-set" and not method.takes_backends:
+            known = " and ".join(methods_that("takes_backends"))
+            raise InputError(f"method {self.method} is not solved by {self.qp}: {known} takes any QP solver")
+        check_known("force model", [self.force], FORCES)
+        check_known("kind of frustum ends", [self.frustum_ends], FRUSTUM_ENDS)
+        check_known("finger", self.fingers, FINGERS)
         for name in NUMBERS:
             if name == "budget" and self.budget is BY_PERIOD:
                 object.__setattr__(self, "budget", usual_budget(self.period))
@@ -194,11 +191,26 @@ class SolverOptions:
 
     def modelled(self) -> BoolArray:
         """Return True for each body that the scene uses, shape (16,): the phalanges of its fingers, and the palm."""
-        bodies = np.ones(BODIES, bool)
-        for f, finger in enumerate(FINGERS):
-            bodies[PHALANGES * f : PHALANGES * (f + 1)] = finger in self.fingers
-        return bodies
+        used = [finger in self.fingers for finger in FINGERS]
+        return np.append(np.repeat(used, PHALANGES), True)
 
     def to_json(self) -> dict[str, Any]:
         """Return all options as plain values."""
         return asdict(self)
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> "SolverOptions":
+        """Return the options of plain values; those that are left out get their defaults.
+
+        Raises:
+            InputError: An unknown option, a value of another type, and as for the class.
+        """
+        try:
+            given = dict(values)
+            if "stiffness" in given:
+                given["stiffness"] = Stiffness(**given["stiffness"])
+            if "fingers" in given:
+                given["fingers"] = tuple(given["fingers"])
+            return cls(**given)
+        except TypeError as error:
+            raise InputError(str(error)) from None

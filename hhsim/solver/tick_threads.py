@@ -1,9 +1,10 @@
 """Threads that help with a solver's ticks."""
 
-import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from queue import Empty, SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ ARRIVAL = 1.0
 WORTH_SHARING = 2500
 """Number of distances outside of the largest part from which on sharing saves time: some two microseconds."""
 
-Given = tuple[HandArrays, Any, TickOptions, NDArray[np.void]]
+HelperWork = tuple[QpWork, Walk]
 
 
 class ThreadTeam:
@@ -38,7 +39,7 @@ class ThreadTeam:
     def __init__(self, states: NDArray[np.void], threads: int) -> None:
         self.states = states
         self.worth = WORTH_SHARING
-        self.works = [_HelperWork(states) for _ in range(threads - 1)]
+        self.works = [_helper_work(states) for _ in range(threads - 1)]
         self._compiled = False
 
     @contextmanager
@@ -53,66 +54,35 @@ class ThreadTeam:
         dismiss(word)
         if not self._compiled:
             # Here and not in a helper: a block of ticks would begin without it.
-            self.works[0].help_out(given)
+            help_out(*given, *self.works[0])
             self._compiled = True
-        arrived = threading.Semaphore(0)
-        helpers = [_Helper(work, given, arrived) for work in self.works]
-        try:
-            assemble(word)
-            for helper in helpers:
-                helper.start()
-            deadline = time.monotonic() + ARRIVAL
-            for _ in helpers:
-                arrived.acquire(timeout=max(0.0, deadline - time.monotonic()))
-            clocks = [helper.clock for helper in helpers if helper.clock is not None]
-            shared.clock[: len(clocks)] = clocks
-            shared.clocks = len(clocks)
-            shared.worth = self.worth
-            shared.members = 1 + len(helpers)
-            yield
-        finally:
-            dismiss(word)
-            shared.members = 1
-            shared.clocks = 0
-            for helper in helpers:
-                if helper.ident is not None:
-                    helper.join()
+        clocks: SimpleQueue[int] = SimpleQueue()
+
+        def help_with(work: HelperWork) -> None:
+            clocks.put(thread_clock())
+            help_out(*given, *work)
+
+        with ThreadPoolExecutor(len(self.works), "hhsim-helper") as pool:
+            try:
+                assemble(word)
+                helpers = [pool.submit(help_with, work) for work in self.works]
+                deadline = time.monotonic() + ARRIVAL
+                with suppress(Empty):
+                    for place in range(len(helpers)):
+                        shared.clock[place] = clocks.get(timeout=max(0.0, deadline - time.monotonic()))
+                        shared.clocks = place + 1
+                shared.worth = self.worth
+                shared.members = 1 + len(helpers)
+                yield
+            finally:
+                dismiss(word)
+                shared.members = 1
+                shared.clocks = 0
         for helper in helpers:
-            if helper.failure is not None:
-                raise helper.failure
+            helper.result()
 
 
-class _HelperWork:
-    """Workspace of a helper, which writes nothing that another thread writes."""
-
-    def __init__(self, states: NDArray[np.void]) -> None:
-        self.qp: QpWork = new_work(DOF, ROW_CAPACITY)
-        candidates = states[0].candidates
-        self.walk = Walk(np.zeros_like(candidates.stack), np.zeros_like(candidates.scratch))
-
-    def help_out(self, given: Given) -> None:
-        help_out(*given, self.qp, self.walk)
-
-
-class _Helper(threading.Thread):
-    def __init__(
-        self,
-        work: _HelperWork,
-        given: Given,
-        arrived: threading.Semaphore,
-    ) -> None:
-        super().__init__(name="hhsim-helper", daemon=True)
-        self.work = work
-        self.given = given
-        self.arrived = arrived
-        self.clock: int | None = None
-        self.failure: BaseException | None = None
-
-    def run(self) -> None:
-        try:
-            self.clock = thread_clock()
-            self.arrived.release()
-            self.work.help_out(self.given)
-        except BaseException as error:  # handed to the thread that asked for help
-            self.failure = error
-            self.arrived.release()
+def _helper_work(states: NDArray[np.void]) -> HelperWork:
+    """Allocate the workspace of a helper, which writes nothing that another thread writes."""
+    candidates = states[0].candidates
+    return new_work(DOF, ROW_CAPACITY), Walk(np.zeros_like(candidates.stack), np.zeros_like(candidates.scratch))

@@ -119,12 +119,17 @@ def tick_state(stiffness: FloatArray, modelled: BoolArray | None = None, surface
 
     `stiffness` is the coupling's G, shape (21,); `modelled` is True for bodies that the scene uses, shape (16,).
     """
-    states = zeroed(tick_state_dtype(surface.candidates))
+    return fresh_state(tick_state_dtype(surface.candidates), stiffness, True if modelled is None else modelled)
+
+
+def fresh_state(dtype: np.dtype[Any], stiffness: FloatArray, modelled: BoolArray | bool) -> Any:
+    """Return the state of `tick_state` in a type that has its fields."""
+    states = zeroed(dtype)
     state = states[0]
     for pose in (state.pose, state.safe, state.haptic):
         pose.orientation[0] = 1.0
         pose.rotation[:] = np.eye(3)
-    state.modelled[:] = True if modelled is None else modelled
+    state.modelled[:] = modelled
     state.candidates.gathered_slack[:] = np.where(state.modelled == 1, -np.inf, np.inf)
     state.candidates.nearest[:] = np.inf
     state.problem.inverse_root[:] = 1.0 / np.sqrt(stiffness)

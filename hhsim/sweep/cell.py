@@ -11,47 +11,22 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from msgspec import Meta
-
 import hhsim
 from hhsim import __version__
 from hhsim.errors import InputError
 from hhsim.mesh.catalogue import names_a_file, usual_level
-from hhsim.motion.trajectory import ResampleMode
-from hhsim.scene.described_scene import Place, SceneWords
+from hhsim.scene.described_scene import SceneWords
 from hhsim.scene.motion_catalogue import trajectory_names
 from hhsim.solver.known_methods import find_method
-from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.options import SolverOptions
 from hhsim.system.input_file import read_input
-from hhsim.system.settings_file import Settings, between
-from hhsim.trees.options import MOST_LEVEL
+from hhsim.system.settings_file import Settings, between, typed
 
 DIGITS = 20
 """Hexadecimal digits of a cell's digest: 80 bits."""
-Tremor = Annotated[float, between(0.0, 100.0)]
-TWO = "two numbers, [mm] and [°], such as [0.1, 0.2]"
 OF_THE_SOLVER = tuple(key.name for key in fields(SolverOptions) if key.name not in ("method", "surface", "period"))
-
-
-class SceneOptions(Settings, frozen=True):
-    """Options besides the solver's, by the names in which a result states them, SI."""
-
-    level: Annotated[int, between(1, MOST_LEVEL)] | None = None
-    max_error: Annotated[float, between(1e-6, 1.0)] | None = None
-    rate: Annotated[float, between(1.0, 100_000.0)] | None = None
-    samples: ResampleMode | None = None
-    place_object: Place | None = None
-    hand: Literal["right", "left"] | None = None
-    hand_file: str | None = None
-    tremor_mm_deg: Annotated[tuple[Tremor, Tremor], Meta(description=TWO)] | None = None
-
-    def check(self) -> None:
-        """Raise InputError if two options choose the level."""
-        if self.level is not None and self.max_error is not None:
-            raise InputError("max_error chooses the level itself: leave level out")
-
-
-OF_THE_SCENE = SceneOptions.__struct_fields__
+OF_THE_SCENE = ("level", "max_error", "rate", "samples", "place_object", "hand", "hand_file", "tremor_mm_deg")
+"""Options of a plan besides the solver's, by the names of `SceneWords`, SI."""
 BOTH = " = "
 """Separator of the names of sets of options that are the same for a cell."""
 USUAL_SCENE = {"rate": 1000.0, "samples": "interpolate", "seed": 0}
@@ -121,30 +96,14 @@ class Cell:
     def solver_options(self) -> SolverOptions:
         """Return the solver's options; raise InputError for those that the method refuses, or out of range."""
         given = {name: value for name, value in self.options.items() if name in OF_THE_SOLVER}
-        try:
-            if "stiffness" in given:
-                given["stiffness"] = Stiffness(**given["stiffness"])
-            if "fingers" in given:
-                given["fingers"] = tuple(given["fingers"])
-            return SolverOptions(method=self.method, surface=self.surface, **given)
-        except TypeError as error:
-            raise InputError(f"options of '{self.options_name}': {error}") from None
+        return SolverOptions.from_json({"method": self.method, "surface": self.surface, **given})
 
     def words(self) -> SceneWords:
         """Return the words that describe its scene."""
-        stated = {name: self.options[name] for name in SCENE_WORDS if name in self.options}
-        if "tremor_mm_deg" in stated:
-            stated["tremor_mm_deg"] = tuple(stated["tremor_mm_deg"])
-        return SceneWords(
-            object=self.object.word,
-            trajectory=self.motion.word,
-            unit=self.object.unit,
-            size_mm=self.object.size_mm,
-            thickness_mm=self.object.thickness_mm,
-            ticks=self.ticks,
-            seed=self.seed,
-            **stated,
-        )
+        shape = {name: getattr(self.object, name) for name in ("unit", "size_mm", "thickness_mm")}
+        names = {"object": self.object.word, "trajectory": self.motion.word}
+        stated = {name: value for name, value in self.options.items() if name in OF_THE_SCENE}
+        return typed({**names, **shape, **stated, "ticks": self.ticks, "seed": self.seed}, SceneWords, self.label)
 
     def _effective_options(self) -> dict[str, Any]:
         """Return all options of its run, so that stating a default makes no other cell."""
@@ -174,9 +133,6 @@ class Cell:
             "hhsim": [__version__, source_digest()],
         }
         return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()[:DIGITS]
-
-
-SCENE_WORDS = tuple(name for name in OF_THE_SCENE if name not in ("level", "hand"))
 
 
 @cache

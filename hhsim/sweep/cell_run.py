@@ -12,17 +12,15 @@ from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import names_a_file, resolve_object
 from hhsim.mesh.mesh import Mesh
-from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.repeated_times import repeated_document
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
 from hhsim.result.writer import state
-from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.described_scene import described_scene
-from hhsim.scene.motion_catalogue import resolve_trajectory, trajectory_names
-from hhsim.scene.scene import Scene, side_of
+from hhsim.scene.motion_catalogue import Motion, resolve_trajectory, trajectory_names
+from hhsim.scene.scene import Scene, hand_of
 from hhsim.scene.script import Script
-from hhsim.sweep.cell import OF_THE_SCENE, Cell, SweptObject, file_digest, source_digest
+from hhsim.sweep.cell import OF_THE_SCENE, Cell, file_digest, source_digest
 from hhsim.sweep.folder import PARTIAL, write_row
 from hhsim.system import environment as info
 from hhsim.system.own_core import on_own_core
@@ -160,57 +158,37 @@ class _SceneKey:
 @lru_cache(2)
 def _scene(key: _SceneKey, plan_folder: Path) -> Scene:
     cell = key.cell
-    mesh, tree, level = cell_object(cell, plan_folder)
+    mesh, tree = cell_object(cell, plan_folder)
     motion = motion_of(cell, plan_folder)
     if "tremor_mm_deg" in cell.options and isinstance(motion, Script):
         motion = motion.shaken(cell.options["tremor_mm_deg"])
     hand = cell_hand(cell, plan_folder, motion)
-    words = cell.words()
-    return described_scene(words, mesh, tree, level, hand, motion, cell.solver_options().fingers).scene
+    return described_scene(cell.words(), mesh, tree, hand, motion, cell.solver_options().fingers).scene
 
 
-def cell_hand(cell: Cell, plan_folder: Path, motion: Script | Demonstration | Trajectory) -> HandModel:
+def cell_hand(cell: Cell, plan_folder: Path, motion: Motion) -> HandModel:
     """Return the hand model of a cell; raise HhsimError for a damaged hand file."""
-    side = cell.options.get("hand") or side_of(motion)
     sizes = cell.options.get("hand_file")
-    return HandModel.default(side) if sizes is None else HandModel.from_toml(plan_folder / sizes, side)
+    return hand_of(motion, cell.options.get("hand"), None if sizes is None else plan_folder / sizes)
 
 
-def cell_object(cell: Cell, plan_folder: Path) -> tuple[Mesh, SphereTree, int]:
-    """Return the mesh [m] of a cell, its sphere tree, and the tree's level.
+def cell_object(cell: Cell, plan_folder: Path) -> tuple[Mesh, SphereTree]:
+    """Return the mesh [m] of a cell and its sphere tree.
 
     Raises:
         HhsimError: As `hhsim.mesh.catalogue.resolve_object`, or no tree of that level or error.
     """
-    shape = cell.object
-    state = file_digest(plan_folder / shape.word) if names_a_file(shape.word) else ""
-    solid = cell.surface != "mesh"
-    return _object(shape, plan_folder, state, solid, cell.options.get("level"), cell.options.get("max_error"))
-
-
-# The cells of an object follow each other.
-@lru_cache(2)
-def _object(
-    shape: SweptObject, folder: Path, state: str, solid: bool, level: int | None, max_error: float | None
-) -> tuple[Mesh, SphereTree, int]:
+    shape, solid = cell.object, cell.surface != "mesh"
     size, thickness = (None if given is None else 1e-3 * given for given in (shape.size_mm, shape.thickness_mm))
-    word: str | Path = folder / shape.word if names_a_file(shape.word) else shape.word
+    word: str | Path = plan_folder / shape.word if names_a_file(shape.word) else shape.word
     mesh, usual = resolve_object(word, shape.unit, size, thickness, solid)
-    if max_error is not None:
-        choice = coarsest_sphere_tree(mesh, max_error)
-        return mesh, choice.tree, choice.level
-    level = level or usual
-    return mesh, cached_sphere_tree(mesh, TreeOptions(level=level)) if solid else tree_of_any(mesh, level), level
+    if "max_error" in cell.options:
+        return mesh, coarsest_sphere_tree(mesh, cell.options["max_error"]).tree
+    level = cell.options.get("level", usual)
+    return mesh, cached_sphere_tree(mesh, TreeOptions(level=level)) if solid else tree_of_any(mesh, level)
 
 
-def motion_of(cell: Cell, folder: Path) -> Script | Demonstration | Trajectory:
+def motion_of(cell: Cell, plan_folder: Path) -> Motion:
     """Return the motion of a cell, without tremor; HhsimError as `hhsim.scene.motion_catalogue.resolve_trajectory`."""
     word = cell.motion.word
-    if word in trajectory_names():
-        return resolve_trajectory(word)
-    return _read(folder / word, file_digest(folder / word))
-
-
-@lru_cache(32)
-def _read(path: Path, state: str) -> Script | Demonstration | Trajectory:
-    return resolve_trajectory(path)
+    return resolve_trajectory(word if word in trajectory_names() else plan_folder / word)

@@ -23,6 +23,7 @@ Files are relative to the plan's folder. Options are named as a result states th
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from glob import glob
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
@@ -32,11 +33,12 @@ from msgspec import Meta, field, structs
 from hhsim.errors import InputError, check_known
 from hhsim.mesh.catalogue import names_a_file, object_names
 from hhsim.scene.demonstration import Demonstration
+from hhsim.scene.described_scene import SceneWords
 from hhsim.scene.motion_catalogue import import_remarks, resolve_trajectory, trajectory_names
 from hhsim.scene.script import Script
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.surface import SURFACES
-from hhsim.sweep.cell import BOTH, OF_THE_SCENE, OF_THE_SOLVER, Cell, SceneOptions, SweptMotion, SweptObject
+from hhsim.sweep.cell import BOTH, OF_THE_SCENE, OF_THE_SOLVER, Cell, SweptMotion, SweptObject
 from hhsim.system.counted import counted
 from hhsim.system.settings_file import Settings, Version, a_list, between, parse_settings, read_toml_text, typed
 
@@ -209,13 +211,11 @@ def _motions(where: str, folder: Path, entry: str | SweptMotion) -> Iterator[Swe
             check_known("trajectory", [word], trajectory_names())
         yield structs.replace(found, name=found.name or Path(word).stem)
         return
-    root = folder if not Path(word).is_absolute() else Path(word).anchor
-    pattern = word if root == folder else str(Path(word).relative_to(Path(word).anchor))
-    paths = sorted(Path(root).glob(pattern))
+    # That of a Path takes no absolute pattern.
+    paths = sorted(glob(word, root_dir=folder, recursive=True))  # noqa: PTH207
     if not paths:
         raise InputError(f"{where}: no file is called {word} in {folder.resolve()}")
-    for path in paths:
-        yield SweptMotion(str(path.relative_to(folder) if root == folder else path), path.stem)
+    yield from (SweptMotion(path, Path(path).stem) for path in paths)
 
 
 def _require_file(where: str, folder: Path, word: str) -> None:
@@ -233,6 +233,7 @@ def _unique(where: str, key: str, entries: list[Any]) -> list[Any]:
 
 def _check_scene_options(where: str, folder: Path, given: Mapping[str, Any]) -> None:
     """Check those options of a set that are of the scene; those of the solver are checked for each method."""
-    options = typed({name: given[name] for name in OF_THE_SCENE if name in given}, SceneOptions, where)
-    if options.hand_file is not None:
-        _require_file(where, folder, options.hand_file)
+    stated = {name: value for name, value in given.items() if name in OF_THE_SCENE}
+    words = typed({"object": "", "trajectory": "", **stated}, SceneWords, where)
+    if words.hand_file is not None:
+        _require_file(where, folder, words.hand_file)

@@ -116,25 +116,13 @@ def _fault(path: Path) -> str:
         return "a damaged file: its bytes are not those that its checksum is of"
     if holds:
         size -= SIZE
-    if not _is_signed(path):
+    if not h5py.is_hdf5(path):
         raise OSError("no HDF5 file: its signature is not there")
     end = stated_end(path)
     if end is not None and size < end:
         return f"a damaged HDF5 file: cut short, {size:,} of {end:,} bytes are there"
     seconds = int(SECONDS + size / BYTES_PER_SECOND) + 1
     return probe(path, size, seconds, PATIENCE * seconds)
-
-
-def _is_signed(path: Path) -> bool:
-    """Return True if there is a signature where HDF5 looks for it: at 0, 512, 1,024, 2,048 and so on."""
-    size, place = path.stat().st_size, 0
-    with path.open("rb") as file:
-        while place + len(SIGNATURE) <= size:
-            file.seek(place)
-            if file.read(len(SIGNATURE)) == SIGNATURE:
-                return True
-            place = max(512, 2 * place)
-    return False
 
 
 def probe(path: Path, size: int, seconds: int, patience: float) -> str:

@@ -42,16 +42,15 @@ def on_own_core(work: Callable[[], Answer]) -> tuple[Answer, bool]:
     Returns:
         The answer, and True if there was such a core; False if the system cannot pin threads.
     """
+
+    def pinned() -> tuple[Answer, bool]:
+        with _claimed_core() as core:
+            if core is not None:
+                pin(core)
+            return work(), core is not None
+
     with ThreadPoolExecutor(1) as thread:
-        return thread.submit(_pinned, work).result()
-
-
-def _pinned(work: Callable[[], Answer]) -> tuple[Answer, bool]:
-    with _claimed_core() as core:
-        if core is None:
-            return work(), False
-        pin(core)
-        return work(), True
+        return thread.submit(pinned).result()
 
 
 @contextlib.contextmanager

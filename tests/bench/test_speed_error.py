@@ -75,8 +75,7 @@ def test_qp_solvers_stand_beside_ours() -> None:
     assert [c.qp for c in found] == [ACTIVE_SET, "clarabel"]
     assert {(c.method, c.level, c.stretch) for c in found} == {("coupled", 3, True)}
     assert backend_configurations(replace(SMALL, backends=())) == []
-    only = backend_configurations(replace(SMALL, methods=("progressive",)))
-    assert {c.method for c in only} == {"progressive"}
+    assert backend_configurations(replace(SMALL, methods=("progressive",))) == []
 
 
 def test_a_rate_without_a_tick_in_the_hold_or_in_contact_is_no_error() -> None:

@@ -18,7 +18,6 @@ from conftest import Run, Terminal
 
 import hhsim
 from hhsim.errors import InputError
-from hhsim.system import environment as system_info
 from hhsim.trees.file import load_tree
 from hhsim.trees.sph_format import load_sph
 
@@ -71,17 +70,9 @@ def test_every_command_explains_itself(name: str, repository: Path) -> None:
         ("relpay", "unknown command 'relpay': did you mean replay?"),
         ("list", "unknown command 'list': hhsim objects and hhsim trajectories list what there is"),
         ("info --jsn", "No such option '--jsn'. Did you mean '--json'? (see hhsim info --help)"),
-        ("build-tree bunyn", "unknown object 'bunyn': did you mean bunny?"),
         ("build-tree none.stl", "none.stl: no such file; expected a mesh"),
-        ("build-tree cube --unit mm", "unit and size are for mesh files; 'cube' is an object that has its size"),
-        (
-            "build-tree mug.stl --unit mm --size 90",
-            "unit and size exclude each other",
-        ),
-        (
-            "build-tree cube --out a.ply",
-            "--out a.ply: a sphere tree is a .h5 or a .sph file (see",
-        ),
+        ("build-tree mug.stl --unit mm --size 90", "unit and size exclude each other"),
+        ("build-tree cube --out a.ply", "--out a.ply: a sphere tree is a .h5 or a .sph file (see"),
     ],
 )
 def test_a_mistake_is_told_in_one_line(run: Run, line: str, message: str, tmp_path: Path) -> None:
@@ -186,14 +177,6 @@ def test_info_tells_people_and_machines_the_same_and_each_thing_once(run: Run) -
     assert names.count("hhsim") == names.count("numpy") == 1
 
 
-@pytest.mark.parametrize(("cores", "words"), [(1, "1 core"), (2, "2 cores")])
-def test_info_counts_cores(run: Run, monkeypatch: pytest.MonkeyPatch, cores: int, words: str) -> None:
-    found = system_info.collect()
-    monkeypatch.setattr(system_info, "collect", lambda: found | {"machine": found["machine"] | {"cores": cores}})
-    (line,) = (line for line in run("info").out.splitlines() if line.startswith("processor"))
-    assert line.endswith(f", {words}")
-
-
 @pytest.mark.parametrize("command", ["objects", "trajectories"])
 def test_a_catalogue_tells_people_and_machines_the_same(run: Run, command: str) -> None:
     items = json.loads(run(command, "--json").out)[command]
@@ -237,7 +220,6 @@ def test_trees_of_so_many_leaves_or_within_an_error(run: Run, tmp_path: Path) ->
     assert len(list((tmp_path / "results").glob("*-cube-tree-100.h5"))) >= 1
     wrong = run("build-tree", "cube", "--max-error", "1um", "--level", "1")
     assert wrong.code == 2 and "no cover of up to 8 spheres is within 0.001 mm" in wrong.err
-    assert run("build-tree", "cube", "--max-error", "a lot").code == 2
 
 
 @pytest.mark.parametrize("name", ["notes.h5", "notes.sph"])

@@ -13,7 +13,7 @@ from hhsim.ranges import RANGES, check_range
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import NUMBERS, SolverOptions, Stiffness
 
-COMMANDS: list[Any] = list(importlib.import_module("hhsim.cli.reference").commands())
+COMMANDS: list[Any] = list(importlib.import_module("tools.cli_reference").commands())
 
 ABSURD = (
     *("0", "-1", "nan", "inf", "-inf", "5e-324", "1e-300", "-1e300", "1e300"),

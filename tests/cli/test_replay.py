@@ -64,21 +64,6 @@ def test_a_replay_on_the_mesh_says_so_and_a_method_of_spheres_refuses_it(run: Ru
     assert refused.code == 2 and "method paper takes the surface spheres, not mesh" in refused.err
 
 
-def test_the_papers_method_says_whose_forces_and_how_many_linearisations(run: Run, tmp_path: Path, short: Path) -> None:
-    command = ("replay", "cube", short.name, "--method", "paper", "--level", "2", "--out", "run.h5")
-    answer = run(*command)
-    assert answer.code == 0, answer.err
-    assert answer.out.startswith("cube, short, paper: 200 ticks\n")
-    result = load_result(tmp_path / "run.h5")
-    assert result.scene["solver"]["force"] == "paper"
-    assert (result["work/linearisations"] == 1).all()
-    assert result["contacts/candidates"].max() > 0
-    assert np.isfinite(result["graphic/joints"]).all()
-    answer = run(*command, "--force", "kkt", "--quiet")
-    assert answer == (0, "", "")
-    assert load_result(tmp_path / "run.h5").scene["solver"]["force"] == "kkt"
-
-
 def test_the_same_input_gives_the_same_bytes_but_for_the_timings(run: Run, tmp_path: Path, short: Path) -> None:
     arguments = ("replay", "rock", short.name, "--level", "2", "--tremor", "0.1,0.2", "--quiet", "--out")
     # Once in this process, which has run other things, and once in a new one.
@@ -159,17 +144,12 @@ def test_a_replay_of_which_most_ticks_are_stuck_ends_with_1(
     ("arguments", "message"),
     [
         (["bunyn"], "unknown object 'bunyn': did you mean bunny?"),
-        (["cube", "graps"], "unknown trajectory 'graps': did you mean grasp"),
         (["cube", "none.csv"], "none.csv: no such file; expected a trajectory or a recording"),
-        (["cube", "--qp", "clarabell"], "unknown QP solver 'clarabell': did you mean clarabel"),
         (["cube", "--stiffness", "1000,5"], "expected 3 numbers with commas between: k_t [N/m]"),
-        (["cube", "--method", "couple"], "unknown method 'couple': did you mean coupled"),
-        (["cube", "--method", "paper", "--qp", "clarabel"], "method paper is solved by active-set"),
         (["cube", "--penalty-stiffness", "1000"], "--penalty-stiffness is for --method penalty, not coupled"),
         (["cube", "--out", "."], ". is a folder: name a file in it, such as run.h5"),
         (["cube", "--out", "notes.h5"], "notes.h5 exists and is no result file, so it is not replaced"),
         (["cube", "motion.csv", "--tremor", "0.1,0.2"], "--tremor is for scripts; 'motion.csv' is a recording"),
-        (["cube", "--fingers", "thmb"], "unknown finger 'thmb': did you mean thumb?"),
         (["cube", "--level", "6"], "'6', expected 1 to 5, or auto"),
         (["cube", "--level", "auto"], "--level auto needs --max-error, such as --max-error 0.3mm"),
         (["cube", "--level", "3", "--max-error", "1mm"], "--max-error chooses the level itself: leave --level 3 out"),

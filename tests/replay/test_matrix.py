@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sphere_scenes import brute_clearance
+from sphere_scenes import result_clearance
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_STUCK
@@ -48,18 +48,7 @@ def scene_of(name: str, trajectory: str) -> Scene:
 def all_pairs(result: Result, every: int) -> float:
     """Least signed distance [m] of any body to any leaf at the ticks looked at, by brute force from the file."""
     ticks = np.union1d(np.arange(0, TICKS, every), np.argmax(result["penetration_depth"]))
-    level = result.static["object/tree/level"]
-    leaf = level == level.max()
-    clearance = brute_clearance(
-        result.static["object/tree/center"][leaf],
-        result.static["object/tree/radius"][leaf],
-        result.static["hand/phalanx_radius"],
-        result.static["hand/palm_center"],
-        result.static["hand/palm_radius"],
-        result["graphic/joints"][ticks],
-        result["graphic/position"][ticks],
-        result["graphic/orientation"][ticks],
-    )
+    clearance = result_clearance(result, ticks)
     assert clearance.shape == (len(ticks), 16)
     least = clearance.min()
     assert np.isfinite(least)
@@ -122,9 +111,3 @@ def trembling_pull() -> float:
     position, _, _ = TREMOR.apply(0, time, np.zeros((1000, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (1000, 1)), np.zeros(0))
     pull = SolverOptions().stiffness.translation * np.diff(position, axis=0)
     return float(np.linalg.norm(pull, axis=1).mean())
-
-
-def test_the_matrix_is_the_one_that_was_asked_for() -> None:
-    assert len(object_names()) == 10
-    for trajectory in TRAJECTORIES:
-        assert load_script(trajectory).sample_count == TICKS

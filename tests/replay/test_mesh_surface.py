@@ -10,7 +10,6 @@ from sampled import sampled
 from short_grasp import short_grasp, short_scene
 
 from hhsim.hand.forward_kinematics import PlacedHand
-from hhsim.kernels.tick.state import STATUS_LAG
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.run_ticks import PLACED
 from hhsim.replay.repeat import run_again
@@ -63,22 +62,6 @@ def test_the_hand_touches_the_mesh_to_a_micrometre_and_is_nowhere_inside(run: tu
         assert away.min() > 0.0
         least = min(least, float(away.min()))
     assert least < 1e-3
-
-
-@pytest.mark.soak  # on the mesh of a cylinder the referee judges such ticks every time
-def test_a_tick_on_its_way_keeps_its_forces(tmp_path: Path) -> None:
-    # Where a finger snaps over an edge of the teapot, a tick of two linearisations ends on the way, micrometres from
-    # what bears it.
-    scene = open_scene("teapot", "slide")
-    replay_scene(scene, SolverOptions(surface="mesh", linearisations=2), tmp_path / "slide.h5")
-    result = load_result(tmp_path / "slide.h5")
-    late = np.flatnonzero(np.asarray(result["status"]) & STATUS_LAG)
-    size = np.linalg.norm(result["force/total"], axis=1)
-    assert late.size > 0
-    assert (np.abs(size[late] - size[late - 1]) < 0.25 * size[late - 1]).all()
-    # Given its time the finger lands beyond the edge in one tick, and its force there is another one.
-    summary = replay_scene(scene, SolverOptions(surface="mesh"), tmp_path / "slide.h5").attributes()
-    assert summary["lag_ticks"] == 0.0 and summary["force_step"] < 35.0
 
 
 @ONE

@@ -1,18 +1,15 @@
 """Only what a scene needs: fingers, work and tree level that a scene asks for, and what is told of it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from sampled import sampled
 from sphere_scenes import bumpy_ball, random_targets, record_clearance
 
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
-from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import (
     STATUS_LAG,
     UNITS_CONTACT,
@@ -35,7 +32,6 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.trees.cache import cached_sphere_tree, coarsest_sphere_tree
 from hhsim.trees.options import TreeOptions
-from hhsim.trees.sphere_tree import SphereTree
 
 HAND = HandModel.default()
 BALL = bumpy_ball(1200)
@@ -135,28 +131,6 @@ def test_a_hand_far_away_is_a_hand_that_costs_next_to_nothing() -> None:
     assert record.work[1:, WORK_UNITS].max() == UNITS_LINEARISATION
 
 
-def scaled_run(tree: SphereTree, motion: HandConfiguration, options: SolverOptions, factor: float) -> TickRecord:
-    """Hand, object and motion `factor` times as large."""
-    palm = HAND.palm_tree.scaled(factor)
-    hand = replace(
-        HAND, base=factor * HAND.base, length=factor * HAND.length, radius=factor * HAND.radius, palm_tree=palm
-    )
-    larger = tree.scaled(factor)
-    return HandSolver(hand, larger.arrays(), options.scaled(factor)).run(factor * motion.position, *motion[1:])
-
-
-@pytest.mark.parametrize("factor", [2.0**-7, 2.0**7])
-@pytest.mark.parametrize("method", (*METHODS, "penalty"))
-def test_another_unit_of_length_changes_no_digit(method: str, factor: float) -> None:
-    # A power of two: the same digits with another exponent, even where the hand snaps and every digit counts.
-    options, motion = SolverOptions(method=method), closing()
-    one, other = HandSolver(HAND, BALL.arrays(), options).run(*motion), scaled_run(BALL, motion, options, factor)
-    np.testing.assert_array_equal(other.joints / factor, one.joints)
-    np.testing.assert_array_equal(other.flexion, one.flexion)
-    np.testing.assert_array_equal(other.total / factor, one.total)
-    np.testing.assert_array_equal(other.work, one.work)
-
-
 def test_the_coarsest_level_within_the_budget_is_chosen() -> None:
     mesh = load_object("cube").mesh
     bound = {level: cached_sphere_tree(mesh, TreeOptions(level=level)).errors[-1].bound for level in (1, 2, 3)}
@@ -166,12 +140,3 @@ def test_the_coarsest_level_within_the_budget_is_chosen() -> None:
         assert choice.tree.errors[-1].level == level
     with pytest.raises(InputError, match="it must be positive and finite"):
         coarsest_sphere_tree(mesh, 0.0)
-
-
-def test_what_cannot_be_is_refused() -> None:
-    with pytest.raises(UnknownNameError, match="unknown finger 'pinky'"):
-        SolverOptions(fingers=("pinky",))
-    with pytest.raises(InputError, match="budget is 0 work units: expected 1 to"):
-        SolverOptions(budget=0)
-    with pytest.raises(InputError, match=r"tolerance is 0\.01 of the margin: expected 1e-12 to 1e-06; rounding"):
-        SolverOptions(tolerance=0.01)

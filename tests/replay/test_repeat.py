@@ -182,15 +182,6 @@ def test_other_bits_on_another_machine_are_explained(copy: Path) -> None:
     assert second.startswith("cpu: the file was made with Abacus, this is ")
 
 
-def test_a_changed_input_changes_what_follows(copy: Path) -> None:
-    with h5py.File(copy, "r+") as file:
-        file["tick/haptic/position"][400:, 2] += 1e-3
-    again = run_again(load_result(copy))
-    differing = {array.name: array for array in again.arrays if not array.identical}
-    assert differing["graphic/position"].first_tick == 400
-    assert 1e-4 < differing["graphic/position"].largest < 3e-3
-
-
 def test_a_run_that_was_stopped_is_run_as_far_as_it_goes(copy: Path) -> None:
     with h5py.File(copy, "r+") as file:
         file.attrs["complete"] = 0
@@ -223,7 +214,7 @@ def test_another_tree_object_or_hand_is_refused(copy: Path, name: str, says: str
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"spin": 3.0}, "states solver options that this hhsim does not have: spin"),
+        ({"spin": 3.0}, "its solver options cannot be read: .*spin"),
         ({"method": "magic"}, "unknown method 'magic'"),
         ({"stiffness": 3.0}, "its solver options cannot be read"),
     ],

@@ -75,12 +75,6 @@ def test_what_a_method_promises_is_in_its_file() -> None:
     assert stored_promises({"solver": {"method": "paper"}, "promises": list(PROMISES)}) == frozenset()
 
 
-def test_an_older_file_without_the_count_of_touches_is_judged_by_what_was_near() -> None:
-    figures = {name: value for name, value in SOUND.items() if name not in ("touching_max", "force_contact_max")}
-    assert run_verdict(summary_rows(figures, 1000.0), PROMISES, 100).word == OK
-    assert run_verdict(summary_rows(figures | {"candidates_max": 0.0}, 1e3), PROMISES, 100).word == UNTOUCHED
-
-
 @pytest.mark.parametrize(("stuck", "mostly"), [(0.0, False), (3.0, False), (50.0, False), (51.0, True), (100.0, True)])
 def test_a_run_of_which_most_ticks_are_stuck_says_so(stuck: float, mostly: bool) -> None:
     found = run_verdict(summary_rows(SOUND | FREE | {"stuck_ticks": stuck}, 1000.0), PROMISES, 100)

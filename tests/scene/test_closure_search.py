@@ -1,15 +1,11 @@
 from collections.abc import Iterator
-from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sampled import sampled
 from scipy.spatial.transform import Rotation
-from sphere_scenes import ball, flat_tree, record_clearance, row
+from sphere_scenes import ball, flat_tree, record_clearance
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
@@ -17,11 +13,10 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
-from hhsim.kernels.hand.kinematics import PALM_BODY, HandArrays
-from hhsim.kernels.jit import JIT_ENABLED
-from hhsim.scene import closure_search, kept_closures
-from hhsim.scene.closure_search import MARGIN, best_slide, plan_finger_closure
-from hhsim.scene.finger_closure import REACH_DEPTH, body_distances, closure_rates, make_work
+from hhsim.kernels.hand.kinematics import HandArrays
+from hhsim.scene import kept_closures
+from hhsim.scene.closure_search import plan_finger_closure
+from hhsim.scene.finger_closure import body_distances, closure_rates, make_work
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Script, ScriptPhase
 from hhsim.trees.sphere_tree import SphereTree
@@ -150,16 +145,6 @@ def test_a_closing_finger_does_not_step_over_a_hair() -> None:
     assert flexion[1, 0] < 0.8
 
 
-def test_a_frozen_phalanx_lets_those_beyond_go_on() -> None:
-    hand = RIGHT.arrays()
-    # A post under the middle of the index's first phalanx only.
-    at = hand.base[1] + 0.5 * hand.length[1, 0] * hand.distal[1] - 0.03 * hand.dorsal[1]
-    flexion, touching = close(hand, ball(0.015, tuple(at)), 1, np.zeros(3), np.eye(3), closure_rates(1.0)[1])
-    assert touching[0] == 1.0
-    assert flexion[1, 0] < 0.5
-    assert flexion[1, 1] > 1.0
-
-
 @settings(max_examples=30)
 @given(st.integers(0, 4), st.floats(0.0, 0.05), st.floats(0.0, 1.0))
 def test_deepening_moves_the_tip_by_the_depth_or_to_the_limits(finger: int, depth: float, start: float) -> None:
@@ -189,53 +174,6 @@ def test_the_contact_normal_points_from_the_object_to_the_finger() -> None:
     farther = kernel.contact_normal(hand, moved.arrays(), 1, 0, work, np.empty(3))
     assert np.linalg.norm(normal) == pytest.approx(1.0)
     assert farther - distance == pytest.approx(step, rel=1e-4)
-
-
-OBJECTS = {
-    "ball": ball(),
-    "far ball": ball(0.045, (0.4, -0.3, 0.9)),
-    "box": box(),
-    "plate": box((0.09, 0.09, 0.015)),
-    **{f"cluster {seed}": cluster(seed) for seed in range(3)},
-}
-SCRIPTS = ("touch", "pinch", "grasp", "whole-hand", "slide", "sequence")
-
-
-@pytest.mark.parametrize(
-    ("shape", "name", "side"),
-    sampled(
-        [(shape, name, side) for shape in OBJECTS for name in SCRIPTS for side in ("right", "left")],
-        lambda _, case: case[2] == "right" and case[0] == ("plate" if SCRIPTS.index(case[1]) % 2 else "cluster 0"),
-    ),
-)
-def test_every_script_closes_on_simple_shapes(shape: str, name: str, side: str) -> None:
-    tree, hand = OBJECTS[shape], RIGHT if side == "right" else LEFT
-    script = load_script(name)
-    closure = plan_finger_closure(script, hand, tree)
-    assert closure.reached == script.fingers, name
-    assert closure.missed == ()
-    place = closure.position - script.palm_depth * closure.rotation[:, 2]
-    distance = brute_distances(hand, tree, place, closure.rotation, closure.command, closure.abduction)
-    np.testing.assert_allclose(closure.distance, distance, rtol=0.0, atol=1e-12)
-    fingers = distance[:PALM_BODY].reshape(5, 3).min(axis=1)
-    for f, finger in enumerate(FINGERS):
-        if finger in script.fingers:
-            assert fingers[f] < -REACH_DEPTH, (name, finger)
-        else:
-            assert fingers[f] > script.clearance, (name, finger)
-    if script.palm_depth > 0.0:
-        assert distance[PALM_BODY] < 0.0
-    else:
-        assert distance[PALM_BODY] >= script.clearance - 1e-9
-        assert distance[PALM_BODY] < script.palm_gap + 0.015
-    # First contact is what it says: nothing lies inside before the fingers are commanded deeper.
-    at_contact = near(hand, tree, closure.position, closure.rotation, closure.contact, closure.abduction)
-    assert at_contact.min() > -1e-12, name
-    back = np.linspace(0.0, script.start_distance, 30)[:, None] * closure.rotation[:, 2]
-    keep = 0.0 if script.palm_depth > 0.0 else MARGIN
-    for step in back:
-        free = near(hand, tree, closure.position + step, closure.rotation, closure.open, closure.abduction)
-        assert free.min() >= keep - 1e-12, name
 
 
 def test_a_hand_that_must_not_touch_keeps_its_distance_at_every_stage() -> None:
@@ -269,70 +207,3 @@ def test_what_no_finger_can_reach_is_refused() -> None:
     )
     with pytest.raises(TrajectoryError, match=r"script stiff: little cannot reach the object, 0.02 m across"):
         plan_finger_closure(straight, RIGHT, ball(0.01))
-
-
-@pytest.mark.parametrize(
-    "axis", sampled([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.6, 0.8, 0.0]], lambda place, _: place == 2)
-)
-def test_a_hand_on_a_bar_slides_along_the_bar(axis: list[float]) -> None:
-    closure = plan_finger_closure(load_script("slide"), RIGHT, row(axis))
-    assert np.linalg.norm(closure.slide) == pytest.approx(1.0)
-    assert abs(closure.slide @ closure.rotation[:, 2]) < 1e-12
-    # 16 directions: the nearest one is at most 11.25 degrees off.
-    assert abs(closure.slide @ axis) > np.cos(np.radians(12.0)) * np.linalg.norm(closure.rotation[:, :2].T @ axis)
-
-
-def test_nothing_changes_along_a_bar_without_an_end_in_reach() -> None:
-    # A bar a metre long feels the same all along a slide of 30 mm.
-    script = load_script("slide")
-    tree = row([0.0, 1.0, 0.0], count=201, length=1.0)
-    closure = plan_finger_closure(script, RIGHT, tree)
-    direction, score = best_slide(script, closure, RIGHT.arrays(), tree.arrays())
-    assert score > 0.9
-    end = closure.position + script.way("slide") * direction
-    at_the_end = near(RIGHT, tree, end, closure.rotation, closure.command, closure.abduction)
-    fingers = at_the_end[:PALM_BODY].reshape(5, 3).min(axis=1)
-    assert (fingers < 0.0).sum() == len(closure.reached) == len(FINGERS)
-
-
-def test_a_script_without_a_slide_has_no_direction() -> None:
-    closure = plan_finger_closure(load_script("grasp"), RIGHT, row([0.0, 1.0, 0.0]))
-    assert closure.slide.tolist() == [0.0, 0.0, 0.0]
-
-
-@pytest.mark.skipif(not JIT_ENABLED, reason="kernels run as Python: NUMBA_DISABLE_JIT is set")
-def test_kernels_have_one_signature() -> None:
-    closure_search._Search(load_script("whole-hand"), RIGHT, ball()).best()
-    names = ("body_distances", "advance_hand", "close_finger", "deepen_finger", "contact_normal", "sphere_distance")
-    assert {name: len(getattr(kernel, name).signatures) for name in names} == dict.fromkeys(names, 1)
-
-
-def test_a_search_is_made_once_for_what_it_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kept_closures, "cache_root", lambda: tmp_path)
-    monkeypatch.setattr(kept_closures, "_found", {})
-    searched: list[Any] = []
-    search = closure_search._Search.best
-
-    def counted(self: Any) -> Any:
-        searched.append(self)
-        return search(self)
-
-    monkeypatch.setattr(closure_search._Search, "best", counted)
-    script, tree = load_script("pinch"), ball()
-    first = plan_finger_closure(script, RIGHT, tree)
-    kept = first.command.copy()
-    first.command[:] = np.nan
-    phases = tuple(replace(phase, duration=2.0 * phase.duration) for phase in script.phases)
-    slow = plan_finger_closure(replace(script, name="slow", phases=phases), HandModel.default("right"), ball())
-    np.testing.assert_array_equal(slow.command, kept, "what a caller does to its closure is its own")
-    assert len(searched) == 1
-    for other in (
-        (replace(script, depth=0.01), RIGHT, tree),
-        (replace(script, curl=0.8), RIGHT, tree),
-        (load_script("grasp"), RIGHT, tree),
-        (script, LEFT, tree),
-        (script, RIGHT, ball(0.03)),
-    ):
-        count = len(searched)
-        plan_finger_closure(*other)
-        assert len(searched) == count + 1

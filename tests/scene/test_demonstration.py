@@ -88,15 +88,9 @@ def test_a_demonstration_of_ones_own(tmp_path: Path, repository: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("recording = ", "not TOML"),
         ("recording = 3", "recording = 3; expected the name"),
-        ("recording = ''", "recording = ''; expected the name"),
         ("recording = 'none.h5'\ntouch = { finger = 'index', depth = 0.01 }", "no recording none.h5 beside it"),
-        ("recording = 'tap.h5'", "touch is missing"),
-        ("recording = 'tap.h5'\nstreses = 'x'", "unknown key 'streses': did you mean stresses"),
         ("recording = 'tap.h5'\ntouch = { finger = 'toe', depth = 0.01 }", "touch.finger: unknown finger 'toe'"),
-        ("recording = 'tap.h5'\ntouch = { finger = 'index', depht = 0.01 }", "unknown key 'depht': did you mean depth"),
-        ("recording = 'tap.h5'\ntouch = { finger = 'index', depth = 1.5 }", "touch.depth = 1.5"),
         ("recording = 'tap.h5'\ntouch = { finger = 'index' }", "touch: depth is missing"),
     ],
 )

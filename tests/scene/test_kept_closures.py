@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.scene import kept_closures
 from hhsim.scene.closure_search import plan_finger_closure
-from hhsim.scene.kept_closures import decoded, encoded, shipped_closures
+from hhsim.scene.kept_closures import encoded, shipped_closures
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -81,7 +82,7 @@ def test_a_search_is_kept_by_the_process_and_by_the_cache(
     assert again.open.any() and encoded(again) == encoded(read)
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", "null", '{"open": []}', "shape", "nan", "finger"])
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"open": []}', "shape"])
 def test_a_damaged_file_is_searched_for_again(
     content: str, folder: Path, searches: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -89,17 +90,25 @@ def test_a_damaged_file_is_searched_for_again(
     wanted = encoded(plan_finger_closure(*question))
     (path,) = folder.glob("*.json")
     fields = json.loads(path.read_text())
-    faults = {"shape": {"open": [0.0]}, "nan": {"back": [float("nan")] * 3}, "finger": {"missed": ["toe"]}}
-    path.write_text(json.dumps(fields | faults[content]) if content in faults else content)
+    path.write_text(json.dumps(fields | {"open": [0.0]}) if content == "shape" else content)
     monkeypatch.setattr(kept_closures, "_found", {})
     assert encoded(plan_finger_closure(*question)) == wanted
     assert len(searches) == 2
     assert json.loads(path.read_text()) == wanted
 
 
-def test_every_digit_is_kept() -> None:
-    for fields in shipped_closures().values():
-        assert encoded(decoded(json.loads(json.dumps(fields)))) == fields
+def test_a_search_is_made_again_for_what_it_depends_on_alone(folder: Path, searches: list[str]) -> None:
+    script, hand, tree = load_script("pinch"), HandModel.default(hand_length=0.2), tree_of("cube", 2)
+    phases = tuple(replace(phase, duration=2.0 * phase.duration) for phase in script.phases)
+    for count, question in (
+        (1, (script, hand, tree)),
+        (1, (replace(script, name="slow", phases=phases), hand, tree)),
+        (2, (replace(script, depth=0.01), hand, tree)),
+        (3, (script, HandModel.default("left"), tree)),
+        (4, (script, hand, tree_of("cube", 1))),
+    ):
+        plan_finger_closure(*question)
+        assert len(searches) == count
 
 
 def test_another_source_of_the_search_makes_the_cache_stale(

@@ -45,7 +45,7 @@ def imported(at: float) -> Trajectory:
 
 def placed(motion: Trajectory, place: Place | None = None) -> PlacedScene:
     words = SceneWords(object="sphere", trajectory="fist", place_object=place, rate=100.0)
-    return described_scene(words, MESH, TREE, 2, HAND, motion)
+    return described_scene(words, MESH, TREE, HAND, motion)
 
 
 def test_it_is_placed_by_itself_where_nothing_touches() -> None:

@@ -4,7 +4,6 @@ import ast
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -12,19 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from sphere_scenes import PALM, bumpy_ball, record_clearance
+from short_grasp import short_grasp_text
+from sphere_scenes import bumpy_ball
 
 import hhsim
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.gate.input_hash import differences, run_inputs
-from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import Trajectory
-from hhsim.motion.tremor import Disturbance
 from hhsim.result.schema import TICK_COLUMNS
-from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from hhsim.verify.claim import judged
 from hhsim.verify.verify import Verification
@@ -71,46 +67,7 @@ def test_the_motion_is_brought_to_the_ticks() -> None:
     assert len(np.unique(scene.ticks.position[:10, 2])) == 10
 
 
-def test_a_script_closes_on_the_object() -> None:
-    scene = make_scene(MESH, TREE, HAND, load_script("touch"))
-    ticks = scene.ticks
-    assert {phase.name for phase in ticks.phases} >= {"approach", "hold"}
-    np.testing.assert_array_equal(scene.tree.center, TREE.center)
-    finger = record_clearance(HAND, TREE, forward_kinematics(HAND, *HandConfiguration.of(ticks)).at(slice(0, None, 50)))
-    finger = finger[:, :PALM]
-    assert finger[0].min() > 0.0, "it starts outside"
-    assert finger.min() < 0.0, "and commands a finger into the object"
-
-
-def test_the_seed_is_of_the_tremor_only() -> None:
-    script = load_script("touch")
-    shaken = replace(script, disturbance=Disturbance(tremor_position=1e-4))
-    one, two = (make_scene(MESH, TREE, HAND, script, seed=seed).ticks for seed in (1, 2))
-    np.testing.assert_array_equal(one.position, two.position)
-    first, again, other = (make_scene(MESH, TREE, HAND, shaken, seed=seed).ticks for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first.position, again.position)
-    assert 1e-6 < np.abs(first.position - other.position).max() < 1e-3
-    assert 1e-6 < np.abs(first.position - one.position).max() < 1e-3
-
-
 Run = Callable[..., Any]
-
-SHORT = """\
-title = "short pinch"
-stresses = "nothing"
-palm_gap = 0.03
-clearance = 0.01
-
-phase = [
-    { name = "approach", duration = 0.1 },
-    { name = "pinch", duration = 0.1 },
-    { name = "hold", duration = 0.05 },
-]
-
-[tremor]
-position = 1e-4
-rotation = 3e-3
-"""
 
 
 def test_the_names_of_the_package_are_those_of_its_table_and_its_types() -> None:
@@ -146,7 +103,7 @@ def test_the_package_imports_nothing_until_it_is_asked() -> None:
 
 
 def test_a_scene_from_names_is_that_of_the_command_line(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "short.toml").write_text(SHORT)
+    (tmp_path / "short.toml").write_text(short_grasp_text())
     words = ("--level", "2", "--seed", "3", "--rate", "500", "--method", "progressive", "--out", "told.h5", "--quiet")
     assert run("replay", "cube", "short.toml", *words).code == 0
     scene = hhsim.open_scene("cube", tmp_path / "short.toml", level=2, seed=3, rate=500.0)
@@ -168,34 +125,18 @@ def test_a_scene_from_names_is_that_of_the_command_line(run: Run, tmp_path: Path
 
 
 def test_a_scene_of_a_mesh_and_a_motion_that_are_loaded(tmp_path: Path) -> None:
-    (tmp_path / "short.toml").write_text(SHORT)
+    (tmp_path / "short.toml").write_text(short_grasp_text())
     mesh = cube()
     motion = hhsim.open_scene(mesh, tmp_path / "short.toml", level=1).trajectory
     scene = hhsim.open_scene(mesh, motion, level=1, mode="hold", rate=250.0)
-    assert (scene.ticks.rate, scene.ticks.tick_count) == (250.0, 63)
+    assert (scene.ticks.rate, scene.ticks.tick_count) == (250.0, 50)
     assert (scene.description["object"], scene.description["trajectory"]) == (mesh.name, motion.name)
     assert scene.description["samples"] == "hold" and scene.tree.depth == 1
     assert scene.hand.side == "right"
 
 
-def test_a_mistake_is_told_before_anything_is_built() -> None:
-    with pytest.raises(UnknownNameError, match="unknown object 'cbue': did you mean cube"):
-        hhsim.open_scene("cbue")
-    with pytest.raises(UnknownNameError, match="unknown trajectory 'pinhc': did you mean pinch"):
-        hhsim.open_scene("cube", "pinhc")
-    with pytest.raises(InputError, match="unit and size are for mesh files; 'cube' is an object that has its size"):
-        hhsim.open_scene("cube", unit="mm")
-    with pytest.raises(InputError, match="exclude each other"):
-        hhsim.open_scene("mug.stl", unit="mm", size=0.1)
-
-
-def test_a_scene_says_what_it_is_in_one_line() -> None:
-    scene = hhsim.open_scene("cube", "pinch", level=2)
-    assert repr(scene) == str(scene) == "Scene(cube with 64 leaf spheres, right hand, pinch: 3,000 ticks at 1000 Hz)"
-
-
 def test_everything_that_a_program_is_given_has_a_repr_of_a_few_lines(tmp_path: Path) -> None:
-    (tmp_path / "short.toml").write_text(SHORT)
+    (tmp_path / "short.toml").write_text(short_grasp_text())
     scene = hhsim.open_scene("cube", tmp_path / "short.toml", level=2)
     with pytest.raises(TypeError, match=r"replay_scene\(\) missing"):
         hhsim.replay_scene(scene)  # type: ignore[call-arg]
@@ -216,9 +157,9 @@ def test_everything_that_a_program_is_given_has_a_repr_of_a_few_lines(tmp_path: 
         text = repr(value)
         assert text.startswith(type(value).__name__) and len(text) <= 400 and text.count("\n") < 5, text
     assert eval(repr(method_scene.options), vars(hhsim)) == method_scene.options
-    assert repr(result).startswith("Result(own.h5: cube, short, coupled on spheres, 250 ticks at 1000 Hz; approach,")
+    assert repr(result).startswith("Result(own.h5: cube, short, coupled on spheres, 200 ticks at 1000 Hz; approach,")
     assert repr(verification) == "Verification(250 ticks; claims: 1 FAILS (depth))"
-    assert f"coupled on spheres, 250 ticks: {summary.verdict.word}; {result.path}; " in repr(summary)
+    assert f"coupled on spheres, 200 ticks: {summary.verdict.word}; {result.path}; " in repr(summary)
     page = summary._repr_html_()
     assert page.startswith(f"<p>{escape(summary.verdict.line)}</p>") and "penetration, max</th>" in page
 

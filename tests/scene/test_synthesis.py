@@ -177,15 +177,6 @@ def test_a_carry_takes_hand_and_object_along_one_arc_and_leaves_what_is_between_
     assert motion.flexion.tobytes() == held.flexion.tobytes()
 
 
-def test_a_lift_takes_the_hand_up_and_back_and_leaves_the_object_to_friction() -> None:
-    script, tree = load_script("lift"), ball(0.035)
-    closure, motion = plan_finger_closure(script, HAND, tree), synthesize(script, HAND, tree)
-    assert motion.object_motion is None
-    for sample, height in ((2700, 0.1), (4100, 0.0)):
-        np.testing.assert_allclose(motion.position[sample], closure.position + [0.0, 0.0, height], atol=1e-9)
-    np.testing.assert_allclose(motion.position[-1], motion.position[0], atol=1e-6)
-
-
 def test_a_push_goes_level_where_the_fingers_press() -> None:
     script, tree = load_script("push"), ball(0.035)
     closure, motion = plan_finger_closure(script, HAND, tree), synthesize(script, HAND, tree)

@@ -1,13 +1,9 @@
 """Other QP solvers behind the same tick: the same graphic hand."""
 
-from itertools import product
-
 import numpy as np
 import pytest
-from sampled import sampled
 from sphere_scenes import CURL, bumpy_ball, random_targets, record_clearance
 
-from hhsim.errors import UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
@@ -15,11 +11,9 @@ from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.qp import available_backends
 
 HAND = HandModel.default("right")
 BALL = bumpy_ball(150)
-METHODS = ("coupled", "progressive")
 BACKENDS = ("quadprog", "clarabel")
 SAME = 1e-6
 """Points of two graphic hands closer than this [m] are the same."""
@@ -32,17 +26,14 @@ def grasp(ticks: int = 90) -> HandConfiguration:
     return opened.line(closed, ticks - 1).hold(30)
 
 
-def run(motion: HandConfiguration, method: str, qp: str) -> TickRecord:
-    return HandSolver(HAND, BALL.arrays(), SolverOptions(method=method, qp=qp)).run(*motion)
+def run(motion: HandConfiguration, qp: str) -> TickRecord:
+    return HandSolver(HAND, BALL.arrays(), SolverOptions(qp=qp)).run(*motion)
 
 
-@pytest.mark.parametrize(
-    ("backend", "method"),
-    sampled(product(BACKENDS, METHODS), lambda place, case: (case[0] == BACKENDS[0]) == (case[1] == METHODS[0])),
-)
-def test_another_solver_gives_the_same_graphic_hand_over_a_grasp(backend: str, method: str) -> None:
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_another_solver_gives_the_same_graphic_hand_over_a_grasp(backend: str) -> None:
     motion = grasp()
-    ours, theirs = run(motion, method, "active-set"), run(motion, method, backend)
+    ours, theirs = run(motion, "active-set"), run(motion, backend)
     assert record_clearance(HAND, BALL, theirs).min() >= 0.0
     size = float(np.linalg.norm(ours.total[-1]))
     assert size > 1.0
@@ -55,9 +46,8 @@ def test_another_solver_gives_the_same_graphic_hand_over_a_grasp(backend: str, m
 
 
 @pytest.mark.soak  # over a grasp, the test above looks at it, too
-@pytest.mark.parametrize("method", METHODS)
-def test_another_solver_never_penetrates_either(method: str) -> None:
-    record = run(random_targets(HAND, 100, 0, hold=20), method, "quadprog")
+def test_another_solver_never_penetrates_either() -> None:
+    record = run(random_targets(HAND, 100, 0, hold=20), "quadprog")
     assert record_clearance(HAND, BALL, record).min() >= -1e-6
     assert np.isfinite(record.joints).all()
 
@@ -65,21 +55,15 @@ def test_another_solver_never_penetrates_either(method: str) -> None:
 def test_bad_input_is_held_here_too() -> None:
     motion = still([0.0, 0.0, 0.3], ticks=4)
     motion.position[2] = np.nan
-    record = run(motion, "coupled", "quadprog")
+    record = run(motion, "quadprog")
     np.testing.assert_array_equal(record.status & STATUS_INPUT_INVALID > 0, [False, False, True, False])
     np.testing.assert_array_equal(record.position[2], record.position[1])
 
 
 def test_the_work_and_the_times_are_counted_here_too() -> None:
-    record = run(grasp(20), "progressive", "quadprog")
-    ours = run(grasp(20), "progressive", "active-set")
+    record = run(grasp(20), "quadprog")
+    ours = run(grasp(20), "active-set")
     assert (record.duration_total > 0).all()
     assert (record.duration_total >= record.duration.sum(axis=1) // 2).all()
     # From the fifth tick on the two solvers differ by rounding, and a walk looks as far as what it has found.
     np.testing.assert_array_equal(record.work[:4, :2], ours.work[:4, :2])
-
-
-def test_an_unknown_solver_is_named() -> None:
-    assert set(BACKENDS) <= set(available_backends())
-    with pytest.raises(UnknownNameError, match="quadprog"):
-        run(grasp(5), "coupled", "quadprogg")

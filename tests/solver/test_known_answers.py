@@ -202,42 +202,6 @@ def test_a_fingertip_pressed_into_a_face(depth: float) -> None:
     np.testing.assert_allclose(answer.record.phalanx[-1, 1, 2], answer.force, rtol=1e-9, atol=1e-12)
 
 
-def torque_balance(tree: SphereTree, goal: HandConfiguration, stiffness: Stiffness) -> tuple[FloatArray, float]:
-    """Joint angles (3,) of the index finger against a face when the palm is held, and the face's force [N].
-
-    One contact: all that is unknown is how much force there is. For a force λ the angles follow from
-    k_θ (θ - θ_h) = λ ∂d/∂θ, and λ from d = ε.
-    """
-
-    def angles(force: float) -> FloatArray:
-        theta: FloatArray = goal.flexion[0, 1].copy()
-        for _ in range(30):
-            gradient = np.array([(gap(theta + h) - gap(theta - h)) / 2e-6 for h in 1e-6 * np.eye(3)])
-            theta = goal.flexion[0, 1] + force * gradient / stiffness.flexion
-        return theta
-
-    def gap(theta: FloatArray) -> float:
-        flexion = goal.flexion.copy()
-        flexion[0, 1] = theta
-        return float(brute_pairs(HAND, tree.leaf_center, tree.leaf_radius, goal._replace(flexion=flexion))[5, 0])
-
-    force = float(brentq(lambda f: gap(angles(f)) - OFFSET, 0.0, 3.0, xtol=1e-12))
-    return angles(force), force
-
-
-@pytest.mark.parametrize("depth", [1e-3, pytest.param(3e-3, marks=pytest.mark.soak)])
-def test_in_the_papers_order_a_finger_bends_before_the_palm_moves(depth: float) -> None:
-    tree, goal = face_ahead(depth)
-    answer = hold(tree, goal, -0.05 * AHEAD, method="progressive")
-    theta, force = torque_balance(tree, goal, answer.options.stiffness)
-    np.testing.assert_allclose(answer.record.position[-1], 0.0, atol=POSE)
-    expected = goal.flexion[0].copy()
-    expected[1] = theta
-    joints = HAND.joints(goal.position[0], goal.orientation[0], expected, goal.abduction[0])
-    assert np.linalg.norm(answer.record.joints[-1] - joints, axis=2).max() < POSE
-    np.testing.assert_allclose(answer.force, -force * AHEAD, atol=FORCE * force)
-
-
 @pytest.mark.parametrize(
     ("depth", "radius"),
     sampled(product((1e-3, 6e-3), (0.02, 0.05)), lambda place, case: case in ((1e-3, 0.05), (6e-3, 0.02))),

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.solver.qp import QpProblem, QpStatus, available_backends, solve
+from hhsim.solver.qp import QpProblem, available_backends, solve
 
 RELIABLE = ("active-set", "clarabel", "daqp", "quadprog")
 """What the project installs; others that happen to be there may give up, but must say so."""
@@ -38,13 +38,6 @@ def contradiction() -> QpProblem:
     return QpProblem(problem.stiffness, matrix, rhs, problem.target)
 
 
-def test_own_backend_comes_first_and_the_reference_is_installed() -> None:
-    backends = available_backends()
-    assert backends[0] == "active-set"
-    assert "clarabel" in backends
-    assert len(set(backends)) == len(backends)
-
-
 @pytest.mark.parametrize(("n", "m"), [(3, 20), (6, 60), (21, 100), (21, 250)])
 @pytest.mark.parametrize("backend", available_backends())
 def test_backends_agree_on_contact_problems(backend: str, n: int, m: int) -> None:
@@ -69,17 +62,6 @@ def test_backends_agree_on_contact_problems(backend: str, n: int, m: int) -> Non
         np.testing.assert_allclose(
             problem.matrix.T @ theirs.multiplier, problem.stiffness * (theirs.x - problem.target), atol=1e-4
         )
-
-
-@pytest.mark.parametrize("backend", available_backends())
-def test_closed_form_of_one_contact(backend: str) -> None:
-    # A palm commanded 3 mm into a floor is held at the floor, by k_t · 3 mm.
-    problem = QpProblem(STIFFNESS[:3], np.array([[0.0, 0.0, 1.0]]), np.zeros(1), np.array([1e-3, 2e-3, -3e-3]))
-    solution = solve(problem, backend)
-    assert solution.status == QpStatus.OPTIMAL
-    np.testing.assert_allclose(solution.x, [1e-3, 2e-3, 0.0], atol=1e-9)
-    np.testing.assert_allclose(solution.multiplier, [3.0], rtol=1e-6)
-    assert problem.objective(solution.x) == pytest.approx(0.5 * 1000.0 * 9e-6, rel=1e-6)
 
 
 @pytest.mark.parametrize("backend", available_backends())

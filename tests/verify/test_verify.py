@@ -322,8 +322,8 @@ def test_other_options_hold_too(tmp_path: Path, options: dict[str, Any]) -> None
         assert verdict(found, "forces") == NOT_JUDGED
 
 
-@pytest.fixture(scope="module", params=sampled(["coupled", "progressive"], lambda _, method: method == "coupled"))
-def stuck(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Result:
+@pytest.fixture(scope="module")
+def stuck(tmp_path_factory: pytest.TempPathFactory) -> Result:
     """Hands that jump through a ball, by a QP solver that gives up for some ticks in every fifty programs."""
     hand, mesh, options = HandModel.default(), load_object("sphere").mesh, TreeOptions(level=2)
     motion = RandomTargets(hand, 1, StressOptions(hold=20, bound="none", position_spread=0.04)).take(400)
@@ -339,9 +339,7 @@ def stuck(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(backend_programs, "solve", tired)
-        replay_scene(
-            scene, SolverOptions(method=request.param, qp="quadprog", linearisations=1), path, description=description
-        )
+        replay_scene(scene, SolverOptions(qp="quadprog", linearisations=1), path, description=description)
     return load_result(path)
 
 

@@ -9,10 +9,8 @@ from hhsim.live.playback import Playback
 from hhsim.live.pose.initial_pose import palm_place
 from hhsim.live.pose.registry import POSES, PoseConfig
 from hhsim.mesh.mesh import Mesh
-from hhsim.motion.trajectory import Trajectory
-from hhsim.scene.demonstration import Demonstration
+from hhsim.scene.motion_catalogue import Motion
 from hhsim.scene.scene import make_scene
-from hhsim.scene.script import Script
 from hhsim.trees.sphere_tree import SphereTree
 
 
@@ -33,7 +31,7 @@ def make_live_scene(
     hand: HandModel,
     device: GloveConfig,
     pose: PoseConfig,
-    motion: Script | Demonstration | Trajectory | None,
+    motion: Motion | None,
     *,
     placed: bool = False,
     seed: int = 0,

@@ -8,7 +8,7 @@ from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.motion.object_motion import RigidMotion
-from hhsim.replay.moving_object import FreeFrame, StillFrame, contact_rows, moved_by
+from hhsim.replay.moving_object import FreeFrame, StillFrame, contact_rows
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.solver.options import SolverOptions
 
@@ -51,7 +51,8 @@ class SessionColumns:
 
     def moved(self, records: Records) -> RigidMotion | None:
         """Return the motion of a free object since before the first tick, at the end of each; None of a fixed one."""
-        return moved_by(object_ticks(records)) if self._free else None
+        ticks = object_ticks(records) if self._free else None
+        return None if ticks is None else RigidMotion(ticks.turn, ticks.shift)
 
 
 def object_ticks(records: Records) -> ObjectRecord:

@@ -23,5 +23,5 @@ METHOD = Method(
     nearest_to_user=True,
     follows_input=True,
     takes_threads=True,
-    refuses_backends="",
+    takes_backends=True,
 )

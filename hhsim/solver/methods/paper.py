@@ -35,7 +35,6 @@ class PaperEngine:
 METHOD = Method(
     summary="the paper's way as printed",
     engine=PaperEngine,
-    refuses_backends="method paper is solved by active-set, as the paper has it, not by {qp}",
     refuses_surfaces="the paper's constraints are between frustums and spheres",
     defaults={"force": "paper", "linearisations": 1, "margin": 5e-4},
 )

@@ -40,5 +40,4 @@ METHOD = Method(
     summary="spring-dampers at the contacts and no program",
     engine=PenaltyEngine,
     refuses_surfaces="its springs let the hand sink in, and triangles have no depth",
-    refuses_backends="method penalty solves no quadratic program: it has no use for the QP solver {qp}",
 )

@@ -22,5 +22,4 @@ METHOD = Method(
     never_penetrates=True,
     follows_input=True,
     takes_threads=True,
-    refuses_backends="",
 )

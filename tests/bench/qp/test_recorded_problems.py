@@ -14,7 +14,7 @@ from hhsim.bench.qp.recorded_problems import RUNS, QpBenchOptions, harvest, harv
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.motion.analytic_motion import still
-from hhsim.solver.contact_qp import coupled_problem
+from hhsim.solver.backend_programs import coupled_problem
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 
@@ -96,7 +96,6 @@ def test_harvesting_a_tick_does_to_the_hand_what_running_it_does() -> None:
 
 
 def test_a_harvested_program_is_the_tick_s() -> None:
-    # The same rows as `contact_problem` takes from the state, where both are at hand.
     opened = still([0.0, -0.045, 0.056], flexion=0.2)
     closed = still([0.0, -0.045, 0.050], flexion=0.7)
     motion = opened.line(closed, 39)
@@ -109,7 +108,7 @@ def test_a_harvested_program_is_the_tick_s() -> None:
     problem, _ = coupled_problem(solver.workspace.states[0])
     assert (program.kind, program.source, program.variables) == ("coupled", "here", 21)
     weight = np.sqrt(problem.stiffness)
-    # contact_problem also holds the limits of fingers that touch nothing.
+    # coupled_problem also holds the limits of fingers that touch nothing.
     theirs = {tuple(np.round(row, 12)) for row in np.column_stack([problem.matrix / weight, problem.rhs])}
     ours = {tuple(np.round(row, 12)) for row in np.column_stack([program.matrix, program.rhs])}
     assert ours <= theirs

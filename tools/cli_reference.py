@@ -1,4 +1,4 @@
-"""Generator of the page docs/cli.md: `python -m hhsim.cli.reference > docs/cli.md`."""
+"""Print the help of every command as one Markdown page: `python -m tools.cli_reference > reference.md`."""
 
 import inspect
 import re
@@ -8,16 +8,16 @@ from typing import NamedTuple
 
 import click
 
-from .arguments.option_group import help_sections
-from .lazy_group import LazyGroup
-from .main import hhsim
+# cli/ installs as hhsim.cli, where mypy does not look for it.
+from hhsim.cli.arguments.option_group import help_sections  # type: ignore[import-not-found]
+from hhsim.cli.lazy_group import LazyGroup  # type: ignore[import-not-found]
+from hhsim.cli.main import hhsim  # type: ignore[import-not-found]
 
 WIDTH = 120
 BEGIN = """\
 # The command line
 
-Every command, argument and option, as `--help` prints them. This page is generated: change the help texts in `cli/`,
-then run `python -m hhsim.cli.reference > docs/cli.md`.
+Every command, argument and option, as `--help` prints them; `python -m tools.cli_reference` made this page of them.
 
 ## What all commands share
 
