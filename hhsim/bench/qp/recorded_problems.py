@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.bench.qp.program import Program, ProgramSolver
+from hhsim.bench.qp.program import Program
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import check_known
 from hhsim.hand.configuration import HandConfiguration
@@ -32,7 +32,7 @@ from hhsim.scene.scene import make_scene
 from hhsim.solver.backend_programs import drive_tick
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.qp import available_backends
+from hhsim.solver.qp import QpStatus, solve
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -57,24 +57,20 @@ class QpBenchOptions:
 
     Attributes:
         problems: Number of programs to harvest.
-        backends: Solvers besides ours; None for all that are installed.
+        objects: Objects of the catalogue.
+        motions: Motions of the catalogue, or `RANDOM`.
+        seed: Seed of the motions.
     """
 
     problems: int = 100_000
     objects: tuple[str, ...] = OBJECTS
     motions: tuple[str, ...] = MOTIONS
-    backends: tuple[str, ...] | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Raise UnknownNameError for an unknown object, motion or solver."""
-        check_known("QP solver", self.solvers(), available_backends()[1:])
+        """Raise UnknownNameError for an unknown object or motion."""
         check_known("object", self.objects, object_names())
         check_known("motion", self.motions, [*script_names(), RANDOM])
-
-    def solvers(self) -> list[str]:
-        """Return the solvers besides ours."""
-        return available_backends()[1:] if self.backends is None else list(self.backends)
 
 
 def harvest(options: QpBenchOptions, progress: Progress = silent) -> Iterator[Program]:
@@ -176,9 +172,9 @@ class _TickPrograms:
         taken: list[Program] = []
         if joined:
             taken.append(self._palm(6, groups[:, :1], []))
-            alone = ProgramSolver().solve(taken[0]).x
-            if alone is not None:
-                taken.extend(self._finger(f, alone) for f in joined)
+            alone = solve(taken[0].problem)
+            if alone.status is QpStatus.OPTIMAL:
+                taken.extend(self._finger(f, alone.x) for f in joined)
         taken.append(self._palm(int(work.variables), groups, joined))
         step = np.array(work.palm_step)
         touched = [f for f in range(FINGER_COUNT) if contacts.start[f + 1] < contacts.start[f + 2]]
