@@ -9,11 +9,11 @@ from conftest import Run
 
 from hhsim.bench.mesh_size import MeshSizeOptions
 from hhsim.bench.paper.bench import PaperOptions
+from hhsim.bench.paper.threads import ThreadsOptions
 from hhsim.bench.peers import PeersOptions
 from hhsim.bench.qp.recorded_problems import QpBenchOptions
 from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.bench.speed_error import SpeedErrorOptions
-from hhsim.bench.threads import ThreadsOptions
 from hhsim.bench.trees import TreesOptions
 from hhsim.errors import InputError, UnknownNameError
 
