@@ -1,12 +1,12 @@
 """Programs for tests: rows in the kernels' layout, degenerate sets; and the active set's answers to them."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.bench.qp.program import Program
 from hhsim.kernels.qp import active_set
 from hhsim.kernels.qp.row_scan import ProgramRows, WideRows
 
@@ -15,6 +15,50 @@ Rows = tuple[FloatArray, FloatArray, FloatArray]
 Maker = Callable[[np.random.Generator, int, int], Rows]
 
 VARIABLES = (3, 6, 21)
+
+
+@dataclass(frozen=True)
+class Program:
+    """One program in the kernels' layout: minimise ½ |x - x₀|² subject to a_i · x >= b_i.
+
+    Attributes:
+        common: Columns that all rows share, shape (0 or 6, m).
+        block: Three more columns, shape (3, m), of the variables of the row's group.
+        rhs: b, shape (m,).
+        groups: First row of each group, the row after its last, and the first variable of its block (-1 for none);
+            shape (3, groups).
+        target: x₀, shape (n,).
+        tolerance: Violation that counts as satisfied.
+        relaxation: Largest distance by which contradicting rows are moved back.
+    """
+
+    common: FloatArray
+    block: FloatArray
+    rhs: FloatArray
+    groups: IntArray
+    target: FloatArray
+    tolerance: float
+    relaxation: float
+
+    @property
+    def variables(self) -> int:
+        """Number of variables n."""
+        return self.target.size
+
+    @property
+    def rows(self) -> int:
+        """Number of rows m."""
+        return self.rhs.size
+
+    @property
+    def matrix(self) -> FloatArray:
+        """Rows a_i, shape (m, n)."""
+        dense = np.zeros((self.rows, self.variables))
+        dense[:, : len(self.common)] = self.common.T
+        for start, stop, first in self.groups.T:
+            if first >= 0:
+                dense[start:stop, first : first + 3] = self.block[:, start:stop].T
+        return dense
 
 
 def _hand_rows(rng: np.random.Generator, n: int, m: int) -> FloatArray:

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.bench.qp.program import Program
 from hhsim.bench.qp.qpbenchmark_export import export_programs
-from hhsim.bench.qp.recorded_problems import QpBenchOptions, harvest
+from hhsim.bench.qp.recorded_problems import QpBenchOptions, TickProgram, harvest
 from hhsim.solver.qp import QpStatus, solve
 from hhsim.system.progress import Progress, silent
 from hhsim.table.table import Column, Table
@@ -41,11 +40,11 @@ class SolvedPrograms:
     infeasible: int = 0
     missed: int = 0
 
-    def add(self, program: Program) -> None:
+    def add(self, program: TickProgram) -> None:
         """Solve a program and count the answer."""
-        self.variables = max(self.variables, program.variables)
-        self.rows.append(program.rows)
         problem = program.problem
+        self.variables = max(self.variables, problem.target.size)
+        self.rows.append(problem.rhs.size)
         answer = solve(problem)
         if answer.status is QpStatus.INFEASIBLE:
             self.infeasible += 1

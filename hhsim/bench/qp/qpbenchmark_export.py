@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.bench.qp.program import Program
+from hhsim.bench.qp.recorded_problems import TickProgram
 from hhsim.errors import OutputError
 from hhsim.solver.qp import QpProblem, QpStatus, solve
 from hhsim.system.atomic_write import write_atomically
@@ -54,13 +54,13 @@ def check_program_file(path: Path) -> None:
             raise OutputError(f"{file} exists and is no {kind}, so it is not replaced: name another with --programs")
 
 
-def export_programs(programs: Iterable[Program], path: Path) -> Iterator[Program]:
+def export_programs(programs: Iterable[TickProgram], path: Path) -> Iterator[TickProgram]:
     """Yield the programs, and write them with their test set.
 
-    A row is a program: `P` (the identity), `q`, `G`, `h` (matrices row by row), `A`, `b`, `lb` and `ub`, which are
-    empty, and `name`: kind, number and scene. The rows are in the order in which a run solves them, so that warm starts
-    can be judged. Further columns, which qpbenchmark ignores: `scene`, `kind`, `tick`, `step` (linearisation of the
-    tick, from 0) and `guess` (rows of G expected to be active).
+    A row is a conditioned program, see `QpProblem.conditioned`: `P` (the identity), `q`, `G`, `h` (matrices row by
+    row), `A`, `b`, `lb` and `ub`, which are empty, and `name`: kind, number and scene. The rows are in the order in
+    which a run solves them, so that warm starts can be judged. Further columns, which qpbenchmark ignores: `scene`,
+    `kind`, `tick` and `step` (linearisation of the tick, from 0).
 
     Raises:
         OutputError: It cannot be written.
@@ -70,9 +70,8 @@ def export_programs(programs: Iterable[Program], path: Path) -> Iterator[Program
 
     numbers = pyarrow.list_(pyarrow.float64())
     fields = [(name, numbers) for name in ("P", "q", "G", "h", "A", "b", "lb", "ub")]
-    text, count = pyarrow.string(), pyarrow.int64()
-    order = [("kind", text), ("scene", text), ("tick", count), ("step", count), ("guess", pyarrow.list_(count))]
-    schema = pyarrow.schema([*fields, ("name", text), *order])
+    fields += [(name, pyarrow.string()) for name in ("name", "kind", "scene")]
+    schema = pyarrow.schema([*fields, *((name, pyarrow.int64()) for name in ("tick", "step"))])
     source, written = iter(programs), 0
     try:
         with parquet.ParquetWriter(path, schema) as file:
@@ -87,18 +86,18 @@ def export_programs(programs: Iterable[Program], path: Path) -> Iterator[Program
     write_atomically(path.with_name(TEST_SET_NAME), text_of_set.encode())
 
 
-def _row(program: Program, number: int) -> dict[str, Any]:
+def _row(program: TickProgram, number: int) -> dict[str, Any]:
+    root, matrix, norm = program.problem.conditioned()
     return {
-        "P": np.eye(program.variables).ravel(),
-        "q": -program.target,
-        "G": -program.matrix.ravel(),
-        "h": -program.rhs,
+        "P": np.eye(root.size).ravel(),
+        "q": -root * program.problem.target,
+        "G": -matrix.ravel(),
+        "h": -program.problem.rhs / norm,
         "name": f"{program.kind} {number} {program.source}",
         "kind": program.kind,
         "scene": program.source,
         "tick": program.tick,
         "step": program.step,
-        "guess": program.guess,
     }
 
 

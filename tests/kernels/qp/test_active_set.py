@@ -16,6 +16,7 @@ from qp_problems import (
     VARIABLES,
     Maker,
     Outcome,
+    Program,
     Rows,
     duplicates,
     kernel_rows,
@@ -28,7 +29,6 @@ from qp_problems import (
 from sampled import sampled
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.bench.qp.program import Program
 from hhsim.kernels.qp import active_set
 from hhsim.kernels.qp.active_set import INFEASIBLE, NOT_FINITE, OPTIMAL, RESUMES
 from hhsim.kernels.qp.row_scan import WideRows
@@ -39,7 +39,7 @@ REPEATS = 200
 
 
 def program_of(common: FloatArray, block: FloatArray, rhs: FloatArray, groups: Any, target: FloatArray) -> Program:
-    return Program("", common, block, rhs, np.array(groups), target, TOLERANCE, RELAXATION, np.empty(0, np.int64))
+    return Program(common, block, rhs, np.array(groups), target, TOLERANCE, RELAXATION)
 
 
 def dense(matrix: FloatArray, rhs: FloatArray, target: FloatArray) -> Program:
@@ -172,7 +172,7 @@ def test_going_on_with_other_bounds_gives_the_same_optimum(problem: Rows, seed: 
     work = solve_dense(matrix, looser[0], target).work
     for bounds in (looser[1], rhs, looser[0]):
         program = dense(matrix, bounds, target)
-        rows, none = kernel_rows(program, WideRows), program.guess
+        rows, none = kernel_rows(program, WideRows), np.empty(0, np.int64)
         status = active_set.solve(program.variables, rows, target, TOLERANCE, RELAXATION, none, RESUMES, work)
         assert_optimal(outcome_of(status, program, work), matrix, bounds, target)
 
