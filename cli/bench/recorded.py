@@ -75,7 +75,6 @@ class RecordedSolvers(Solvers):
 )
 @click.option("--limit", type=options.COUNT, metavar="N", help="Run only the first N recordings.")
 @MeshSize.argument("mesh_size")
-@options.seed
 @options.Output.argument("output")
 def command(
     recordings: tuple[Path, ...],
@@ -86,7 +85,6 @@ def command(
     ticks: int | None,
     limit: int | None,
     mesh_size: MeshSize,
-    seed: int,
     output: options.Output,
 ) -> int:
     """Run recordings of real hands against objects, by every method, every tick measured.
@@ -94,8 +92,7 @@ def command(
     A FOLDER stands for all recordings in it: .h5 and .csv trajectories, and .npz, .json, .lz and .bvh files, which are
     imported on the way in. Penetration is recomputed from the hand that each tick shows. The exit code is 1 where
     coupled or progressive penetrates by more than 1 µm, touches farther than 1 mm from the true mesh, is not finite, or
-    is stuck although there was a way, and where a recording could not be run. --unit and --size are for the mesh files;
-    --seed chooses the ticks that are recomputed by brute force, and nothing else is random.
+    is stuck although there was a way, and where a recording could not be run. --unit and --size are for the mesh files.
 
     \b
     Examples:
@@ -122,7 +119,7 @@ def command(
         for name in objects or ("bunny", "cup")
     }
     table = SuiteTable(output, "recorded", COLUMNS, {})
-    run = RecordedOptions(rate=motion.rate, mode=motion.samples, place=motion.place_object, ticks=ticks, seed=seed)
+    run = RecordedOptions(rate=motion.rate, mode=motion.samples, place=motion.place_object, ticks=ticks)
     with measuring(output) as report:
         placed = [
             BenchObject(mesh.name, mesh, cached_sphere_tree(mesh, TreeOptions(level=level or usual), report))
@@ -148,7 +145,6 @@ def command(
         "place_object": motion.place_object,
         "ticks": ticks,
         "limit": limit,
-        "seed": seed,
         "solver": [solver.to_json() for solver in named],
     }
     rows = Table(COLUMNS, figures).records

@@ -33,7 +33,7 @@ SHOWN = (
     number("not finite", "not_finite"),
     number("stuck"),
     number("no cause", "unexplained"),
-    number("lag", lambda row: 100.0 * row.lag / row.ticks, "%", 1),
+    number("lag", lambda row: 100.0 * row.lagging / row.ticks, "%", 1),
     number("force/coupling", "force_ratio", digits=2),
     number("p50", "cpu_p50", "µs"),
     number("p99", "cpu_p99", "µs"),

@@ -8,21 +8,14 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.bench.robustness.case import DEEPEST, Figure, Outcome
-from hhsim.bench.robustness.local_optimality import way_out
-from hhsim.bench.robustness.pieces import Pieces
 from hhsim.bench.run_errors import placed_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import STATUS_STUCK
-from hhsim.motion.tick_motion import hold_readings
-from hhsim.solver.options import SolverOptions
 
 TIMINGS = ("duration", "duration_total", "duration_cpu")
 """Fields of a record that differ from run to run."""
-MOST_CHECKS = 40
-"""Different stuck ticks of a run that are examined; those beyond count as unexplained."""
 LIMIT_TOLERANCE = 1e-9
 """Excess of a joint beyond its limit that is rounding [rad]."""
 
@@ -63,35 +56,6 @@ def shown_points(record: TickRecord) -> FloatArray:
 def motion_difference(first: TickRecord, second: TickRecord) -> float:
     """Return the largest distance [m] of a joint or the palm of one record from the other's."""
     return float(np.linalg.norm(shown_points(first) - shown_points(second), axis=-1).max())
-
-
-def unexplained_stuck(
-    hand: HandModel, pieces: Pieces, options: SolverOptions, motion: HandConfiguration, record: TickRecord
-) -> int:
-    """Return the number of stuck ticks for which `way_out` finds a step towards the last usable sample.
-
-    Args:
-        pieces: Of the object, world.
-        motion: Haptic input, samples that are not finite included.
-        record: The same ticks of the run.
-    """
-    stuck = np.flatnonzero(record.status & STATUS_STUCK)
-    if len(stuck) == 0:
-        return 0
-    wanted = hold_readings(motion)
-    shown = HandConfiguration.of(record)
-    verdicts: dict[bytes, bool] = {}
-    unexplained = 0
-    for tick in stuck.tolist():
-        here, goal = shown.part(tick, tick + 1), wanted.part(tick, tick + 1)
-        key = b"".join(np.ascontiguousarray(values).tobytes() for values in (*here, *goal))
-        if key not in verdicts:
-            if len(verdicts) >= MOST_CHECKS:
-                unexplained += 1
-                continue
-            verdicts[key] = way_out(hand, pieces, options, here, goal) > 0.0
-        unexplained += verdicts[key]
-    return unexplained
 
 
 def sound_samples(motion: HandConfiguration) -> BoolArray:

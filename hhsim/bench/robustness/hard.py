@@ -13,19 +13,20 @@ from hhsim.bench.robustness.acceptance import (
     count_nonfinite,
     limit_excess,
     shown_points,
-    unexplained_stuck,
 )
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.contact_cases import CONTACT_CASES
 from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.input_cases import INPUT_CASES
 from hhsim.bench.robustness.invariance_cases import INVARIANCE_CASES, endurance_case
+from hhsim.bench.robustness.local_optimality import stuck_with_way_out
 from hhsim.bench.robustness.pieces import pieces_of
 from hhsim.bench.robustness.triangle_cases import TRIANGLE_CASES
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.motion.tick_motion import hold_readings
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
@@ -178,6 +179,7 @@ def run_scene(run: HardRun, options: SolverOptions) -> Outcome:
 def _counted(outcome: Outcome, surface: Any, motion: HandConfiguration, record: TickRecord) -> Outcome:
     run, options = outcome.run, outcome.options
     pieces = pieces_of(options.surface, run.mesh, run.tree)
+    unexplained = stuck_with_way_out(run.hand, pieces, options, hold_readings(motion), record)
     lagging = (record.status & STATUS_LAG) > 0
     return replace(
         outcome,
@@ -188,7 +190,7 @@ def _counted(outcome: Outcome, surface: Any, motion: HandConfiguration, record: 
         nonfinite=outcome.nonfinite + count_nonfinite(record),
         limit_excess=float(np.maximum(outcome.limit_excess, limit_excess(run.hand, record))),
         stuck=outcome.stuck + int(((record.status & STATUS_STUCK) > 0).sum()),
-        unexplained=outcome.unexplained + unexplained_stuck(run.hand, pieces, options, motion, record),
+        unexplained=outcome.unexplained + int(unexplained.sum()),
         lagging=outcome.lagging + int(lagging.sum()),
         lag=float(np.maximum(outcome.lag, record.lag.max(initial=0.0))),
     )

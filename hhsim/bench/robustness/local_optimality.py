@@ -12,6 +12,8 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.rotation import rotate_quaternion, rotation_vector_between
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import QpProblem, QpStatus, solve
 
@@ -25,6 +27,30 @@ ARRIVED = 1e-9
 """A hand this near to the haptic one [m] has arrived."""
 DIFFERENCE = 1e-6
 """Step of the central differences [m, rad]."""
+MOST_CHECKS = 40
+"""Different stuck ticks of a run, or of a block of it, that are examined; those beyond count as having a way out."""
+
+
+def stuck_with_way_out(
+    hand: HandModel, pieces: Pieces, options: SolverOptions, haptic: HandConfiguration, record: TickRecord
+) -> BoolArray:
+    """Return the stuck ticks for which `way_out` finds a step, shape (T,).
+
+    Args:
+        pieces: Pieces of the object, world.
+        haptic: Readings of the same ticks, see `hold_readings`.
+        record: Ticks of the run.
+    """
+    found = np.zeros(len(record.status), bool)
+    shown = HandConfiguration.of(record)
+    verdicts: dict[bytes, bool] = {}
+    for tick in np.flatnonzero(record.status & STATUS_STUCK).tolist():
+        here, goal = shown.part(tick, tick + 1), haptic.part(tick, tick + 1)
+        key = b"".join(np.ascontiguousarray(values).tobytes() for values in (*here, *goal))
+        if key not in verdicts and len(verdicts) < MOST_CHECKS:
+            verdicts[key] = way_out(hand, pieces, options, here, goal) > 0.0
+        found[tick] = verdicts.get(key, True)
+    return found
 
 
 def way_out(

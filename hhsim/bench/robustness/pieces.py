@@ -1,8 +1,7 @@
 """Brute-force distances of a hand's bodies to the convex pieces of an object: leaf spheres or triangles.
 
-Runs by trees are checked with it, and the judge of stuck ticks uses it. The distance of a triangle to the ball at a
-point of a phalanx's axis is convex along the axis, so its slope is bisected; its nearest point is trimesh's, and the
-winding number tells inside from outside. No hierarchy, and none of the kernels.
+The judge of stuck ticks uses them. The distance of a triangle to the ball at a point of a phalanx's axis is convex
+along the axis, so its slope is bisected. No hierarchy, and none of the kernels.
 """
 
 from collections.abc import Sequence
@@ -11,16 +10,14 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.hand.fingers import PHALANGES
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
-from hhsim.trees.contact_surface import encloses
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.contacts import ReadyTriangles, away_from_triangles, nearest_share, ready_triangles
-from hhsim.verify.tree_checks import INSIDE, winding_number
 
 
 class Body(NamedTuple):
@@ -58,14 +55,6 @@ def hand_bodies(shape: HandShape, joints: ArrayLike, position: ArrayLike, orient
     return phalanges + [Body(*sphere) for sphere in zip(*twice)]
 
 
-def hand_distance(
-    pieces: Pieces, shape: HandShape, joints: ArrayLike, position: ArrayLike, orientation: ArrayLike
-) -> float:
-    """Return the signed distance of one hand to an object [m]; NaN if the hand is not finite. See `hand_bodies`."""
-    bodies = hand_bodies(shape, joints, position, orientation)
-    return pieces.least(*bodies) if all(np.isfinite(body.ends).all() for body in bodies) else float("nan")
-
-
 def pieces_of(surface: str, mesh: Mesh | None, tree: SphereTree | None) -> Pieces:
     """Return the pieces of a surface by its name, in the frame of mesh and tree.
 
@@ -75,7 +64,7 @@ def pieces_of(surface: str, mesh: Mesh | None, tree: SphereTree | None) -> Piece
     if surface == "spheres" and tree is not None:
         return Leaves(np.asarray(tree.leaf_center), np.asarray(tree.leaf_radius))
     if surface == "mesh" and mesh is not None:
-        return Triangles(mesh.triangles, closed=encloses(mesh))
+        return Triangles(mesh.triangles)
     raise InputError(f"this object has no {surface}")
 
 
@@ -98,10 +87,6 @@ class Leaves:
             place, size = (np.stack(values)[:, None, 0] for values in zip(*places))
             return np.asarray(np.linalg.norm(self._center - place, axis=2) - self._radius - size)
         return np.stack([self._of(body) for body in places])
-
-    def least(self, *bodies: Body) -> float:
-        """Return the signed distance of the nearest body [m], negative inside; infinite without a sphere."""
-        return float(min(self._of(body).min(initial=np.inf) for body in bodies))
 
     def _of(self, body: Body) -> FloatArray:
         first, last = body.ends
@@ -136,19 +121,18 @@ class _Axes(NamedTuple):
 
 
 class Triangles:
-    """Triangles: corners [m], shape (F, 3, 3); `closed` where they enclose something."""
+    """Triangles: corners [m], shape (F, 3, 3)."""
 
-    def __init__(self, corners: FloatArray, closed: bool = False) -> None:
+    def __init__(self, corners: FloatArray) -> None:
         # A triangle without area lies on its neighbours.
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         self._corners = corners[(across != 0.0).any(axis=1)]
-        self._closed = closed
         self._middle = self._corners.mean(axis=1)
         self._around = np.linalg.norm(self._corners - self._middle[:, None], axis=2).max(axis=1, initial=0.0)
 
     def near(self, body: Body, limit: float) -> "Triangles":
         """Return the triangles whose bounding ball is within the limit of one around the body."""
-        return Triangles(self._corners[self._near(body, limit)], self._closed)
+        return Triangles(self._corners[self._near(body, limit)])
 
     def distances(self, places: Sequence[Body]) -> FloatArray:
         """Return signed distances [m] of a body at P places to each triangle, shape (P, F); clear if none is negative.
@@ -165,38 +149,7 @@ class Triangles:
             shares += [np.ones(len(row)), nearest_share(axes.start, axes.along, axes.drop, triangles)]
         return np.concatenate([axes.apart(share, triangles).reshape(len(places), -1) for share in shares], axis=1)
 
-    def least(self, *bodies: Body) -> float:
-        """Return the least distance over all triangles, negative if the nearest point of a body's axis is inside."""
-        if len(self._corners) == 0:
-            return np.inf
-        # A triangle is no farther than its middle is from the ball at an end.
-        most = [(np.linalg.norm(self._middle - body.ends[0], axis=1) - body.radius[0]).min() for body in bodies]
-        near = [self._near(body, limit) for body, limit in zip(bodies, most)]
-        row = np.repeat(np.arange(len(bodies)), [len(found) for found in near])
-        axes, triangles = _Axes.of(bodies, row), ready_triangles(self._corners[np.concatenate(near)])
-        share, long = np.zeros(len(row)), np.asarray(axes.along.any(axis=1))
-        share[long] = nearest_share(axes.start[long], axes.along[long], axes.drop[long], triangles.at(long))
-        distance = axes.apart(share, triangles)
-        # The first of each body's, the nearest one.
-        ranked = np.lexsort((distance, row))
-        nearest = ranked[np.searchsorted(row, np.arange(len(bodies)))]
-        distance, (place, size) = distance[nearest], (values[nearest] for values in axes.ball(share))
-        inside = self._inside(place, distance + size)
-        return float(np.where(inside, -distance - 2.0 * size, distance).min())
-
     def _near(self, body: Body, limit: float) -> IntArray:
         middle, half = body.ends.mean(axis=0), 0.5 * np.linalg.norm(body.ends[1] - body.ends[0])
         apart = np.linalg.norm(self._middle - middle, axis=1) - self._around - half - body.radius.max()
         return np.flatnonzero(apart <= limit)
-
-    def _inside(self, places: FloatArray, clear: FloatArray) -> BoolArray:
-        """Tell which places are inside; all places within `clear` [m] of one are on the same side."""
-        inside = np.zeros(len(places), np.bool_)
-        left = np.arange(len(places)) if self._closed else np.zeros(0, np.int64)
-        while len(left):
-            first = left[clear[left].argmax()]
-            same = np.linalg.norm(places[left] - places[first], axis=1) < clear[first]
-            same[left == first] = True
-            inside[left[same]] = winding_number(self._corners, places[first]) >= INSIDE
-            left = left[~same]
-        return inside

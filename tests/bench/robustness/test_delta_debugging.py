@@ -86,18 +86,6 @@ def test_only_the_samples_that_matter_are_left(seed: int, heights: list[float]) 
         assert not trial(shrunk.motion.at(kept)).failed.any()
 
 
-def test_what_does_not_matter_is_held_still_and_rounded() -> None:
-    motion = RandomTargets(HAND, 2, JUMPS).take(300)
-    shrunk = delta_debug(motion, in_order(lambda p, q, f, a: f[3, 1] > 1.2345678))
-    start, end = (tuple(values[tick] for values in shrunk.motion) for tick in (0, 1))
-    np.testing.assert_array_equal(start[1], end[1])
-    np.testing.assert_allclose(start[0], end[0], atol=5e-3)
-    moved = np.abs(end[2] - start[2]).max(axis=1) > 5e-3
-    np.testing.assert_array_equal(moved, [False, False, False, True, False])
-    assert end[2][3, 1] == pytest.approx(1.24, abs=0.4)
-    assert np.round(end[2][3], 5).tolist() == end[2][3].tolist()
-
-
 def test_the_start_is_brought_up_to_the_failure() -> None:
     # Without the graphic hand shown before it, all of the way there would be needed.
     def walk(motion: HandConfiguration) -> Trace:

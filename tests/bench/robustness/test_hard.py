@@ -13,7 +13,7 @@ from conftest import Run
 from sphere_scenes import record_clearance
 
 from hhsim.bench.robustness import hard as suite
-from hhsim.bench.robustness.acceptance import part_of, sound_samples, unexplained_stuck
+from hhsim.bench.robustness.acceptance import part_of, sound_samples
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun
 from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.hard import (
@@ -25,6 +25,7 @@ from hhsim.bench.robustness.hard import (
     run_scene,
     table_rows,
 )
+from hhsim.bench.robustness.local_optimality import stuck_with_way_out
 from hhsim.bench.robustness.pieces import pieces_of
 from hhsim.bench.robustness.postures import HALF
 from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, right_hand, tree_of
@@ -35,6 +36,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.motion.analytic_motion import still
+from hhsim.motion.tick_motion import hold_readings
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
@@ -169,7 +171,11 @@ def test_penetration_is_that_of_brute_force() -> None:
 def stuck_at(motion: HandConfiguration, record: TickRecord, tick: int) -> int:
     status = record.status.copy()
     status[tick] |= STATUS_STUCK
-    return unexplained_stuck(right_hand(), PIECES, SolverOptions(), motion, record._replace(status=status))
+    return with_way_out(motion, record._replace(status=status))
+
+
+def with_way_out(motion: HandConfiguration, record: TickRecord) -> int:
+    return int(stuck_with_way_out(right_hand(), PIECES, SolverOptions(), hold_readings(motion), record).sum())
 
 
 def test_a_stuck_tick_is_explained_where_the_hand_can_go_no_nearer() -> None:
@@ -202,13 +208,13 @@ def test_held_input_is_judged_by_the_last_sample_that_was_sound() -> None:
 def test_more_stuck_ticks_than_are_looked_at_are_not_explained(monkeypatch: pytest.MonkeyPatch) -> None:
     record = HandSolver(right_hand(), BALL.arrays(), SolverOptions()).run(*PRESS)
     stuck = record._replace(status=record.status | STATUS_STUCK)
-    assert unexplained_stuck(right_hand(), PIECES, SolverOptions(), PRESS.part(0, 30), part_of(stuck, 0, 30)) == 0
-    monkeypatch.setattr("hhsim.bench.robustness.acceptance.MOST_CHECKS", 10)
+    assert with_way_out(PRESS.part(0, 30), part_of(stuck, 0, 30)) == 0
+    monkeypatch.setattr("hhsim.bench.robustness.local_optimality.MOST_CHECKS", 10)
     # The first tick is done twice, and looked at once.
     twice = PRESS.part(0, 1).hold(30).line(PRESS.part(29), 12)
     again = HandSolver(right_hand(), BALL.arrays(), SolverOptions()).run(*twice)
     again = again._replace(status=again.status | STATUS_STUCK)
-    assert unexplained_stuck(right_hand(), PIECES, SolverOptions(), twice, again) == 12 - 9
+    assert with_way_out(twice, again) == 12 - 9
 
 
 def test_loops_keep_the_marks_and_the_memory() -> None:

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import bumpy_ball, record_clearance
 
 from hhsim.bench.robustness import stress
-from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.bench.robustness.stress import (
     BLOCK,
@@ -101,7 +100,7 @@ def test_the_figures_are_those_of_the_ticks(method: str) -> None:
     clearance = record_clearance(HAND, BALL, record)
     assert clearance.min() > -1e-6
     assert figures.penetration == max(0.0, -clearance.min())
-    assert figures.lag == (record.status & STATUS_LAG > 0).sum() > 100
+    assert figures.lagging == (record.status & STATUS_LAG > 0).sum() > 100
     assert figures.touching == (record.work[:, WORK_TOUCHING] > 0).sum() > 500
     assert figures.ticks == figures.cpu.count == TICKS
     size = np.linalg.norm(record.total, axis=1)
@@ -115,8 +114,6 @@ def test_the_figures_are_those_of_the_ticks(method: str) -> None:
     farthest = (np.linalg.norm(HAND.base, axis=1) + HAND.length.sum(axis=1)).max()
     own += 5.0 * turn.magnitude() / farthest
     assert figures.coupling_force == pytest.approx(own, rel=1e-9)
-    assert figures.brute_ticks == len(range(0, TICKS, 997))
-    assert figures.brute_difference < 1e-15
     assert figures.safe and not figures.missed
     if method == "coupled":
         # Its forces balance the coupling: at a tick that lags they are at most that.
@@ -151,21 +148,10 @@ def test_planted_faults_are_counted_kept_and_shrunk(tmp_path: Path, monkeypatch:
 @pytest.mark.parametrize("method", ["coupled", pytest.param("progressive", marks=pytest.mark.soak)])
 def test_on_the_mesh_the_figures_are_of_the_mesh(method: str) -> None:
     figures = run_case(case(method, 1100, surface="mesh"))
-    assert (figures.surface, figures.brute_ticks, figures.penetration) == ("mesh", 2, 0.0)
-    assert figures.brute_difference < 1e-9
+    assert (figures.surface, figures.penetration) == ("mesh", 0.0)
     assert figures.touching > 300 and figures.safe
     # On the spheres of the same ball the same motion is another run.
     assert run_case(case(method, 1100)).touching != figures.touching
-
-
-def test_a_mesh_that_the_kernels_and_brute_force_see_differently_is_a_missed_limit() -> None:
-    wrong = replace(case(ticks=1000, surface="mesh"), mesh=ball_mesh(subdivisions=3).scaled(1.001))
-    measure = stress.StressMeasure(wrong)
-    vars(wrong)["pieces"] = case(surface="mesh").pieces
-    motion = wrong.targets().take(1000)
-    record = wrong.new_solver().run(*motion)
-    measure.add(motion, record, recorded_penetration(HAND, wrong.surface, record))
-    assert 3e-5 < measure.figures.brute_difference < 4.5e-5 and measure.figures.missed
 
 
 def test_a_failure_on_the_mesh_is_kept_with_its_surface(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -182,7 +168,6 @@ def test_a_failure_on_the_mesh_is_kept_with_its_surface(tmp_path: Path, monkeypa
 
 
 def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stress, "MOST_STUCK_CHECKED", 40)
     monkeypatch.setattr(stress, "HandSolver", Lazy)
     figures = run_case(case(ticks=900, keep=tmp_path))
     assert figures.stuck > figures.unexplained > 10
@@ -230,15 +215,15 @@ def test_a_force_without_a_pull_has_no_bound(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_only_a_method_that_promises_can_miss() -> None:
-    fields = {**run_case(case(ticks=60)).__dict__, "penetration": 1.0}
+    figures = replace(run_case(case(ticks=60)), penetration=1.0)
     for change, missed in (
         ({}, True),
         ({"method": "progressive"}, True),
         ({"method": "paper"}, False),
-        ({"penetration": 0.0, "brute_difference": 2e-6}, True),
+        ({"penetration": 0.0, "unexplained": 1}, True),
         ({"penetration": np.nan}, True),
     ):
-        assert StressFigures(**{**fields, **change}).missed == missed, change
+        assert replace(figures, **change).missed == missed, change
 
 
 def test_processes_give_the_same_figures_in_the_same_order() -> None:
@@ -253,7 +238,7 @@ def test_processes_give_the_same_figures_in_the_same_order() -> None:
 def test_a_total_adds_what_adds_up() -> None:
     rows = [run_case(case(ticks=ticks)) for ticks in (900, 300)]
     both = total(rows)
-    assert (both.object, both.ticks, both.lag) == ("all", 1200, rows[0].lag + rows[1].lag)
+    assert (both.object, both.ticks, both.lagging) == ("all", 1200, rows[0].lagging + rows[1].lagging)
     assert both.force_max == max(row.force_max for row in rows)
     assert both.cpu.count == 1200
     assert both.cpu_max == max(row.cpu_max for row in rows)
