@@ -397,9 +397,9 @@ def measure(folder: Path, suites: Sequence[str], ticks: int) -> dict[str, Any]:
                 "passed": result.passed,
                 "failed": [figure.name for figure in result.figures if not figure.passed],
                 "depth": result.penetration,
-                "stuck": result.stuck,
-                "lagging": result.lagging,
-                "lag": result.lag if np.isfinite(result.lag) else 0.0,
+                "stuck": result.safety.stuck,
+                "lagging": result.safety.lagging,
+                "lag": result.safety.lag if np.isfinite(result.safety.lag) else 0.0,
             }
     return found
 

@@ -62,10 +62,8 @@ def command(settings: QpSettings, programs: Path | None, seed: int, output: opti
         rows = bench_qp(chosen, programs, report)
     table.write(rows)
     missed, compare = missed_programs(rows), [] if programs is None else qpbenchmark_commands(programs)
-    if output.as_json:
-        written = None if programs is None else str(programs)
-        table.print_json(programs=written, rows=rows, missed=missed, compare=compare)
-    elif not output.quiet:
+    written = None if programs is None else str(programs)
+    if table.is_for_people(programs=written, rows=rows, missed=missed, compare=compare):
         print_table(Table(SHOWN, rows, "programs of ticks, and our answers; KKT in sizes of the program"))
         if programs is not None:
             print(f"the programs are in {programs}; to compare solvers on them:")

@@ -10,7 +10,7 @@ from hhsim.table.table import Table, number, words
 from ..arguments import options
 from ..arguments.comma_list import names, read_names
 from ..arguments.object_argument import MeshSize, complete_object
-from ..console import print_json, print_line, print_table
+from ..console import print_table
 from .suite import Solvers, SuiteTable, measuring
 
 if TYPE_CHECKING:
@@ -149,18 +149,13 @@ def command(
     }
     rows = Table(COLUMNS, figures).records
     table.write(rows)
-    csv = table.path.with_suffix(".csv")
     if stopped is not None:
-        stopped.add_note(f"what ran so far, {len(rows):,} in all, is in {table.path} and {csv}")
+        stopped.add_note(f"what ran so far, {len(rows):,} in all, is in {table.path} and its .csv file")
         raise stopped
     missed = any(row.missed for row in figures)
-    if output.as_json:
-        whole = Table(COLUMNS, totals(figures)).records
-        document = {"suite": "recorded", "missed": missed, "rows": rows, "totals": whole, "options": table.options}
-        print_json({**document, "path": str(table.path), "csv": str(csv)})
-    elif not output.quiet:
+    if table.is_for_people(missed=missed, rows=rows, totals=Table(COLUMNS, totals(figures)).records):
         _print(figures)
-        print_line(f"every figure is in {table.path}, and as a table in {csv}")
+        table.print_paths()
     return int(missed)
 
 

@@ -45,9 +45,7 @@ def command(settings: ThreadsSettings, output: Output) -> None:
     with measuring(output) as report:
         rows = measure(run, report)
     table.write(rows)
-    if output.as_json:
-        table.print_json(rows=rows)
-    elif not output.quiet:
+    if table.is_for_people(rows=rows):
         title = f"wall time of a tick in contact, mean of {rows[0]['instances']} instances"
         print_table(Table(SHOWN, rows, title))
         print()

@@ -24,9 +24,7 @@ FEW = TreesOptions(objects=("cube",), spheres=(8, 60), points=3_000)
 def few_points(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command has no option for the samples that a tree is measured at."""
     few = {"mesh_points": 3_000, "sphere_points": 3_000}
-    monkeypatch.setattr(
-        "hhsim.verify.tree_checks.referee", lambda *built, **options: referee(*built, **{**options, **few})
-    )
+    monkeypatch.setattr(trees, "referee", lambda *built, **options: referee(*built, **{**options, **few}))
 
 
 @pytest.fixture(scope="module")

@@ -14,31 +14,24 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.tick.block import TickRecord
 
-TIMINGS = ("duration", "duration_total", "duration_cpu")
-"""Fields of a record that differ from run to run."""
 LIMIT_TOLERANCE = 1e-9
 """Excess of a joint beyond its limit that is rounding [rad]."""
 
 
 def common_figures(outcomes: list[Outcome]) -> list[Figure]:
     """Return the figures of every case, over all of its runs that were not refused."""
-    penetration = float(np.max([outcome.penetration / outcome.run.scale for outcome in outcomes]))
+    penetration = float(np.max([outcome.safety.penetration / outcome.run.scale for outcome in outcomes]))
     return [
         Figure("penetration", penetration, DEEPEST, "m"),
-        Figure("numbers that are not finite", sum(outcome.nonfinite for outcome in outcomes), 0),
+        Figure("ticks that are not finite", sum(outcome.safety.not_finite for outcome in outcomes), 0),
         Figure("joint beyond its limit", max(outcome.limit_excess for outcome in outcomes), LIMIT_TOLERANCE, "rad"),
-        Figure("stuck ticks that nothing explains", sum(outcome.unexplained for outcome in outcomes), 0),
+        Figure("stuck ticks that nothing explains", sum(outcome.safety.unexplained for outcome in outcomes), 0),
     ]
 
 
 def part_of(record: TickRecord, first: int | None, last: int | None = None) -> TickRecord:
     """Return ticks first to last - 1 of a record; negative numbers count from the end."""
     return TickRecord._make(values[first:last] for values in record)
-
-
-def count_nonfinite(record: TickRecord) -> int:
-    """Return the number of values of the record, timings apart, that are NaN or infinite."""
-    return sum(int((~np.isfinite(values)).sum()) for name, values in record._asdict().items() if name not in TIMINGS)
 
 
 def limit_excess(hand: HandModel, record: TickRecord) -> float:

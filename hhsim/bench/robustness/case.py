@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
+from hhsim.bench.robustness.safety import SafetyFigures
 from hhsim.bench.robustness.sphere_objects import ball, right_hand
 from hhsim.bench.robustness.triangle_objects import ball_mesh
 from hhsim.hand.configuration import HandConfiguration
@@ -87,14 +88,8 @@ class Outcome:
         options: Options that it was solved with.
         record: Ticks of the last repeat of the motion; None if the method refused the scene.
         refusal: Message of the refusal, else empty.
-        ticks_done: Ticks of all blocks.
-        penetration: Largest depth over all ticks [m]; NaN if a hand is not finite.
-        nonfinite: Numbers of the record that are not finite.
+        safety: Figures of all ticks.
         limit_excess: Largest excess of a joint beyond its limits [rad].
-        stuck: Ticks that kept the last feasible hand.
-        unexplained: Stuck ticks from which the hand can move, see `hhsim.bench.robustness.local_optimality`.
-        lagging: Ticks that are not converged.
-        lag: Largest distance still to go [m].
         marked: Graphic hands at the marks: joints and palm [m], shape (repeats, marks, 21, 3).
         memory: Resident memory of the process after each repeat [B], shape (repeats,).
     """
@@ -103,14 +98,8 @@ class Outcome:
     options: SolverOptions
     record: TickRecord | None
     refusal: str = ""
-    ticks_done: int = 0
-    penetration: float = 0.0
-    nonfinite: int = 0
+    safety: SafetyFigures = SafetyFigures()  # noqa: RUF009
     limit_excess: float = 0.0
-    stuck: int = 0
-    unexplained: int = 0
-    lagging: int = 0
-    lag: float = 0.0
     marked: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 21, 3)))
     memory: FloatArray = field(default_factory=lambda: np.zeros(0))
 

@@ -13,7 +13,7 @@ import numpy as np
 from hhsim.arrays import AnyArray
 from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.pieces import pieces_of
-from hhsim.bench.robustness.safety import BLOCK, NAN, SafetyFigures, SafetyMeasure, largest
+from hhsim.bench.robustness.safety import BLOCK, NAN, SafetyFigures, SafetyMeasure, deepest, largest
 from hhsim.bench.run_errors import placed_of
 from hhsim.bench.table import columns_of, cpu_times, figure, mean, metric, totals_of
 from hhsim.errors import HhsimError, InputError
@@ -50,6 +50,7 @@ class RecordedFigures(SafetyFigures):
     """
 
     recording: str = figure("recording")
+    penetration: float = figure("deepest penetration", "m", deepest, NAN)
     reason: str = figure("why there was no run", default="")
     placement: str = figure("where the object was put, and how the hand begins", default="")
     samples: int = figure("samples of the recording", "", sum, 0)
@@ -61,7 +62,6 @@ class RecordedFigures(SafetyFigures):
     force_step: float = figure("largest one-tick step of the total force in touch", "N", largest, NAN)
     variation_tick: float = figure("mean force variation from tick to tick", "%", mean, NAN)
     variation_sample: float = figure("mean force variation from one new input sample to the next", "%", mean, NAN)
-    lag: float = figure("most distance still to go", "m", largest, 0.0)
     started_inside: bool = figure("whether the user's hand begins inside the object", "", largest, default=False)
     cpu: LogHistogram = cpu_times("a tick with candidates")  # noqa: RUF009
 
@@ -253,12 +253,12 @@ def run_scene(
         record = running.run(*motion)
         safety.add(safety.readings(motion), record, recorded_penetration(scene.hand, surface, record).depth)
         touching = record.work[:, WORK_TOUCHING] > 0
-        blocks.append((record.status, record.total, record.lag, touching))
+        blocks.append((record.status, record.total, touching))
         cpu.add(record.duration_cpu[record.work[:, WORK_CANDIDATES] > 0])
         some = touching & ((first + np.arange(len(touching))) % looked_at == 0)
         off_mesh.append(statistics(touched_object.contact_error(placed_of(record), some)).max)
         check()
-    status, force, lag, touched = (np.concatenate(values) for values in zip(*blocks))
+    status, force, touched = (np.concatenate(values) for values in zip(*blocks))
     # As `RunTicks.touch` has it: a force is a touch, however far the nearest pair is.
     size = np.linalg.norm(force, axis=1)
     felt = touched | (size > 0.0)
@@ -272,7 +272,6 @@ def run_scene(
         force_step=contact_force_step(force, felt),
         variation_tick=statistics(force_variation_rate(force)).mean,
         variation_sample=statistics(sample_variation_rate(force, ticks.input_seq)).mean,
-        lag=float(lag.max()),
         started_inside=bool(((status & STATUS_START_INSIDE) > 0).any()),
         cpu=cpu,
     )

@@ -30,6 +30,11 @@ def largest(values: Sequence[Any]) -> Any:
     return max((value for value in values if value == value), default=NAN)
 
 
+def deepest(values: Sequence[float]) -> float:
+    """Return the largest of the depths; NaN if one is, that of a hand that is not finite."""
+    return float(np.max(values))
+
+
 @dataclass(frozen=True, kw_only=True)
 class SafetyFigures(CpuTimes):
     """Figures of a run by one method."""
@@ -38,7 +43,7 @@ class SafetyFigures(CpuTimes):
     method: str = figure("method of the solver", default="")
     surface: str = figure("what of the object the hand touches", default="")
     ticks: int = figure("ticks run", "", sum, 0)
-    penetration: float = figure("deepest penetration", "m", largest, NAN)
+    penetration: float = figure("deepest penetration", "m", deepest, 0.0)
     penetrating: int = figure("ticks deeper than 1 um", "", sum, 0)
     not_finite: int = figure("ticks whose hand or force is not finite", "", sum, 0)
     touching: int = figure("ticks in touch with the object", "", sum, 0)
@@ -47,6 +52,7 @@ class SafetyFigures(CpuTimes):
     longest_stuck: int = figure("longest run of stuck ticks", "", largest, 0)
     unexplained: int = figure("stuck ticks that had a way out", "", sum, 0)
     lagging: int = figure("ticks with distance still to go", "", sum, 0)
+    lag: float = figure("most distance still to go", "m", largest, 0.0)
 
     @property
     def safe(self) -> bool:
@@ -104,6 +110,7 @@ class SafetyMeasure:
             longest_stuck=longest_run(run),
             unexplained=int(unexplained.sum()),
             lagging=int(((record.status & STATUS_LAG) > 0).sum()),
+            lag=float(record.lag.max()),
         )
         self.figures = replace(block, **totals_of(SafetyFigures, [self.figures, block]))
         return {"penetration": penetrating, "not finite": lost, "stuck": unexplained}

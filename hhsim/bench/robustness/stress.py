@@ -50,10 +50,7 @@ from hhsim.trees.sphere_tree import SphereTree
 
 @dataclass(frozen=True)
 class KeptFailure:
-    """A failure that was shrunk and kept.
-
-    `reproduced` is False if no fresh solver fails on any end of the motion: then the file holds all of it.
-    """
+    """A failure that was shrunk and kept."""
 
     kind: str
     tick: int
@@ -61,7 +58,6 @@ class KeptFailure:
     ticks: int
     failing_tick: int
     depth: float
-    reproduced: bool
     command: str
 
 
@@ -267,18 +263,15 @@ def _keep(
     motion, graphic = (sequence(*pieces) for pieces in zip(*stretch))
     end = motion.ticks - behind
     trial = make_trial(case.hand, case.new_solver, failure_of(kind, case.hand, case.pieces, case.solver))
-    reproduced = True
     try:
         shrunk = delta_debug(motion.part(0, end), trial, graphic=graphic.part(0, end))
     except InputError:
         # The solver's memory of what came before the stretch decides: keep the whole way there.
         whole = replayed(case.targets().take(tick + 1))
         shrunk = Shrunk(whole, trial(whole), tick + 1, 1)
-        reproduced = bool(shrunk.trace.failed.any())
-    last = shrunk.tick if reproduced else shrunk.motion.ticks - 1
-    solver = case.new_solver()
-    record = solver.run(*shrunk.motion)
-    depth = float(recorded_penetration(case.hand, solver.workspace.surface, record).depth[last])
+    last = shrunk.tick
+    record = case.new_solver().run(*shrunk.motion)
+    depth = float(recorded_penetration(case.hand, case.surface, record).depth[last])
     provenance = Provenance(
         kind=kind,
         object=case.object,
@@ -298,4 +291,4 @@ def _keep(
     name = f"{stem}-{case.solver.method}{touched}-{kind.replace(' ', '-')}-seed{case.seed}-tick{tick}.h5"
     path = free_name(folder / name)
     command = keep_failure(path, shrunk, provenance)
-    return KeptFailure(kind, tick, str(path), shrunk.motion.ticks, last, depth, reproduced, command)
+    return KeptFailure(kind, tick, str(path), shrunk.motion.ticks, last, depth, command)

@@ -144,7 +144,7 @@ def test_a_finger_that_slides_over_facets_does_not_stop_at_an_edge(method: str) 
     for outcome in outcomes:
         # Only the finger that points bears a force: what is measured is one contact.
         assert not np.delete(outcome.ticks.phalanx, INDEX, axis=1).any()
-        assert outcome.stuck == outcome.lagging == 0
+        assert outcome.safety.stuck == outcome.safety.lagging == 0
         assert (np.linalg.norm(outcome.ticks.total[SLIDE], axis=1) > 0.05).all()
 
 
@@ -177,7 +177,7 @@ def test_the_bars_of_sliding_over_facets_can_be_kept() -> None:
 def test_triangles_in_the_plane_of_a_floor_are_nothing_of_their_own(method: str, seed: int) -> None:
     case = ON_MESH["overlaps"]
     result = judge_case(case, case.build(seed), SolverOptions(method=method, surface="mesh"))
-    assert not result.reason and result.penetration == 0.0 and result.unexplained == 0
+    assert not result.reason and result.penetration == 0.0 and result.safety.unexplained == 0
     assert result.passed, [figure for figure in result.figures if not figure.passed]
 
 
