@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from hhsim.bench.paper.scene import turned_by
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.scene.contact_goals import TOUCHING
@@ -40,12 +39,3 @@ def test_a_place_is_found_where_the_finger_touches_the_part_and_again(monkeypatc
     assert distance <= TOUCHING
     assert place.to_toml() == again.to_toml()
     assert place.back @ towards >= np.cos(np.radians(35.1))
-
-
-def test_a_turn_is_a_rotation_about_its_vector() -> None:
-    vector = np.array([0.3, -0.4, 1.2])
-    turn = turned_by(vector)
-    assert turn @ turn.T == pytest.approx(np.eye(3)) and np.linalg.det(turn) == pytest.approx(1.0)
-    assert turn @ vector == pytest.approx(vector)
-    assert np.trace(turn) == pytest.approx(1.0 + 2.0 * np.cos(1.3))
-    assert np.array_equal(turned_by(np.zeros(3)), np.eye(3))

@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Run
-from sphere_scenes import record_clearance
 
 from hhsim.bench.robustness import hard as suite
 from hhsim.bench.robustness.acceptance import part_of, sound_samples
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun
-from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.hard import (
     CaseResult,
     bench_hard,
@@ -154,18 +152,6 @@ def test_the_deciding_figure_is_the_one_that_failed_or_came_nearest() -> None:
     assert CaseResult("", "", "", failed).deciding == failed[4]
     assert CaseResult("", "", "", (*figures, Figure("e", math.nan, 1.0))).deciding is not None
     assert CaseResult("", "", "", (common,)).deciding is None
-
-
-def test_penetration_is_that_of_brute_force() -> None:
-    hand = right_hand()
-    record = HandSolver(hand, BALL.arrays(), SolverOptions()).run(*PRESS)
-    for depth in (0.0, 1e-5, 3e-3):
-        lowered = record._replace(joints=record.joints.copy(), position=record.position.copy())
-        lowered.joints[..., 2] -= depth
-        lowered.position[:, 2] -= depth
-        brute = max(0.0, -record_clearance(hand, BALL, lowered).min())
-        assert abs(recorded_penetration(hand, BALL.arrays(), lowered).depth.max() - brute) < 1e-12
-        assert (brute > 0.5 * depth) == (depth > 0.0)
 
 
 def stuck_at(motion: HandConfiguration, record: TickRecord, tick: int) -> int:

@@ -227,14 +227,6 @@ def test_the_figures_of_force_are_those_of_a_replay(folder: Path, run: Run, tmp_
     assert row.force_max > 0.1
 
 
-def test_several_objects_have_a_line_for_each_method(folder: Path) -> None:
-    objects = [bench_object(), bench_object("sphere")]
-    rows = list(bench_recorded([folder / "a.h5"], objects, [COUPLED, PROGRESSIVE], replace(HERE, ticks=50)))
-    whole = totals(rows)
-    assert [(row.object, row.method) for row in whole[-2:]] == [("all", "coupled"), ("all", "progressive")]
-    assert len(whole) == 6 and whole[-1].ticks == 100 and whole[-1].recording == "all 1"
-
-
 def test_an_interrupt_keeps_the_runs_that_are_done(
     folder: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

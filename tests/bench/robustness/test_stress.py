@@ -153,19 +153,6 @@ def test_on_the_mesh_the_figures_are_of_the_mesh(method: str) -> None:
     assert run_case(case(method, 1100)).touching != figures.touching
 
 
-def test_a_failure_on_the_mesh_is_kept_with_its_surface(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stress, "HandSolver", Planted)
-    wanted = case(ticks=900, keep=tmp_path, surface="mesh")
-    figures = run_case(wanted)
-    failure = next(kept for kept in figures.failures if kept.kind == "penetration")
-    path = Path(failure.path)
-    assert figures.missed and path.name.startswith("ball-coupled-mesh-penetration-")
-    assert failure.command == f"hhsim replay ball {path} --method coupled --samples hold --surface mesh"
-    again = rerun_failure(path, HAND, BALL, wanted.new_solver, wanted.mesh)
-    assert np.flatnonzero(again.failed).tolist() == [failure.failing_tick]
-    assert not rerun_failure(path, HAND, BALL, mesh=wanted.mesh).failed.any()
-
-
 def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stress, "HandSolver", Lazy)
     figures = run_case(case(ticks=900, keep=tmp_path))
