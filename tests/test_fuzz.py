@@ -117,7 +117,7 @@ def scenes(draw: st.DrawFn) -> Scene:
 
 
 def check(scene: Scene, make: type[HandSolver] = HandSolver, folder: Path | None = None) -> None:
-    """Run a scene; a failure is shrunk, saved, and told with the command or call that shows it again."""
+    """Run a scene; a failure is shrunk, saved, and told with the call that shows it again."""
     hand, tree = HANDS[scene.side], scene.tree()
     arrays = tree.arrays()
 
@@ -145,12 +145,11 @@ def _kept(scene: Scene, kind: str, tick: int, path: Path, solver: Solver, motion
     hand, tree = HANDS[scene.side], scene.tree()
     trial = make_trial(hand, solver, failure_of(kind, hand, pieces_of("spheres", None, tree), scene.solver))
     shrunk = delta_debug(motion, trial, graphic=HandConfiguration.of(record).part(0, tick + 1))
-    in_catalogue = ":" not in scene.object
     tree_path = path.with_name(f"{path.stem}-tree.h5")
     provenance = Provenance(
         kind=kind,
-        object=scene.object if in_catalogue else str(tree_path),
-        object_options=f"--level {LEVEL}" if in_catalogue else "",
+        object=str(tree_path),
+        object_options="",
         method=scene.solver.method,
         seed=scene.seed,
         tick=tick,
@@ -159,12 +158,10 @@ def _kept(scene: Scene, kind: str, tick: int, path: Path, solver: Solver, motion
         solver=scene.solver.to_json(),
         hand=scene.side,
     )
-    command = keep_failure(path, shrunk, provenance)
-    if not in_catalogue:
-        save_tree(tree, tree_path)
-        arguments = f"Path({str(path)!r}), HandModel.default({scene.side!r}), load_tree({str(tree_path)!r})"
-        command = f"rerun_failure({arguments})"
-    return f"shrunk to {shrunk.motion.ticks} ticks; see it with: {command}"
+    keep_failure(path, shrunk, provenance)
+    save_tree(tree, tree_path)
+    arguments = f"Path({str(path)!r}), HandModel.default({scene.side!r}), load_tree({str(tree_path)!r})"
+    return f"shrunk to {shrunk.motion.ticks} ticks; see it with: rerun_failure({arguments})"
 
 
 @given(scenes())
@@ -199,12 +196,7 @@ def test_what_fails_is_saved_with_what_shows_it_again(name: str, tmp_path: Path)
         check(scene, Slipping, tmp_path)
     path = tmp_path / "fuzz-progressive-penetration.h5"
     assert str(path) in str(failure.value)
-    hand, tree = HANDS["left"], scene.tree()
-    if name == "cube":
-        command = f"hhsim replay cube {path} --method progressive --samples hold --level 2 --hand left"
-        assert command in str(failure.value)
-    else:
-        tree = load_tree(tmp_path / "fuzz-progressive-penetration-tree.h5")
+    hand, tree = HANDS["left"], load_tree(tmp_path / "fuzz-progressive-penetration-tree.h5")
     failing = rerun_failure(path, hand, tree, lambda: Slipping(hand, tree.arrays(), scene.solver))
     assert failing.failed.any()
     assert not rerun_failure(path, hand, tree).failed.any()

@@ -232,26 +232,15 @@ class Provenance:
     hand: str = "right"
 
     def command(self, path: Path) -> str:
-        """Return the command that replays the file, with every option that has a flag."""
-        words = ["hhsim replay", self.object, str(path), f"--method {self.method}", "--samples hold"]
+        """Return the command that replays the file, with the options that the bench of random targets has too."""
         plain = SolverOptions(method=self.method).to_json()
         used = {**plain, **self.solver}
+        words = ["hhsim replay", self.object, str(path), f"--method {self.method}", "--samples hold"]
         if self.object_options:
             words.append(self.object_options)
-        if self.hand != "right":
-            words.append(f"--hand {self.hand}")
-        flags = ("surface", "qp", "force", "linearisations", "budget", "tolerance", "frustum_ends")
-        words += [f"--{name.replace('_', '-')} {used[name]}" for name in flags if used[name] != plain[name]]
+        words += [f"--{name} {used[name]}" for name in ("surface", "linearisations") if used[name] != plain[name]]
         if used["margin"] != plain["margin"]:
             words.append(f"--margin {1e3 * used['margin']:.15g}")
-        if tuple(used["fingers"]) != tuple(plain["fingers"]):
-            words.append("--fingers " + ",".join(used["fingers"]))
-        stiffness, usual = used["stiffness"], plain["stiffness"]
-        coupling = ("translation", "rotation", "flexion")
-        if any(stiffness[n] != usual[n] for n in coupling):
-            words.append("--stiffness " + ",".join(repr(stiffness[n]) for n in coupling))
-        if self.method == "penalty" and stiffness["penalty"] != usual["penalty"]:
-            words.append(f"--penalty-stiffness {stiffness['penalty']!r}")
         return " ".join(words)
 
 
