@@ -7,8 +7,8 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
-from hhsim.verify.mesh_distance import HandReferee
+from hhsim.metrics.brute_force_distance import round_cone_distance
+from hhsim.verify.mesh_distance import HandReferee, palm_centers
 
 
 def brute_clearance(
@@ -32,7 +32,7 @@ def brute_clearance(
             ends, radii = joint[finger, k : k + 2], radius[finger, k : k + 2]
             distance = round_cone_distance(leaf_center, ends[0], ends[1], float(radii[0]), float(radii[1]))
             least = float(np.minimum(least, (distance - leaf_radius).min()))
-    for place, size in zip(palm_spheres(palm_center, position, orientation), np.asarray(palm_radius, np.float64)):
+    for place, size in zip(palm_centers(palm_center, position, orientation), np.asarray(palm_radius, np.float64)):
         distance = np.linalg.norm(leaf_center - place, axis=1) - leaf_radius - size
         least = float(np.minimum(least, distance.min()))
     return least
