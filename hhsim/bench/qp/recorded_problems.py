@@ -158,16 +158,16 @@ def harvest_tick(solver: HandSolver, haptic: HandConfiguration, tick: int, sourc
     steps = count()
 
     def solve_program() -> bool:
-        known = {"source": source, "tick": tick, "step": next(steps)}
+        here = source, tick, next(steps)
         if kind is Coupled or state.program.is_coupled:
-            taken.append(TickProgram("coupled", coupled_problem(state)[0], **known))
+            taken.append(TickProgram("coupled", coupled_problem(state)[0], *here))
             return bool(solve_coupled(Coupled(options), state, workspace.qp) == OPTIMAL)
         status = solve_progressive(Progressive(options), state, workspace.qp)
         found = [("palm" if state.progressive.variables == 6 else "palm+fingers", palm_problem(state)[0])]
         step = state.progressive.palm_step * state.problem.inverse_root[:6]
         touched = np.flatnonzero(np.diff(state.contacts.start[1 : FINGER_COUNT + 2]))
         found += [("finger", finger_problem(state, finger, step)[0]) for finger in touched.tolist()]
-        taken.extend(TickProgram(name, problem, **known) for name, problem in found if problem.rhs.size)
+        taken.extend(TickProgram(name, problem, *here) for name, problem in found if problem.rhs.size)
         return bool(status == OPTIMAL)
 
     position, orientation, flexion, abduction = haptic.part(tick, tick + 1)

@@ -150,17 +150,20 @@ def judge_case(case: HardCase, runs: Sequence[HardRun], options: SolverOptions) 
 def run_scene(run: HardRun, options: SolverOptions) -> Outcome:
     """Run a scene from its first tick, and measure the common figures."""
     outcome = Outcome(run, run.solver(options), None)
-    solver = HandSolver(run.hand, outcome.surface, outcome.options)
+    surface = outcome.surface
+    solver = HandSolver(run.hand, surface, outcome.options)
     pieces = pieces_of(outcome.options.surface, run.mesh, run.tree)
-    safety, excess, marked, memory = SafetyMeasure(run.hand, pieces, outcome.options), [0.0], [], []
+    safety, excess = SafetyMeasure(run.hand, pieces, outcome.options), [0.0]
+    marked, memory = [], []
 
     def measured(motion: HandConfiguration) -> TickRecord:
         record = solver.run(*motion)
-        safety.add(hold_readings(motion), record, recorded_penetration(run.hand, outcome.surface, record).depth)
+        safety.add(hold_readings(motion), record, recorded_penetration(run.hand, surface, record).depth)
         excess.append(limit_excess(run.hand, record))
         return record
 
-    record, refusal = None, ""
+    record: TickRecord | None = None
+    refusal = ""
     try:
         if run.lead is not None:
             measured(run.lead)

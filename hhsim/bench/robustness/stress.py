@@ -162,8 +162,14 @@ class StressMeasure:
     def __init__(self, case: StressCase) -> None:
         self._case, solver, tree = case, case.solver, case.tree
         self._safety = SafetyMeasure(case.hand, case.pieces, solver)
-        known = {"object": case.object, "method": solver.method, "surface": solver.surface, "seed": case.seed}
-        self.figures = StressFigures(**known, level=tree.depth, spheres=tree.leaf_count)
+        self.figures = StressFigures(
+            object=case.object,
+            method=solver.method,
+            surface=solver.surface,
+            level=tree.depth,
+            spheres=tree.leaf_count,
+            seed=case.seed,
+        )
 
     def add(self, motion: HandConfiguration, record: TickRecord, depth: Penetration) -> dict[str, BoolArray]:
         """Measure a block; return its failed ticks, shape (T,), by the name of the failure."""
