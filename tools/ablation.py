@@ -26,9 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.bench.robustness.acceptance import limit_excess
 from hhsim.bench.robustness.failure import recorded_penetration
-from hhsim.bench.robustness.hard import bench_hard, hard_cases
+from hhsim.bench.robustness.hard import bench_hard, hard_cases, limit_excess
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration

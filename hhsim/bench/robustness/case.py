@@ -11,6 +11,7 @@ from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.safety import SafetyFigures
 from hhsim.bench.robustness.sphere_objects import ball, right_hand
 from hhsim.bench.robustness.triangle_objects import ball_mesh
+from hhsim.bench.run_errors import placed_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
@@ -157,3 +158,13 @@ def distance_left(outcomes: Sequence[Outcome], name: str, bar: float = 1e-6) -> 
 def largest_step(points: ArrayLike) -> float:
     """Return the largest way of a point from one tick to the next [m]; points of shape (T, ..., 3)."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=-1).max())
+
+
+def shown_points(record: TickRecord) -> FloatArray:
+    """Return joints and palm of the graphic hand [m], shape (T, 21, 3)."""
+    return placed_of(record).points
+
+
+def motion_difference(first: TickRecord, second: TickRecord) -> float:
+    """Return the largest distance [m] of a joint or the palm of one record from the other's."""
+    return float(np.linalg.norm(shown_points(first) - shown_points(second), axis=-1).max())

@@ -1,4 +1,8 @@
-"""`hhsim bench hard`: the catalogue of the hard cases, and every one by every method; no case can end the bench."""
+"""`hhsim bench hard`: the catalogue of the hard cases, and every one by every method; no case can end the bench.
+
+Only the bit of a stuck tick is taken from the solver: penetration is recomputed from the recorded poses, and a stuck
+tick is explained only if `hhsim.bench.robustness.local_optimality` finds no step.
+"""
 
 import os
 from collections.abc import Sequence
@@ -8,12 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.bench.robustness.acceptance import (
-    common_figures,
-    limit_excess,
-    shown_points,
-)
-from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
+from hhsim.bench.robustness.case import DEEPEST, Figure, HardCase, HardRun, Outcome, shown_points
 from hhsim.bench.robustness.contact_cases import CONTACT_CASES
 from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.input_cases import INPUT_CASES
@@ -24,6 +23,7 @@ from hhsim.bench.robustness.triangle_cases import TRIANGLE_CASES
 from hhsim.bench.table import totals_of
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.motion.tick_motion import hold_readings
 from hhsim.solver.hand_solver import HandSolver
@@ -34,6 +34,8 @@ from hhsim.table.table import Column, Table
 
 ENDURANCE_TICKS = 20_000
 """Ticks of the closed loops unless given; ten minutes at 1 kHz are 600,000."""
+LIMIT_TOLERANCE = 1e-9
+"""Excess of a joint beyond its limit that is rounding [rad]."""
 
 
 def hard_cases(
@@ -182,6 +184,24 @@ def run_scene(run: HardRun, options: SolverOptions) -> Outcome:
         marked=np.array(marked),
         memory=np.array(memory, dtype=np.float64),
     )
+
+
+def common_figures(outcomes: list[Outcome]) -> list[Figure]:
+    """Return the figures of every case, over all of its runs that were not refused."""
+    penetration = float(np.max([outcome.safety.penetration / outcome.run.scale for outcome in outcomes]))
+    return [
+        Figure("penetration", penetration, DEEPEST, "m"),
+        Figure("ticks that are not finite", sum(outcome.safety.not_finite for outcome in outcomes), 0),
+        Figure("joint beyond its limit", max(outcome.limit_excess for outcome in outcomes), LIMIT_TOLERANCE, "rad"),
+        Figure("stuck ticks that nothing explains", sum(outcome.safety.unexplained for outcome in outcomes), 0),
+    ]
+
+
+def limit_excess(hand: HandModel, record: TickRecord) -> float:
+    """Return the largest excess of a joint beyond its limit [rad]; NaN if an angle is."""
+    low = hand.flexion_min - record.flexion
+    high = record.flexion - hand.flexion_max
+    return float(max(0.0, np.max(low), np.max(high))) if np.isfinite(record.flexion).all() else float("nan")
 
 
 def resident_memory() -> float:

@@ -11,9 +11,8 @@ from plain_clearance import coal_clearance
 from sampled import sampled
 from sphere_scenes import brute_pairs, record_clearance
 
-from hhsim.bench.robustness.acceptance import common_figures
 from hhsim.bench.robustness.case import DEEPEST, HardCase, HardRun, Outcome
-from hhsim.bench.robustness.hard import hard_cases, judge_case, run_scene
+from hhsim.bench.robustness.hard import common_figures, hard_cases, judge_case, run_scene
 from hhsim.bench.robustness.invariance_cases import LOOP, SAME
 from hhsim.bench.robustness.postures import INDEX
 from hhsim.bench.robustness.triangle_cases import SLIDE

@@ -12,7 +12,6 @@ import pytest
 from conftest import Run
 
 from hhsim.bench.robustness import hard as suite
-from hhsim.bench.robustness.acceptance import part_of, sound_samples
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun
 from hhsim.bench.robustness.hard import (
     CaseResult,
@@ -23,6 +22,7 @@ from hhsim.bench.robustness.hard import (
     run_scene,
     table_rows,
 )
+from hhsim.bench.robustness.input_cases import sound_samples
 from hhsim.bench.robustness.local_optimality import stuck_with_way_out
 from hhsim.bench.robustness.pieces import pieces_of
 from hhsim.bench.robustness.postures import HALF
@@ -194,7 +194,7 @@ def test_held_input_is_judged_by_the_last_sample_that_was_sound() -> None:
 def test_more_stuck_ticks_than_are_looked_at_are_not_explained(monkeypatch: pytest.MonkeyPatch) -> None:
     record = HandSolver(right_hand(), BALL.arrays(), SolverOptions()).run(*PRESS)
     stuck = record._replace(status=record.status | STATUS_STUCK)
-    assert with_way_out(PRESS.part(0, 30), part_of(stuck, 0, 30)) == 0
+    assert with_way_out(PRESS.part(0, 30), TickRecord._make(values[:30] for values in stuck)) == 0
     monkeypatch.setattr("hhsim.bench.robustness.local_optimality.MOST_CHECKS", 10)
     # The first tick is done twice, and looked at once.
     twice = PRESS.part(0, 1).hold(30).line(PRESS.part(29), 12)
