@@ -9,7 +9,7 @@ from hhsim.table.table import Table, number, words
 from ..arguments.comma_list import counts, names
 from ..arguments.option_group import OptionGroup, option
 from ..arguments.options import COUNT, Output
-from ..console import print_table
+from ..console import print_notes, print_table
 from .suite import SuiteTable, measuring
 
 
@@ -38,18 +38,20 @@ def command(settings: ThreadsSettings, output: Output) -> None:
       hhsim bench threads --object bunny --threads 1,2,3
       hhsim bench threads --out threads.h5 --json
     """
-    from hhsim.bench.paper.threads import COLUMNS, ThreadsOptions, best_speedup, measure
+    from hhsim.bench.paper.threads import COLUMNS, ThreadsOptions, best_speedup, measure, remarks
 
     run = ThreadsOptions(**settings.given())
     table = SuiteTable(output, "threads", COLUMNS, asdict(run))
     with measuring(output) as report:
         rows = measure(run, report)
     table.write(rows)
-    if table.is_for_people(rows=rows):
+    notes = remarks(rows)
+    if table.is_for_people(rows=rows, notes=notes):
         title = f"wall time of a tick in contact, mean of {rows[0]['instances']} instances"
         print_table(Table(SHOWN, rows, title))
         print()
         print(best_speedup(rows))
+        print_notes(notes)
         table.print_paths()
 
 

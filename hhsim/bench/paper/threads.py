@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
+import numpy as np
+
 from hhsim.bench.paper.bench import make_stages, play_in_turns
 from hhsim.bench.paper.run import SceneRun
 from hhsim.bench.paper.scene import Scenario, paper_scenarios
@@ -28,6 +30,10 @@ from hhsim.table.table import Column, Table
 def figure_15() -> list[Scenario]:
     """Return the scenes of Fig. 15."""
     return [scenario for scenario in paper_scenarios() if scenario.figure == "15"]
+
+
+STARVED = 0.8
+"""Share of a tick's time in which helpers have a processor, below which nothing can be said of threads."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,3 +119,11 @@ def best_speedup(rows: Sequence[dict[str, Any]]) -> str:
     best = max((row for row in rows if row["threads"] > 1), key=lambda row: row["speedup"])
     where = f"{best['object']}, {best['case']}, {best['method']}"
     return f"{best['threads']} threads are at best {best['speedup']:.2f} times as fast as one ({where})"
+
+
+def remarks(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Return a remark where other work kept the processors from the helper threads."""
+    shares = [(row["total_cpu"] / row["total"] - 1.0) / (row["threads"] - 1) for row in rows if row["threads"] > 1]
+    share = max(0.0, float(np.median(shares)))
+    note = f"the helper threads had a processor for {100.0 * share:.0f} % of the time only: no verdict on threads"
+    return [note] if share < STARVED else []

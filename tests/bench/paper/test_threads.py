@@ -9,7 +9,7 @@ import pytest
 from conftest import Run
 
 from hhsim.bench.paper import threads
-from hhsim.bench.paper.threads import COLUMNS, ThreadsOptions, best_speedup, measure
+from hhsim.bench.paper.threads import COLUMNS, ThreadsOptions, best_speedup, measure, remarks
 from hhsim.bench.table import load_table
 
 SMALL = ThreadsOptions(objects=("cup",), level=3, threads=(2,), instances=2, rounds=2)
@@ -38,6 +38,13 @@ def test_rows_add_up(rows: list[dict[str, Any]]) -> None:
     assert contacts["FF"] > contacts["SF"] > 0
     best = max(row["speedup"] for row in rows if row["threads"] == 2)
     assert best_speedup(rows).startswith(f"2 threads are at best {best:.2f} times as fast as one (cup, ")
+
+
+def test_helpers_without_a_processor_are_told_of() -> None:
+    row = {"threads": 2, "total": 1.0, "total_cpu": 1.95}
+    assert remarks([row, {**row, "threads": 1}]) == []
+    (note,) = remarks([{**row, "total_cpu": 1.3}])
+    assert "for 30 % of the time" in note
 
 
 def test_the_command_writes_the_table(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
