@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from hhsim.bench.qp.qpbenchmark_export import export_programs
-from hhsim.bench.qp.recorded_problems import QpBenchOptions, TickProgram, harvest
-from hhsim.solver.qp import QpStatus, solve
+from hhsim.bench.qp.recorded_problems import MOVED_BACK, QpBenchOptions, TickProgram, harvest
+from hhsim.solver.qp import QpStatus, solve_active_set
 from hhsim.system.progress import Progress, silent
 from hhsim.table.table import Column, Table
 
@@ -45,11 +45,11 @@ class SolvedPrograms:
         problem = program.problem
         self.variables = max(self.variables, problem.target.size)
         self.rows.append(problem.rhs.size)
-        answer = solve(problem)
+        answer = solve_active_set(problem, MOVED_BACK)
         if answer.status is QpStatus.INFEASIBLE:
             self.infeasible += 1
             return
-        residual = problem.kkt_residual(answer.x, answer.multiplier) / program.size
+        residual = program.residual(answer)
         self.residual.append(residual)
         self.missed += answer.status is not QpStatus.OPTIMAL or not residual <= RESIDUAL_LIMIT
 

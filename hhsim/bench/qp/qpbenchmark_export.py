@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.bench.qp.recorded_problems import TickProgram
+from hhsim.bench.qp.recorded_problems import MOVED_BACK, TickProgram
 from hhsim.errors import OutputError
 from hhsim.solver.qp import QpProblem, QpStatus, solve_active_set
 from hhsim.system.atomic_write import write_atomically
@@ -33,8 +33,6 @@ HandTicks = test_set(Path(__file__).with_name({programs!r}))
 '''
 OUR_NAME = "hhsim"
 """Name of our active set among qpbenchmark's solvers."""
-MOVED_BACK = 1e-10
-"""Distance [√J] by which rows may be moved back that contradict each other by rounding, as in a tick."""
 RUNTIME = 1.0
 """Time limit of a solve [s]."""
 

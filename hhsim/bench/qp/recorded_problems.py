@@ -6,7 +6,7 @@ warm starts can be judged.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count, product
 
 import numpy as np
@@ -29,7 +29,7 @@ from hhsim.solver.backend_programs import drive_tick
 from hhsim.solver.contact_qp import coupled_problem, finger_problem, palm_problem
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.qp import QpProblem
+from hhsim.solver.qp import QpProblem, QpSolution
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -42,6 +42,8 @@ MOTIONS = ("grasp", "pinch", "whole-hand", "slide", RANDOM)
 
 RANDOM_TICKS = 3000
 """Length of a random motion."""
+MOVED_BACK = 1e-10
+"""Distance [√J] by which rows may be moved back that contradict each other by rounding, as in a tick."""
 RUN, RUNS = 25, 5
 """Limit of the consecutive ticks of a run, and number of runs of a scene with fewer ticks."""
 
@@ -92,6 +94,11 @@ class TickProgram:
         apart = np.abs(self.problem.rhs) / norm
         size = max(float(np.linalg.norm(root * self.problem.target)), float(apart.max(initial=0.0)))
         return size if size > 0.0 else 1.0
+
+    def residual(self, answer: QpSolution) -> float:
+        """Return the KKT residual of an answer, of the program or of its rows moved back, in sizes of the program."""
+        moved = replace(self.problem, rhs=self.problem.rhs - MOVED_BACK * self.problem.conditioned()[2])
+        return min(one.kkt_residual(answer.x, answer.multiplier) for one in (self.problem, moved)) / self.size
 
 
 def harvest(options: QpBenchOptions, progress: Progress = silent) -> Iterator[TickProgram]:

@@ -51,12 +51,12 @@ def test_every_program_is_solved_or_found_infeasible(rows: list[dict[str, Any]])
 
 
 def test_a_wrong_answer_is_missed(monkeypatch: pytest.MonkeyPatch) -> None:
-    def wrong(problem: QpProblem) -> QpSolution:
-        shift = 1e-8 * np.linalg.norm(problem.target) / len(problem.target) ** 0.5
+    def wrong(problem: QpProblem, relaxation: float) -> QpSolution:
+        shift = 1e-6 * np.linalg.norm(problem.target)
         right = solve(problem)
         return QpSolution(right.x + shift, right.multiplier, right.status, right.backend)
 
-    monkeypatch.setattr("hhsim.bench.qp.bench.solve", wrong)
+    monkeypatch.setattr("hhsim.bench.qp.bench.solve_active_set", wrong)
     kind = SolvedPrograms("coupled")
     for program in harvest(QpBenchOptions(problems=3, objects=("sphere",), motions=("grasp",))):
         kind.add(program)

@@ -9,12 +9,12 @@ from sphere_scenes import bumpy_ball, random_targets, record_clearance
 
 from hhsim.bench.qp import recorded_problems
 from hhsim.bench.qp.bench import RESIDUAL_LIMIT
-from hhsim.bench.qp.recorded_problems import RUNS, QpBenchOptions, TickProgram, harvest, harvest_tick
+from hhsim.bench.qp.recorded_problems import MOVED_BACK, RUNS, QpBenchOptions, TickProgram, harvest, harvest_tick
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.qp import QpProblem, QpStatus, solve
+from hhsim.solver.qp import QpProblem, QpStatus, solve_active_set
 
 HAND = HandModel.default("right")
 BALL = bumpy_ball(300)
@@ -29,12 +29,12 @@ def programs(method: str, motion: HandConfiguration) -> Iterator[TickProgram]:
 
 def assert_answered(program: TickProgram) -> None:
     """Solved to 1e-9 of its size, or infeasible by an independent solver's judgement too."""
-    answer = solve(program.problem)
+    answer = solve_active_set(program.problem, MOVED_BACK)
     if answer.status == QpStatus.INFEASIBLE:
         assert least_violation(program.problem) > 0.0
     else:
         assert answer.status == QpStatus.OPTIMAL
-        assert program.problem.kkt_residual(answer.x, answer.multiplier) <= RESIDUAL_LIMIT * program.size
+        assert program.residual(answer) <= RESIDUAL_LIMIT
 
 
 def least_violation(problem: QpProblem) -> float:
@@ -73,7 +73,7 @@ def test_every_program_of_a_catalogue_s_scenes_is_answered() -> None:
     for program in found:
         assert_answered(program)
     kinds = Counter(program.kind for program in found)
-    assert kinds.total() == 2000 and set(kinds) >= {"coupled", "palm", "finger"}
+    assert kinds.total() == 2000 and set(kinds) >= {"coupled", "finger"}
     assert len({program.source for program in found}) == 8
 
 
