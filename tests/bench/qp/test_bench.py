@@ -112,7 +112,7 @@ def test_ours_is_a_solver_of_qpsolvers(n: int) -> None:
         stiffness = rng.uniform(0.5, 2.0, n)
         problem = qpsolvers.Problem(np.diag(stiffness), -stiffness * target, -matrix, -rhs)
         ours, theirs = solve_as_qpsolvers(problem, verbose=False), qpsolvers.solve_problem(problem, "quadprog")
-        assert ours.is_optimal(1e-9)
+        assert ours.is_optimal(1e-9) and theirs.x is not None
         np.testing.assert_allclose(ours.x, theirs.x, atol=1e-9)
     matrix, rhs, target = INFEASIBLE_SETS["infeasible by 1"](rng, n, 60)
     assert not solve_as_qpsolvers(qpsolvers.Problem(np.eye(n), -target, -matrix, -rhs)).found

@@ -14,8 +14,8 @@ from sphere_scenes import bumpy_ball, record_clearance
 
 from hhsim.bench.robustness import stress
 from hhsim.bench.robustness.random_targets import StressOptions
+from hhsim.bench.robustness.safety import BLOCK
 from hhsim.bench.robustness.stress import (
-    BLOCK,
     COLUMNS,
     STRETCH_BLOCKS,
     StressCase,
