@@ -77,12 +77,10 @@ def distances() -> None:
 
 def phases() -> None:
     """A tick of either method phase by phase, its programs taken out and solved."""
-    from hhsim.bench.qp.program import ProgramSolver
-    from hhsim.bench.qp.recorded_problems import QpBenchOptions, harvest
+    from hhsim.bench.qp.bench import bench_qp
+    from hhsim.bench.qp.recorded_problems import QpBenchOptions
 
-    solver = ProgramSolver()
-    for program in harvest(QpBenchOptions(problems=20, objects=("sphere",), motions=("grasp",))):
-        solver.solve(program)
+    bench_qp(QpBenchOptions(problems=20, objects=("sphere",), motions=("grasp",)))
 
 
 def sessions(**changes: Any) -> None:

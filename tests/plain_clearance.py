@@ -1,10 +1,14 @@
-"""The clearance of one hand by the library's distances by brute force, body by body."""
+"""The clearance of hands, apart from the kernels: by brute force over leaf spheres, and by coal from a mesh."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
-from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
+from hhsim.hand.model import HandModel
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.brute_force_distance import round_cone_distance
+from hhsim.verify.mesh_distance import HandReferee, palm_centers
 
 
 def brute_clearance(
@@ -28,7 +32,12 @@ def brute_clearance(
             ends, radii = joint[finger, k : k + 2], radius[finger, k : k + 2]
             distance = round_cone_distance(leaf_center, ends[0], ends[1], float(radii[0]), float(radii[1]))
             least = float(np.minimum(least, (distance - leaf_radius).min()))
-    for place, size in zip(palm_spheres(palm_center, position, orientation), np.asarray(palm_radius, np.float64)):
+    for place, size in zip(palm_centers(palm_center, position, orientation), np.asarray(palm_radius, np.float64)):
         distance = np.linalg.norm(leaf_center - place, axis=1) - leaf_radius - size
         least = float(np.minimum(least, distance.min()))
     return least
+
+
+def coal_clearance(hand: HandModel, mesh: Mesh, placed: PlacedHand) -> float:
+    """Least signed distance [m] of a hand to a mesh over some ticks; of an open mesh nothing is inside."""
+    return float(HandReferee(mesh, open_too=True).clearances(hand_shape(hand), placed, np.inf).min())

@@ -1,13 +1,13 @@
-"""Programs for tests: rows in the kernels' layout, degenerate sets, random contacts; and a referee."""
+"""Programs for tests: rows in the kernels' layout, degenerate sets; and the active set's answers to them."""
 
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
-from hhsim.bench.qp.program import Program
-from hhsim.kernels.qp.active_set import new_work
+from hhsim.arrays import FloatArray, IntArray
+from hhsim.kernels.qp import active_set
 from hhsim.kernels.qp.row_scan import ProgramRows, WideRows
 
 Rows = tuple[FloatArray, FloatArray, FloatArray]
@@ -15,9 +15,50 @@ Rows = tuple[FloatArray, FloatArray, FloatArray]
 Maker = Callable[[np.random.Generator, int, int], Rows]
 
 VARIABLES = (3, 6, 21)
-LEAST_ROWS, MOST_ROWS = 50, 100
-DEGENERATE_TOLERANCE = 1e-12
-"""Violation that counts as satisfied; the numbers in these sets are of the order of 1."""
+
+
+@dataclass(frozen=True)
+class Program:
+    """One program in the kernels' layout: minimise ½ |x - x₀|² subject to a_i · x >= b_i.
+
+    Attributes:
+        common: Columns that all rows share, shape (0 or 6, m).
+        block: Three more columns, shape (3, m), of the variables of the row's group.
+        rhs: b, shape (m,).
+        groups: First row of each group, the row after its last, and the first variable of its block (-1 for none);
+            shape (3, groups).
+        target: x₀, shape (n,).
+        tolerance: Violation that counts as satisfied.
+        relaxation: Largest distance by which contradicting rows are moved back.
+    """
+
+    common: FloatArray
+    block: FloatArray
+    rhs: FloatArray
+    groups: IntArray
+    target: FloatArray
+    tolerance: float
+    relaxation: float
+
+    @property
+    def variables(self) -> int:
+        """Number of variables n."""
+        return self.target.size
+
+    @property
+    def rows(self) -> int:
+        """Number of rows m."""
+        return self.rhs.size
+
+    @property
+    def matrix(self) -> FloatArray:
+        """Rows a_i, shape (m, n)."""
+        dense = np.zeros((self.rows, self.variables))
+        dense[:, : len(self.common)] = self.common.T
+        for start, stop, first in self.groups.T:
+            if first >= 0:
+                dense[start:stop, first : first + 3] = self.block[:, start:stop].T
+        return dense
 
 
 def _hand_rows(rng: np.random.Generator, n: int, m: int) -> FloatArray:
@@ -142,91 +183,39 @@ INFEASIBLE_SETS: dict[str, Maker] = {
 }
 
 
-def degenerate_set(name: str, variables: int, count: int, seed: int) -> Iterator[Program]:
-    """`count` programs of one set with so many variables, 50 to 100 rows each."""
-    make = {**FEASIBLE_SETS, **INFEASIBLE_SETS}[name]
-    rng = np.random.default_rng([seed, variables, *name.encode()])
-    for _ in range(count):
-        rows = int(rng.integers(LEAST_ROWS, MOST_ROWS + 1))
-        yield dense_program(name, *make(rng, variables, rows), tolerance=DEGENERATE_TOLERANCE)
+class Outcome(NamedTuple):
+    """Answer of the active set, and its workspace."""
+
+    status: int
+    x: FloatArray
+    multiplier: FloatArray
+    work: Any
+
+    @property
+    def active(self) -> IntArray:
+        return np.array(self.work.active[: self.work.counts[0]])
+
+    @property
+    def certificate(self) -> FloatArray:
+        """Farkas' y >= 0 for the normalised rows, which proves that these contradict each other."""
+        y = np.zeros(self.multiplier.size)
+        y[self.work.counts[2]] = 1.0
+        y[self.active] -= self.work.dual_step[: self.work.counts[0]]
+        return y
 
 
-SIZES = ((3, 10), (3, 100), (6, 100), (6, 250), (21, 50), (21, 250), (21, 500))
-"""Variables and rows."""
-
-PATCH = 8
-"""Contacts of a patch, on average."""
-TRANSLATION, ROTATION, FLEXION = 1000.0, 5.0, 0.5
-"""Stiffness [N/m], [N·m/rad], [N·m/rad]."""
-CONTACT_TOLERANCE = 3e-12
-"""Violation that counts as satisfied [√J]: 0.1 pm."""
+def outcome_of(status: int, program: Program, work: Any) -> Outcome:
+    multiplier = np.zeros(program.rows)
+    np.add.at(multiplier, work.active[: work.counts[0]], work.multiplier[: work.counts[0]])
+    return Outcome(status, work.x[: program.variables].copy(), multiplier, work)
 
 
-def contact_programs(variables: int, rows: int, count: int, seed: int) -> Iterator[Program]:
-    """`count` programs of one size, of 3, 6 or 21 variables."""
-    rng = np.random.default_rng([seed, variables, rows])
-    kind = f"{variables}×{rows}"
-    for _ in range(count):
-        yield _contacts(rng, kind, variables, rows)
-
-
-def _contacts(rng: np.random.Generator, kind: str, n: int, m: int) -> Program:
-    patches = max(1, m // PATCH)
-    patch = rng.integers(0, patches, size=m)
-    normal = rng.normal(size=(patches, 3))[patch] + 0.05 * rng.normal(size=(m, 3))
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    point = 0.05 * rng.normal(size=(patches, 3))[patch] + 0.002 * rng.normal(size=(m, 3))
-    lever = 0.03 * rng.normal(size=(patches, 3))[patch] + 0.002 * rng.normal(size=(m, 3))
-    root = np.sqrt([TRANSLATION] * 3 + [ROTATION] * 3 + [FLEXION] * 15)
-    reach = np.array([5e-3] * 3 + [0.05] * 3 + [0.1] * 15) * root
-    matrix = np.zeros((m, 21))
-    matrix[:, :3] = normal
-    matrix[:, 3:6] = np.cross(point, normal)
-    owner = rng.integers(0, 6, size=patches)[patch]
-    for finger in range(1, 6):
-        own = owner == finger
-        matrix[own, 3 + 3 * finger : 6 + 3 * finger] = lever[own]
-    if n == 3:
-        matrix, root, reach = lever, root[6:9], reach[6:9]
-    elif n == 6:
-        matrix, root, reach = matrix[:, :6], root[:6], reach[:6]
-    matrix = matrix / root
-    inside = 0.1 * reach * rng.normal(size=n)
-    rhs = matrix @ inside - rng.exponential(3e-4, size=m)
-    return dense_program(kind, matrix, rhs, inside + reach * rng.normal(size=n), CONTACT_TOLERANCE)
-
-
-def dense_program(
-    kind: str, matrix: FloatArray, rhs: FloatArray, target: FloatArray, tolerance: float, relaxation: float = 0.0
-) -> Program:
-    """A program of rows (m, n), n = 3, 6, or 6 and blocks of 3 of which a row uses at most one; rows are reordered."""
-    m, n = matrix.shape
-    if n == 3:
-        owner, first = np.zeros(m, dtype=np.int64), np.zeros(1, dtype=np.int64)
-        common = np.zeros((0, m))
-    else:
-        used = (matrix[:, 6:].reshape(m, -1, 3) != 0.0).any(axis=2)
-        owner = np.where(used.any(axis=1), 1 + used.argmax(axis=1) if used.shape[1] else 0, 0)
-        first = np.concatenate([[-1], np.arange(6, n, 3)])
-        common = matrix[:, :6].T
-    order = np.argsort(owner, kind="stable")
-    owner, matrix = owner[order], matrix[order]
-    block = np.zeros((3, m))
-    for g, column in enumerate(first):
-        if column >= 0:
-            block[:, owner == g] = matrix[owner == g, column : column + 3].T
-    groups = np.arange(first.size)
-    return Program(
-        kind=kind,
-        common=np.ascontiguousarray(common[:, order]),
-        block=block,
-        rhs=np.ascontiguousarray(rhs[order]),
-        groups=np.array([np.searchsorted(owner, groups), np.searchsorted(owner, groups, side="right"), first]),
-        target=np.ascontiguousarray(target),
-        tolerance=tolerance,
-        relaxation=relaxation,
-        guess=np.zeros(0, dtype=np.int64),
-    )
+def solve_program(program: Program, guess: Iterable[int] = ()) -> Outcome:
+    work = rubbish_work(program.variables, program.rows)
+    guesses = np.array([*guess, 0], dtype=np.int64)
+    rows, limits = kernel_rows(program), (program.tolerance, program.relaxation)
+    status = active_set.solve(program.variables, rows, program.target, *limits, guesses, guesses.size - 1, work)
+    return outcome_of(status, program, work)
 
 
 def kernel_rows(program: Program, kind: type[ProgramRows | WideRows] = ProgramRows) -> ProgramRows | WideRows:
@@ -236,24 +225,7 @@ def kernel_rows(program: Program, kind: type[ProgramRows | WideRows] = ProgramRo
 
 def rubbish_work(variables: int, rows: int) -> Any:
     """A workspace in which nothing may matter."""
-    work = new_work(variables, rows)
+    work = active_set.new_work(variables, rows)
     for name in work.dtype.names:
         work[name].fill(-7 if work[name].dtype == np.int64 else np.nan)
     return work
-
-
-def least_violation(program: Program) -> float:
-    """Least t, to 1e-9, for which some x violates no normalised row by more than t, in sizes of the program."""
-    from scipy.optimize import linprog
-
-    matrix, norm = program.unit_rows()
-    n, size = program.variables, program.size
-    found = linprog(
-        np.concatenate([np.zeros(n), [1.0]]),
-        A_ub=np.hstack([-matrix, -np.ones((program.rows, 1))]),
-        b_ub=-program.rhs / norm / size,
-        bounds=[(None, None)] * n + [(-1.0, None)],
-        method="highs",
-        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
-    )
-    return float("nan") if found.status != 0 or found.x is None else float(found.x[-1])

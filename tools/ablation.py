@@ -26,9 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.bench.robustness.acceptance import limit_excess
 from hhsim.bench.robustness.failure import recorded_penetration
-from hhsim.bench.robustness.hard import bench_hard, hard_cases
+from hhsim.bench.robustness.hard import bench_hard, hard_cases, limit_excess
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
@@ -397,9 +396,9 @@ def measure(folder: Path, suites: Sequence[str], ticks: int) -> dict[str, Any]:
                 "passed": result.passed,
                 "failed": [figure.name for figure in result.figures if not figure.passed],
                 "depth": result.penetration,
-                "stuck": result.stuck,
-                "lagging": result.lagging,
-                "lag": result.lag if np.isfinite(result.lag) else 0.0,
+                "stuck": result.safety.stuck,
+                "lagging": result.safety.lagging,
+                "lag": result.safety.lag if np.isfinite(result.safety.lag) else 0.0,
             }
     return found
 

@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.bench.paper.scene import check_holds, turned_by
+from hhsim.bench.paper.scene import check_holds
 from hhsim.errors import HhsimError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion_from_matrix
+from hhsim.hand.quaternion import quaternion, quaternion_from_matrix, rotation_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.mesh.catalogue import load_object
@@ -66,7 +66,7 @@ class Genes:
         back = self.back + step[6:9]
         slide = self.slide if turn is None or not self.slide.any() else self.slide + turn
         return Genes(
-            turned_by(step[3:6]) @ self.rotation,
+            rotation_matrix(quaternion(step[3:6])) @ self.rotation,
             self.position + step[:3],
             back / np.linalg.norm(back),
             self.open + step[9:14],

@@ -31,7 +31,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.verify.contacts import BODIES
-from hhsim.verify.mesh_distance import HandReferee
+from hhsim.verify.mesh_distance import HandReferee, palm_centers
 
 TOUCH = 1e-5
 """Spheres nearer than this [m] touch."""
@@ -146,7 +146,7 @@ def end_to_end(
 
 def sphere_distances(center: FloatArray, radius: FloatArray, shape: HandShape, placed: PlacedHand) -> FloatArray:
     """Least signed distance [m] of each body to spheres, one by one, shape (T, 16); bodies as in `HandReferee`."""
-    from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
+    from hhsim.metrics.brute_force_distance import round_cone_distance
 
     found = np.empty((len(placed.joints), BODIES))
     for tick in range(len(found)):
@@ -155,7 +155,7 @@ def sphere_distances(center: FloatArray, radius: FloatArray, shape: HandShape, p
                 ends, radii = placed.joints[tick, f, k : k + 2], shape.phalanx_radius[f, k : k + 2]
                 distance = round_cone_distance(center, ends[0], ends[1], float(radii[0]), float(radii[1]))
                 found[tick, 3 * f + k] = (distance - radius).min()
-        palm = palm_spheres(shape.palm_center, placed.position[tick], placed.orientation[tick])
+        palm = palm_centers(shape.palm_center, placed.position[tick], placed.orientation[tick])
         found[tick, BODIES - 1] = min(
             float((np.linalg.norm(center - place, axis=1) - radius - size).min())
             for place, size in zip(palm, shape.palm_radius)

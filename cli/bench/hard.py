@@ -80,11 +80,9 @@ def command(
         results = bench_hard(chosen, named, seed, report)
     rows, failed = table_rows(results), missed(results)
     table.write(rows)
-    if output.as_json:
-        print_json({**settings, "passed": not failed, "path": str(table.path), "rows": rows})
-    elif not output.quiet:
+    if table.is_for_people(passed=not failed, rows=rows):
         _print(results, failed)
-        print(f"every figure is in {table.path}")
+        table.print_paths()
     return 1 if failed else 0
 
 
@@ -133,6 +131,6 @@ SHOWN = (
     words("nearest to its bar", lambda result: result.deciding.name if result.deciding else ""),
     number("value", lambda result: _value(result.deciding) if result.deciding else ""),
     number("bar", lambda result: _bar(result.deciding) if result.deciding else ""),
-    number("stuck"),
-    number("lag", "lag", "mm", 1),
+    number("stuck", "safety.stuck"),
+    number("lag", "safety.lag", "mm", 1),
 )

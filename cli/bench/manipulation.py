@@ -55,9 +55,7 @@ def command(settings: ManipulationSettings, output: Output) -> int:
         rows = measure(run, report)
     table.write(rows)
     wrong, notes = missed(rows), remarks()
-    if output.as_json:
-        table.print_json(rows=rows, missed=len(wrong), notes=notes)
-    elif not output.quiet:
+    if table.is_for_people(rows=rows, missed=len(wrong), notes=notes):
         print_table(Table(SHOWN, rows))
         print()
         print(f"off by more than allowed: {counted(len(wrong), 'figure')}" if wrong else "every figure of ours holds")

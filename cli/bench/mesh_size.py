@@ -43,9 +43,7 @@ def command(settings: MeshSizeSettings, output: Output) -> None:
     with measuring(output) as report:
         rows = measure(run, report)
     table.write(rows)
-    if output.as_json:
-        table.print_json(rows=rows)
-    elif not output.quiet:
+    if table.is_for_people(rows=rows):
         print_table(Table(SHOWN, rows, f"{run.object_name}, CPU time of a tick in contact"))
         print_notes(
             [f"{row['triangles']:,} triangles, {row['method']}: {row['failure']}" for row in rows if row["failure"]]

@@ -63,9 +63,7 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
     notes = [*installed(run)[1], *remarks(runs)]
     table.write(rows)
     draw_peers(picture, rows)
-    if output.as_json:
-        table.print_json(rows=rows, won_by_others=won_by_others(rows), notes=notes)
-    elif not output.quiet:
+    if table.is_for_people(rows=rows, won_by_others=won_by_others(rows), notes=notes):
         for name in run.objects:
             summed = [row for row in rows if (row["object"], row["motion"]) == (name, ALL)]
             by_time = sorted(summed, key=lambda row: row["tick_cpu_p50"])

@@ -10,7 +10,7 @@ from hhsim.table.table import Table, number, words
 from ..arguments import options
 from ..arguments.comma_list import names, read_names
 from ..arguments.object_argument import MeshSize, complete_object
-from ..console import print_json, print_line, print_table
+from ..console import print_table
 from .suite import Solvers, SuiteTable, measuring
 
 if TYPE_CHECKING:
@@ -75,7 +75,6 @@ class RecordedSolvers(Solvers):
 )
 @click.option("--limit", type=options.COUNT, metavar="N", help="Run only the first N recordings.")
 @MeshSize.argument("mesh_size")
-@options.seed
 @options.Output.argument("output")
 def command(
     recordings: tuple[Path, ...],
@@ -86,7 +85,6 @@ def command(
     ticks: int | None,
     limit: int | None,
     mesh_size: MeshSize,
-    seed: int,
     output: options.Output,
 ) -> int:
     """Run recordings of real hands against objects, by every method, every tick measured.
@@ -94,8 +92,7 @@ def command(
     A FOLDER stands for all recordings in it: .h5 and .csv trajectories, and .npz, .json, .lz and .bvh files, which are
     imported on the way in. Penetration is recomputed from the hand that each tick shows. The exit code is 1 where
     coupled or progressive penetrates by more than 1 µm, touches farther than 1 mm from the true mesh, is not finite, or
-    is stuck although there was a way, and where a recording could not be run. --unit and --size are for the mesh files;
-    --seed chooses the ticks that are recomputed by brute force, and nothing else is random.
+    is stuck although there was a way, and where a recording could not be run. --unit and --size are for the mesh files.
 
     \b
     Examples:
@@ -122,7 +119,7 @@ def command(
         for name in objects or ("bunny", "cup")
     }
     table = SuiteTable(output, "recorded", COLUMNS, {})
-    run = RecordedOptions(rate=motion.rate, mode=motion.samples, place=motion.place_object, ticks=ticks, seed=seed)
+    run = RecordedOptions(rate=motion.rate, mode=motion.samples, place=motion.place_object, ticks=ticks)
     with measuring(output) as report:
         placed = [
             BenchObject(mesh.name, mesh, cached_sphere_tree(mesh, TreeOptions(level=level or usual), report))
@@ -148,23 +145,17 @@ def command(
         "place_object": motion.place_object,
         "ticks": ticks,
         "limit": limit,
-        "seed": seed,
         "solver": [solver.to_json() for solver in named],
     }
     rows = Table(COLUMNS, figures).records
     table.write(rows)
-    csv = table.path.with_suffix(".csv")
     if stopped is not None:
-        stopped.add_note(f"what ran so far, {len(rows):,} in all, is in {table.path} and {csv}")
+        stopped.add_note(f"what ran so far, {len(rows):,} in all, is in {table.path} and its .csv file")
         raise stopped
     missed = any(row.missed for row in figures)
-    if output.as_json:
-        whole = Table(COLUMNS, totals(figures)).records
-        document = {"suite": "recorded", "missed": missed, "rows": rows, "totals": whole, "options": table.options}
-        print_json({**document, "path": str(table.path), "csv": str(csv)})
-    elif not output.quiet:
+    if table.is_for_people(missed=missed, rows=rows, totals=Table(COLUMNS, totals(figures)).records):
         _print(figures)
-        print_line(f"every figure is in {table.path}, and as a table in {csv}")
+        table.print_paths()
     return int(missed)
 
 

@@ -84,10 +84,8 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
     table.write(rows)
     draw_speed_error(picture, rows, others)
     summed, solvers = chosen(rows, object=ALL, motion=ALL), chosen(rows, object=ALL, motion=ALL, stretch=True)
-    if output.as_json:
-        by_object = [row for row in chosen(rows, motion=ALL) if row["object"] != ALL]
-        table.print_json(configurations=summed, by_object=by_object, qp_solvers=solvers, notes=notes)
-    elif not output.quiet:
+    by_object = [row for row in chosen(rows, motion=ALL) if row["object"] != ALL]
+    if table.is_for_people(configurations=summed, by_object=by_object, qp_solvers=solvers, notes=notes):
         where = f"{', '.join(run.objects)}: {', '.join(run.motions)}"
         _print(f"Nothing is both faster and better ({where})", [r for r in summed if _frontier(r)], SHOWN)
         _print("Methods as they come, and on the mesh", [row for row in summed if _as_it_comes(row)], SHOWN)

@@ -11,7 +11,7 @@ from hhsim.table.table import Table, number, words
 from ..arguments import options
 from ..arguments.object_argument import MeshSize, complete_object
 from ..arguments.option_group import GroupedCommand, OptionGroup, option
-from ..console import print_json, print_table
+from ..console import print_table
 from .suite import Solvers, SuiteTable, measuring
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ SHOWN = (
     number("not finite", "not_finite"),
     number("stuck"),
     number("no cause", "unexplained"),
-    number("lag", lambda row: 100.0 * row.lag / row.ticks, "%", 1),
+    number("lag", lambda row: 100.0 * row.lagging / row.ticks, "%", 1),
     number("force/coupling", "force_ratio", digits=2),
     number("p50", "cpu_p50", "µs"),
     number("p99", "cpu_p99", "µs"),
@@ -159,13 +159,10 @@ def command(
     records = Table(COLUMNS, figures).records
     table.write(records)
     missed = any(row.missed for row in figures)
-    if output.as_json:
-        failures = ([asdict(failure) for failure in row.failures] for row in figures)
-        rows = [{**record, "failures": each} for record, each in zip(records, failures)]
-        print_json({"suite": "stress", "missed": missed, "rows": rows, "options": described, "path": str(table.path)})
-    elif not output.quiet:
+    failures = ([asdict(failure) for failure in row.failures] for row in figures)
+    if table.is_for_people(missed=missed, rows=[{**row, "failures": kept} for row, kept in zip(records, failures)]):
         _print(figures)
-        print(f"every figure is in {table.path}")
+        table.print_paths()
     return int(missed)
 
 
@@ -180,7 +177,6 @@ def _print(figures: "Sequence[StressFigures]") -> None:
     for row in figures:
         for failure in row.failures:
             what = f"{failure.kind} at tick {failure.tick:,}, shrunk to {failure.ticks} ticks"
-            what = what if failure.reproduced else f"{failure.kind} at tick {failure.tick:,}, only in the whole run"
             print(f"{row.object}, {row.method}: {what}: {failure.command}")
     for row in totals:
         if never_penetrates(row.method):

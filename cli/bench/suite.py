@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup
 from ..arguments.options import Output
-from ..console import announce_compilation, print_json, progress
+from ..console import announce_compilation, print_json, print_line, progress
 
 if TYPE_CHECKING:
     from hhsim.solver.options import SolverOptions
@@ -64,6 +64,7 @@ class SuiteTable:
 
     def __init__(self, output: Output, suite: str, columns: "Sequence[Column]", options: dict[str, Any]) -> None:
         self.path, self.suite, self.columns, self.options = output.table_path(suite), suite, columns, options
+        self._output = output
 
     def write(self, rows: Sequence[Any]) -> None:
         """Write the rows as HDF5 and CSV."""
@@ -71,14 +72,16 @@ class SuiteTable:
 
         write_table(self.path, self.suite, self.columns, rows, self.options)
 
-    def print_json(self, **more: Any) -> None:
-        """Print paths, options, units and `more` as JSON."""
-        from hhsim.bench.table import table_document
+    def is_for_people(self, **document: Any) -> bool:
+        """Return True if people read the answer; with --json print paths, options, units and `document` instead."""
+        if self._output.as_json:
+            from hhsim.bench.table import table_document
 
-        plot = {} if self.picture is None else {"plot": str(self.picture)}
-        print_json({**table_document(self.path, self.columns, self.options, **plot), **more})
+            plot = {} if self.picture is None else {"plot": str(self.picture)}
+            print_json({**table_document(self.path, self.columns, self.options, **plot), **document})
+        return not (self._output.as_json or self._output.quiet)
 
     def print_paths(self) -> None:
         """Print the paths of the table and the picture."""
         picture = "" if self.picture is None else f", the picture in {self.picture}"
-        print(f"the table is in {self.path} and {self.path.with_suffix('.csv')}{picture}")
+        print_line(f"the table is in {self.path} and {self.path.with_suffix('.csv')}{picture}")

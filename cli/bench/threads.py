@@ -16,10 +16,10 @@ from .suite import SuiteTable, measuring
 class ThreadsSettings(OptionGroup):
     """Objects, numbers of threads, and repetitions."""
 
-    objects: tuple[str, ...] | None = names("--object", "Objects. Default: cup,bunny.")
+    objects: tuple[str, ...] | None = names("--object", "Objects of Fig. 15. Default: cup,bunny.")
     threads: tuple[int, ...] | None = counts("--threads", "Numbers of threads. Default: 1,2.", 6)
-    instances: int = option(type=COUNT, default=100, metavar="N", help="Ticks in contact of each row.")
-    rounds: int = option(type=COUNT, default=9, metavar="N", help="Replays of each row.")
+    instances: int = option(type=COUNT, default=100, metavar="N", help="Instances of each case.")
+    rounds: int = option(type=COUNT, default=9, metavar="N", help="Plays of each row.")
 
 
 @click.command()
@@ -29,8 +29,8 @@ def command(settings: ThreadsSettings, output: Output) -> None:
     """Measure when threads pay: the paper's Fig. 15.
 
     Single finger (SF), two fingers (TF), five fingers (FF) and whole hand (WH), with one thread and with several, in
-    turns. Times are wall times, which is what threads are to save;
-    the processor time beside them is that of all threads, with what they spend on waiting for work.
+    turns. Times are wall times, which is what threads are to save; the processor time beside them is that of all
+    threads, with what they spend on waiting for work.
 
     \b
     Examples:
@@ -38,22 +38,19 @@ def command(settings: ThreadsSettings, output: Output) -> None:
       hhsim bench threads --object bunny --threads 1,2,3
       hhsim bench threads --out threads.h5 --json
     """
-    from hhsim.bench.threads import COLUMNS, ThreadsOptions, measure, remarks, when_threads_pay
+    from hhsim.bench.paper.threads import COLUMNS, ThreadsOptions, best_speedup, measure, remarks
 
     run = ThreadsOptions(**settings.given())
     table = SuiteTable(output, "threads", COLUMNS, asdict(run))
     with measuring(output) as report:
         rows = measure(run, report)
     table.write(rows)
-    sentences, notes = when_threads_pay(rows), remarks(rows)
-    if output.as_json:
-        table.print_json(rows=rows, when=sentences, notes=notes)
-    elif not output.quiet:
-        title = f"wall time of a tick, mean of {rows[0]['instances']} instances in contact"
+    notes = remarks(rows)
+    if table.is_for_people(rows=rows, notes=notes):
+        title = f"wall time of a tick in contact, mean of {rows[0]['instances']} instances"
         print_table(Table(SHOWN, rows, title))
         print()
-        for sentence in sentences:
-            print(sentence)
+        print(best_speedup(rows))
         print_notes(notes)
         table.print_paths()
 

@@ -61,14 +61,10 @@ def command(settings: TreesSettings, size: float, time_limits: bool, plot: Path 
     table.write(rows)
     draw_trees(picture, rows, run.size)
     missed = missed_bars(rows, with_times=time_limits)
-    if output.as_json:
-        table.print_json(rows=rows, missed=missed)
-    elif not output.quiet:
+    if table.is_for_people(rows=rows, missed=missed):
         for name in run.objects:
             print_table(Table(SHOWN, [row for row in rows if row["object"] == name], name))
             print()
-        if any(row["measured_by"] == "hhsim" and not row["is_reference"] for row in rows):
-            print_notes(["coal is not installed: the errors are those that every tree is measured with"])
         if any(row["is_reference"] for row in rows):
             print("in brackets: other programs, as measured in November 2026 on one core of a 2-core machine")
         table.print_paths()

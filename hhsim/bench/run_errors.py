@@ -9,8 +9,8 @@ triangles of the mesh.
 import hashlib
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -41,17 +41,27 @@ MOST_HANDS = 400
 """Hands of a run whose depth is measured, 6 to 18 ms each: all that differ in a grasp, two in five in a slide."""
 SAME = 12
 """Decimals to which equal lengths [m] agree."""
+NAN = float("nan")
 
 
-class MeshErrors(NamedTuple):
-    """Figures of `RunErrors` that are measured from the mesh."""
+@dataclass(frozen=True, kw_only=True)
+class MeshErrors:
+    """Distances of a run from the true mesh; NaN where undefined."""
 
-    mesh_depth_max: float = np.nan
-    mesh_depth_p95: float = np.nan
-    contact_error_mean: float = np.nan
-    contact_error_max: float = np.nan
-    contact_points: int = 0
-    samples: int = 0
+    mesh_depth_max: float = figure("deepest penetration of the true mesh by coal, at `samples` ticks", "m", worst, NAN)
+    mesh_depth_p95: float = figure(
+        "95th percentile of the penetration of the true mesh by coal, at `samples` ticks", "m", mean, NAN
+    )
+    contact_error_mean: float = figure(
+        "mean distance of contact points from the true mesh by coal, all ticks", "m", mean, NAN
+    )
+    contact_error_max: float = figure(
+        "largest distance of contact points from the true mesh by coal, all ticks", "m", worst, NAN
+    )
+    contact_points: int = figure(
+        "contact points whose distance from the true mesh was measured, those of one place once", "", sum, 0
+    )
+    samples: int = figure("ticks at which the depth in the true mesh was measured", "", sum, 0)
 
 
 def sampled(ticks: IntArray, count: int, also: Sequence[int] = ()) -> IntArray:
@@ -102,10 +112,15 @@ class MeshReferee:
         # A hand at rest touches at the same points over and over.
         points, times = np.unique(np.round(found.point, SAME), axis=0, return_counts=True)
         away = nearest_on(self._model, points)[0]
-        average = float(np.average(away, weights=times)) if away.size else np.nan
         depth = self._depth(shape, placed, np.union1d(contact, also), also)
-        p95 = float(np.percentile(depth, 95)) if depth.size else np.nan
-        return MeshErrors(worst(depth), p95, average, worst(away), len(points), depth.size)
+        return MeshErrors(
+            mesh_depth_max=worst(depth),
+            mesh_depth_p95=float(np.percentile(depth, 95)) if depth.size else np.nan,
+            contact_error_mean=float(np.average(away, weights=times)) if away.size else np.nan,
+            contact_error_max=worst(away),
+            contact_points=len(points),
+            samples=depth.size,
+        )
 
     def _depth(self, shape: HandShape, placed: PlacedHand, ticks: IntArray, also: IntArray) -> FloatArray:
         """Depth [m] at the measured ticks; empty for a mesh that is not closed."""
@@ -141,24 +156,14 @@ def check_scenes(objects: Sequence[str], motions: Sequence[str]) -> None:
             raise InputError(f"the motion '{motion}' touches nothing: there is no error to measure")
 
 
-@dataclass(frozen=True)
-class RunErrors:
+@dataclass(frozen=True, kw_only=True)
+class RunErrors(MeshErrors):
     """Errors of one run; NaN where undefined.
 
     `mesh_error` is NaN for a hand that touches nothing, which would be perfect otherwise.
     """
 
     penetration_max: float = metric(worst)
-    mesh_depth_max: float = figure("deepest penetration of the true mesh by coal, at `samples` ticks", "m", worst)
-    mesh_depth_p95: float = figure(
-        "95th percentile of the penetration of the true mesh by coal, at `samples` ticks", "m", mean
-    )
-    contact_error_mean: float = figure(
-        "mean distance of contact points from the true mesh by coal, all ticks", "m", mean
-    )
-    contact_error_max: float = figure(
-        "largest distance of contact points from the true mesh by coal, all ticks", "m", worst
-    )
     mesh_error: float = figure("the larger of mesh_depth_max and contact_error_max", "m", worst)
     tracking_excess: float = figure(
         "coupling energy over the optimum on the same surface, mean of the hold, (E - E*) / E*", "", mean
@@ -180,10 +185,6 @@ class RunErrors:
     stuck_ticks: int = metric(sum)
     lag_ticks: int = metric(sum)
     lag_max: float = metric(worst)
-    contact_points: int = figure(
-        "contact points whose distance from the true mesh was measured, those of one place once", "", sum
-    )
-    samples: int = figure("ticks at which the depth in the true mesh was measured", "", sum)
 
 
 @dataclass(frozen=True)
@@ -311,7 +312,7 @@ def run_errors(
     held = whole and bool(scene.holds)
     return RunErrors(
         penetration_max=run_figure("penetration_max", run),
-        **mesh._asdict(),
+        **asdict(mesh),
         mesh_error=float(np.maximum(mesh.mesh_depth_max, mesh.contact_error_max) if closed else mesh.contact_error_max),
         tracking_excess=_excess(scene, surface, options, record, clearance) if held else np.nan,
         off_optimum_mean=mean(off),

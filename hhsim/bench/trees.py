@@ -1,13 +1,12 @@
 """Our sphere trees beside those of other programs: error against spheres against CPU time.
 
-Each tree is measured by code that shares nothing with the builder (`hhsim.verify.tree_checks`, which needs coal), else
-by `hhsim.trees.error`. Errors are the same in every run; times are not.
+Each tree is measured by code that shares nothing with the builder, `hhsim.verify.tree_checks`, which needs coal. Errors
+are the same in every run; times are not.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
-from importlib.util import find_spec
 from typing import Annotated, Any
 
 import numpy as np
@@ -22,7 +21,8 @@ from hhsim.table.table import Column
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.trees.published_results import BARS, EXTENT, LEAST_GAP, REFERENCES
-from hhsim.trees.sphere_tree import SphereTree
+from hhsim.verify.coal_distance import require_coal
+from hhsim.verify.tree_checks import referee
 
 Row = dict[str, Any]
 
@@ -74,7 +74,6 @@ COLUMNS = (
     Column("cpu_leaves", "the same for the leaves' level alone", "s"),
     Column("protrusion_limit", "bar for the protrusion", "m"),
     Column("cpu_limit", "bar for the CPU time", "s"),
-    Column("measured_by", "coal, or hhsim's own measurement where coal is not installed"),
 )
 
 
@@ -96,8 +95,9 @@ def measure(options: TreesOptions, progress: Progress = silent) -> list[Row]:
     """Build and measure every tree; return rows in the order of objects and sizes, references last of each object.
 
     Raises:
-        HhsimError: An object that the builder cannot do.
+        HhsimError: An object that the builder cannot do, or coal is not installed.
     """
+    require_coal()
     # Compiles or loads every kernel, so that no tree is timed with it.
     build_sphere_tree(comparison_object("cube", EXTENT), TreeOptions(leaves=BRANCHING**2))
     rows: list[Row] = []
@@ -119,7 +119,8 @@ def _row(mesh: Mesh, spheres: int, options: TreesOptions) -> Row:
         tree = build_sphere_tree(mesh, TreeOptions(leaves=spheres, branching=BRANCHING, seed=options.seed))
     except HhsimError as error:
         raise type(error)(f"{spheres:,} spheres: {error}") from error
-    protrusion, mean, gap, measured_by = _measured(mesh, tree, options)
+    points = options.points
+    (found,) = referee(mesh, tree, [tree.depth], mesh_points=points, sphere_points=points, seed=options.seed)
     bar = BARS.get((mesh.name, spheres))
     return {
         "object": mesh.name,
@@ -128,30 +129,16 @@ def _row(mesh: Mesh, spheres: int, options: TreesOptions) -> Row:
         "asked": spheres,
         "spheres": tree.leaf_count,
         "level": tree.depth,
-        "protrusion_max": protrusion,
-        "protrusion_mean": mean,
-        "gap_max": gap,
+        "protrusion_max": found.protrusion,
+        "protrusion_mean": found.protrusion_mean,
+        "gap_max": found.gap,
         "bound": tree.errors[-1].bound,
         "is_proved": not tree.check(mesh),
         "cpu": float(sum(tree.cpu_seconds)),
         "cpu_leaves": float(tree.cpu_seconds[-1]),
         "protrusion_limit": None if bar is None else bar.protrusion * options.size / EXTENT,
         "cpu_limit": None if bar is None else bar.cpu,
-        "measured_by": measured_by,
     }
-
-
-def _measured(mesh: Mesh, tree: SphereTree, options: TreesOptions) -> tuple[float, float, float, str]:
-    """Largest and mean protrusion and largest gap of the leaves [m], and the name of the measuring program."""
-    if find_spec("coal") is None:
-        own = tree.errors[-1]
-        return own.protrusion_max, own.protrusion_mean, own.gap_max, "hhsim"
-    from hhsim.verify.tree_checks import referee
-
-    verdict = referee(
-        mesh, tree, [tree.depth], mesh_points=options.points, sphere_points=options.points, seed=options.seed
-    )[0]
-    return verdict.protrusion, verdict.protrusion_mean, verdict.gap, "coal"
 
 
 def _references(name: str, size: float) -> Iterator[Row]:
@@ -171,7 +158,6 @@ def _references(name: str, size: float) -> Iterator[Row]:
                 "gap_max": None if peer.gap is None else peer.gap * scale,
                 "is_proved": False,
                 "cpu": peer.cpu,
-                "measured_by": "hhsim",
             }
 
 

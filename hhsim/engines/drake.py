@@ -8,7 +8,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.engines.convex_parts import COARSE, FINE, Ball, Box, convex_parts
-from hhsim.engines.installed import lack_of, object_mesh, require
+from hhsim.engines.installed import lack_of, object_mesh
 from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, earlier, speed_between
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS, PHALANGES
@@ -42,7 +42,6 @@ class Drake:
 
     def __init__(self, scene: MethodScene) -> None:
         """Build plant and scene."""
-        require(self.name, self.missing)
         # Drake's Python objects form cycles, which hold 0.5 GB of an earlier hydroelastic scene.
         gc.collect()
         from pydrake import geometry, math

@@ -20,12 +20,6 @@ def lack_of(extra: str, *modules: str) -> str:
     return ""
 
 
-def require(method: str, missing: str) -> None:
-    """Raise InputError if `missing`, from `lack_of`, names anything."""
-    if missing:
-        raise InputError(f"method {method} {missing}")
-
-
 def object_mesh(method: str, scene: MethodScene) -> Mesh:
     """Return the mesh of a scene's object.
 

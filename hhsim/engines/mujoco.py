@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.engines.convex_parts import COARSE, FINE, Ball, Box, convex_parts
-from hhsim.engines.installed import lack_of, object_mesh, require
+from hhsim.engines.installed import lack_of, object_mesh
 from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, speed_between
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
@@ -80,7 +80,6 @@ class MuJoCo:
 
     def __init__(self, scene: MethodScene) -> None:
         """Build and compile the model."""
-        require(self.name, self.missing)
         import mujoco
 
         self._mujoco: Any = mujoco

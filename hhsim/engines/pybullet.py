@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.engines.installed import lack_of, object_mesh, require, silent
+from hhsim.engines.installed import lack_of, object_mesh, silent
 from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, earlier, speed_between
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS, PHALANGES
@@ -36,7 +36,6 @@ class PyBullet:
 
     def __init__(self, scene: MethodScene) -> None:
         """Build the world in a server of its own."""
-        require(self.name, self.missing)
         with silent():
             import pybullet
             from pybullet_utils.bullet_client import BulletClient

@@ -4,7 +4,6 @@ Round cones use the case table of Quilez ("Round cone", 2018), not the clamped a
 """
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 
@@ -33,14 +32,6 @@ def round_cone_distance(
     at_base = np.sign(along) * slant * along * along * square < k
     distance: FloatArray = np.where(at_tip, tip, np.where(at_base, base, side))
     return distance
-
-
-def palm_spheres(palm_center: ArrayLike, position: ArrayLike, orientation: ArrayLike) -> FloatArray:
-    """World centres of the palm's spheres (P, 3) [m], from the palm's position and orientation (w, x, y, z)."""
-    quaternion, center = np.asarray(orientation, np.float64), np.asarray(palm_center, np.float64)
-    w, v = float(quaternion[0]), quaternion[1:]
-    turned = center + 2.0 * (w * np.cross(v, center) + np.cross(v, np.cross(v, center)))
-    return np.asarray(turned + np.asarray(position))
 
 
 def sphere_contact(

@@ -9,10 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import IntArray
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
-from hhsim.kernels.contact.linearise import LIMIT_ROWS
-from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
 from hhsim.kernels.tick.haptic_input import set_haptic
@@ -33,10 +30,10 @@ from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_PALM
 from hhsim.kernels.tick.tick import converge, solve_hand
-from hhsim.solver.qp import QpProblem, QpStatus, solve
+from hhsim.solver.contact_qp import coupled_problem
+from hhsim.solver.qp import QpStatus, solve
 from hhsim.solver.workspace import TickWorkspace
 
-LIMITS_PER_FINGER = LIMIT_ROWS // FINGER_COUNT
 MULTIPLIER_FLOOR = 1e-9
 """Interior-point backends leave smaller multipliers [N] on inactive rows."""
 
@@ -98,36 +95,3 @@ def _solve_with(backend: str, state: Any) -> bool:
         step.row[: step.count], step.multiplier[: step.count] = rows[pushing], solution.multiplier[pushing]
     step.duration[DURATION_PALM] += monotonic_ns() - began
     return solved
-
-
-def coupled_problem(state: Any) -> tuple[QpProblem, IntArray]:
-    """Return the coupled program of the current linearisation, and the kernels' row of each of its rows.
-
-    The palm's contacts come first, then each finger's contacts and its six joint limits. `state` is a tick's after
-    `hhsim.kernels.tick.linearisation.build_program` has found contacts.
-    """
-    problem, start = state.problem, state.contacts.start
-    rows, matrix = [], []
-    for body in range(1 + FINGER_COUNT):
-        own, finger = np.arange(start[body], start[body + 1]), body - 1
-        if finger >= 0:
-            limits = start[-1] + LIMITS_PER_FINGER * finger
-            own = np.concatenate([own, np.arange(limits, limits + LIMITS_PER_FINGER)])
-        part = np.zeros((own.size, DOF))
-        part[:, :6] = problem.common[:, own].T
-        if finger >= 0:
-            first = 6 + PHALANX_COUNT * finger
-            part[:, first : first + PHALANX_COUNT] = problem.block[:, own].T
-        rows.append(own)
-        matrix.append(part)
-    index = np.concatenate(rows)
-    weight = problem.inverse_root[:DOF]
-    return (
-        QpProblem(
-            stiffness=np.array(state.stiffness),
-            matrix=np.concatenate(matrix) / weight,
-            rhs=np.array(problem.rhs[index]),
-            target=problem.target[:DOF] * weight,
-        ),
-        index,
-    )

@@ -144,11 +144,16 @@ def solve(problem: QpProblem, backend: str = ACTIVE_SET) -> QpSolution:
     if problem.rhs.size == 0:
         return QpSolution(problem.target.copy(), np.zeros(0), QpStatus.OPTIMAL, backend)
     if backend == ACTIVE_SET:
-        return _solve_active_set(problem)
+        return _checked(problem, solve_active_set(problem))
     return _solve_by_qpsolvers(problem, backend)
 
 
-def _solve_active_set(problem: QpProblem) -> QpSolution:
+def solve_active_set(problem: QpProblem, relaxation: float = 0.0) -> QpSolution:
+    """Solve `problem` by our own solver, without a check of the answer.
+
+    Args:
+        relaxation: Distance [√J] by which rows that contradict each other may be moved back.
+    """
     root, unit, norm = problem.conditioned()
     m, n = unit.shape
     work = active_set.new_work(n, m)
@@ -162,7 +167,7 @@ def _solve_active_set(problem: QpProblem) -> QpSolution:
         group_block=np.full(1, -1, dtype=np.int64),
     )
     guess = np.zeros(1, dtype=np.int64)
-    status = active_set.solve(n, rows, root * problem.target, TOLERANCE, 0.0, guess, 0, work)
+    status = active_set.solve(n, rows, root * problem.target, TOLERANCE, relaxation, guess, 0, work)
     if status == active_set.INFEASIBLE:
         message = "the rows contradict each other"
         return _without_solution(problem, ACTIVE_SET, QpStatus.INFEASIBLE, message)
@@ -171,7 +176,7 @@ def _solve_active_set(problem: QpProblem) -> QpSolution:
     multiplier = np.zeros(m)
     count = work.counts[0]
     multiplier[work.active[:count]] = work.multiplier[:count]
-    return _checked(problem, QpSolution(work.x[:n] / root, multiplier / norm, QpStatus.OPTIMAL, ACTIVE_SET))
+    return QpSolution(work.x[:n] / root, multiplier / norm, QpStatus.OPTIMAL, ACTIVE_SET)
 
 
 def qpsolvers_call(backend: str, rows: FloatArray, most: FloatArray) -> Callable[[], Any]:
@@ -208,6 +213,8 @@ def _solve_by_qpsolvers(problem: QpProblem, backend: str) -> QpSolution:
 
 
 def _checked(problem: QpProblem, solution: QpSolution) -> QpSolution:
+    if solution.status is not QpStatus.OPTIMAL:
+        return solution
     residual = problem.kkt_residual(solution.x, solution.multiplier)
     if residual <= RESIDUAL_LIMIT:
         return solution
@@ -217,7 +224,7 @@ def _checked(problem: QpProblem, solution: QpSolution) -> QpSolution:
 
 def _refused(problem: QpProblem, backend: str, message: str) -> QpSolution:
     # Few backends tell infeasible from failed, and none the same way; a certificate settles it.
-    infeasible = _solve_active_set(problem).status == QpStatus.INFEASIBLE
+    infeasible = solve_active_set(problem).status == QpStatus.INFEASIBLE
     return _without_solution(problem, backend, QpStatus.INFEASIBLE if infeasible else QpStatus.FAILED, message)
 
 

@@ -9,11 +9,11 @@ from conftest import Run
 
 from hhsim.bench.mesh_size import MeshSizeOptions
 from hhsim.bench.paper.bench import PaperOptions
+from hhsim.bench.paper.threads import ThreadsOptions
 from hhsim.bench.peers import PeersOptions
 from hhsim.bench.qp.recorded_problems import QpBenchOptions
 from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.bench.speed_error import SpeedErrorOptions
-from hhsim.bench.threads import ThreadsOptions
 from hhsim.bench.trees import TreesOptions
 from hhsim.errors import InputError, UnknownNameError
 
@@ -27,7 +27,6 @@ UNKNOWN: tuple[tuple[type, str, str, str], ...] = (
     (ThreadsOptions, "objects", "cap", "'cap'"),
     (QpBenchOptions, "objects", "spere", "sphere"),
     (QpBenchOptions, "motions", "graps", "grasp"),
-    (QpBenchOptions, "backends", "dapq", "daqp"),
     (PaperOptions, "methods", "best", "best"),
     (PaperOptions, "objects", "mug", "mug"),
 )
@@ -61,7 +60,6 @@ COMMANDS = (
     ("hard flat-finger", "hard case 'flat-finger' is made of triangles alone: it takes --surface mesh"),
     ("hard --method couple", "unknown method 'couple': did you mean coupled?"),
     ("trees --plot a.h5", "no picture by its ending"),
-    ("qp --qp dapq", "daqp"),
     ("qp --programs qp.npz", ".parquet"),
     ("qp --programs thesis.parquet", "exists and is no Parquet file"),
     ("paper --quick --plot thesis.parquet", "thesis.parquet"),

@@ -245,20 +245,6 @@ def test_a_run_that_fails_is_told_and_wins_nothing(monkeypatch: pytest.MonkeyPat
     assert line.startswith("3 of 4 runs could not be done; the first: coupled, level 1, cube, touch: the graphic hand")
 
 
-def test_the_picture_is_drawn_for_any_table(small: list[Run], tmp_path: Path) -> None:
-    import matplotlib.image
-
-    rows = table_rows(small)
-    draw_speed_error(tmp_path / "small.png", rows)
-    assert matplotlib.image.imread(tmp_path / "small.png").shape[:2] == (840, 1920)
-    for row in rows:
-        row["mesh_error"] = np.nan
-        row["off_optimum_mean"] = 0.0
-        row["method"] = "unheard-of"
-    draw_speed_error(tmp_path / "odd.png", rows)
-    assert (tmp_path / "odd.png").stat().st_size > 10_000
-
-
 def test_the_crosses_are_the_engines_of_a_table_of_peers(small: list[Run], tmp_path: Path) -> None:
     row = {"object": "cube", "motion": ALL, "method": "other", "ours": False, "tick_cpu_p50": 1e-4, "mesh_error": 2e-4}
     table = [row, {**row, "ours": True}, {**row, "motion": "grasp"}, {**row, "mesh_error": np.nan}]
@@ -283,17 +269,8 @@ def test_the_frontier_holds_exactly_what_no_other_point_beats(points: list[tuple
     assert set(values) == unbeaten
 
 
-def test_of_equal_points_the_first_counts() -> None:
-    assert frontier([1.0, 1.0, 2.0], [3.0, 3.0, 3.0]).tolist() == [0]
-
-
 def test_a_gain_keeps_hair_breadths_off() -> None:
     time, error = [1.0, 2.0, 3.0, 4.0], [1.0, 0.96, 0.91, 0.5]
     assert frontier(time, error).tolist() == [0, 1, 2, 3]
     assert frontier(time, error, 0.05).tolist() == [0, 2, 3]
     assert frontier([1.0, 2.0], [0.0, 0.0], 0.05).tolist() == [0]
-
-
-@pytest.mark.parametrize("values", [[], [np.nan]])
-def test_nothing_has_no_frontier(values: list[float]) -> None:
-    assert frontier(values, values).size == 0

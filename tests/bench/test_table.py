@@ -95,13 +95,6 @@ def test_a_table_may_have_no_rows_and_a_column_no_numbers(tmp_path: Path) -> Non
     assert all(math.isnan(float(row["x"])) for row in load_table(tmp_path / "a.h5").rows)
 
 
-def test_a_table_replaces_an_older_one(tmp_path: Path) -> None:
-    write_table(tmp_path / "a.h5", "hard", COLUMNS, ROWS, OPTIONS)
-    write_table(tmp_path / "a.h5", "qp", COLUMNS, ROWS[:1], OPTIONS)
-    assert load_table(tmp_path / "a.h5").suite == "qp"
-    assert len((tmp_path / "a.csv").read_text().splitlines()) == 2
-
-
 def test_what_is_no_table_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "a.h5").write_text("thesis")
     with h5py.File(tmp_path / "b.h5", "w") as file:

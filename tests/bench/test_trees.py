@@ -11,10 +11,8 @@ from conftest import Run
 from hhsim.bench import trees
 from hhsim.bench.table import load_table
 from hhsim.bench.trees import TreesOptions, comparison_object, largest_error, measure, missed_bars
-from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
-from hhsim.trees.published_results import BARS, EXTENT, REFERENCES
+from hhsim.trees.published_results import BARS, REFERENCES
 from hhsim.verify.tree_checks import referee
-from tools.build_catalogue import CUP_WALL
 
 SMALL = ("bench", "trees", "--object", "cube", "--spheres", "8")
 FEW = TreesOptions(objects=("cube",), spheres=(8, 60), points=3_000)
@@ -24,9 +22,7 @@ FEW = TreesOptions(objects=("cube",), spheres=(8, 60), points=3_000)
 def few_points(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command has no option for the samples that a tree is measured at."""
     few = {"mesh_points": 3_000, "sphere_points": 3_000}
-    monkeypatch.setattr(
-        "hhsim.verify.tree_checks.referee", lambda *built, **options: referee(*built, **{**options, **few})
-    )
+    monkeypatch.setattr(trees, "referee", lambda *built, **options: referee(*built, **{**options, **few}))
 
 
 @pytest.fixture(scope="module")
@@ -45,15 +41,6 @@ def test_the_shapes_are_those_of_the_references() -> None:
     assert half.name == "cube" and half.extent == pytest.approx([0.05] * 3)
 
 
-def test_the_wall_of_the_cup() -> None:
-    cup = comparison_object("cup", EXTENT)
-    bvh = build_mesh_bvh(cup.vertices, cup.faces)
-    # Halfway up, on the side without the handle: from the outside to the inside along a line to the axis.
-    along = np.linspace(-0.05, 0.0, 50_001)
-    inside = mesh_signed_distance(bvh, np.column_stack([along, np.zeros_like(along), np.zeros_like(along)])) < 0.0
-    assert inside.sum() * 1e-6 == pytest.approx(CUP_WALL, rel=0.01)
-
-
 def test_rows_say_what_was_built(rows: list[dict[str, Any]]) -> None:
     built = [row for row in rows if not row["is_reference"]]
     assert [(row["method"], row["asked"], row["level"]) for row in built] == [("certified", 8, 1), ("certified", 60, 2)]
@@ -66,15 +53,6 @@ def test_rows_say_what_was_built(rows: list[dict[str, Any]]) -> None:
     references = [row for row in rows if row["is_reference"]]
     assert [row["spheres"] for row in references] == [507, 3163]
     assert largest_error(references[0]) == 2.92e-3
-
-
-@pytest.mark.soak  # of a tree that the builder makes anew to the same bytes every time
-def test_errors_come_out_the_same_again(rows: list[dict[str, Any]]) -> None:
-    again = measure(FEW)
-    times = {"cpu", "cpu_leaves"}
-    assert [{k: v for k, v in row.items() if k not in times or row["is_reference"]} for row in rows] == [
-        {k: v for k, v in row.items() if k not in times or row["is_reference"]} for row in again
-    ]
 
 
 def test_what_is_a_miss() -> None:

@@ -87,9 +87,9 @@ def test_what_means_the_same_is_explained_alike(name: str) -> None:
 def library_defaults() -> Iterator[tuple[str, str, str]]:
     """Command, option and what the library takes where the option is not given, as the help should spell it."""
     from hhsim.bench import mesh_size, speed_error
-    from hhsim.bench import threads as bench_threads
     from hhsim.bench import trees as bench_trees
     from hhsim.bench.paper import bench as bench_paper
+    from hhsim.bench.paper import threads as bench_threads
     from hhsim.bench.qp import recorded_problems as qp_harvest
     from hhsim.gate.suite import default_suite
     from hhsim.live.devices.registry import configure

@@ -10,8 +10,9 @@ from sphere_scenes import bumpy_ball, cloud
 
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.model import HandModel
-from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
+from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.metrics.metrics import hand_clearance
+from hhsim.verify.mesh_distance import palm_centers
 
 HAND = HandModel.default()
 
@@ -52,7 +53,7 @@ def test_three_ways_to_the_same_clearance(seed: int) -> None:
 def test_a_palm_turns_as_its_matrix_says() -> None:
     center = HAND.palm_tree.leaf_center
     half = np.sqrt(0.5)
-    turned = palm_spheres(center, np.array([0.1, 0.2, 0.3]), np.array([half, 0.0, 0.0, half]))
+    turned = palm_centers(center, np.array([0.1, 0.2, 0.3]), np.array([half, 0.0, 0.0, half]))
     expected = np.stack([-center[:, 1], center[:, 0], center[:, 2]], axis=1) + [0.1, 0.2, 0.3]
     np.testing.assert_allclose(turned, expected, atol=1e-15)
 

@@ -16,10 +16,11 @@ from hhsim.kernels.contact.surface import ContactPoints
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.mesh.features import mesh_features
-from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
+from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import penetration
 from hhsim.trees.sphere_tree import SphereTree
+from hhsim.verify.mesh_distance import palm_centers
 
 TOUCH = 1e-3
 
@@ -51,7 +52,7 @@ def found(hand: HandModel, tree: SphereTree, placed: PlacedHand) -> ContactPoint
 
 def balls(hand: HandModel, placed: PlacedHand, tick: int) -> tuple[FloatArray, FloatArray, IntArray]:
     """Centres [m] and radii [m] of balls that each body is made of, the palm's and 2,001 along each phalanx."""
-    center = [palm_spheres(hand.palm_tree.leaf_center, placed.position[tick], placed.orientation[tick])]
+    center = [palm_centers(hand.palm_tree.leaf_center, placed.position[tick], placed.orientation[tick])]
     radius = [hand.palm_tree.leaf_radius]
     part = [np.arange(15, 15 + len(radius[0]))]
     share = np.linspace(0.0, 1.0, 2001)[:, None]
@@ -155,7 +156,7 @@ def test_each_point_lies_on_its_body_with_the_normal_out_of_the_object(
     for tick, body, point, normal in zip(*found):
         joints = placed.joints[tick]
         if body == 15:
-            centers = palm_spheres(hand.palm_tree.leaf_center, placed.position[tick], placed.orientation[tick])
+            centers = palm_centers(hand.palm_tree.leaf_center, placed.position[tick], placed.orientation[tick])
             on_hand = np.abs(np.linalg.norm(centers - point, axis=1) - hand.palm_tree.leaf_radius).min()
         else:
             f, k = divmod(int(body), 3)

@@ -10,9 +10,10 @@ import pytest
 from drawings_alone import drawn, leave_charts_undrawn
 from sampled import sampled
 
-from hhsim.bench import mesh_size, peers, speed_error_table, threads, trees
+from hhsim.bench import mesh_size, peers, speed_error_table, trees
 from hhsim.bench.manipulation import answers as manipulation
 from hhsim.bench.paper import table as paper
+from hhsim.bench.paper import threads
 from hhsim.bench.qp import bench as qp
 from hhsim.bench.robustness import hard, recorded, stress
 from hhsim.bench.table import BenchTable, load_table, write_table

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.bench.paper.run import SceneRun, at_contacts, play, play_again
-from hhsim.bench.paper.scene import Stage, make_stage, paper_scenarios
+from hhsim.bench.paper.scene import Scenario, Stage, make_stage, paper_scenarios
 from hhsim.errors import check_known
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
@@ -107,35 +107,54 @@ def measure(options: PaperOptions, progress: Progress = silent) -> PaperRuns:
     hand = HandModel.default()
     for method in options.methods:
         warm_up(hand, SolverOptions(method=method))
-    stages = _stages(options, hand, progress)
+    scenarios = [s for s in paper_scenarios() if options.objects is None or s.object_name in options.objects]
+    stages = make_stages(scenarios, hand, options.level, options.instances, options.seed, progress)
+    solvers = [SolverOptions(method=method) for method in options.methods]
+    runs = play_in_turns(stages, solvers, options.repetitions, progress)
+    return PaperRuns(tuple(runs), tuple(_at_contacts(options, stages, progress)))
+
+
+def play_in_turns(
+    stages: Sequence[Stage], solvers: Sequence[SolverOptions], repetitions: int, progress: Progress
+) -> list[SceneRun]:
+    """Play every stage by every solver, then all again in the opposite order; return the runs, stage by stage.
+
+    Raises:
+        HhsimError: A scene that a solver cannot play, or not twice alike.
+    """
     runs: list[SceneRun] = []
-    total = len(stages) * len(options.methods)
+    total = len(stages) * len(solvers)
     with interruptible_between() as check_interrupt:
         for stage in stages:
-            for method in options.methods:
+            for solver in solvers:
                 progress("scenes", len(runs), total)
-                runs.append(play(stage, SolverOptions(method=method)))
+                runs.append(play(stage, solver))
                 check_interrupt()
-        for repetition in range(1, options.repetitions):
+        for repetition in range(1, repetitions):
             for number, run in enumerate(runs if repetition % 2 == 0 else reversed(runs)):
-                progress(f"repetition {repetition + 1} of {options.repetitions}", number, total)
+                progress(f"repetition {repetition + 1} of {repetitions}", number, total)
                 play_again(run)
                 check_interrupt()
-        return PaperRuns(tuple(runs), tuple(_at_contacts(options, stages, progress)))
+    return runs
 
 
-def _stages(options: PaperOptions, hand: HandModel, progress: Progress) -> list[Stage]:
-    scenarios = [s for s in paper_scenarios() if options.objects is None or s.object_name in options.objects]
+def make_stages(
+    scenarios: Sequence[Scenario], hand: HandModel, level: int | None, instances: int, seed: int, progress: Progress
+) -> list[Stage]:
+    """Return the stages of scenes, on trees of a level; None for the paper's levels.
+
+    Raises:
+        TrajectoryError: A motion that cannot be done on an object.
+    """
     trees: dict[str, SphereTree] = {}
     stages = []
     for number, scenario in enumerate(scenarios):
         if scenario.object_name not in trees:
             item = load_object(scenario.object_name)
-            level = item.paper_level if options.level is None else options.level
-            wanted = TreeOptions(level=level)
+            wanted = TreeOptions(level=item.paper_level if level is None else level)
             trees[scenario.object_name] = cached_sphere_tree(item.mesh, wanted, progress, usual_threads())
         progress("hands placed", number, len(scenarios))
-        stages.append(make_stage(scenario, hand, trees[scenario.object_name], options.instances, options.seed))
+        stages.append(make_stage(scenario, hand, trees[scenario.object_name], instances, seed))
     return stages
 
 

@@ -16,7 +16,7 @@ from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion_from_matrix
+from hhsim.hand.quaternion import quaternion, quaternion_from_matrix, rotation_matrix
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
@@ -204,7 +204,7 @@ def _places(scenario: Scenario, script: Script, hand: HandModel, tree: SphereTre
     while True:
         for _ in range(TRIES):
             angle = TURN * random.standard_normal(3)
-            turned = quaternion_from_matrix(turned_by(angle) @ best.rotation)
+            turned = quaternion_from_matrix(rotation_matrix(quaternion(angle)) @ best.rotation)
             position = best.position + SHIFT * random.standard_normal(3)
             place = Placement("", position, turned, best.back, opened, best.abduction)
             closure = closer.close(place)
@@ -228,11 +228,3 @@ def _clear(closer: PlacedCloser, closure: FingerClosure) -> bool:
         *(closer.hand, closer.tree, closure.position, closure.rotation, closure.open, closure.abduction, closer.work)
     )
     return bool(near.min() >= 0.0)
-
-
-def turned_by(rotation_vector: FloatArray) -> FloatArray:
-    """Return the rotation matrix, shape (3, 3), of a rotation vector [rad], shape (3,)."""
-    angle = float(np.linalg.norm(rotation_vector))
-    x, y, z = rotation_vector / angle if angle > 0.0 else np.zeros(3)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)

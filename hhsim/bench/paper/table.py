@@ -255,11 +255,11 @@ SCENE_COLUMNS = (
     Column("wall_mean", "tick, wall time, mean", "s", lambda run: mean(run.tick_wall[run.contact])),
     Column(
         "detection", "contact detection, wall time, mean of ticks that were not interrupted", "s",
-        lambda run: _mean_of_parts(run, DURATION_DETECT),
+        lambda run: mean_of_parts(run, DURATION_DETECT),
     ),
     Column(
         "response", "collision response: palm, fingers and forces, wall time, mean of the same ticks", "s",
-        lambda run: _mean_of_parts(run, DURATION_PALM, DURATION_FINGERS, DURATION_FORCE),
+        lambda run: mean_of_parts(run, DURATION_PALM, DURATION_FINGERS, DURATION_FORCE),
     ),
     metric_column("penetration_max", "depth_max", lambda run: run_figure("penetration_max", run.ticks)),
     Column(
@@ -277,7 +277,8 @@ SCENE_COLUMNS = (
 )  # fmt: skip
 
 
-def _mean_of_parts(run: SceneRun, *parts: int) -> float:
+def mean_of_parts(run: SceneRun, *parts: int) -> float:
+    """Return the wall time of some parts of a tick in contact [s], mean of the ticks that were not interrupted."""
     times = run.tick_parts[run.undisturbed]
     return float(times.mean(axis=0)[[*parts]].sum()) if len(times) else math.nan
 

@@ -1,38 +1,35 @@
 """Programs of real ticks: replays of several objects and motions by both methods.
 
 A scene is run once, compiled, to find the ticks in contact, and then again: evenly chosen runs of ticks are driven
-phase by phase from Python, and every program of every linearisation is copied as the kernels hold it, with the guess.
-Within a run no program is left out, so that warm starts can be judged.
+phase by phase from Python, and the programs of every linearisation are copied. Within a run none is left out, so that
+warm starts can be judged.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import product
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import count, product
 
 import numpy as np
 
-from hhsim.arrays import FloatArray, IntArray
-from hhsim.bench.qp.program import Program, ProgramSolver
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
+from hhsim.kernels.hand.kinematics import FINGER_COUNT
 from hhsim.kernels.qp.active_set import OPTIMAL
-from hhsim.kernels.tick.coupled import coupled_groups, solve_coupled
+from hhsim.kernels.tick.coupled import solve_coupled
 from hhsim.kernels.tick.haptic_input import set_haptic
 from hhsim.kernels.tick.method import Coupled, Progressive
-from hhsim.kernels.tick.progressive import YIELD_SCALE, finger_rhs, solve_progressive
+from hhsim.kernels.tick.progressive import solve_progressive
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_LINEARISATIONS
-from hhsim.kernels.tick.step import guess_rows
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.scene import make_scene
 from hhsim.solver.backend_programs import drive_tick
+from hhsim.solver.contact_qp import coupled_problem, finger_problem, palm_problem
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.qp import available_backends
+from hhsim.solver.qp import QpProblem, QpSolution
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -45,8 +42,8 @@ MOTIONS = ("grasp", "pinch", "whole-hand", "slide", RANDOM)
 
 RANDOM_TICKS = 3000
 """Length of a random motion."""
-GUESSES = 64
-"""Capacity for the guess of a program."""
+MOVED_BACK = 1e-10
+"""Distance [√J] by which rows may be moved back that contradict each other by rounding, as in a tick."""
 RUN, RUNS = 25, 5
 """Limit of the consecutive ticks of a run, and number of runs of a scene with fewer ticks."""
 
@@ -57,27 +54,54 @@ class QpBenchOptions:
 
     Attributes:
         problems: Number of programs to harvest.
-        backends: Solvers besides ours; None for all that are installed.
+        objects: Objects of the catalogue.
+        motions: Motions of the catalogue, or `RANDOM`.
+        seed: Seed of the motions.
     """
 
     problems: int = 100_000
     objects: tuple[str, ...] = OBJECTS
     motions: tuple[str, ...] = MOTIONS
-    backends: tuple[str, ...] | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Raise UnknownNameError for an unknown object, motion or solver."""
-        check_known("QP solver", self.solvers(), available_backends()[1:])
+        """Raise UnknownNameError for an unknown object or motion."""
         check_known("object", self.objects, object_names())
         check_known("motion", self.motions, [*script_names(), RANDOM])
 
-    def solvers(self) -> list[str]:
-        """Return the solvers besides ours."""
-        return available_backends()[1:] if self.backends is None else list(self.backends)
+
+@dataclass(frozen=True)
+class TickProgram:
+    """One program of a tick.
+
+    Attributes:
+        kind: `coupled`, `palm`, `palm+fingers` or `finger`.
+        source: Scene that it is from.
+        tick: Tick of the scene's motion.
+        step: Linearisation of that tick, from 0.
+    """
+
+    kind: str
+    problem: QpProblem
+    source: str
+    tick: int
+    step: int
+
+    @property
+    def size(self) -> float:
+        """Larger of |x₀| and the largest |b_i| / |a_i| of the conditioned program [√J]; 1 if all are zero."""
+        root, _, norm = self.problem.conditioned()
+        apart = np.abs(self.problem.rhs) / norm
+        size = max(float(np.linalg.norm(root * self.problem.target)), float(apart.max(initial=0.0)))
+        return size if size > 0.0 else 1.0
+
+    def residual(self, answer: QpSolution) -> float:
+        """Return the KKT residual of an answer, of the program or of its rows moved back, in sizes of the program."""
+        moved = replace(self.problem, rhs=self.problem.rhs - MOVED_BACK * self.problem.conditioned()[2])
+        return min(one.kkt_residual(answer.x, answer.multiplier) for one in (self.problem, moved)) / self.size
 
 
-def harvest(options: QpBenchOptions, progress: Progress = silent) -> Iterator[Program]:
+def harvest(options: QpBenchOptions, progress: Progress = silent) -> Iterator[TickProgram]:
     """Yield programs of real ticks, from all scenes in like number, and from random targets if these have too few."""
     hand = HandModel.default("right")
     found, round_ = 0, 0
@@ -106,7 +130,7 @@ def _scene(hand: HandModel, object_: str, motion: str, seed: int) -> tuple[Spher
 
 def _programs(
     hand: HandModel, tree: SphereTree, haptic: HandConfiguration, method: str, quota: int, source: str
-) -> Iterator[Program]:
+) -> Iterator[TickProgram]:
     options = SolverOptions(method=method)
     record = HandSolver(hand, tree.arrays(), options).run(*haptic)
     expected = np.where(record.work[:, WORK_CANDIDATES] > 0, record.work[:, WORK_LINEARISATIONS], 0)
@@ -132,108 +156,28 @@ def _programs(
                 return
 
 
-def harvest_tick(solver: HandSolver, haptic: HandConfiguration, tick: int, source: str) -> list[Program]:
+def harvest_tick(solver: HandSolver, haptic: HandConfiguration, tick: int, source: str) -> list[TickProgram]:
     """Run the next tick of a solver; return its programs in the order in which they are solved."""
     workspace = solver.workspace
     state, options = workspace.states[0], workspace.tick_options
     kind = Coupled if solver.options.method == "coupled" else Progressive
-    taken: list[Program] = []
-    programs = _TickPrograms(state, options, source, tick)
+    taken: list[TickProgram] = []
+    steps = count()
 
     def solve_program() -> bool:
-        programs.step += 1
+        here = source, tick, next(steps)
         if kind is Coupled or state.program.is_coupled:
-            taken.append(programs.coupled())
+            taken.append(TickProgram("coupled", coupled_problem(state)[0], *here))
             return bool(solve_coupled(Coupled(options), state, workspace.qp) == OPTIMAL)
         status = solve_progressive(Progressive(options), state, workspace.qp)
-        taken.extend(programs.progressive())
+        found = [("palm" if state.progressive.variables == 6 else "palm+fingers", palm_problem(state)[0])]
+        step = state.progressive.palm_step * state.problem.inverse_root[:6]
+        touched = np.flatnonzero(np.diff(state.contacts.start[1 : FINGER_COUNT + 2]))
+        found += [("finger", finger_problem(state, finger, step)[0]) for finger in touched.tolist()]
+        taken.extend(TickProgram(name, problem, *here) for name, problem in found if problem.rhs.size)
         return bool(status == OPTIMAL)
 
     position, orientation, flexion, abduction = haptic.part(tick, tick + 1)
     set_haptic(workspace.hand, position[0], orientation[0], flexion[0], abduction[0], state)
     drive_tick(workspace, kind(options), solve_program)
     return taken
-
-
-class _TickPrograms:
-    """Copies of the programs in the state of a tick."""
-
-    def __init__(self, state: Any, options: Any, source: str, tick: int) -> None:
-        self._state, self._options, self._source, self._tick = state, options, source, tick
-        self.step = -1
-
-    def coupled(self) -> Program:
-        problem = self._state.problem
-        arrays = (problem.common, problem.block, problem.rhs, problem.target[:DOF])
-        return self._program("coupled", arrays, self._groups(), self._guess(range(FINGER_COUNT + 1)))
-
-    def progressive(self) -> list[Program]:
-        # The state has the last round's programs. If the palm has yielded, those of the round before are made again:
-        # its program without the fingers that joined, and theirs after its solution, which contradict themselves.
-        work, contacts = self._state.progressive, self._state.contacts
-        groups = np.array([work.palm_start, work.palm_stop, work.palm_block])
-        joined = [f for f in range(FINGER_COUNT) if work.yields[f] >= 0]
-        taken: list[Program] = []
-        if joined:
-            taken.append(self._palm(6, groups[:, :1], []))
-            alone = ProgramSolver().solve(taken[0]).x
-            if alone is not None:
-                taken.extend(self._finger(f, alone) for f in joined)
-        taken.append(self._palm(int(work.variables), groups, joined))
-        step = np.array(work.palm_step)
-        touched = [f for f in range(FINGER_COUNT) if contacts.start[f + 1] < contacts.start[f + 2]]
-        taken.extend(self._finger(f, step) for f in touched)
-        return [program for program in taken if program.rows > 0]
-
-    def _palm(self, variables: int, groups: IntArray, joined: list[int]) -> Program:
-        state, work = self._state, self._state.progressive
-        kind, scale = ("palm", 1.0) if variables == 6 else ("palm+fingers", 1.0 / YIELD_SCALE)
-        guess = self._guess([0, *(f + 1 for f in joined)])
-        problem = (state.problem.common, work.block, state.problem.rhs, work.palm_target[:variables])
-        return self._program(kind, problem, groups, guess, scale)
-
-    def _finger(self, finger: int, palm_step: FloatArray) -> Program:
-        problem = self._state.problem
-        groups = self._groups()[:, [finger + 1, finger + 6]]
-        groups[2] = 0
-        rhs = np.array(problem.rhs)
-        for first, last, _ in groups.T:
-            finger_rhs(problem, int(first), int(last), palm_step, rhs)
-        joints = slice(6 + PHALANX_COUNT * finger, 6 + PHALANX_COUNT * (finger + 1))
-        arrays = (problem.common[:0], problem.block, rhs, problem.target[joints])
-        return self._program("finger", arrays, groups, self._guess([finger + 1]))
-
-    def _groups(self) -> IntArray:
-        groups = np.zeros((3, 1 + 2 * FINGER_COUNT), dtype=np.int64)
-        coupled_groups(self._state.contacts, *groups)
-        return groups
-
-    def _guess(self, bodies: Sequence[int]) -> IntArray:
-        guess, count = np.zeros(GUESSES, dtype=np.int64), 0
-        for body in bodies:
-            count = guess_rows(self._state.contacts, self._state.warm, body, guess, count)
-        return guess[:count]
-
-    def _program(
-        self, kind: str, problem: tuple[FloatArray, ...], groups: IntArray, guess: IntArray, scale: float = 1.0
-    ) -> Program:
-        """Copy the rows of the groups, one group after the other."""
-        common, block, rhs, target = problem
-        start, stop, first = groups[:, groups[1] > groups[0]]
-        rows = np.concatenate([np.zeros(0, dtype=np.int64), *(np.arange(a, b) for a, b in zip(start, stop))])
-        ends = np.cumsum(stop - start)
-        place = {int(row): i for i, row in enumerate(rows)}
-        return Program(
-            kind=kind,
-            common=np.array(common[:, rows]),
-            block=np.array(block[:, rows]) if (first >= 0).any() else np.zeros((3, rows.size)),
-            rhs=np.array(rhs[rows]),
-            groups=np.array([ends - (stop - start), ends, first]),
-            target=np.array(target),
-            tolerance=float(self._options.tolerance * scale),
-            relaxation=float(self._options.relaxation),
-            guess=np.array([place[int(row)] for row in guess if int(row) in place], dtype=np.int64),
-            source=self._source,
-            tick=self._tick,
-            step=self.step,
-        )

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
+from hhsim.bench.robustness.safety import SafetyFigures
 from hhsim.bench.robustness.sphere_objects import ball, right_hand
 from hhsim.bench.robustness.triangle_objects import ball_mesh
+from hhsim.bench.run_errors import placed_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
@@ -87,14 +89,8 @@ class Outcome:
         options: Options that it was solved with.
         record: Ticks of the last repeat of the motion; None if the method refused the scene.
         refusal: Message of the refusal, else empty.
-        ticks_done: Ticks of all blocks.
-        penetration: Largest depth over all ticks [m]; NaN if a hand is not finite.
-        nonfinite: Numbers of the record that are not finite.
+        safety: Figures of all ticks.
         limit_excess: Largest excess of a joint beyond its limits [rad].
-        stuck: Ticks that kept the last feasible hand.
-        unexplained: Stuck ticks from which the hand can move, see `hhsim.bench.robustness.local_optimality`.
-        lagging: Ticks that are not converged.
-        lag: Largest distance still to go [m].
         marked: Graphic hands at the marks: joints and palm [m], shape (repeats, marks, 21, 3).
         memory: Resident memory of the process after each repeat [B], shape (repeats,).
     """
@@ -103,14 +99,8 @@ class Outcome:
     options: SolverOptions
     record: TickRecord | None
     refusal: str = ""
-    ticks_done: int = 0
-    penetration: float = 0.0
-    nonfinite: int = 0
+    safety: SafetyFigures = SafetyFigures()  # noqa: RUF009
     limit_excess: float = 0.0
-    stuck: int = 0
-    unexplained: int = 0
-    lagging: int = 0
-    lag: float = 0.0
     marked: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 21, 3)))
     memory: FloatArray = field(default_factory=lambda: np.zeros(0))
 
@@ -168,3 +158,13 @@ def distance_left(outcomes: Sequence[Outcome], name: str, bar: float = 1e-6) -> 
 def largest_step(points: ArrayLike) -> float:
     """Return the largest way of a point from one tick to the next [m]; points of shape (T, ..., 3)."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=-1).max())
+
+
+def shown_points(record: TickRecord) -> FloatArray:
+    """Return joints and palm of the graphic hand [m], shape (T, 21, 3)."""
+    return placed_of(record).points
+
+
+def motion_difference(first: TickRecord, second: TickRecord) -> float:
+    """Return the largest distance [m] of a joint or the palm of one record from the other's."""
+    return float(np.linalg.norm(shown_points(first) - shown_points(second), axis=-1).max())

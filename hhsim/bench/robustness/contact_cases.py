@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.bench.robustness.acceptance import part_of
 from hhsim.bench.robustness.case import (
     Figure,
     HardCase,
@@ -164,7 +163,7 @@ def _inside(seed: int) -> Sequence[HardRun]:
 def _judge_inside(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     unmarked = sum(int(not outcome.ticks.status[0] & STATUS_START_INSIDE) for outcome in outcomes)
     gaps = [
-        hand_clearance(outcome.run.hand, outcome.surface, placed_of(part_of(outcome.ticks, 0, 100)), 1.0)[-1]
+        hand_clearance(outcome.run.hand, outcome.surface, placed_of(outcome.ticks).at([99]), 1.0)[0]
         for outcome in outcomes
     ]
     return [

@@ -14,15 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.robustness.local_optimality import way_out
+from hhsim.arrays import BoolArray
+from hhsim.bench.robustness.local_optimality import stuck_with_way_out
 from hhsim.bench.robustness.pieces import Pieces
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.metrics.metrics import Penetration, penetration
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.tick_motion import hold_readings, replayed, trajectory_of
@@ -33,8 +32,6 @@ MOST_RUNS = 3000
 """Limit of the candidates that are tried."""
 MOST_TICKS = 1_000_000
 """Limit of the ticks of all candidates."""
-FEW_TICKS = 30
-"""Largest length of a motion that is held tick by tick, channel by channel."""
 
 
 class Trace(NamedTuple):
@@ -44,7 +41,6 @@ class Trace(NamedTuple):
     graphic: HandConfiguration
 
 
-Place = tuple[int | slice, ...]
 Trial = Callable[[HandConfiguration], Trace]
 """Runs a motion from its first sample with a solver of its own; the same motion gives the same trace."""
 
@@ -74,8 +70,7 @@ class Shrunk:
 def delta_debug(motion: HandConfiguration, trial: Trial, *, graphic: HandConfiguration | None = None) -> Shrunk:
     """Shrink a failing motion.
 
-    It cuts off the ticks after the failure, starts later, drops ticks between, holds fingers, abduction, rotation and
-    position, and rounds numbers, each as long as the motion still fails.
+    It cuts off the ticks after the failure, starts later and drops ticks between, as long as the motion still fails.
 
     Args:
         motion: Haptic hand, tick by tick; ticks that are no reading repeat the last one, as for the solver.
@@ -93,13 +88,11 @@ def delta_debug(motion: HandConfiguration, trial: Trial, *, graphic: HandConfigu
         best = search.first(_starts(whole, graphic, whole.ticks - 1))
     if best is None:
         raise InputError(f"the motion of {motion.ticks:,} ticks does not fail when it is run from its first sample on")
-    size = None
-    while size != _size(best.motion):
-        size = _size(best.motion)
-        best = search.first(_starts(best.motion, best.graphic, best.motion.ticks - 1)) or best
+    ticks = 0
+    while ticks != best.motion.ticks:
+        ticks = best.motion.ticks
+        best = search.first(_starts(best.motion, best.graphic, ticks - 1)) or best
         best = _drop(best, search)
-        best = _simplify(best, search)
-    best = _round(best, search)
     return Shrunk(best.motion, Trace(best.failed, best.graphic), motion.ticks, search.runs)
 
 
@@ -135,11 +128,6 @@ class _Search:
         return next((found for motion in candidates if (found := self.failing(motion)) is not None), None)
 
 
-def _size(motion: HandConfiguration) -> tuple[int, int]:
-    """Number of ticks, and of values that change from one tick to the next."""
-    return motion.ticks, sum(int(np.count_nonzero(np.diff(values, axis=0))) for values in motion)
-
-
 def _starts(motion: HandConfiguration, graphic: HandConfiguration, failed: int) -> Iterator[HandConfiguration]:
     """Last 1, 2, 4, … samples up to the failing one, after the graphic hand that was shown before them."""
     length = 1
@@ -169,43 +157,6 @@ def _drop(best: _Failing, search: _Search) -> _Failing:
     return best
 
 
-def _simplify(best: _Failing, search: _Search) -> _Failing:
-    """Hold every channel by itself: as in the first sample throughout, else as in the sample before, tick by tick."""
-    for channel, place in _CHANNELS:
-        throughout: Place = (slice(None), *place)
-        best = _with(best, search, channel, throughout, best.motion[channel][:1].copy()[throughout])
-        tick = 1
-        while tick < best.motion.ticks <= FEW_TICKS:
-            best = _with(best, search, channel, (tick, *place), best.motion[channel][(tick - 1, *place)])
-            tick += 1
-    return best
-
-
-_CHANNELS: tuple[tuple[int, tuple[int, ...]], ...] = (*((2, (i,)) for i in range(5)), (3, ()), (1, ()), (0, ()))
-"""Field of `HandConfiguration` and place in it: each finger's flexion, the abduction, the orientation, the position."""
-
-
-def _with(best: _Failing, search: _Search, channel: int, place: Place, values: FloatArray) -> _Failing:
-    changed = best.motion.copy()
-    changed[channel][place] = values
-    if np.array_equal(changed[channel], best.motion[channel]):
-        return best
-    return search.failing(changed) or best
-
-
-def _round(best: _Failing, search: _Search) -> _Failing:
-    """Round all samples but the first: a rounded start can be inside the object."""
-    for channel in (0, 2, 3):
-        for digits in (2, 3, 4, 5):
-            changed = best.motion.copy()
-            changed[channel][1:] = np.round(changed[channel][1:], digits)
-            found = search.failing(changed)
-            if found is not None:
-                best = found
-                break
-    return best
-
-
 Solver = Callable[[], HandSolver]
 Fails = Callable[[HandConfiguration, TickRecord, Penetration], BoolArray]
 """Returns the ticks of a record that fail, shape (T,), from the haptic motion and the recorded hand's penetration."""
@@ -230,28 +181,12 @@ def not_finite(record: TickRecord) -> BoolArray:
     return bad
 
 
-def is_stuck(hand: HandModel, pieces: Pieces, options: SolverOptions) -> Fails:
-    """Return the failure of a stuck tick with a free step; finds only the first."""
-
-    def fails(motion: HandConfiguration, record: TickRecord, depth: Penetration) -> BoolArray:
-        found = np.zeros(motion.ticks, dtype=bool)
-        wanted, shown = hold_readings(motion), HandConfiguration.of(record)
-        for tick in np.flatnonzero(record.status & STATUS_STUCK).tolist():
-            goal, here = wanted.part(tick, tick + 1), shown.part(tick, tick + 1)
-            if way_out(hand, pieces, options, here, goal) > 0.0:
-                found[tick] = True
-                break
-        return found
-
-    return fails
-
-
 def failure_of(kind: str, hand: HandModel, pieces: Pieces, options: SolverOptions) -> Fails:
     """Return the failure of a name: penetration, not finite or stuck."""
     kinds: dict[str, Fails] = {
         "penetration": lambda motion, record, depth: ~(depth.depth <= SAFE_DEPTH),
         "not finite": lambda motion, record, depth: not_finite(record),
-        "stuck": is_stuck(hand, pieces, options),
+        "stuck": lambda motion, record, depth: stuck_with_way_out(hand, pieces, options, hold_readings(motion), record),
     }
     return kinds[kind]
 
@@ -297,26 +232,15 @@ class Provenance:
     hand: str = "right"
 
     def command(self, path: Path) -> str:
-        """Return the command that replays the file, with every option that has a flag."""
-        words = ["hhsim replay", self.object, str(path), f"--method {self.method}", "--samples hold"]
+        """Return the command that replays the file, with the options that the bench of random targets has too."""
         plain = SolverOptions(method=self.method).to_json()
         used = {**plain, **self.solver}
+        words = ["hhsim replay", self.object, str(path), f"--method {self.method}", "--samples hold"]
         if self.object_options:
             words.append(self.object_options)
-        if self.hand != "right":
-            words.append(f"--hand {self.hand}")
-        flags = ("surface", "qp", "force", "linearisations", "budget", "tolerance", "frustum_ends")
-        words += [f"--{name.replace('_', '-')} {used[name]}" for name in flags if used[name] != plain[name]]
+        words += [f"--{name} {used[name]}" for name in ("surface", "linearisations") if used[name] != plain[name]]
         if used["margin"] != plain["margin"]:
             words.append(f"--margin {1e3 * used['margin']:.15g}")
-        if tuple(used["fingers"]) != tuple(plain["fingers"]):
-            words.append("--fingers " + ",".join(used["fingers"]))
-        stiffness, usual = used["stiffness"], plain["stiffness"]
-        coupling = ("translation", "rotation", "flexion")
-        if any(stiffness[n] != usual[n] for n in coupling):
-            words.append("--stiffness " + ",".join(repr(stiffness[n]) for n in coupling))
-        if self.method == "penalty" and stiffness["penalty"] != usual["penalty"]:
-            words.append(f"--penalty-stiffness {stiffness['penalty']!r}")
         return " ".join(words)
 
 

@@ -4,15 +4,24 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
-from hhsim.bench.robustness.acceptance import motion_difference, part_of, shown_points, sound_samples
-from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome, ball_run, rest_figure
+from hhsim.arrays import BoolArray, FloatArray
+from hhsim.bench.robustness.case import (
+    Figure,
+    HardCase,
+    HardRun,
+    Outcome,
+    ball_run,
+    motion_difference,
+    rest_figure,
+    shown_points,
+)
 from hhsim.bench.robustness.postures import HALF, POINTING, RIM, crossings, handling, tip_at
 from hhsim.bench.robustness.sphere_objects import ball, disc, plate, tree_of
 from hhsim.bench.robustness.triangle_objects import ball_mesh, box_mesh, disc_mesh
 from hhsim.bench.run_errors import hand_clearance, placed_of
-from hhsim.hand.configuration import sequence
+from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.quaternion import quaternion, quaternion_product
+from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
 from hhsim.motion.analytic_motion import UPRIGHT, still
 from hhsim.motion.tick_motion import hold_readings
@@ -35,7 +44,7 @@ def _deep(seed: int) -> Sequence[HardRun]:
 def _judge_deep(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     outcome = outcomes[0]
     record = outcome.ticks
-    gap = float(hand_clearance(outcome.run.hand, outcome.surface, placed_of(part_of(record, -1)), 1.0)[0])
+    gap = float(hand_clearance(outcome.run.hand, outcome.surface, placed_of(record).at([-1]), 1.0)[0])
     return [
         Figure("gap to the surface at the end", gap, TOUCHING, "m"),
         Figure("palm above the ball's middle at the end", record.position[-1, 2], 0.1, "m", at_least=True),
@@ -138,6 +147,11 @@ def _bad_samples(seed: int) -> Sequence[HardRun]:
         ball_run("none at first", late),
         ball_run("the first one from the start", hold_readings(late)),
     ]
+
+
+def sound_samples(motion: HandConfiguration) -> BoolArray:
+    """Return the samples that are a hand's, shape (T,), from the input itself."""
+    return np.array([is_finite_configuration(*sample) for sample in zip(*motion, strict=True)], dtype=bool)
 
 
 def _judge_bad_samples(outcomes: Sequence[Outcome]) -> Sequence[Figure]:

@@ -7,8 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.bench.robustness.acceptance import shown_points
-from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome, ball_run
+from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome, ball_run, shown_points
 from hhsim.bench.robustness.postures import HALF, handling
 from hhsim.bench.robustness.sphere_objects import ball, right_hand, scaled_hand, tree_of
 from hhsim.bench.robustness.triangle_objects import ball_mesh, loose_mesh

@@ -1,19 +1,22 @@
 """Judge of stuck ticks: searches for a step that a hand which stood still could have taken.
 
-It shares nothing with a tick but the hand's kinematics and the QP solver: distances to leaf spheres or triangles are
-computed by brute force, their derivatives by differences, and a step is free if the distances at its end say so.
+It shares nothing with a tick but the QP solver: kinematics and distances to leaf spheres or triangles are those of
+`hhsim verify`, and a step is free if the distances at its end say so.
 """
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.robustness.pieces import Body, Pieces, hand_bodies
+from hhsim.bench.robustness.pieces import Pieces
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.rotation import rotate_quaternion, rotation_vector_between
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import QpProblem, QpStatus, solve
+from hhsim.verify.contacts import PALM, Pairs
+from hhsim.verify.kinematics import Posed
 
 Pose = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
@@ -23,8 +26,30 @@ SHARES = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
 """Shares of the program's step that are tried."""
 ARRIVED = 1e-9
 """A hand this near to the haptic one [m] has arrived."""
-DIFFERENCE = 1e-6
-"""Step of the central differences [m, rad]."""
+MOST_CHECKS = 40
+"""Different stuck ticks of a run, or of a block of it, that are examined; those beyond count as having a way out."""
+
+
+def stuck_with_way_out(
+    hand: HandModel, pieces: Pieces, options: SolverOptions, haptic: HandConfiguration, record: TickRecord
+) -> BoolArray:
+    """Return the stuck ticks for which `way_out` finds a step, shape (T,).
+
+    Args:
+        pieces: Pieces of the object, world.
+        haptic: Readings of the same ticks, see `hold_readings`.
+        record: Ticks of the run.
+    """
+    found = np.zeros(len(record.status), bool)
+    shown = HandConfiguration.of(record)
+    verdicts: dict[bytes, bool] = {}
+    for tick in np.flatnonzero(record.status & STATUS_STUCK).tolist():
+        here, goal = shown.part(tick, tick + 1), haptic.part(tick, tick + 1)
+        key = b"".join(np.ascontiguousarray(values).tobytes() for values in (*here, *goal))
+        if key not in verdicts and len(verdicts) < MOST_CHECKS:
+            verdicts[key] = way_out(hand, pieces, options, here, goal) > 0.0
+        found[tick] = verdicts.get(key, True)
+    return found
 
 
 def way_out(
@@ -50,12 +75,12 @@ def way_out(
     if longest < ARRIVED:
         return 0.0
     clipped = target * min(1.0, options.margin / longest)
-    pairs = _Pairs(hand, pieces, here, 4.0 * options.margin)
-    distance, matrix = pairs.linearised(here)
-    limits = _limit_rows(hand, here)
+    near = 4.0 * options.margin
+    pairs, posed = pieces.near(hand, graphic, near)
+    distance, limits = pairs.distance, _limit_rows(hand, here)
     problem = QpProblem(
         stiffness=stiffness,
-        matrix=np.concatenate([matrix, limits[0]]),
+        matrix=np.concatenate([distance_rows(pairs, posed), limits[0]]),
         # A little clear of what touches: the second order of a short step then cannot take it in.
         rhs=np.concatenate(
             [np.minimum(options.offset, np.maximum(distance, 0.0) + 0.1 * options.offset) - distance, limits[1]]
@@ -73,12 +98,31 @@ def way_out(
     free = energy(target) - energy(target - clipped)
     if not promised > WORTH * free:
         return 0.0
+    deepest = min(0.0, float(distance.min(initial=0.0)))
     for share in SHARES:
         there = _moved(here, share * solution.x)
         gained = energy(target) - energy(_between(hand, there, goal))
-        if gained > 0.1 * share * promised and pairs.least(there) >= min(0.0, float(distance.min(initial=0.0))):
-            return share
+        if gained > 0.1 * share * promised:
+            moved = pieces.near(hand, HandConfiguration(*(np.array(values)[None] for values in there)), near)[0]
+            if moved.distance.min(initial=np.inf) >= deepest:
+                return share
     return 0.0
+
+
+def distance_rows(pairs: Pairs, posed: Posed) -> FloatArray:
+    """Return the derivatives of the distances of one hand's pairs by its 21 variables, shape (N, 21).
+
+    The nearest point of the hand moves with its body, along the pair's normal.
+    """
+    rows = np.zeros((len(pairs.distance), 21))
+    rows[:, :3] = pairs.normal
+    rows[:, 3:6] = np.cross(pairs.point - posed.position[0], pairs.normal)
+    for row in np.flatnonzero(pairs.body < PALM).tolist():
+        finger, last = divmod(int(pairs.body[row]), 3)
+        lever = pairs.point[row] - posed.joints[0, finger, : last + 1]
+        first = 6 + 3 * finger
+        rows[row, first : first + last + 1] = np.cross(posed.axes[0, finger], lever) @ pairs.normal[row]
+    return rows
 
 
 def _between(hand: HandModel, here: Pose, goal: Pose) -> FloatArray:
@@ -99,33 +143,3 @@ def _limit_rows(hand: HandModel, here: Pose) -> tuple[FloatArray, FloatArray]:
     matrix = np.concatenate([np.zeros((30, 6)), rows], axis=1)
     bounds = np.concatenate([(hand.flexion_min - here[2]).ravel(), (here[2] - hand.flexion_max).ravel()])
     return matrix, np.minimum(bounds, 0.0)
-
-
-class _Pairs:
-    """Pairs of a body of the hand and a piece of the object near it."""
-
-    def __init__(self, hand: HandModel, pieces: Pieces, pose: Pose, near: float) -> None:
-        self._hand, self._shape = hand, hand_shape(hand)
-        self._pieces = [pieces.near(body, near) for body in self._bodies(pose)]
-        self._chosen: slice | BoolArray = slice(None)
-        self._chosen = self._distances([pose])[0] <= near
-
-    def _bodies(self, pose: Pose) -> list[Body]:
-        return hand_bodies(self._shape, self._hand.joints(*pose), pose[0], pose[1])
-
-    def _distances(self, poses: list[Pose]) -> FloatArray:
-        """Signed distances [m] of all near pairs at each pose, shape (P, N)."""
-        places = zip(*(self._bodies(pose) for pose in poses), strict=True)
-        found = [pieces.distances(body) for pieces, body in zip(self._pieces, places, strict=True)]
-        return np.concatenate(found, axis=1)[:, self._chosen]
-
-    def least(self, pose: Pose) -> float:
-        """Return the least signed distance [m] of all near pairs, infinite without one."""
-        return float(self._distances([pose]).min(initial=np.inf))
-
-    def linearised(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Return distances, shape (N,), and their derivatives by the 21 variables, shape (N, 21)."""
-        steps = DIFFERENCE * np.eye(21)
-        here, *there = self._distances([pose, *(_moved(pose, sign * step) for sign in (1.0, -1.0) for step in steps)])
-        ahead, behind = np.array(there[:21]), np.array(there[21:])
-        return here, ((ahead - behind) / (2.0 * DIFFERENCE)).T

@@ -1,69 +1,53 @@
-"""Brute-force distances of a hand's bodies to the convex pieces of an object: leaf spheres or triangles.
+"""Convex pieces of an object, leaf spheres or triangles, and those near a hand, by the search of `hhsim verify`."""
 
-Runs by trees are checked with it, and the judge of stuck ticks uses it. The distance of a triangle to the ball at a
-point of a phalanx's axis is convex along the axis, so its slope is bisected; its nearest point is trimesh's, and the
-winding number tells inside from outside. No hierarchy, and none of the kernels.
-"""
-
-from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError
-from hhsim.hand.fingers import PHALANGES
-from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
-from hhsim.trees.contact_surface import encloses
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.verify.contacts import ReadyTriangles, away_from_triangles, nearest_share, ready_triangles
-from hhsim.verify.tree_checks import INSIDE, winding_number
+from hhsim.verify.contacts import (
+    Groups,
+    Pairs,
+    ReadyTriangles,
+    grouped,
+    near_pairs,
+    near_triangle_pairs,
+    ready_triangles,
+    triangle_groups,
+)
+from hhsim.verify.kinematics import OwnHand, Posed, pose
 
 
-class Body(NamedTuple):
-    """A phalanx of a hand or a sphere of its palm: axis ends [m], shape (2, 3), and radii there [m], shape (2,)."""
+class Pieces(NamedTuple):
+    """Pieces of an object's surface, world; `triangles` is None for leaf spheres."""
 
-    ends: FloatArray
-    radius: FloatArray
+    groups: Groups
+    triangles: ReadyTriangles | None
 
-    @property
-    def is_sphere(self) -> bool:
-        """True if both ends are one."""
-        return bool((self.ends[0] == self.ends[1]).all())
-
-
-Pieces: TypeAlias = "Leaves | Triangles"
-"""Convex pieces of an object's surface, world."""
-
-
-def hand_bodies(shape: HandShape, joints: ArrayLike, position: ArrayLike, orientation: ArrayLike) -> list[Body]:
-    """Return all bodies of one hand: the 15 phalanges, then the palm's spheres.
-
-    Args:
-        joints: [m], world, shape (5, 4, 3).
-        position: Of the palm [m], world, shape (3,).
-        orientation: Palm to world, unit (w, x, y, z), shape (4,).
-    """
-    joint = np.asarray(joints, np.float64)
-    phalanges = [
-        Body(joint[finger, k : k + 2], shape.phalanx_radius[finger, k : k + 2])
-        for finger in range(len(joint))
-        for k in range(PHALANGES)
-    ]
-    centers = palm_spheres(shape.palm_center, position, orientation)
-    twice = (np.repeat(values[:, None], 2, axis=1) for values in (centers, shape.palm_radius))
-    return phalanges + [Body(*sphere) for sphere in zip(*twice)]
-
-
-def hand_distance(
-    pieces: Pieces, shape: HandShape, joints: ArrayLike, position: ArrayLike, orientation: ArrayLike
-) -> float:
-    """Return the signed distance of one hand to an object [m]; NaN if the hand is not finite. See `hand_bodies`."""
-    bodies = hand_bodies(shape, joints, position, orientation)
-    return pieces.least(*bodies) if all(np.isfinite(body.ends).all() for body in bodies) else float("nan")
+    def near(self, hand: HandModel, at: HandConfiguration, limit: float) -> tuple[Pairs, Posed]:
+        """Return all pairs of a body of a hand and a piece no more than `limit` [m] apart, and the posed hand."""
+        palm = hand.palm_tree
+        own = OwnHand(
+            base=hand.base,
+            distal=hand.distal,
+            dorsal=hand.dorsal,
+            length=hand.length,
+            radius=hand.radius,
+            flexion_min=hand.flexion_min,
+            flexion_max=hand.flexion_max,
+            palm_center=np.asarray(palm.leaf_center),
+            palm_radius=np.asarray(palm.leaf_radius),
+            sign=hand.abduction_sign,
+        )
+        posed, fingers = pose(own, at), np.ones(len(FINGERS), bool)
+        if self.triangles is None:
+            return near_pairs(own, posed, self.groups, fingers, limit), posed
+        return near_triangle_pairs(own, posed, self.triangles, self.groups, fingers, limit), posed
 
 
 def pieces_of(surface: str, mesh: Mesh | None, tree: SphereTree | None) -> Pieces:
@@ -73,130 +57,7 @@ def pieces_of(surface: str, mesh: Mesh | None, tree: SphereTree | None) -> Piece
         InputError: The object has no such surface.
     """
     if surface == "spheres" and tree is not None:
-        return Leaves(np.asarray(tree.leaf_center), np.asarray(tree.leaf_radius))
+        return Pieces(grouped(np.asarray(tree.leaf_center), np.asarray(tree.leaf_radius)), None)
     if surface == "mesh" and mesh is not None:
-        return Triangles(mesh.triangles, closed=encloses(mesh))
+        return Pieces(triangle_groups(mesh.triangles), ready_triangles(mesh.triangles))
     raise InputError(f"this object has no {surface}")
-
-
-class Leaves:
-    """Leaf spheres: centres [m], shape (N, 3), and radii [m], shape (N,)."""
-
-    def __init__(self, center: FloatArray, radius: FloatArray) -> None:
-        self._center, self._radius = center, radius
-
-    def near(self, body: Body, limit: float) -> "Leaves":
-        """Return exactly the spheres within the limit."""
-        chosen = self._of(body) <= limit
-        return Leaves(self._center[chosen], self._radius[chosen])
-
-    def distances(self, places: Sequence[Body]) -> FloatArray:
-        """Return signed distances [m] of a body at P places to each sphere, shape (P, N); clear if none is negative."""
-        if len(self._radius) == 0:
-            return np.zeros((len(places), 0))
-        if places[0].is_sphere:
-            place, size = (np.stack(values)[:, None, 0] for values in zip(*places))
-            return np.asarray(np.linalg.norm(self._center - place, axis=2) - self._radius - size)
-        return np.stack([self._of(body) for body in places])
-
-    def least(self, *bodies: Body) -> float:
-        """Return the signed distance of the nearest body [m], negative inside; infinite without a sphere."""
-        return float(min(self._of(body).min(initial=np.inf) for body in bodies))
-
-    def _of(self, body: Body) -> FloatArray:
-        first, last = body.ends
-        size, other = map(float, body.radius)
-        if body.is_sphere:
-            apart: FloatArray = np.linalg.norm(self._center - first, axis=1) - self._radius - size
-            return apart
-        return round_cone_distance(self._center, first, last, size, other) - self._radius
-
-
-class _Axes(NamedTuple):
-    """Axes of bodies, one a triangle: start (N, 3), vector to the end (N, 3), radius there and its change (N,) [m]."""
-
-    start: FloatArray
-    along: FloatArray
-    size: FloatArray
-    drop: FloatArray
-
-    @classmethod
-    def of(cls, bodies: Sequence[Body], row: IntArray) -> "_Axes":
-        ends, radius = (np.stack(values)[row] for values in zip(*bodies))
-        return cls(ends[:, 0], ends[:, 1] - ends[:, 0], radius[:, 0], radius[:, 1] - radius[:, 0])
-
-    def ball(self, share: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return centres and radii at a fraction of each axis."""
-        return self.start + share[:, None] * self.along, self.size + share * self.drop
-
-    def apart(self, share: FloatArray, triangles: ReadyTriangles) -> FloatArray:
-        """Return unsigned distances [m] of the balls there to their triangles."""
-        place, size = self.ball(share)
-        return np.asarray(np.linalg.norm(away_from_triangles(triangles, place.T), axis=0) - size)
-
-
-class Triangles:
-    """Triangles: corners [m], shape (F, 3, 3); `closed` where they enclose something."""
-
-    def __init__(self, corners: FloatArray, closed: bool = False) -> None:
-        # A triangle without area lies on its neighbours.
-        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        self._corners = corners[(across != 0.0).any(axis=1)]
-        self._closed = closed
-        self._middle = self._corners.mean(axis=1)
-        self._around = np.linalg.norm(self._corners - self._middle[:, None], axis=2).max(axis=1, initial=0.0)
-
-    def near(self, body: Body, limit: float) -> "Triangles":
-        """Return the triangles whose bounding ball is within the limit of one around the body."""
-        return Triangles(self._corners[self._near(body, limit)], self._closed)
-
-    def distances(self, places: Sequence[Body]) -> FloatArray:
-        """Return signed distances [m] of a body at P places to each triangle, shape (P, F); clear if none is negative.
-
-        Of a phalanx also those of the balls at its ends, shape (P, 3 F): one that lies flat touches along a line, and
-        its least distance says nothing of its other end.
-        """
-        if len(self._corners) == 0:
-            return np.zeros((len(places), 0))
-        row, face = (number.ravel() for number in np.indices((len(places), len(self._corners))))
-        axes, triangles = _Axes.of(places, row), ready_triangles(self._corners).at(face)
-        shares = [np.zeros(len(row))]
-        if not places[0].is_sphere:
-            shares += [np.ones(len(row)), nearest_share(axes.start, axes.along, axes.drop, triangles)]
-        return np.concatenate([axes.apart(share, triangles).reshape(len(places), -1) for share in shares], axis=1)
-
-    def least(self, *bodies: Body) -> float:
-        """Return the least distance over all triangles, negative if the nearest point of a body's axis is inside."""
-        if len(self._corners) == 0:
-            return np.inf
-        # A triangle is no farther than its middle is from the ball at an end.
-        most = [(np.linalg.norm(self._middle - body.ends[0], axis=1) - body.radius[0]).min() for body in bodies]
-        near = [self._near(body, limit) for body, limit in zip(bodies, most)]
-        row = np.repeat(np.arange(len(bodies)), [len(found) for found in near])
-        axes, triangles = _Axes.of(bodies, row), ready_triangles(self._corners[np.concatenate(near)])
-        share, long = np.zeros(len(row)), np.asarray(axes.along.any(axis=1))
-        share[long] = nearest_share(axes.start[long], axes.along[long], axes.drop[long], triangles.at(long))
-        distance = axes.apart(share, triangles)
-        # The first of each body's, the nearest one.
-        ranked = np.lexsort((distance, row))
-        nearest = ranked[np.searchsorted(row, np.arange(len(bodies)))]
-        distance, (place, size) = distance[nearest], (values[nearest] for values in axes.ball(share))
-        inside = self._inside(place, distance + size)
-        return float(np.where(inside, -distance - 2.0 * size, distance).min())
-
-    def _near(self, body: Body, limit: float) -> IntArray:
-        middle, half = body.ends.mean(axis=0), 0.5 * np.linalg.norm(body.ends[1] - body.ends[0])
-        apart = np.linalg.norm(self._middle - middle, axis=1) - self._around - half - body.radius.max()
-        return np.flatnonzero(apart <= limit)
-
-    def _inside(self, places: FloatArray, clear: FloatArray) -> BoolArray:
-        """Tell which places are inside; all places within `clear` [m] of one are on the same side."""
-        inside = np.zeros(len(places), np.bool_)
-        left = np.arange(len(places)) if self._closed else np.zeros(0, np.int64)
-        while len(left):
-            first = left[clear[left].argmax()]
-            same = np.linalg.norm(places[left] - places[first], axis=1) < clear[first]
-            same[left == first] = True
-            inside[left[same]] = winding_number(self._corners, places[first]) >= INSIDE
-            left = left[~same]
-        return inside

@@ -16,36 +16,31 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.bench.robustness.failure import (
-    SAFE_DEPTH,
     Provenance,
     Shrunk,
     delta_debug,
     failure_of,
     keep_failure,
     make_trial,
-    not_finite,
     recorded_penetration,
 )
-from hhsim.bench.robustness.local_optimality import way_out
-from hhsim.bench.robustness.pieces import Pieces, hand_distance, pieces_of
+from hhsim.bench.robustness.pieces import Pieces, pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
-from hhsim.bench.run_errors import hand_clearance, placed_of
-from hhsim.bench.table import columns_of, cpu_times, figure, metric, totals_of
+from hhsim.bench.robustness.safety import BLOCK, SafetyFigures, SafetyMeasure
+from hhsim.bench.table import columns_of, cpu_times, figure, totals_of
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
-from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
+from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import Penetration
-from hhsim.motion.tick_motion import hold_readings, replayed
+from hhsim.motion.tick_motion import replayed
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
-from hhsim.system.log_histogram import CpuTimes, LogHistogram
+from hhsim.system.log_histogram import LogHistogram
 from hhsim.system.output_path import free_name
 from hhsim.system.progress import Progress, silent
 from hhsim.table.table import Column
@@ -55,10 +50,7 @@ from hhsim.trees.sphere_tree import SphereTree
 
 @dataclass(frozen=True)
 class KeptFailure:
-    """A failure that was shrunk and kept.
-
-    `reproduced` is False if no fresh solver fails on any end of the motion: then the file holds all of it.
-    """
+    """A failure that was shrunk and kept."""
 
     kind: str
     tick: int
@@ -66,57 +58,27 @@ class KeptFailure:
     ticks: int
     failing_tick: int
     depth: float
-    reproduced: bool
     command: str
 
 
-@dataclass
-class StressFigures(CpuTimes):
-    """Figures of a case.
+@dataclass(frozen=True, kw_only=True)
+class StressFigures(SafetyFigures):
+    """Figures of a case."""
 
-    `unexplained` are the stuck ticks with a free step (`hhsim.bench.robustness.local_optimality`), of those looked at.
-    """
-
-    object: str = figure("object")
-    method: str = figure("method")
-    surface: str = figure("what of the object the hand touches")
     level: int = figure("level of the sphere tree", total=max)
     spheres: int = figure("leaf spheres of the object", total=sum)
     seed: int = figure("seed of the random targets")
-    ticks: int = figure("ticks run", total=sum, default=0)
-    penetration: float = figure("deepest penetration", "m", max, default=0.0)
-    penetration_palm: float = figure("deepest penetration of the palm", "m", max, default=0.0)
-    penetration_finger: float = figure("deepest penetration of a finger", "m", max, default=0.0)
-    penetrating: int = figure("ticks deeper than 1 um", total=sum, default=0)
+    penetration_palm: float = figure("deepest penetration of the palm", "m", max, 0.0)
+    penetration_finger: float = figure("deepest penetration of a finger", "m", max, 0.0)
     penetrating_deep: int = figure("ticks deeper than 10 um", total=sum, default=0)
-    not_finite: int = figure("ticks whose hand or force is not finite", total=sum, default=0)
-    stuck: int = figure("ticks that kept the last feasible hand", total=sum, default=0)
-    unexplained: int = figure("stuck ticks that had a way out", total=sum, default=0)
-    longest_stuck: int = figure("longest run of stuck ticks", total=max, default=0)
-    lag: int = figure("ticks whose budget ended on the way", total=sum, default=0)
     held: int = figure("ticks whose input was no reading of a hand", total=sum, default=0)
-    touching: int = figure("ticks in touch with the object", total=sum, default=0)
-    candidates_max: int = metric(max, default=0)
     force_max: float = figure("largest total force", "N", default=0.0)
     coupling_force: float = figure("the coupling's own force at that tick", "N", default=np.nan)
     force_ratio: float = figure(
         "largest ratio of the total force to the coupling's own at the same tick", total=max, default=0.0
     )
     cpu: LogHistogram = cpu_times("a tick")  # noqa: RUF009
-    brute_ticks: int = figure("ticks recomputed by brute force", total=sum, default=0)
-    brute_difference: float = figure("largest disagreement with brute force", "m", max, 0.0)
     failures: tuple[KeptFailure, ...] = ()
-
-    @property
-    def safe(self) -> bool:
-        """True if the hand is shallow and finite, no stuck tick had a free step, and brute force agrees."""
-        shallow = self.penetration <= SAFE_DEPTH and self.brute_difference <= SAFE_DEPTH
-        return shallow and self.not_finite == 0 and self.unexplained == 0
-
-    @property
-    def missed(self) -> bool:
-        """True if the method promises safety and is not safe."""
-        return never_penetrates(self.method) and not self.safe
 
 
 COLUMNS = (*columns_of(StressFigures), Column("safe", "kept what a safe method promises"))
@@ -131,14 +93,8 @@ def total(rows: Sequence[StressFigures]) -> StressFigures:
 
 DEEP = 1e-5
 """Second depth [m] over which ticks are counted; the first is `SAFE_DEPTH`."""
-BRUTE_EVERY = 997
-"""Ticks from one brute-force depth to the next; a prime, so that it meets every place in a hold."""
-MOST_STUCK_CHECKED = 200
-"""Stuck ticks of a case that are examined for a free step."""
 LEAST_FORCE = 1.0
 """Least force [N] that is compared with the coupling's own."""
-FAR = 0.05
-"""Least clearance [m] that is not compared with brute force."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -177,7 +133,7 @@ class StressCase:
 
     @cached_property
     def pieces(self) -> Pieces:
-        """Pieces of that surface, for brute force."""
+        """Pieces of that surface, for the judge of stuck ticks."""
         return pieces_of(self.solver.surface, self.mesh, self.tree)
 
     def new_solver(self) -> HandSolver:
@@ -204,78 +160,46 @@ class StressMeasure:
     """Figures of a case, block by block."""
 
     def __init__(self, case: StressCase) -> None:
-        self._case = case
-        self._stuck_run = 0
-        self._before: HandConfiguration | None = None
-        solver, tree = case.solver, case.tree
-        self.figures = StressFigures(case.object, solver.method, solver.surface, tree.depth, tree.leaf_count, case.seed)
+        self._case, solver, tree = case, case.solver, case.tree
+        self._safety = SafetyMeasure(case.hand, case.pieces, solver)
+        self.figures = StressFigures(
+            object=case.object,
+            method=solver.method,
+            surface=solver.surface,
+            level=tree.depth,
+            spheres=tree.leaf_count,
+            seed=case.seed,
+        )
 
     def add(self, motion: HandConfiguration, record: TickRecord, depth: Penetration) -> dict[str, BoolArray]:
         """Measure a block; return its failed ticks, shape (T,), by the name of the failure."""
-        made = self.figures
-        self._brute(record)
-        made.ticks += motion.ticks
-        # np.maximum, unlike max, keeps a NaN whichever side it is on.
-        made.penetration = float(np.maximum(made.penetration, depth.depth.max()))
-        made.penetration_palm = float(np.maximum(made.penetration_palm, depth.palm.max()))
-        made.penetration_finger = float(np.maximum(made.penetration_finger, depth.finger.max()))
-        penetrating, lost = ~(depth.depth <= SAFE_DEPTH), not_finite(record)
-        made.penetrating += int(penetrating.sum())
-        made.penetrating_deep += int((~(depth.depth <= DEEP)).sum())
-        made.not_finite += int(lost.sum())
-        made.lag += int(((record.status & STATUS_LAG) > 0).sum())
-        made.held += int(((record.status & STATUS_INPUT_INVALID) > 0).sum())
-        made.touching += int((record.work[:, WORK_TOUCHING] > 0).sum())
-        made.candidates_max = max(made.candidates_max, int(record.work[:, WORK_CANDIDATES].max()))
-        made.cpu.add(record.duration_cpu)
-        haptic = self._readings(motion)
-        size = np.linalg.norm(record.total, axis=1)
+        haptic, before = self._safety.readings(motion), self.figures
+        failed = self._safety.add(haptic, record, depth.depth)
+        before.cpu.add(record.duration_cpu)
+        size, own = np.linalg.norm(record.total, axis=1), coupling_force(self._case, haptic, record)
         top = int(np.argmax(np.where(np.isfinite(size), size, -1.0)))
-        own = coupling_force(self._case, haptic, record)
-        if size[top] > made.force_max or (size[top] == 0.0 and np.isnan(made.coupling_force)):
-            made.force_max, made.coupling_force = float(size[top]), float(own[top])
+        strongest = before.force_max, before.coupling_force
+        if size[top] > before.force_max or (size[top] == 0.0 and np.isnan(before.coupling_force)):
+            strongest = float(size[top]), float(own[top])
         pushed = size >= LEAST_FORCE
-        if pushed.any():
-            # A method that is not held back by its coupling can push where the coupling's own force is zero.
-            with np.errstate(divide="ignore"):
-                made.force_ratio = max(made.force_ratio, float((size[pushed] / own[pushed]).max()))
-        return {"penetration": penetrating, "not finite": lost, "stuck": self._explain(haptic, record)}
-
-    def _brute(self, record: TickRecord) -> None:
-        case, shape = self._case, hand_shape(self._case.hand)
-        for tick in range(-self.figures.ticks % BRUTE_EVERY, len(record.status), BRUTE_EVERY):
-            shown = placed_of(record).at([tick])
-            brute = hand_distance(case.pieces, shape, *(values[0] for values in shown))
-            difference = abs(min(brute, FAR) - float(hand_clearance(case.hand, case.surface, shown, FAR)[0]))
-            self.figures.brute_ticks += 1
-            self.figures.brute_difference = max(self.figures.brute_difference, difference)
-
-    def _readings(self, motion: HandConfiguration) -> HandConfiguration:
-        """Readings as the solver holds them, across blocks too."""
-        if self._before is None:
-            held = hold_readings(motion)
-        else:
-            held = hold_readings(sequence(self._before, motion)).part(1, motion.ticks + 1)
-        self._before = held.part(motion.ticks - 1, motion.ticks).copy()
-        return held
-
-    def _explain(self, haptic: HandConfiguration, record: TickRecord) -> BoolArray:
-        stuck = (record.status & STATUS_STUCK) > 0
-        unexplained = np.zeros(len(stuck), dtype=bool)
-        case, made, shown = self._case, self.figures, HandConfiguration.of(record)
-        for tick, is_stuck in enumerate(stuck):
-            self._stuck_run = self._stuck_run + 1 if is_stuck else 0
-            made.longest_stuck = max(made.longest_stuck, self._stuck_run)
-            if is_stuck and made.stuck < MOST_STUCK_CHECKED:
-                goal, here = haptic.part(tick, tick + 1), shown.part(tick, tick + 1)
-                unexplained[tick] = way_out(case.hand, case.pieces, case.solver, here, goal) > 0.0
-            made.stuck += int(is_stuck)
-        made.unexplained += int(unexplained.sum())
-        return unexplained
+        # A method that is not held back by its coupling can push where the coupling's own force is zero.
+        with np.errstate(divide="ignore"):
+            ratio = float((size[pushed] / own[pushed]).max(initial=0.0))
+        self.figures = replace(
+            before,
+            **self._safety.totals,
+            # np.maximum, unlike max, keeps a NaN whichever side it is on.
+            penetration_palm=float(np.maximum(before.penetration_palm, depth.palm.max())),
+            penetration_finger=float(np.maximum(before.penetration_finger, depth.finger.max())),
+            penetrating_deep=before.penetrating_deep + int((~(depth.depth <= DEEP)).sum()),
+            held=before.held + int(((record.status & STATUS_INPUT_INVALID) > 0).sum()),
+            force_max=strongest[0],
+            coupling_force=strongest[1],
+            force_ratio=max(before.force_ratio, ratio),
+        )
+        return failed
 
 
-BLOCK = 2048
-"""Ticks that are run and measured at a time."""
 STRETCH_BLOCKS = 4
 """Blocks up to a failure that are kept to shrink it from."""
 
@@ -345,18 +269,15 @@ def _keep(
     motion, graphic = (sequence(*pieces) for pieces in zip(*stretch))
     end = motion.ticks - behind
     trial = make_trial(case.hand, case.new_solver, failure_of(kind, case.hand, case.pieces, case.solver))
-    reproduced = True
     try:
         shrunk = delta_debug(motion.part(0, end), trial, graphic=graphic.part(0, end))
     except InputError:
         # The solver's memory of what came before the stretch decides: keep the whole way there.
         whole = replayed(case.targets().take(tick + 1))
         shrunk = Shrunk(whole, trial(whole), tick + 1, 1)
-        reproduced = bool(shrunk.trace.failed.any())
-    last = shrunk.tick if reproduced else shrunk.motion.ticks - 1
-    solver = case.new_solver()
-    record = solver.run(*shrunk.motion)
-    depth = float(recorded_penetration(case.hand, solver.workspace.surface, record).depth[last])
+    last = shrunk.tick
+    record = case.new_solver().run(*shrunk.motion)
+    depth = float(recorded_penetration(case.hand, case.surface, record).depth[last])
     provenance = Provenance(
         kind=kind,
         object=case.object,
@@ -376,4 +297,4 @@ def _keep(
     name = f"{stem}-{case.solver.method}{touched}-{kind.replace(' ', '-')}-seed{case.seed}-tick{tick}.h5"
     path = free_name(folder / name)
     command = keep_failure(path, shrunk, provenance)
-    return KeptFailure(kind, tick, str(path), shrunk.motion.ticks, last, depth, reproduced, command)
+    return KeptFailure(kind, tick, str(path), shrunk.motion.ticks, last, depth, command)

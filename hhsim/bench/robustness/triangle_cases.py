@@ -6,8 +6,17 @@ from dataclasses import replace
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.bench.robustness.acceptance import motion_difference, shown_points
-from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome, distance_left, largest_step, rest_of_run
+from hhsim.bench.robustness.case import (
+    Figure,
+    HardCase,
+    HardRun,
+    Outcome,
+    distance_left,
+    largest_step,
+    motion_difference,
+    rest_of_run,
+    shown_points,
+)
 from hhsim.bench.robustness.invariance_cases import SAME, to_convergence
 from hhsim.bench.robustness.postures import (
     HALF,

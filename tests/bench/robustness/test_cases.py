@@ -7,19 +7,18 @@ from functools import cache
 
 import numpy as np
 import pytest
+from plain_clearance import coal_clearance
 from sampled import sampled
 from sphere_scenes import brute_pairs, record_clearance
 
-from hhsim.bench.robustness.acceptance import common_figures
 from hhsim.bench.robustness.case import DEEPEST, HardCase, HardRun, Outcome
-from hhsim.bench.robustness.hard import hard_cases, judge_case, run_scene
+from hhsim.bench.robustness.hard import common_figures, hard_cases, judge_case, run_scene
 from hhsim.bench.robustness.invariance_cases import LOOP, SAME
-from hhsim.bench.robustness.pieces import hand_distance, pieces_of
 from hhsim.bench.robustness.postures import INDEX
 from hhsim.bench.robustness.triangle_cases import SLIDE
+from hhsim.bench.run_errors import placed_of
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.kernels.tick.state import WORK_TOUCHING
 from hhsim.solver.options import SolverOptions
 
@@ -81,12 +80,10 @@ def assert_passed(case: HardCase, outcomes: Sequence[Outcome], most_pairs: float
 
 
 def some_ticks(outcome: Outcome, count: int = 2) -> float:
-    """Worst penetration [m] of a few ticks, every body against every triangle near it."""
-    run, record = outcome.run, outcome.ticks
-    pieces, shape = pieces_of("mesh", run.mesh, None), hand_shape(run.hand)
-    ticks = np.linspace(0, len(record.status) - 1, count).astype(int)
-    shown = ((record.joints[t], record.position[t], record.orientation[t]) for t in ticks)
-    return max(0.0, -min(hand_distance(pieces, shape, *pose) for pose in shown))
+    """Worst penetration [m] of a few ticks, by coal."""
+    assert outcome.run.mesh is not None
+    ticks = np.linspace(0, len(outcome.ticks.status) - 1, count).astype(int)
+    return max(0.0, -coal_clearance(outcome.run.hand, outcome.run.mesh, placed_of(outcome.ticks).at(ticks)))
 
 
 @pytest.mark.parametrize(
@@ -146,7 +143,7 @@ def test_a_finger_that_slides_over_facets_does_not_stop_at_an_edge(method: str) 
     for outcome in outcomes:
         # Only the finger that points bears a force: what is measured is one contact.
         assert not np.delete(outcome.ticks.phalanx, INDEX, axis=1).any()
-        assert outcome.stuck == outcome.lagging == 0
+        assert outcome.safety.stuck == outcome.safety.lagging == 0
         assert (np.linalg.norm(outcome.ticks.total[SLIDE], axis=1) > 0.05).all()
 
 
@@ -179,7 +176,7 @@ def test_the_bars_of_sliding_over_facets_can_be_kept() -> None:
 def test_triangles_in_the_plane_of_a_floor_are_nothing_of_their_own(method: str, seed: int) -> None:
     case = ON_MESH["overlaps"]
     result = judge_case(case, case.build(seed), SolverOptions(method=method, surface="mesh"))
-    assert not result.reason and result.penetration == 0.0 and result.unexplained == 0
+    assert not result.reason and result.penetration == 0.0 and result.safety.unexplained == 0
     assert result.passed, [figure for figure in result.figures if not figure.passed]
 
 

@@ -4,17 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plain_clearance import coal_clearance
 from sampled import sampled
 from sphere_scenes import bumpy_ball, sphere_tree
 
 from hhsim.arrays import FloatArray
-from hhsim.bench.robustness.local_optimality import way_out
-from hhsim.bench.robustness.pieces import Pieces, hand_distance, pieces_of
+from hhsim.bench.robustness.local_optimality import _moved, distance_rows, way_out
+from hhsim.bench.robustness.pieces import Pieces, pieces_of
 from hhsim.bench.robustness.postures import INDEX, POINTING
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.bench.robustness.triangle_objects import joined_mesh, roof_mesh, sheet_mesh, strips_mesh
+from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.mesh.catalogue import load_object
@@ -23,6 +25,7 @@ from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface
+from hhsim.verify.contacts import PALM
 
 pytestmark = pytest.mark.slow
 
@@ -48,6 +51,33 @@ def wedge(angle: float) -> Mesh:
         half = sheet_mesh(0.6, 0.3).transformed(np.eye(3), (0.0, 0.15 * sign, 0.0))
         sides.append(half.transformed(rotation_matrix(quaternion(np.array([angle * sign, 0.0, 0.0]))), np.zeros(3)))
     return joined_mesh(sides)
+
+
+@pytest.mark.parametrize(("surface", "height"), [("spheres", 0.07), ("mesh", 0.03)])
+def test_the_rows_are_the_derivatives_of_the_distances(surface: str, height: float) -> None:
+    pieces, step = pieces_of(surface, roof_mesh(0.3, 0.03, 0.05), BALL), 1e-6
+    here = still((0.001, -0.03, height), quaternion(np.array([0.1, 0.05, 0.3])), 0.4, 0.1)
+    pairs, posed = pieces.near(HAND, here, 0.03)
+    outside = np.flatnonzero((pairs.distance > 1e-3) & (pairs.distance < 0.02))
+    assert {PALM, 1, 2} <= set(pairs.body[outside].tolist())
+
+    def least(moved: HandConfiguration) -> dict[tuple[int, int], float]:
+        found = pieces.near(HAND, moved, 0.04)[0]
+        order = np.argsort(-found.distance)
+        return dict(zip(zip(found.body[order].tolist(), found.leaf[order].tolist()), found.distance[order].tolist()))
+
+    rows = distance_rows(pairs, posed)
+    nearest = least(here)
+    chosen = [i for i in outside if nearest[int(pairs.body[i]), int(pairs.leaf[i])] == pairs.distance[i]]
+    for variable in range(21):
+        change = step * np.eye(21)[variable]
+        ahead, behind = (
+            least(HandConfiguration(*(np.array(v)[None] for v in _moved(tuple(v[0] for v in here), sign * change))))
+            for sign in (1.0, -1.0)
+        )
+        for i in chosen:
+            pair = int(pairs.body[i]), int(pairs.leaf[i])
+            assert rows[i, variable] == pytest.approx((ahead[pair] - behind[pair]) / (2.0 * step), abs=1e-5)
 
 
 def test_in_free_space_the_way_is_free() -> None:
@@ -109,14 +139,13 @@ def test_a_straight_finger_that_pushes_a_wall_can_only_go_back_or_aside() -> Non
 
 def resting(mesh: Mesh, start: HandConfiguration, way: tuple[float, float, float]) -> tuple[HandConfiguration, Pieces]:
     """The hand moved along `way`, a direction, until it is `CLEAR` of the triangles: no farther at once than it is."""
-    pieces, shape = pieces_of("mesh", mesh, None), hand_shape(HAND)
     hand, gap = start, np.inf
-    while gap > 1e-9:
-        placed = forward_kinematics(HAND, *hand)
-        gap = hand_distance(pieces, shape, placed.joints[0], placed.position[0], placed.orientation[0]) - CLEAR
-        assert gap > -1e-9
+    # Coal's distances are good to 10 nm.
+    while gap > 2e-8:
+        gap = coal_clearance(HAND, mesh, forward_kinematics(HAND, *hand)) - CLEAR
+        assert gap > -2e-8
         hand = hand._replace(position=hand.position + max(gap, 0.0) * np.array(way))
-    return hand, pieces
+    return hand, pieces_of("mesh", mesh, None)
 
 
 DOWN, UP = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0)
@@ -178,3 +207,10 @@ def test_in_a_wedge_of_two_faces_only_along_it_and_out_of_it() -> None:
     assert towards(hand, pieces, (0.02, 0.0, -0.02)) > 0.0
     assert towards(hand, pieces, (0.0, 0.02, 0.04)) > 0.0
     assert towards(hand, pieces, (0.0, 0.0, 0.02)) == 1.0
+
+
+def test_what_an_object_does_not_have_is_refused() -> None:
+    with pytest.raises(InputError, match="this object has no mesh"):
+        pieces_of("mesh", None, BALL)
+    with pytest.raises(InputError, match="this object has no spheres"):
+        contact_surface("spheres", FLOOR, None)

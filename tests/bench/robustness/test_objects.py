@@ -5,12 +5,11 @@ import pytest
 from sphere_scenes import brute_pairs
 
 from hhsim.bench.robustness import triangle_cases
-from hhsim.bench.robustness.postures import INDEX, POINTING, crossings, handling, threaded, tip_at
-from hhsim.bench.robustness.sphere_objects import ball, disc, mould, plate, right_hand, ring, scaled_hand, tree_of
+from hhsim.bench.robustness.postures import crossings, threaded
+from hhsim.bench.robustness.sphere_objects import ball, disc, mould, right_hand, ring
 from hhsim.bench.robustness.triangle_objects import (
     ball_mesh,
     box_mesh,
-    cone_mesh,
     disc_mesh,
     globe_mesh,
     joined_mesh,
@@ -21,22 +20,10 @@ from hhsim.bench.robustness.triangle_objects import (
     tube_mesh,
 )
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.features import mesh_features
 from hhsim.mesh.topology import face_areas
 from hhsim.motion.analytic_motion import still
 from hhsim.trees.contact_surface import encloses
-
-
-def test_a_tree_holds_its_spheres_whatever_their_number() -> None:
-    random = np.random.default_rng(0)
-    for count in (1, 8, 9, 700):
-        center, radius = random.normal(size=(count, 3)), random.uniform(0.0, 0.1, count)
-        tree = tree_of(center, radius)
-        order, wanted = np.lexsort(tree.leaf_center.T), np.lexsort(center.T)
-        np.testing.assert_array_equal(tree.leaf_center[order], center[wanted])
-        np.testing.assert_array_equal(tree.leaf_radius[order], radius[wanted])
-    assert tree_of(np.zeros((100, 3)), 0.0).leaf_count == 100
 
 
 def test_a_ball_and_a_disc_have_no_holes() -> None:
@@ -55,13 +42,6 @@ def test_a_ball_and_a_disc_have_no_holes() -> None:
     points = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.zeros(500)], axis=1)
     gap = np.linalg.norm(points[:, None] - leaf.leaf_center, axis=2).min(axis=1) - 0.5e-3
     assert gap.max() < 0.0
-
-
-def test_a_plate_lies_under_its_plane() -> None:
-    points = plate(0.02, 0.04, 2e-3, 1e-3)
-    np.testing.assert_allclose(points.max(axis=0), [0.01, 0.02, -1e-3], atol=1e-12)
-    np.testing.assert_allclose(points.min(axis=0), [-0.01, -0.02, -1e-3], atol=1e-12)
-    assert len(points) == 11 * 21
 
 
 def test_a_ring_leaves_its_hole_about_its_axis() -> None:
@@ -87,23 +67,6 @@ def test_every_sphere_of_a_mould_is_as_near_as_it_says(closed: bool) -> None:
     assert least.shape == (300,)
     assert least.min() > 0.25e-3
     assert least.max() < 0.31e-3
-
-
-def test_a_scaled_hand_is_the_same_hand() -> None:
-    hand, pose = right_hand(), handling(300).part(-1)
-    place = [values[0] for values in pose]
-    for factor in (0.01, 100.0):
-        scaled = scaled_hand(hand, factor)
-        joints = scaled.joints(place[0] * factor, *place[1:])
-        np.testing.assert_allclose(joints / factor, hand.joints(*place), rtol=1e-12, atol=1e-15)
-        np.testing.assert_allclose(scaled.arrays().palm_radius / factor, hand.arrays().palm_radius, rtol=1e-14)
-        np.testing.assert_allclose(scaled.arrays().palm_reach / factor, hand.arrays().palm_reach, rtol=1e-14)
-
-
-def test_a_fingertip_is_put_where_it_is_told() -> None:
-    hand, turn = right_hand(), quaternion(np.array([0.2, -0.3, 0.7]))
-    place = tip_at(np.array([0.1, 0.0, 0.2]), turn, POINTING)
-    np.testing.assert_allclose(hand.joints(place, turn, POINTING, np.zeros(5))[INDEX, 3], [0.1, 0.0, 0.2], atol=1e-15)
 
 
 def test_crossings_are_counted_through_the_disc_and_not_around_it() -> None:
@@ -143,17 +106,6 @@ def test_solids_enclose_their_volume() -> None:
     ):
         assert encloses(mesh), mesh.name
         np.testing.assert_allclose(mesh.volume, volume, rtol=0.02)
-
-
-def test_a_ridge_and_an_apex_are_at_the_origin() -> None:
-    roof = roof_mesh(0.2, 0.05, 0.04)
-    np.testing.assert_allclose(roof.bounds, [[-0.1, -0.05, -0.04], [0.1, 0.05, 0.0]])
-    assert (roof.vertices[roof.vertices[:, 2] == 0.0][:, 1] == 0.0).all()
-    for height in (0.03, -0.03):
-        cone = cone_mesh(0.06, height, 100)
-        assert len(cone.faces) == 100 and (cone.faces[:, 0] == 0).all()
-        assert (cone.vertices[0] == 0.0).all() and not encloses(cone)
-        np.testing.assert_allclose(cone.vertices[1:, 2], -height)
 
 
 def test_what_is_round_has_the_facets_that_it_is_asked_for_where_it_is_touched() -> None:

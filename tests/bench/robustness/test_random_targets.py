@@ -65,10 +65,6 @@ def test_a_target_depends_on_the_seed_and_its_number_alone() -> None:
     assert not np.array_equal(often.position, RandomTargets(HAND, 4, JUMPS).take(40).position)
 
 
-def test_without_a_sweep_the_abduction_stays() -> None:
-    assert not RandomTargets(HAND, 0, StressOptions(sweep=False)).take(200).abduction.any()
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_the_palm_goes_no_faster_than_it_may_and_straight_to_its_target(seed: int) -> None:
     motion = RandomTargets(HAND, seed).take(1200)

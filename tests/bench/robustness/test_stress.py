@@ -13,10 +13,9 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import bumpy_ball, record_clearance
 
 from hhsim.bench.robustness import stress
-from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.random_targets import StressOptions
+from hhsim.bench.robustness.safety import BLOCK
 from hhsim.bench.robustness.stress import (
-    BLOCK,
     COLUMNS,
     STRETCH_BLOCKS,
     StressCase,
@@ -101,7 +100,7 @@ def test_the_figures_are_those_of_the_ticks(method: str) -> None:
     clearance = record_clearance(HAND, BALL, record)
     assert clearance.min() > -1e-6
     assert figures.penetration == max(0.0, -clearance.min())
-    assert figures.lag == (record.status & STATUS_LAG > 0).sum() > 100
+    assert figures.lagging == (record.status & STATUS_LAG > 0).sum() > 100
     assert figures.touching == (record.work[:, WORK_TOUCHING] > 0).sum() > 500
     assert figures.ticks == figures.cpu.count == TICKS
     size = np.linalg.norm(record.total, axis=1)
@@ -115,8 +114,6 @@ def test_the_figures_are_those_of_the_ticks(method: str) -> None:
     farthest = (np.linalg.norm(HAND.base, axis=1) + HAND.length.sum(axis=1)).max()
     own += 5.0 * turn.magnitude() / farthest
     assert figures.coupling_force == pytest.approx(own, rel=1e-9)
-    assert figures.brute_ticks == len(range(0, TICKS, 997))
-    assert figures.brute_difference < 1e-15
     assert figures.safe and not figures.missed
     if method == "coupled":
         # Its forces balance the coupling: at a tick that lags they are at most that.
@@ -140,7 +137,6 @@ def test_planted_faults_are_counted_kept_and_shrunk(tmp_path: Path, monkeypatch:
     assert set(kinds) == {"penetration", "not finite"}
     assert kinds["penetration"].tick == over.argmax()
     for failure in figures.failures:
-        assert failure.reproduced
         assert failure.ticks <= 4
         assert failure.command == f"hhsim replay ball {failure.path} --method coupled --samples hold"
         again = rerun_failure(Path(failure.path), HAND, BALL, wanted.new_solver)
@@ -151,38 +147,13 @@ def test_planted_faults_are_counted_kept_and_shrunk(tmp_path: Path, monkeypatch:
 @pytest.mark.parametrize("method", ["coupled", pytest.param("progressive", marks=pytest.mark.soak)])
 def test_on_the_mesh_the_figures_are_of_the_mesh(method: str) -> None:
     figures = run_case(case(method, 1100, surface="mesh"))
-    assert (figures.surface, figures.brute_ticks, figures.penetration) == ("mesh", 2, 0.0)
-    assert figures.brute_difference < 1e-9
+    assert (figures.surface, figures.penetration) == ("mesh", 0.0)
     assert figures.touching > 300 and figures.safe
     # On the spheres of the same ball the same motion is another run.
     assert run_case(case(method, 1100)).touching != figures.touching
 
 
-def test_a_mesh_that_the_kernels_and_brute_force_see_differently_is_a_missed_limit() -> None:
-    wrong = replace(case(ticks=1000, surface="mesh"), mesh=ball_mesh(subdivisions=3).scaled(1.001))
-    measure = stress.StressMeasure(wrong)
-    vars(wrong)["pieces"] = case(surface="mesh").pieces
-    motion = wrong.targets().take(1000)
-    record = wrong.new_solver().run(*motion)
-    measure.add(motion, record, recorded_penetration(HAND, wrong.surface, record))
-    assert 3e-5 < measure.figures.brute_difference < 4.5e-5 and measure.figures.missed
-
-
-def test_a_failure_on_the_mesh_is_kept_with_its_surface(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stress, "HandSolver", Planted)
-    wanted = case(ticks=900, keep=tmp_path, surface="mesh")
-    figures = run_case(wanted)
-    failure = next(kept for kept in figures.failures if kept.kind == "penetration")
-    path = Path(failure.path)
-    assert failure.reproduced and figures.missed and path.name.startswith("ball-coupled-mesh-penetration-")
-    assert failure.command == f"hhsim replay ball {path} --method coupled --samples hold --surface mesh"
-    again = rerun_failure(path, HAND, BALL, wanted.new_solver, wanted.mesh)
-    assert np.flatnonzero(again.failed).tolist() == [failure.failing_tick]
-    assert not rerun_failure(path, HAND, BALL, mesh=wanted.mesh).failed.any()
-
-
 def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stress, "MOST_STUCK_CHECKED", 40)
     monkeypatch.setattr(stress, "HandSolver", Lazy)
     figures = run_case(case(ticks=900, keep=tmp_path))
     assert figures.stuck > figures.unexplained > 10
@@ -214,7 +185,6 @@ def test_a_failure_that_needs_all_that_came_before_is_kept_whole(
     figures = run_case(case(ticks=late + 300, keep=tmp_path))
     (failure,) = figures.failures
     assert (failure.kind, failure.tick, failure.ticks, failure.failing_tick) == ("not finite", late, late + 1, late)
-    assert failure.reproduced
 
 
 def test_a_force_without_a_pull_has_no_bound(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -230,15 +200,15 @@ def test_a_force_without_a_pull_has_no_bound(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_only_a_method_that_promises_can_miss() -> None:
-    fields = {**run_case(case(ticks=60)).__dict__, "penetration": 1.0}
+    figures = replace(run_case(case(ticks=60)), penetration=1.0)
     for change, missed in (
         ({}, True),
         ({"method": "progressive"}, True),
         ({"method": "paper"}, False),
-        ({"penetration": 0.0, "brute_difference": 2e-6}, True),
+        ({"penetration": 0.0, "unexplained": 1}, True),
         ({"penetration": np.nan}, True),
     ):
-        assert StressFigures(**{**fields, **change}).missed == missed, change
+        assert replace(figures, **change).missed == missed, change
 
 
 def test_processes_give_the_same_figures_in_the_same_order() -> None:
@@ -253,7 +223,7 @@ def test_processes_give_the_same_figures_in_the_same_order() -> None:
 def test_a_total_adds_what_adds_up() -> None:
     rows = [run_case(case(ticks=ticks)) for ticks in (900, 300)]
     both = total(rows)
-    assert (both.object, both.ticks, both.lag) == ("all", 1200, rows[0].lag + rows[1].lag)
+    assert (both.object, both.ticks, both.lagging) == ("all", 1200, rows[0].lagging + rows[1].lagging)
     assert both.force_max == max(row.force_max for row in rows)
     assert both.cpu.count == 1200
     assert both.cpu_max == max(row.cpu_max for row in rows)
@@ -273,10 +243,10 @@ def test_the_command_writes_its_table_and_prints_it(run: Any, tmp_path: Path) ->
     lines = answer.out.splitlines()
     assert sum(line.startswith("cube ") for line in lines) == len(METHODS)
     assert "coupled: no limit missed" in lines
-    assert lines[-1] == "every figure is in stress.h5"
+    assert lines[-1] == "the table is in stress.h5 and stress.csv"
     again = run(*words, "--method", "coupled", "--json", "--out", "again.h5")
     document = json.loads(again.out)
-    assert (again.code, document["missed"], document["path"]) == (0, False, "again.h5")
+    assert (again.code, document["missed"], document["table"]) == (0, False, "again.h5")
     for row, before in zip(document["rows"], table.rows):
         assert row["failures"] == []
         assert {n: v for n, v in row.items() if n not in {*TIMES, "failures"}} == {

@@ -62,13 +62,6 @@ def test_the_mesh_is_a_row_of_its_own(run: Run, tmp_path: Path) -> None:
     assert [float(row["contact_error_max"]) < 1.1e-6 for row in rows] == [False, True, False, True]
 
 
-def test_without_a_name_it_goes_to_results(run: Run, tmp_path: Path) -> None:
-    answer = run(*SMALL, "--quiet")
-    assert (answer.code, answer.out) == (0, "")
-    names = sorted(path.suffix for path in (tmp_path / "results").iterdir())
-    assert names == [".csv", ".h5", ".png"]
-
-
 def test_a_picture_of_yours_is_not_replaced(run: Run, tmp_path: Path) -> None:
     (tmp_path / "a.png").write_text("holiday")
     answer = run(*SMALL, "--out", "a.h5")

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from qp_problems import kernel_rows
+from qp_problems import Program, kernel_rows
 
-from hhsim.bench.qp.program import Program
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.qp.active_set import CAPACITY, N_MAX
@@ -50,8 +49,8 @@ def test_lengths_and_violations_are_those_of_the_dense_matrix(
     offset = np.where(blocks > 0, n_common + 3 * np.arange(len(sizes)), -1)
     n = n_common + 3 * len(sizes)
     common, block = rng.normal(size=(n_common, rows)), rng.normal(size=(3, rows))
-    rhs, x, none = rng.normal(size=rows), rng.normal(size=n), np.empty(0, np.int64)
-    plain = Program("", common, block, rhs, np.array([start, stop, offset]), x, 0.0, 0.0, none)
+    rhs, x = rng.normal(size=rows), rng.normal(size=n)
+    plain = Program(common, block, rhs, np.array([start, stop, offset]), x, 0.0, 0.0)
     dense = plain.matrix
     used = np.concatenate([np.arange(a, b) for a, b in zip(start, stop)])
     inverse_norm, violation = np.full(rows, np.nan), np.full(rows, np.nan)

@@ -20,7 +20,7 @@ from hhsim.kernels.tick.second_order import STRETCH
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.mesh.features import mesh_features
 from hhsim.motion.analytic_motion import still
-from hhsim.solver.backend_programs import coupled_problem
+from hhsim.solver.contact_qp import coupled_problem, finger_problem, palm_problem
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNLIMITED, SolverOptions, Stiffness
 from hhsim.solver.qp import QpProblem, solve
@@ -79,18 +79,6 @@ def test_another_solver_finds_the_same_optimum(backend: str, exact: float, seed:
     assert loaded > 10
 
 
-def part_of_program(state: Any, body: int, palm_step: FloatArray) -> tuple[QpProblem, NDArray[np.int64]]:
-    """The palm's own program (body 0), or a finger's (1 to 5) after the palm's step, and its rows."""
-    whole, rows = coupled_problem(state)
-    columns = slice(0, 6) if body == 0 else slice(6 + 3 * (body - 1), 9 + 3 * (body - 1))
-    start = state.contacts.start
-    own = (rows >= start[body]) & (rows < start[body + 1])
-    if body > 0:
-        own |= (rows >= start[-1] + 6 * (body - 1)) & (rows < start[-1] + 6 * body)
-    rhs = whole.rhs[own] - (whole.matrix[own][:, :6] @ palm_step if body > 0 else 0.0)
-    return QpProblem(whole.stiffness[columns], whole.matrix[own][:, columns], rhs, whole.target[columns]), rows[own]
-
-
 def joined(state: Any) -> list[int]:
     """Fingers to which the palm yielded."""
     return [f for f in range(5) if state.progressive.yields[f] >= 0]
@@ -105,7 +93,8 @@ def test_palm_and_fingers_are_the_optima_of_their_own_programs(seed: int) -> Non
         if joined(state):
             continue
         plain += 1
-        problem, rows = part_of_program(state, 0, np.zeros(6))
+        problem, rows = palm_problem(state)
+        assert problem.target.size == 6
         if rows.size:
             theirs = solve(problem, "quadprog")
             own = optimum(problem, multipliers(solver, rows))
@@ -114,7 +103,7 @@ def test_palm_and_fingers_are_the_optima_of_their_own_programs(seed: int) -> Non
         else:
             np.testing.assert_allclose(state.step.delta[:6], problem.target, atol=1e-12)
         for finger in range(5):
-            problem, rows = part_of_program(state, 1 + finger, state.step.delta[:6])
+            problem, rows = finger_problem(state, finger, state.step.delta[:6])
             theirs = solve(problem, "quadprog")
             multiplier = multipliers(solver, rows)
             if state.contacts.start[finger + 2] == state.contacts.start[finger + 1]:

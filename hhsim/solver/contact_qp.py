@@ -1,0 +1,98 @@
+"""Programs of a tick as `QpProblem`s, from the kernels' rows: to inspect, to solve again, to compare."""
+
+from typing import Any
+
+import numpy as np
+
+from hhsim.arrays import FloatArray, IntArray
+from hhsim.kernels.contact.linearise import LIMIT_ROWS
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
+from hhsim.kernels.tick.progressive import YIELD_SCALE
+from hhsim.reproducible import matmul
+from hhsim.solver.qp import QpProblem
+
+LIMITS_PER_FINGER = LIMIT_ROWS // FINGER_COUNT
+
+
+def finger_rows(state: Any, finger: int) -> IntArray:
+    """Return the rows of one finger: its contacts, then its six joint limits."""
+    start = state.contacts.start
+    limits = start[-1] + LIMITS_PER_FINGER * finger
+    return np.concatenate(
+        [np.arange(start[finger + 1], start[finger + 2]), np.arange(limits, limits + LIMITS_PER_FINGER)]
+    )
+
+
+def coupled_problem(state: Any) -> tuple[QpProblem, IntArray]:
+    """Return the coupled program of the current linearisation, and the kernels' row of each of its rows.
+
+    `state` is a tick's after `hhsim.kernels.tick.linearisation.build_program` has found contacts.
+    """
+    problem, start = state.problem, state.contacts.start
+    rows = [np.arange(start[0], start[1])]
+    matrix = [np.zeros((start[1] - start[0], DOF))]
+    matrix[0][:, :6] = problem.common[:, rows[0]].T
+    for finger in range(FINGER_COUNT):
+        own = finger_rows(state, finger)
+        part = np.zeros((own.size, DOF))
+        part[:, :6] = problem.common[:, own].T
+        first = 6 + PHALANX_COUNT * finger
+        part[:, first : first + PHALANX_COUNT] = problem.block[:, own].T
+        rows.append(own)
+        matrix.append(part)
+    index = np.concatenate(rows)
+    return _unscaled(state, np.concatenate(matrix), problem.rhs[index], problem.target, slice(0, DOF)), index
+
+
+def palm_problem(state: Any) -> tuple[QpProblem, IntArray]:
+    """Return the palm's program of `progressive`, and the kernels' row of each of its rows.
+
+    Variables are the palm's six and three for each finger that joined it, which keeps `YIELD_WEIGHT` of its stiffness.
+    """
+    problem, work = state.problem, state.progressive
+    count = int(work.variables)
+    weight = np.concatenate([problem.inverse_root[:6], np.zeros(count - 6)])
+    rows, matrix = [], []
+    for group in range(len(work.palm_start)):
+        own = np.arange(work.palm_start[group], work.palm_stop[group])
+        part = np.zeros((own.size, count))
+        part[:, :6] = problem.common[:, own].T
+        first = int(work.palm_block[group])
+        if first >= 0:
+            part[:, first : first + PHALANX_COUNT] = work.block[:, own].T
+        rows.append(own)
+        matrix.append(part)
+    for finger in range(FINGER_COUNT):
+        first, own_first = int(work.yields[finger]), 6 + PHALANX_COUNT * finger
+        if first >= 0:
+            weight[first : first + PHALANX_COUNT] = (
+                YIELD_SCALE * problem.inverse_root[own_first : own_first + PHALANX_COUNT]
+            )
+    index = np.concatenate(rows)
+    stacked = np.concatenate(matrix)
+    return (
+        QpProblem(
+            stiffness=1.0 / (weight * weight),
+            matrix=stacked / weight,
+            rhs=np.array(problem.rhs[index]),
+            target=work.palm_target[:count] * weight,
+        ),
+        index,
+    )
+
+
+def finger_problem(state: Any, finger: int, palm_step: FloatArray) -> tuple[QpProblem, IntArray]:
+    """Return a finger's program after the palm's step (6,) [m, rad], and the kernels' row of each of its rows."""
+    problem = state.problem
+    index = finger_rows(state, finger)
+    first = 6 + PHALANX_COUNT * finger
+    part = slice(first, first + PHALANX_COUNT)
+    rhs = problem.rhs[index] - matmul(problem.common[:, index].T, palm_step / problem.inverse_root[:6])
+    return _unscaled(state, problem.block[:, index].T, rhs, problem.target[part], part), index
+
+
+def _unscaled(state: Any, matrix: FloatArray, rhs: FloatArray, target: FloatArray, part: slice) -> QpProblem:
+    weight = state.problem.inverse_root[part]
+    return QpProblem(
+        stiffness=np.array(state.stiffness[part]), matrix=matrix / weight, rhs=np.array(rhs), target=target * weight
+    )
