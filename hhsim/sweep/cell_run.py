@@ -197,8 +197,8 @@ def _object(
     word: str | Path = folder / shape.word if names_a_file(shape.word) else shape.word
     mesh, usual = resolve_object(word, shape.unit, size, thickness, solid)
     if max_error is not None:
-        choice = coarsest_sphere_tree(mesh, max_error)
-        return mesh, choice.tree, choice.level
+        tree = coarsest_sphere_tree(mesh, max_error)
+        return mesh, tree, tree.depth
     level = level or usual
     return mesh, cached_sphere_tree(mesh, TreeOptions(level=level)) if solid else tree_of_any(mesh, level), level
 
