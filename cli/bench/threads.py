@@ -17,7 +17,7 @@ class ThreadsSettings(OptionGroup):
     """Objects, numbers of threads, and repetitions."""
 
     objects: tuple[str, ...] | None = names("--object", "Objects. Default: cup,bunny.")
-    threads: tuple[int, ...] | None = counts("--threads", "Numbers of threads. Default: 1,2.", 6)
+    threads: tuple[int, ...] | None = counts("--threads", "Numbers of threads. Default: 1,2.", 5)
     instances: int = option(type=COUNT, default=100, metavar="N", help="Ticks in contact of each row.")
     rounds: int = option(type=COUNT, default=9, metavar="N", help="Replays of each row.")
 

@@ -16,7 +16,7 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.parallel.thread_team import PARTS
+from hhsim.kernels.hand.kinematics import FINGER_COUNT
 from hhsim.kernels.tick.state import WORK_CANDIDATES
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.mesh.catalogue import load_object, object_names
@@ -48,14 +48,14 @@ class ThreadsOptions:
 
     Attributes:
         objects: The paper's figure shows a cup and a bunny.
-        threads: Numbers of threads, up to the five fingers and the palm; 1 is always among them.
+        threads: Numbers of threads, up to one for each finger; 1 is always among them.
         level: Of the sphere trees.
         instances: Ticks in contact that a row is averaged over.
         rounds: Replays of each, of which the median counts.
     """
 
     objects: tuple[str, ...] = ("cup", "bunny")
-    threads: tuple[Annotated[int, between(1, PARTS)], ...] = (1, 2)
+    threads: tuple[Annotated[int, between(1, FINGER_COUNT)], ...] = (1, 2)
     level: int = 4
     instances: Count = 100
     rounds: Count = 9

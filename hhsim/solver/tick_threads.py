@@ -3,115 +3,63 @@
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import Any
+from queue import SimpleQueue
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
-from hhsim.kernels.contact.surface import Walk
-from hhsim.kernels.hand.kinematics import DOF, HandArrays
-from hhsim.kernels.parallel.thread_team import assemble, dismiss
+from hhsim.kernels.hand.kinematics import DOF
+from hhsim.kernels.parallel.thread_team import dismiss, post
 from hhsim.kernels.qp.active_set import QpWork, new_work
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.thread_team_worker import help_out
+from hhsim.kernels.tick.progressive import help_out
 
-ARRIVAL = 1.0
-"""A block begins without the helpers that have not arrived after this [s]: they can join at any tick."""
-
-WORTH_SHARING = 2500
-"""Number of distances outside of the largest part from which on sharing saves time: some two microseconds."""
-
-Given = tuple[HandArrays, Any, TickOptions, NDArray[np.void]]
+HELPER = "hhsim-helper"
+"""Start of the helpers' names."""
 
 
 class ThreadTeam:
     """Helpers of one solver: threads that live while a block of ticks runs, and wait for work in compiled code.
 
     Starting them takes about 0.1 ms a block, outside of the timed ticks. `threads` counts the caller's own; 1 starts
-    none. `worth` is the number of distances outside of the largest part from which on detection is shared, see
-    `hhsim.kernels.contact.parallel_detection.worth_sharing`.
+    none. `works` are the helpers' workspaces: none writes what another thread writes.
     """
 
     def __init__(self, states: NDArray[np.void], threads: int) -> None:
         self.states = states
-        self.worth = WORTH_SHARING
-        self.works = [_HelperWork(states) for _ in range(threads - 1)]
-        self._compiled = False
+        self.works = [new_work(DOF, ROW_CAPACITY) for _ in range(threads - 1)]
 
     @contextmanager
-    def at_work(self, hand: HandArrays, surface: Any, options: TickOptions) -> Iterator[None]:
+    def at_work(self, options: TickOptions) -> Iterator[None]:
         """Run the helpers during a block, and raise what one of them raised; however it ends, none of them is left."""
         if not self.works:
             yield
             return
         shared = self.states[0].thread_team
         word = shared.word[:]
-        given = (hand, surface, options, self.states)
         dismiss(word)
-        if not self._compiled:
-            # Here and not in a helper: a block of ticks would begin without it.
-            self.works[0].help_out(given)
-            self._compiled = True
-        arrived = threading.Semaphore(0)
-        helpers = [_Helper(work, given, arrived) for work in self.works]
-        try:
-            assemble(word)
-            for helper in helpers:
-                helper.start()
-            deadline = time.monotonic() + ARRIVAL
-            for _ in helpers:
-                arrived.acquire(timeout=max(0.0, deadline - time.monotonic()))
-            clocks = [helper.clock for helper in helpers if helper.clock is not None]
-            shared.clock[: len(clocks)] = clocks
-            shared.clocks = len(clocks)
-            shared.worth = self.worth
-            shared.members = 1 + len(helpers)
-            yield
-        finally:
-            dismiss(word)
-            shared.members = 1
-            shared.clocks = 0
-            for helper in helpers:
-                if helper.ident is not None:
-                    helper.join()
+        # Compiled before there are helpers: a block of ticks would begin without them.
+        help_out(options, self.states, self.works[0])
+        clocks: SimpleQueue[int] = SimpleQueue()
+
+        def help_with(work: QpWork) -> None:
+            clocks.put(time.pthread_getcpuclockid(threading.get_ident()))
+            help_out(options, self.states, work)
+
+        with ThreadPoolExecutor(len(self.works), HELPER) as pool:
+            try:
+                post(word, 0)
+                helpers = [pool.submit(help_with, work) for work in self.works]
+                shared.clock[: len(helpers)] = [clocks.get() for _ in helpers]
+                shared.clocks = len(helpers)
+                shared.members = 1 + len(helpers)
+                yield
+            finally:
+                dismiss(word)
+                shared.members = 1
+                shared.clocks = 0
         for helper in helpers:
-            if helper.failure is not None:
-                raise helper.failure
-
-
-class _HelperWork:
-    """Workspace of a helper, which writes nothing that another thread writes."""
-
-    def __init__(self, states: NDArray[np.void]) -> None:
-        self.qp: QpWork = new_work(DOF, ROW_CAPACITY)
-        candidates = states[0].candidates
-        self.walk = Walk(np.zeros_like(candidates.stack), np.zeros_like(candidates.scratch))
-
-    def help_out(self, given: Given) -> None:
-        help_out(*given, self.qp, self.walk)
-
-
-class _Helper(threading.Thread):
-    def __init__(
-        self,
-        work: _HelperWork,
-        given: Given,
-        arrived: threading.Semaphore,
-    ) -> None:
-        super().__init__(name="hhsim-helper", daemon=True)
-        self.work = work
-        self.given = given
-        self.arrived = arrived
-        self.clock: int | None = None
-        self.failure: BaseException | None = None
-
-    def run(self) -> None:
-        try:
-            self.clock = time.pthread_getcpuclockid(threading.get_ident())
-            self.arrived.release()
-            self.work.help_out(self.given)
-        except BaseException as error:  # handed to the thread that asked for help
-            self.failure = error
-            self.arrived.release()
+            helper.result()
