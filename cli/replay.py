@@ -74,7 +74,10 @@ class SolverSettings(options.Linearising, options.SolverChoice):
         help="Ends of a frustum with --method paper: spheres (Eq. 13) or flat (Eq. 7). Default: spheres.",
     )
     threads: int = ranged(
-        "threads", "N", "Threads that share each tick; the result is the same with any number.", default=1
+        "threads",
+        "N",
+        "Threads that solve the fingers of `progressive`; the result is the same with any number.",
+        default=1,
     )
 
     def options(self) -> "SolverOptions":

@@ -36,7 +36,7 @@ RANGES = {
     "stiffness penalty": Range(1e-9, 1e12, "N/m", _STIFFNESS),
     "linearisations": Range(1, 1_000_000),
     "budget": Range(1, 2**62, "work units"),
-    "threads": Range(1, 6, reason="a tick has 6 parts, five fingers and the palm"),
+    "threads": Range(1, 5, reason="a tick has the programs of five fingers"),
     "tolerance": Range(1e-12, 1e-6, "of the margin", "rounding begins below, and steps end inside above"),
     "margin": Range(1e-9, 100.0, "m"),
     "skin": Range(1e-9, 100.0, "m"),

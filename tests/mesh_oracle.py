@@ -16,6 +16,9 @@ from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, ve
 from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.kernels.round_cone_distance import RoundCone, cone_slope
 
+NEEDLE = 1e-9
+"""Height of a triangle, as a share of its longest side, up to which it is no more than its sides: the direction of its
+normal is rounding."""
 SAMPLES = 65
 SECTIONS = 80
 """Golden sections after the samples: 2 / 64 of the axis shrinks by 1e-17."""
@@ -75,13 +78,14 @@ def from_triangles(corners: FloatArray) -> Callable[[FloatArray], FloatArray]:
     a, b, c = corners[..., 0, :], corners[..., 1, :], corners[..., 2, :]
     normal = np.cross(b - a, c - a)
     size = np.linalg.norm(normal, axis=-1)
+    longest = ((corners - np.roll(corners, 1, axis=-2)) ** 2).sum(axis=-1).max(axis=-1)
     normal = normal / np.where(size > 0.0, size, 1.0)[..., None]
     sides = ((a, b), (b, c), (c, a))
     inward = [np.cross(normal, q - p) for p, q in sides]
 
     def distance(x: FloatArray) -> FloatArray:
         beside = [to_segment(x, p, q) for p, q in sides]
-        inside = size > 0.0
+        inside = size > NEEDLE * longest
         for (p, _), across in zip(sides, inward):
             inside = inside & ((across * (x - p)).sum(axis=-1) > 0.0)
         above = np.abs(((x - a) * normal).sum(axis=-1))

@@ -29,7 +29,7 @@ HEAVY = {"click", "rich", "rerun", "trimesh", "qpsolvers", "clarabel", "matplotl
 KERNEL_IMPORTS = {"numpy", "numba", "llvmlite", "math", "fractions", "typing", "collections", "functools", "time"}
 KERNEL_IMPORTS |= {"platform"}
 JIT_FACTORY = {"jit", "jit_allocating", "jit_inline", "jit_once", "generic", "cache"}
-IMPLEMENTS = re.compile(r"\w+\.of\(\w+\)")
+IMPLEMENTS = re.compile(r"\w+\.of\(\w+\)|lowered\(\w+\)")
 """How a kernel is declared for a type."""
 
 LIBRARY = library()

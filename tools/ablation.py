@@ -129,7 +129,7 @@ def _not_stalled(method: Any, state: Any) -> bool:
 
 
 @jit
-def _not_strained(method: Any, state: Any) -> bool:
+def _not_strained(state: Any) -> bool:
     return False
 
 
@@ -205,7 +205,7 @@ SAFEGUARDS = (
     Safeguard(
         "strained",
         "forces of a palm that yielded come from a program of their own",
-        {"palm_yielded:Progressive": _not_strained},
+        {"palm_yielded": _not_strained},
     ),
     Safeguard(
         "settled-forces",

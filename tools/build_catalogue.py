@@ -21,7 +21,7 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.mesh.catalogue import object_description, object_names
-from hhsim.mesh.file import PLY_FACE, PLY_HEADER, PLY_VERTEX
+from hhsim.mesh.file import PLY_FACE, PLY_VERTEX
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.repair import closed_surface
 from hhsim.trees.published_results import EXTENT
@@ -84,6 +84,19 @@ def read_package(archive: Path, member: str) -> tuple[FloatArray, IntArray]:
         raise InputError(f"{archive}: {member} has no exports.positions and exports.cells")
     vertices, faces = (json.loads(match.group(1)) for match in found if match is not None)
     return np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
+
+
+PLY_HEADER = """ply
+format binary_little_endian 1.0
+comment unit: {unit}
+element vertex {vertices}
+property double x
+property double y
+property double z
+element face {faces}
+property list uchar int vertex_indices
+end_header
+"""
 
 
 def ply_bytes(vertices: FloatArray, faces: IntArray) -> bytes:

@@ -86,12 +86,12 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
             return ChosenTree(tree_of_any(mesh, level, report), ())
         if self.level not in (None, AUTO):
             raise click.UsageError(f"--max-error chooses the level itself: leave --level {self.level} out")
-        choice = coarsest_sphere_tree(mesh, self.max_error, report)
+        tree = coarsest_sphere_tree(mesh, self.max_error, report)
         note = (
-            f"level {choice.level} is the coarsest within {1e3 * self.max_error:g} mm: {choice.tree.leaf_count:,} "
-            f"spheres, which reach out of the mesh by {1e3 * choice.bound:.3f} mm at most"
+            f"level {tree.depth} is the coarsest within {1e3 * self.max_error:g} mm: {tree.leaf_count:,} spheres, "
+            f"which reach out of the mesh by {1e3 * tree.errors[-1].bound:.3f} mm at most"
         )
-        return ChosenTree(choice.tree, (note,))
+        return ChosenTree(tree, (note,))
 
 
 class TreeOrFile(TreeChoice):

@@ -17,7 +17,7 @@ class ThreadsSettings(OptionGroup):
     """Objects, numbers of threads, and repetitions."""
 
     objects: tuple[str, ...] | None = names("--object", "Objects of Fig. 15. Default: cup,bunny.")
-    threads: tuple[int, ...] | None = counts("--threads", "Numbers of threads. Default: 1,2.", 6)
+    threads: tuple[int, ...] | None = counts("--threads", "Numbers of threads. Default: 1,2.", 5)
     instances: int = option(type=COUNT, default=100, metavar="N", help="Instances of each case.")
     rounds: int = option(type=COUNT, default=9, metavar="N", help="Plays of each row.")
 

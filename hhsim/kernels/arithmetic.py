@@ -5,16 +5,14 @@ in lane i modulo `LANES`, and the lanes are added by halves at the end.
 """
 
 import math
-from collections.abc import Callable
 from fractions import Fraction
-from typing import Any, cast
+from typing import Any
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic
 
-from hhsim.kernels.jit import JIT_ENABLED, Array, jit_inline
+from hhsim.kernels.jit import Array, jit_inline, lowered
 
 LANES = 8
 """Numbers in one vector instruction, or in two; vectors are padded with zeros to whole multiples."""
@@ -78,33 +76,32 @@ def _halves(builder: Any, lanes: Any, width: int) -> list[Any]:
     return [builder.shuffle_vector(lanes, lanes, half) for half in halves]
 
 
-if JIT_ENABLED:
-    fused = cast(Callable[[float, float, float], float], intrinsic(_fused))
-    dot = cast(Callable[[Array, Array, int], float], intrinsic(_dot))
-    least_of_chunks = cast(Callable[[Array, int, int, float], float], intrinsic(_least))
-else:
+@lowered(_fused)
+def fused(first: float, second: float, third: float) -> float:
+    """Return first * second + third, rounded once."""
+    if not all(map(math.isfinite, (first, second, third))):
+        return first * second + third
+    exact = Fraction(first) * Fraction(second) + Fraction(third)
+    return float(exact) if exact else first * second + third
 
-    def fused(first: float, second: float, third: float) -> float:
-        """Return first * second + third, rounded once."""
-        if not all(map(math.isfinite, (first, second, third))):
-            return first * second + third
-        exact = Fraction(first) * Fraction(second) + Fraction(third)
-        return float(exact) if exact else first * second + third
 
-    def dot(first: Array, second: Array, chunks: int) -> float:
-        """Return the sum of products of the first `chunks` times `LANES` numbers of two contiguous vectors."""
-        lanes = [0.0] * LANES
-        for i in range(chunks * LANES):
-            lanes[i % LANES] = fused(first[i], second[i], lanes[i % LANES])
-        while len(lanes) > 1:
-            half = len(lanes) // 2
-            lanes = [lanes[i] + lanes[i + half] for i in range(half)]
-        return lanes[0]
+@lowered(_dot)
+def dot(first: Array, second: Array, chunks: int) -> float:
+    """Return the sum of products of the first `chunks` times `LANES` numbers of two contiguous vectors."""
+    lanes = [0.0] * LANES
+    for i in range(chunks * LANES):
+        lanes[i % LANES] = fused(first[i], second[i], lanes[i % LANES])
+    while len(lanes) > 1:
+        half = len(lanes) // 2
+        lanes = [lanes[i] + lanes[i + half] for i in range(half)]
+    return lanes[0]
 
-    def least_of_chunks(values: Array, first: int, chunks: int, above: float) -> float:
-        """Return the least of `chunks` times `LANES` numbers from `first` on that are greater than `above`, or ∞."""
-        part = values[first : first + LANES * chunks]
-        return float(min(part[part > above], default=math.inf))
+
+@lowered(_least)
+def least_of_chunks(values: Array, first: int, chunks: int, above: float) -> float:
+    """Return the least of `chunks` times `LANES` numbers from `first` on that are greater than `above`, or ∞."""
+    part = values[first : first + LANES * chunks]
+    return float(min(part[part > above], default=math.inf))
 
 
 @jit_inline

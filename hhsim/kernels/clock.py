@@ -2,15 +2,13 @@
 
 import sys
 import time
-from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic
 
-from hhsim.kernels.jit import JIT_ENABLED, as_int64, jit
+from hhsim.kernels.jit import as_int64, jit, lowered
 
 CLOCK_MONOTONIC = 0 if sys.platform == "win32" else time.CLOCK_MONOTONIC
 CLOCK_THREAD_CPU = 0 if sys.platform == "win32" else time.CLOCK_THREAD_CPUTIME_ID
@@ -101,33 +99,35 @@ def _write_event(typing: Any, descriptor: Any) -> Any:
     return types.int64(types.int64), generate
 
 
-if JIT_ENABLED:
-    # A ctypes function pointer makes a kernel uncacheable; an external symbol does not.
-    _read = cast(Callable[[int], int], intrinsic(_clock_gettime))
-    _sleep = cast(Callable[[int], int], intrinsic(_clock_nanosleep))
-    _poll = cast(Callable[[int, int], int], intrinsic(_ppoll))
-    _clear = cast(Callable[[int], int], intrinsic(_read_event))
-    send_event = cast(Callable[[int], int], intrinsic(_write_event))
+# A ctypes function pointer makes a kernel uncacheable; an external symbol does not.
 
-else:
 
-    def _read(clock: int) -> int:
-        return time.perf_counter_ns() if sys.platform == "win32" else time.clock_gettime_ns(clock)
+@lowered(_clock_gettime)
+def _read(clock: int) -> int:
+    return time.perf_counter_ns() if sys.platform == "win32" else time.clock_gettime_ns(clock)
 
-    def _sleep(time_ns: int) -> int:
-        time.sleep(max(0.0, 1e-9 * (time_ns - time.monotonic_ns())))
-        return 0
 
-    def _poll(descriptor: int, timeout_ns: int) -> int:
-        time.sleep(1e-9 * timeout_ns)
-        return 0
+@lowered(_clock_nanosleep)
+def _sleep(time_ns: int) -> int:
+    time.sleep(max(0.0, 1e-9 * (time_ns - time.monotonic_ns())))
+    return 0
 
-    def _clear(descriptor: int) -> int:
-        return -1
 
-    def send_event(descriptor: int) -> int:
-        """Wake who waits for an eventfd; return the system's answer."""
-        return 0
+@lowered(_ppoll)
+def _poll(descriptor: int, timeout_ns: int) -> int:
+    time.sleep(1e-9 * timeout_ns)
+    return 0
+
+
+@lowered(_read_event)
+def _clear(descriptor: int) -> int:
+    return -1
+
+
+@lowered(_write_event)
+def send_event(descriptor: int) -> int:
+    """Wake who waits for an eventfd; return the system's answer."""
+    return 0
 
 
 @jit

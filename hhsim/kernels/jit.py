@@ -9,6 +9,7 @@ import numba
 import numpy as np
 from numba import types
 from numba.core.typing.templates import AbstractTemplate, infer_global
+from numba.extending import intrinsic
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.kernels.callee import Kernel
@@ -71,6 +72,14 @@ def jit_inline(function: F) -> F:
 def jit_once(function: F) -> F:
     """Compile a kernel as part of its only caller, before that is lowered."""
     return _compile(function, inline="always")
+
+
+def lowered(declare: Callable[..., Any]) -> Callable[[F], F]:
+    """Replace a function in kernels by an intrinsic of numba's, whose maker is `declare`.
+
+    The function itself says the same in Python, and runs where nothing is compiled.
+    """
+    return lambda function: cast(F, intrinsic(declare)) if JIT_ENABLED else function
 
 
 class GenericKernel(Protocol):

@@ -3,16 +3,14 @@
 No result depends on them. With the compiler disabled they do nothing.
 """
 
-from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import JIT_ENABLED, jit_inline
+from hhsim.kernels.jit import jit_inline, lowered
 
 CACHE_LINE = 64
 """Bytes that are fetched together."""
@@ -36,13 +34,9 @@ def _prefetch_line(typing: Any, array: Any, index: Any, offset: Any) -> Any:
     return types.void(array, types.int64, types.int64), generate
 
 
-if JIT_ENABLED:
-    _prefetch = cast(Callable[[NDArray[Any], int, int], None], intrinsic(_prefetch_line))
-
-else:
-
-    def _prefetch(array: NDArray[Any], index: int, offset: int) -> None:
-        pass
+@lowered(_prefetch_line)
+def _prefetch(array: NDArray[Any], index: int, offset: int) -> None:
+    pass
 
 
 @jit_inline

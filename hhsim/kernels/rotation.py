@@ -31,6 +31,26 @@ def quaternion_to_matrix(quaternion: Array, matrix_out: Array) -> None:
     matrix_out[2, 2] = 1.0 - 2.0 * (x * x + y * y)
 
 
+@jit
+def turned(matrix: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return the product of a matrix, shape (3, 3), and a vector."""
+    return (
+        matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z,
+        matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z,
+        matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2] * z,
+    )
+
+
+@jit
+def turned_back(matrix: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return the product of a transposed matrix, shape (3, 3), and a vector."""
+    return (
+        matrix[0, 0] * x + matrix[1, 0] * y + matrix[2, 0] * z,
+        matrix[0, 1] * x + matrix[1, 1] * y + matrix[2, 1] * z,
+        matrix[0, 2] * x + matrix[1, 2] * y + matrix[2, 2] * z,
+    )
+
+
 @jit_inline
 def _product(
     aw: float, ax: float, ay: float, az: float, bw: float, bx: float, by: float, bz: float

@@ -1,10 +1,12 @@
 """Contact features of a mesh: its faces, edges and vertices.
 
 Any triangles will do: open, loose, three at an edge, on top of each other. Vertices at the same place are merged, and
-    so are those that rounding has separated; of several triangles on the same corners one is kept. A triangle without
-    area is touched as a line or point. The proved boundary of a solid is touched from outside alone: concave edges, and
+so are those that rounding has separated; of several triangles on the same corners one is kept. A triangle without
+area is touched as a line or point. The proved boundary of a solid is touched from outside alone: concave edges, and
     vertices that only an inside could touch, are then no features. Any other mesh is touched from both sides.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +24,7 @@ from hhsim.kernels.mesh.features import (
     touchable_vertices,
 )
 from hhsim.kernels.mesh.winding_number import winding_numbers
-from hhsim.mesh.topology import distinct_rows, face_areas, merged_vertices, part_labels
+from hhsim.mesh.topology import directed_edges, distinct_rows, face_areas, merged_vertices, part_labels
 from hhsim.reproducible import arc_tangent, dot, norm, sine_and_cosine
 
 SAME_PLACE = 1e-10
@@ -81,17 +83,7 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
     face, slack = _faces(shape, normal)
     spheres = face_spheres(corner)
 
-    ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
-    side = np.flatnonzero(ends[:, 0] != ends[:, 1])
-    ends = ends[side]
-    low, top = ends.min(axis=1), ends.max(axis=1)
-    _, first, edge = np.unique(low * np.int64(len(place)) + top, return_index=True, return_inverse=True)
-    edge = edge.reshape(-1)
-    edge_ends = np.ascontiguousarray(np.stack([low[first], top[first]], axis=1))
-    start, along = place[edge_ends[:, 0]], place[edge_ends[:, 1]] - place[edge_ends[:, 0]]
-    length = np.linalg.norm(along, axis=1)
-    along = along / length[:, None]
-    line = np.ascontiguousarray(np.concatenate([start, along, length[:, None]], axis=1)).reshape(-1, EDGE_FIELDS)
+    side, ends, edge, first, edge_ends, line = _edges(place, corners)
     # What has no area has no direction across its sides.
     wide = high[side // 3]
     wing_order = np.flatnonzero(wide)[np.argsort(edge[wide], kind="stable")]
@@ -118,7 +110,7 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
     used, owner = np.unique(corners.reshape(-1), return_index=True)
     face_vertex = np.full(3 * len(corners), -1, dtype=np.int64)
 
-    origin = np.concatenate([edge_ends[:, 0], edge_ends[:, 1]])
+    origin, along = np.concatenate([edge_ends[:, 0], edge_ends[:, 1]]), line[:, 3:6]
     order = np.argsort(origin, kind="stable")
     spoke = np.ascontiguousarray(np.concatenate([along, -along])[order])
     spoke_start = np.concatenate([[0], np.cumsum(np.bincount(origin, minlength=len(place)))]).astype(np.int64)
@@ -268,6 +260,39 @@ def _least_half_sine(triangle: FloatArray) -> FloatArray:
         angle = arc_tangent(norm(np.cross(out, back)), dot(out, back))
         np.minimum(least, angle, out=least)
     return sine_and_cosine(0.5 * least)[0]
+
+
+class _Edges(NamedTuple):
+    """Edges of triangles: of S sides of triangles that have two ends, and of E edges.
+
+    Attributes:
+        side: Number of each side, 3 · triangle + corner, shape (S,).
+        ends: Its corners, shape (S, 2).
+        edge: Its edge, shape (S,).
+        first: The first side of each edge, among the S, shape (E,).
+        edge_ends: Corners of each edge, the lower one first, shape (E, 2).
+        line: Fields of each edge, shape (E, EDGE_FIELDS).
+    """
+
+    side: IntArray
+    ends: IntArray
+    edge: IntArray
+    first: IntArray
+    edge_ends: IntArray
+    line: FloatArray
+
+
+def _edges(place: FloatArray, corners: IntArray) -> _Edges:
+    ends = directed_edges(corners)
+    side = np.flatnonzero(ends[:, 0] != ends[:, 1])
+    ends = ends[side]
+    low, top = ends.min(axis=1), ends.max(axis=1)
+    _, first, edge = np.unique(low * np.int64(len(place)) + top, return_index=True, return_inverse=True)
+    edge_ends = np.ascontiguousarray(np.stack([low[first], top[first]], axis=1))
+    start, along = place[edge_ends[:, 0]], place[edge_ends[:, 1]] - place[edge_ends[:, 0]]
+    length = np.linalg.norm(along, axis=1)[:, None]
+    line = np.ascontiguousarray(np.concatenate([start, along / length, length], axis=1)).reshape(-1, EDGE_FIELDS)
+    return _Edges(side, ends, edge.reshape(-1), first, edge_ends, line)
 
 
 def _wings(

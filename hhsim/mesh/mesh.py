@@ -135,7 +135,6 @@ def load_mesh(
     path: str | Path,
     unit: str = "m",
     size: float | None = None,
-    repair: bool = True,
     thickness: float | None = None,
     solid: bool = True,
 ) -> Mesh:
@@ -148,7 +147,6 @@ def load_mesh(
         path: Any format that trimesh reads (.obj .stl .ply .off .glb …); the parts of a scene are joined.
         unit: Length unit of the file: m, cm, mm or inch.
         size: Longest extent of the mesh [m]; replaces `unit`.
-        repair: False refuses a mesh that needs more than merging equal vertices.
         thickness: Makes a sheet this thick [m] of each open part, instead of closing it.
         solid: False takes the triangles as they are, closed or not: for contact with the mesh itself.
 
@@ -184,7 +182,7 @@ def load_mesh(
         mesh = replace(mesh, vertices=mesh.vertices * unit_length)
         return replace(mesh, warnings=size_warnings(mesh, unit) if size is None else ())
     thick = None if thickness is None else thickness / unit_length
-    surface = solid_surface(mesh.vertices, mesh.faces, str(path), unit_length, repair, thick)
+    surface = solid_surface(mesh.vertices, mesh.faces, str(path), unit_length, thick)
     vertices, repairs = surface.vertices * unit_length, (*surface.merged, *surface.repairs)
     mesh = replace(mesh, vertices=vertices, faces=surface.faces, repairs=repairs)
     return replace(mesh, warnings=(*(size_warnings(mesh, unit) if size is None else ()), *surface.warnings))

@@ -100,9 +100,7 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.0f} %" if share >= 0.0995 else f"{100.0 * share:.2g} %"
 
 
-def closed_surface(
-    vertices: FloatArray, faces: IntArray, name: str, unit_length: float = 1.0, repair: bool = True
-) -> MeshInRepair:
+def closed_surface(vertices: FloatArray, faces: IntArray, name: str, unit_length: float = 1.0) -> MeshInRepair:
     """Check a mesh and repair it to a closed surface, wound outward, whose winding number is 0 or 1.
 
     Args:
@@ -110,10 +108,9 @@ def closed_surface(
         faces: Valid indices, shape (F, 3), F > 0.
         name: Name of the mesh in messages.
         unit_length: Length of the unit [m].
-        repair: False refuses a mesh that needs more than merging vertices at equal places.
 
     Raises:
-        MeshError: No safe repair gives the mesh an inside; or it needs a repair and `repair` is False.
+        MeshError: No safe repair gives the mesh an inside.
     """
     surface = MeshInRepair(vertices, faces, name, unit_length)
     merge_and_clean(surface)
@@ -124,8 +121,6 @@ def closed_surface(
     turn_outward(surface)
     resolve_overlaps(surface)
     surface.vertices, surface.faces = used_vertices(surface.vertices, surface.faces)
-    if surface.repairs and not repair:
-        raise MeshError(f"{name}: needs repair, which is switched off: {'; '.join(surface.repairs)}")
     return surface
 
 
@@ -223,10 +218,9 @@ def _drop_fragments(surface: MeshInRepair) -> None:
 
 
 def _wind_alike(surface: MeshInRepair) -> None:
-    result = alike_wound(surface.faces)
-    if result is None:
+    surface.faces, turned, one_sided = alike_wound(surface.faces)
+    if one_sided:
         raise surface.error("one-sided like a Möbius strip, so it has no inside")
-    surface.faces, turned = result
     if turned:
         surface.repairs.append(f"turned {counted(turned, 'triangle')} wound against the neighbours")
 

@@ -76,7 +76,6 @@ def solid_surface(
     faces: IntArray,
     name: str,
     unit_length: float = 1.0,
-    repair: bool = True,
     thickness: float | None = None,
 ) -> MeshInRepair:
     """Close the surface of a mesh: by a safe repair, else by winding number, or as sheets; repairs state assumptions.
@@ -84,15 +83,15 @@ def solid_surface(
     Arguments as for `hhsim.mesh.repair.closed_surface`; `thickness` [unit of the source] makes sheets of open parts.
 
     Raises:
-        MeshError: The mesh has no inside; or it needs a repair and `repair` is False; or the thickness is out of range.
+        MeshError: The mesh has no inside, or the thickness is out of range.
     """
-    if thickness is None or not repair:
-        return _solid(vertices, faces, name, unit_length, repair)
+    if thickness is None:
+        return _solid(vertices, faces, name, unit_length)
     surface, origin = _cleaned(vertices, faces, name, unit_length)
     is_open = open_faces(surface.faces)
     if not is_open.any():
         try:
-            result = _solid(vertices, faces, name, unit_length, repair)
+            result = _solid(vertices, faces, name, unit_length)
             result.warnings.append("the thickness is not used: the mesh is closed")
             return result
         except MeshError:
@@ -102,12 +101,10 @@ def solid_surface(
     return surface
 
 
-def _solid(vertices: FloatArray, faces: IntArray, name: str, unit_length: float, repair: bool) -> MeshInRepair:
+def _solid(vertices: FloatArray, faces: IntArray, name: str, unit_length: float) -> MeshInRepair:
     try:
-        surface = closed_surface(vertices, faces, name, unit_length, repair)
+        surface = closed_surface(vertices, faces, name, unit_length)
     except MeshError as error:
-        if not repair:
-            raise
         surface, origin = _cleaned(vertices, faces, name, unit_length)
         _fill_winding(surface, str(error).removeprefix(f"{name}: ").partition(";")[0])
         surface.vertices = surface.vertices + origin
@@ -273,9 +270,7 @@ def turned_outward(vertices: FloatArray, faces: IntArray, start: float) -> tuple
         faces: Indices, shape (F, 3), wound in any way.
         start: Distance of a ray's start from its triangle [unit of the vertices].
     """
-    wound = alike_wound(faces, one_sided=True)
-    assert wound is not None
-    result = wound[0].copy()
+    result = alike_wound(faces)[0].copy()
     label = part_labels(result)
     parts = int(label.max()) + 1
     area = face_areas(vertices, result)

@@ -1,6 +1,5 @@
 """Topology of triangles: shared vertices, edges, parts, boundary loops, winding."""
 
-from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -30,13 +29,10 @@ def merged_vertices(vertices: FloatArray, faces: IntArray, distance: float = 0.0
     vertices = vertices + 0.0  # -0.0 and 0.0 are one place
     place: IntArray
     if distance > 0.0:
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
         from scipy.spatial import cKDTree
 
         pairs = cKDTree(vertices).query_pairs(distance, output_type="ndarray")
-        links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(vertices), len(vertices)))
-        place = connected_components(links, directed=False)[1].astype(np.int64)
+        place = _components(len(vertices), pairs[:, 0], pairs[:, 1])
     else:
         place = distinct_rows(vertices)[1]
     used = place[faces].ravel()
@@ -88,11 +84,16 @@ def is_closed(faces: IntArray) -> bool:
 
 def part_labels(faces: IntArray) -> IntArray:
     """Return the connected part of each face, through edges that exactly two faces share, shape (F,)."""
+    first, second, _ = _neighbours(faces)
+    return _components(len(faces), first, second)
+
+
+def _components(count: int, first: IntArray, second: IntArray) -> IntArray:
+    """Return the connected component of each of `count` nodes, numbered by their first nodes, by links (L,), (L,)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    first, second, _ = _neighbours(faces)
-    links = coo_array((np.ones(len(first)), (first, second)), shape=(len(faces), len(faces)))
+    links = coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
     return connected_components(links, directed=False)[1].astype(np.int64)
 
 
@@ -105,41 +106,28 @@ def _neighbours(faces: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
     return first // 3, second // 3, balance[index[first]] == 0
 
 
-def alike_wound(faces: IntArray, one_sided: bool = False) -> tuple[IntArray, int] | None:
-    """Turn faces (F, 3) until neighbours are wound alike, the minority of each part; also return how many were turned.
+def alike_wound(faces: IntArray) -> tuple[IntArray, int, bool]:
+    """Turn faces (F, 3) until neighbours are wound alike, the minority of each part; a one-sided part stays as it is.
 
-    None if a part is one-sided, unless `one_sided`: it is then wound against its neighbours along a seam.
+    Also returns how many were turned, and True if a part is one-sided.
     """
     first, second, alike = _neighbours(faces)
     if alike.all():
-        return faces, 0
-    links: list[list[tuple[int, bool]]] = [[] for _ in range(len(faces))]
-    for i, j, same in zip(first.tolist(), second.tolist(), alike.tolist()):
-        links[i].append((j, same))
-        links[j].append((i, same))
-    state = np.full(len(faces), -1, dtype=np.int64)
-    for seed in range(len(faces)):
-        if state[seed] >= 0:
-            continue
-        state[seed] = 0
-        part = [seed]
-        queue = deque(part)
-        while queue:
-            face = queue.popleft()
-            for other, same in links[face]:
-                wanted = state[face] if same else 1 - state[face]
-                if state[other] < 0:
-                    state[other] = wanted
-                    part.append(other)
-                    queue.append(other)
-                elif state[other] != wanted and not one_sided:
-                    return None
-        if 2 * state[part].sum() > len(part):
-            state[part] = 1 - state[part]
-    turned = state == 1
+        return faces, 0, False
+    count = len(faces)
+    # Each face as it is, and turned, number i + F: what is joined is wound alike.
+    other = np.where(alike, second, second + count)
+    side = _components(
+        2 * count, np.concatenate([first, first + count]), np.concatenate([other, (other + count) % (2 * count)])
+    )
+    part = _components(count, first, second)
+    one_sided = side[:count] == side[count:]
+    turned = side[:count] != side[np.unique(part, return_index=True)[1]][part]
+    minority = np.bincount(part, weights=turned) * 2.0 > np.bincount(part)
+    turned ^= minority[part]
     result = faces.copy()
     result[turned] = result[turned][:, ::-1]
-    return result, int(turned.sum())
+    return result, int(turned.sum()), bool(one_sided.any())
 
 
 def boundary_loops(faces: IntArray) -> list[IntArray]:

@@ -21,7 +21,6 @@ from hhsim.kernels.tick.method import (
     energy_stalled,
     finish_tick,
     may_end,
-    palm_yielded,
     recover,
     solve_linearisation,
     solve_program,
@@ -55,7 +54,7 @@ def _as_the_method(part: Any) -> Any:
     return lambda given, *others: part(given.method, *others)
 
 
-for _part in (begin_motion, may_end, recover, advance, finish_tick, energy_stalled, palm_yielded):
+for _part in (begin_motion, may_end, recover, advance, finish_tick, energy_stalled):
     _part.of(PythonPrograms)(_as_the_method(_part))
 # Interpreted, so that it can call Python; what else it calls is compiled.
 solve_linearisation.of(PythonPrograms)(getattr(solve_hand, "py_func", solve_hand))

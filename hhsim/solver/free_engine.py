@@ -7,7 +7,6 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.kernels.copy import copy_values
-from hhsim.kernels.free.block import FreeBlock, run_free_block
 from hhsim.kernels.free.body import Support
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.free.rows import FREE_DOF, FREE_ROWS
@@ -16,7 +15,7 @@ from hhsim.kernels.free.tick import Free, rebuild
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.mesh.mesh import Mesh
 from hhsim.reproducible import matmul, principal_axes
@@ -31,12 +30,11 @@ BELOW = 1e-6
 
 def require_free(options: SolverOptions) -> None:
     """Raise an InputError unless a free object can be solved with these options."""
-    qp, threads = options.qp, options.threads
+    qp = options.qp
     for wrong, message in (
         (options.method != "coupled", f"method {options.method} has no free objects: coupled has"),
         (qp != "active-set", f"a free object is solved for by hhsim's own QP solver, not {qp}: use active-set"),
         (options.force != "kkt", "with a free object the forces are the program's own: use the force model kkt"),
-        (threads > 1, f"threads is {threads}, but a free object is solved for in one thread"),
     ):
         if wrong:
             raise InputError(message)
@@ -130,17 +128,12 @@ class FreeEngine:
     def run(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord | None = None) -> int:
         """See `Engine.run`; the object's record goes to `ticks`, or to new arrays."""
         self.ticks = object_record(len(haptic.position)) if ticks is None else ticks
-        return int(run_free_block(*self._given(haptic, record, self.ticks)))
+        return int(run_block(*self.block(haptic, record, self.ticks)))
 
-    def block(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord) -> tuple[int, FreeBlock]:
-        """See `TickWorkspace.block`; of `run_free_block`."""
-        given = self._given(haptic, record, ticks)
-        compiled: Any = run_free_block
-        return compiled.address(*given), given
-
-    def _given(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord) -> FreeBlock:
+    def block(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord) -> TickBlock:
+        """See `TickWorkspace.block`."""
         workspace = self.workspace
-        return FreeBlock(self.method, workspace.hand, workspace.surface, self.states, self.qp, haptic, record, ticks)
+        return TickBlock(self.method, workspace.hand, workspace.surface, self.states, self.qp, haptic, record, ticks)
 
 
 def object_record(ticks: int) -> ObjectRecord:

@@ -7,11 +7,10 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
-from hhsim.kernels.free.block import FreeBlock
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.jit import JIT_ENABLED, as_argument
-from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord
+from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.reproducible import norm
@@ -152,7 +151,7 @@ class HandSolver:
 
     def compiled_tick(
         self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None
-    ) -> tuple[int, TickBlock | FreeBlock]:
+    ) -> tuple[int, TickBlock]:
         """Return `tick` after `begin` as machine code, for a loop in compiled code.
 
         Args:
@@ -164,12 +163,13 @@ class HandSolver:
         options, workspace = self.options, self.workspace
         if JIT_ENABLED and options.qp == "active-set" and self.method.compiled:
             engine: Any = self.engine
-            if object_ticks is not None:
-                block: tuple[int, FreeBlock] = engine.block(haptic, record, object_ticks)
-                return block
-            return workspace.block(engine.method, haptic, record)
-        method = Coupled(workspace.tick_options)
-        return 0, TickBlock(method, workspace.hand, workspace.surface, workspace.states, workspace.qp, haptic, record)
+            compiled: Any = run_block
+            if object_ticks is None:
+                block = workspace.block(engine.method, haptic, record)
+            else:
+                block = engine.block(haptic, record, object_ticks)
+            return compiled.address(*block), block
+        return 0, workspace.block(Coupled(workspace.tick_options), haptic, record)
 
     def place(self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray) -> None:
         """Place the graphic hand at a configuration, shapes (3,), (4,), (5, 3), (5,), that does not penetrate.

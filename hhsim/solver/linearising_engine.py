@@ -7,12 +7,11 @@ from hhsim.solver.workspace import TickWorkspace
 
 
 class LinearisingEngine:
-    """Runs the ticks of `coupled` and `progressive`, shared by threads, or of `coupled` by another QP solver."""
+    """Runs the ticks of `coupled` and `progressive`, with helping threads, or of `coupled` by another QP solver."""
 
     def __init__(self, workspace: TickWorkspace, method: Coupled | Progressive) -> None:
         self.workspace = workspace
         self.method = method
-        self._compiled = workspace.options.threads == 1
 
     def begin(self) -> None:
         """See `Engine.begin`."""
@@ -30,11 +29,10 @@ class LinearisingEngine:
     def _run(self, method: Coupled | Progressive, haptic: HapticBlock, record: TickRecord) -> int:
         workspace = self.workspace
         if workspace.options.qp == "active-set":
-            if not self._compiled:
-                # Before there are helpers, which would look on, each on a processor of its own.
+            if workspace.options.threads > 1:
+                # Compiled before there are helpers, which would look on, each on a processor of its own.
                 workspace.run_block(method, HapticBlock(*(values[:0] for values in haptic)), record)
-                self._compiled = True
-            with workspace.thread_team.at_work(workspace.hand, workspace.surface, method.options):
+            with workspace.thread_team.at_work(method.options):
                 return workspace.run_block(method, haptic, record)
         from hhsim.solver.backend_programs import run_block_with_backend
 

@@ -47,7 +47,7 @@ class Method:
         never_penetrates: Promised; without the promise penetration is measured, but misses no bar.
         nearest_to_user: Promised: no hand near the shown one is closer to the user's in coupling energy.
         follows_input: Promised: where nothing is near, the shown hand is the user's.
-        takes_threads: Its ticks can be shared among threads.
+        takes_threads: The fingers' programs of a tick can be shared among threads.
         takes_backends: Its programs can be solved by any QP solver that qpsolvers offers.
         refuses_surfaces: Reason for taking no surface but spheres; "" if it takes any.
         defaults: Defaults of the options named in `USUAL`.

@@ -99,8 +99,8 @@ class SolverOptions:
         step_tolerance: A step shorter than this ends the tick.
         tolerance: Accepted violation of a program's row, as a share of the margin.
         touch: Pairs nearer than this count as touching. Default: 10 µm; 1 µm with surface `mesh`.
-        threads: Threads that share a tick, up to six, one for each finger and the palm: detection, and in `progressive`
-            the fingers' programs. The bytes do not depend on their number.
+        threads: Threads that share the fingers' programs of a tick of `progressive`, up to one for each finger. The
+            bytes do not depend on their number.
         stiffness: Virtual coupling.
         frustum_ends: Of method `paper`: `spheres` (Eq. 13's range of k at every joint, as at the fingertip) or `flat`
             (Eq. 7's, but for the fingertip), which takes large object spheres beyond a joint for contacts.
@@ -158,8 +158,8 @@ class SolverOptions:
         if self.threads > 1 and self.qp != "active-set":
             raise InputError(f"threads is {self.threads}, but '{self.qp}' is driven in one thread: use active-set")
         if self.threads > 1 and not method.takes_threads:
-            known = " and ".join(methods_that("takes_threads"))
-            raise InputError(f"threads is {self.threads}, but '{self.method}' runs in one thread; {known} take several")
+            known = " or ".join(methods_that("takes_threads"))
+            raise InputError(f"threads is {self.threads}, but '{self.method}' runs in one thread; for several: {known}")
         if self.offset * 10.0 > self.margin:
             least = 1e4 * self.offset
             raise InputError(f"a margin of {1e3 * self.margin:g} mm is too small: at least {least:g} mm, ten offsets")

@@ -18,7 +18,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.kernels.qp import active_set
-from hhsim.kernels.qp.row_scan import ProgramRows
+from hhsim.kernels.qp.row_scan import STRIP, WideRows
 
 ACTIVE_SET = "active-set"
 """Our own backend: `hhsim.kernels.qp.active_set`."""
@@ -156,10 +156,12 @@ def solve_active_set(problem: QpProblem, relaxation: float = 0.0) -> QpSolution:
     """
     root, unit, norm = problem.conditioned()
     m, n = unit.shape
-    work = active_set.new_work(n, m)
-    rows = ProgramRows(
-        n_common=n,
-        common=np.ascontiguousarray(unit.T),
+    # Columns of zeros fill up the strips that the kernel reads.
+    width = -(-n // STRIP) * STRIP
+    work = active_set.new_work(width, m)
+    rows = WideRows(
+        n_common=width,
+        common=np.pad(unit.T, ((0, width - n), (0, 0))),
         block=np.zeros((3, m)),
         rhs=problem.rhs / norm,
         group_start=np.zeros(1, dtype=np.int64),
@@ -167,7 +169,8 @@ def solve_active_set(problem: QpProblem, relaxation: float = 0.0) -> QpSolution:
         group_block=np.full(1, -1, dtype=np.int64),
     )
     guess = np.zeros(1, dtype=np.int64)
-    status = active_set.solve(n, rows, root * problem.target, TOLERANCE, relaxation, guess, 0, work)
+    target = np.pad(root * problem.target, (0, width - n))
+    status = active_set.solve(width, rows, target, TOLERANCE, relaxation, guess, 0, work)
     if status == active_set.INFEASIBLE:
         message = "the rows contradict each other"
         return _without_solution(problem, ACTIVE_SET, QpStatus.INFEASIBLE, message)

@@ -1,77 +1,59 @@
 """Threads that help with a solver's ticks."""
 
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
-from queue import Empty, SimpleQueue
-from typing import Any
+from contextlib import contextmanager
+from queue import SimpleQueue
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
-from hhsim.kernels.contact.surface import Walk
-from hhsim.kernels.hand.kinematics import DOF, HandArrays
-from hhsim.kernels.parallel.thread_team import assemble, dismiss
+from hhsim.kernels.hand.kinematics import DOF
+from hhsim.kernels.parallel.thread_team import dismiss, post
 from hhsim.kernels.qp.active_set import QpWork, new_work
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.thread_team_worker import help_out
+from hhsim.kernels.tick.progressive import help_out
 from hhsim.system.posix import thread_clock
 
-ARRIVAL = 1.0
-"""A block begins without the helpers that have not arrived after this [s]: they can join at any tick."""
-
-WORTH_SHARING = 2500
-"""Number of distances outside of the largest part from which on sharing saves time: some two microseconds."""
-
-HelperWork = tuple[QpWork, Walk]
+HELPER = "hhsim-helper"
+"""Start of the helpers' names."""
 
 
 class ThreadTeam:
     """Helpers of one solver: threads that live while a block of ticks runs, and wait for work in compiled code.
 
     Starting them takes about 0.1 ms a block, outside of the timed ticks. `threads` counts the caller's own; 1 starts
-    none. `worth` is the number of distances outside of the largest part from which on detection is shared, see
-    `hhsim.kernels.contact.parallel_detection.worth_sharing`.
+    none. `works` are the helpers' workspaces: none writes what another thread writes.
     """
 
     def __init__(self, states: NDArray[np.void], threads: int) -> None:
         self.states = states
-        self.worth = WORTH_SHARING
-        self.works = [_helper_work(states) for _ in range(threads - 1)]
-        self._compiled = False
+        self.works = [new_work(DOF, ROW_CAPACITY) for _ in range(threads - 1)]
 
     @contextmanager
-    def at_work(self, hand: HandArrays, surface: Any, options: TickOptions) -> Iterator[None]:
+    def at_work(self, options: TickOptions) -> Iterator[None]:
         """Run the helpers during a block, and raise what one of them raised; however it ends, none of them is left."""
         if not self.works:
             yield
             return
         shared = self.states[0].thread_team
         word = shared.word[:]
-        given = (hand, surface, options, self.states)
         dismiss(word)
-        if not self._compiled:
-            # Here and not in a helper: a block of ticks would begin without it.
-            help_out(*given, *self.works[0])
-            self._compiled = True
+        # Compiled before there are helpers: a block of ticks would begin without them.
+        help_out(options, self.states, self.works[0])
         clocks: SimpleQueue[int] = SimpleQueue()
 
-        def help_with(work: HelperWork) -> None:
+        def help_with(work: QpWork) -> None:
             clocks.put(thread_clock())
-            help_out(*given, *work)
+            help_out(options, self.states, work)
 
-        with ThreadPoolExecutor(len(self.works), "hhsim-helper") as pool:
+        with ThreadPoolExecutor(len(self.works), HELPER) as pool:
             try:
-                assemble(word)
+                post(word, 0)
                 helpers = [pool.submit(help_with, work) for work in self.works]
-                deadline = time.monotonic() + ARRIVAL
-                with suppress(Empty):
-                    for place in range(len(helpers)):
-                        shared.clock[place] = clocks.get(timeout=max(0.0, deadline - time.monotonic()))
-                        shared.clocks = place + 1
-                shared.worth = self.worth
+                shared.clock[: len(helpers)] = [clocks.get() for _ in helpers]
+                shared.clocks = len(helpers)
                 shared.members = 1 + len(helpers)
                 yield
             finally:
@@ -80,9 +62,3 @@ class ThreadTeam:
                 shared.clocks = 0
         for helper in helpers:
             helper.result()
-
-
-def _helper_work(states: NDArray[np.void]) -> HelperWork:
-    """Allocate the workspace of a helper, which writes nothing that another thread writes."""
-    candidates = states[0].candidates
-    return new_work(DOF, ROW_CAPACITY), Walk(np.zeros_like(candidates.stack), np.zeros_like(candidates.scratch))

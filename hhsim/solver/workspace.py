@@ -15,7 +15,7 @@ from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
-from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
+from hhsim.kernels.tick.block import HapticBlock, NoObject, TickBlock, TickRecord, run_block
 from hhsim.kernels.tick.evaluation import rebuild_candidates
 from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
@@ -105,13 +105,11 @@ class TickWorkspace:
 
     def run_block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> int:
         """Run one tick of a compiled method for each row of the haptic input; return the ticks done."""
-        return int(run_block(method, self.hand, self.surface, self.states, self.qp, haptic, record))
+        return int(run_block(*self.block(method, haptic, record)))
 
-    def block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> tuple[int, TickBlock]:
-        """Return the address of `run_block`'s machine code and its arguments, for a loop that calls it by itself."""
-        given = TickBlock(method, self.hand, self.surface, self.states, self.qp, haptic, record)
-        compiled: Any = run_block
-        return compiled.address(*given), given
+    def block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> TickBlock:
+        """Return the arguments of `run_block`, for a loop that calls its machine code by itself."""
+        return TickBlock(method, self.hand, self.surface, self.states, self.qp, haptic, record, NoObject())
 
 
 def tick_state(stiffness: FloatArray, modelled: BoolArray | None = None, surface: Surface = SPHERES) -> Any:

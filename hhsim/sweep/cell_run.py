@@ -183,7 +183,7 @@ def cell_object(cell: Cell, plan_folder: Path) -> tuple[Mesh, SphereTree]:
     word: str | Path = plan_folder / shape.word if names_a_file(shape.word) else shape.word
     mesh, usual = resolve_object(word, shape.unit, size, thickness, solid)
     if "max_error" in cell.options:
-        return mesh, coarsest_sphere_tree(mesh, cell.options["max_error"]).tree
+        return mesh, coarsest_sphere_tree(mesh, cell.options["max_error"])
     level = cell.options.get("level", usual)
     return mesh, cached_sphere_tree(mesh, TreeOptions(level=level)) if solid else tree_of_any(mesh, level)
 

@@ -9,7 +9,6 @@ import math
 from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import NamedTuple
 
 from hhsim.errors import InputError, OutputError
 from hhsim.kernels.cache_folder import cache_root
@@ -92,16 +91,8 @@ def cache_path(mesh: Mesh, options: TreeOptions) -> Path:
     return cache_root() / "trees" / f"{digest.hexdigest()[:32]}.h5"
 
 
-class TreeChoice(NamedTuple):
-    """A tree, its level and the proved bound of its leaves' protrusion [m]."""
-
-    tree: SphereTree
-    level: int
-    bound: float
-
-
-def coarsest_sphere_tree(mesh: Mesh, max_error: float, progress: Progress = silent) -> TreeChoice:
-    """Build levels from the coarsest on until one is proved to protrude by no more than `max_error` [m].
+def coarsest_sphere_tree(mesh: Mesh, max_error: float, progress: Progress = silent) -> SphereTree:
+    """Build levels from the coarsest on; return the first that is proved to protrude by no more than `max_error` [m].
 
     Raises:
         InputError: `max_error` is no length, or no level meets it.
@@ -114,6 +105,6 @@ def coarsest_sphere_tree(mesh: Mesh, max_error: float, progress: Progress = sile
         tree = cached_sphere_tree(mesh, TreeOptions(level=level), progress)
         bound = tree.errors[-1].bound
         if bound <= max_error:
-            return TreeChoice(tree, level, bound)
+            return tree
     finest = f"level {MOST_LEVEL}, the finest, protrudes by up to {1e3 * bound:.3g} mm"
     raise InputError(f"{mesh.name}: no level is within {1e3 * max_error:g} mm; {finest}")

@@ -39,7 +39,7 @@ IMPOSSIBLE: tuple[tuple[type, dict[str, Any], str], ...] = (
     (PeersOptions, {"objects": ()}, "objects = .*at least one name"),
     (TreesOptions, {"spheres": (40_000,)}, "32768"),
     (ThreadsOptions, {"threads": (1,)}, "nothing to be compared with"),
-    (ThreadsOptions, {"threads": (1, 7)}, "= 7; expected a whole number from 1 to 6"),
+    (ThreadsOptions, {"threads": (1, 6)}, "= 6; expected a whole number from 1 to 5"),
     (MeshSizeOptions, {"object_name": "buny"}, "bunny"),
     (MeshSizeOptions, {"subdivisions": (7,)}, "= 7; expected a whole number from 1 to 6"),
     (PaperOptions, {"methods": ()}, "methods = .*at least one name"),

@@ -114,7 +114,7 @@ TAKEN = (
 def give(name: str, value: Any) -> object:
     """Make the record of the library that has a number of this name."""
     if name in NUMBERS:
-        return SolverOptions(**{name: value})
+        return SolverOptions(method="progressive", **{name: value})
     if name.startswith("stiffness "):
         return Stiffness(**{name.removeprefix("stiffness "): value})
     return FreeObject(**{**BODY, name: (value,) * 3 if name in VECTORS else value})
@@ -135,7 +135,7 @@ def test_the_library_refuses_what_the_command_line_refuses(name: str) -> None:
 
 def test_numbers_of_options_have_the_type_that_kernels_are_compiled_for() -> None:
     two: Any = np.int64(2)
-    given = SolverOptions(margin=5, threads=two, stiffness=Stiffness(translation=500))
+    given = SolverOptions(method="progressive", margin=5, threads=two, stiffness=Stiffness(translation=500))
     assert (given.margin, type(given.margin), type(given.threads)) == (5.0, float, int)
     assert type(given.stiffness.translation) is float
-    assert given == SolverOptions(margin=5.0, threads=2, stiffness=Stiffness(translation=500.0))
+    assert given == SolverOptions(method="progressive", margin=5.0, threads=2, stiffness=Stiffness(translation=500.0))

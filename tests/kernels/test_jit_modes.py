@@ -147,5 +147,5 @@ def test_every_kernel_of_a_replay_is_compiled_for_one_signature(folder: Path) ->
     computed(folder, "checked")
     signatures = json.loads((folder / "signatures.json").read_text())
     assert len(signatures["tick.block.run_block"]) == len(METHODS)
-    assert len(signatures["tick.thread_team_worker.help_out"]) == 1
+    assert len(signatures["tick.progressive.help_out"]) == 1
     assert {name: kinds for name, kinds in signatures.items() if len(kinds) > len(set(kinds))}.keys() == FOR_TWO

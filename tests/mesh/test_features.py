@@ -272,24 +272,3 @@ def test_at_a_t_junction_every_side_is_an_edge() -> None:
     np.testing.assert_allclose(np.sort(kept[along, 6]), [0.02, 0.02, 0.04], atol=1e-15)
     # The side that the two lower faces share is flat.
     assert len(kept) == 3 + 2 + 2
-
-
-def test_fields_of_faces() -> None:
-    random = np.random.default_rng(5)
-    corners = random.normal(0.0, 0.02, (50, 3, 3))
-    mesh, _ = mesh_features(corners.reshape(-1, 3), np.arange(150).reshape(50, 3), closed=False)
-    triangle = mesh.corner.reshape(-1, 3, 3)
-    normal = mesh.face[:, :3]
-    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0, atol=1e-14)
-    np.testing.assert_allclose(
-        np.einsum("fkm,fm->fk", triangle, normal), np.repeat(mesh.face[:, 3:4], 3, 1), atol=1e-15
-    )
-    order = np.einsum("fm,fm->f", np.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0]), normal)
-    assert (order > 0.0).all()
-    for k in range(3):
-        inward, least = mesh.face[:, 4 + 4 * k : 7 + 4 * k], mesh.face[:, 7 + 4 * k]
-        height = np.einsum("fkm,fm->fk", triangle, inward) - least[:, None]
-        # Both ends of the side are inside by the same rounding of a nanometre at most, the third corner by far.
-        assert (height[:, [k, (k + 1) % 3]] >= 0.0).all()
-        assert (height[:, [k, (k + 1) % 3]] <= 1.001e-9).all()
-        assert (height[:, (k + 2) % 3] > 1e-6).all()

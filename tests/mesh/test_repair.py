@@ -9,7 +9,7 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.mesh.repair import MeshInRepair, closed_surface, winding_faults
 from hhsim.mesh.topology import is_closed, signed_volume
-from tools.shapes.generators import cube, cup, sphere
+from tools.shapes.generators import cube, sphere
 
 BALL = sphere(0.08, subdivisions=2)
 CUBE = cube(0.07)
@@ -33,14 +33,6 @@ def second_ball(shift: float, inward: bool = False, scale: float = 1.0) -> tuple
     faces = BALL.faces[:, ::-1] if inward else BALL.faces
     moved = BALL.vertices * scale + np.array([shift, 0.0, 0.0])
     return np.concatenate([BALL.vertices, moved]), np.concatenate([BALL.faces, faces + len(BALL.vertices)])
-
-
-@pytest.mark.parametrize("mesh", [BALL, CUBE, pytest.param(cup(), marks=pytest.mark.soak)], ids=["ball", "cube", "cup"])
-def test_sound_mesh_is_left_alone(mesh: MeshInRepair) -> None:
-    surface = repaired(mesh.vertices, mesh.faces)
-    assert (surface.merged, surface.repairs, surface.warnings) == ([], [], [])
-    assert len(surface.faces) == len(mesh.faces)
-    assert volume(surface) == pytest.approx(signed_volume(mesh.vertices, mesh.faces), rel=1e-12)
 
 
 @settings(max_examples=25)
@@ -119,21 +111,6 @@ def test_wide_flat_hole_is_closed_and_warned_of() -> None:
     assert volume(surface) == pytest.approx(0.07**3)
 
 
-def test_wide_holes_and_small_ones_are_counted_apart_and_sum_up() -> None:
-    vertices = np.concatenate([CUBE.vertices, BALL.vertices + [0.2, 0.0, 0.0]])
-    top = (CUBE.vertices[CUBE.faces][:, :, 2] > 0.0).all(axis=1)
-    faces = np.concatenate([CUBE.faces[~top], BALL.faces[1:] + len(CUBE.vertices)])
-    surface = repaired(vertices, faces)
-    assert any(text.startswith("closed 2 holes up to") for text in surface.repairs)
-    assert [text for text in surface.warnings if "closed, and 1 small: it is solid there" in text]
-
-
-def test_lengths_in_messages_are_real_ones() -> None:
-    top = (CUBE.vertices[CUBE.faces][:, :, 2] > 0.0).all(axis=1)
-    surface = closed_surface(CUBE.vertices * 1000.0, CUBE.faces[~top], "test", unit_length=0.001)
-    assert surface.repairs == ["closed 1 hole up to 70 mm wide"]
-
-
 def test_a_cavity_is_no_hole_in_a_part_that_fills_it() -> None:
     vertices, faces = second_ball(0.0, inward=True, scale=0.5)
     # A third ball reaches into the cavity: what is in both is solid, but a union cannot count that.
@@ -169,12 +146,6 @@ def test_one_sided_strip_is_refused() -> None:
         faces += [[a, c, b], [b, c, d]]
     with pytest.raises(MeshError, match="one-sided"):
         closed_surface(np.concatenate([ring - 0.3 * across, ring + 0.3 * across]), np.array(faces), "test")
-
-
-def test_repair_switched_off_says_what_it_would_take() -> None:
-    with pytest.raises(MeshError, match="needs repair, which is switched off: wound inside out: turned"):
-        closed_surface(BALL.vertices, BALL.faces[:, ::-1], "test", repair=False)
-    assert closed_surface(BALL.vertices, BALL.faces, "test", repair=False).repairs == []
 
 
 def test_winding_faults_see_an_overlap_of_few_large_triangles() -> None:

@@ -135,8 +135,7 @@ def test_the_coarsest_level_within_the_budget_is_chosen() -> None:
     mesh = load_object("cube").mesh
     bound = {level: cached_sphere_tree(mesh, TreeOptions(level=level)).errors[-1].bound for level in (1, 2, 3)}
     for level in (1, 2, 3):
-        choice = coarsest_sphere_tree(mesh, 1.001 * bound[level])
-        assert (choice.level, choice.bound) == (level, bound[level])
-        assert choice.tree.errors[-1].level == level
+        tree = coarsest_sphere_tree(mesh, 1.001 * bound[level])
+        assert (tree.depth, tree.errors[-1].bound) == (level, bound[level])
     with pytest.raises(InputError, match="it must be positive and finite"):
         coarsest_sphere_tree(mesh, 0.0)

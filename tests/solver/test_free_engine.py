@@ -25,7 +25,6 @@ MESH = box((0.05, 0.05, 0.05))
         ({"method": "progressive"}, "method progressive has no free objects: coupled has"),
         ({"qp": "clarabel"}, "own QP solver, not clarabel"),
         ({"force": "paper"}, "use the force model kkt"),
-        ({"threads": 2}, "threads is 2"),
     ],
 )
 def test_what_has_no_free_objects_says_so(options: dict[str, Any], why: str) -> None:

@@ -15,7 +15,7 @@ from hhsim.kernels.kernel_cache import KERNEL_CACHE
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees import builder, cache
-from hhsim.trees.cache import SHIPPED_SUFFIX, cache_path, cached_sphere_tree, kept_sphere_tree, shipped_tree
+from hhsim.trees.cache import SHIPPED_SUFFIX, cache_path, cached_sphere_tree, shipped_tree
 from hhsim.trees.file import load_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
@@ -135,12 +135,6 @@ def test_cache_builds_once_for_each_content(folder: Path, monkeypatch: pytest.Mo
     cached_sphere_tree(mesh.scaled(2.0), options)
     assert len(built) == 3
     assert len(list(folder.rglob("*"))) == 4
-
-
-def test_what_is_asked_of_the_builder_does_not_come_from_what_ships(folder: Path) -> None:
-    mesh = load_object("cube").mesh
-    kept_sphere_tree(mesh, TreeOptions(level=1))
-    assert cache_path(mesh, TreeOptions(level=1)).is_file()
 
 
 def test_damaged_cache_is_built_again(folder: Path) -> None:

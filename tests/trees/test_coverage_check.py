@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-from typing import Literal
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import MeshError
-from hhsim.hand.model import HandModel
 from hhsim.kernels.cover.check_certificate import HOLDS, check_proof
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.builder import build_sphere_tree, proved_anew
@@ -53,11 +51,6 @@ def changed(cover: LevelCover, place: int, code: int) -> LevelCover:
 
 def faults_of(cover: LevelCover) -> tuple[str, ...]:
     return faults(MESH, (cover,))
-
-
-def test_what_the_builder_proves_holds() -> None:
-    assert built().check(MESH) == ()
-    assert all(cover.proved for cover in built().covers)
 
 
 def test_a_proof_says_what_its_format_says() -> None:
@@ -155,13 +148,6 @@ def test_a_moved_tree_is_proved_of_the_moved_mesh() -> None:
     assert proved_anew(mirrored, image).check(image) == ()
     with pytest.raises(MeshError, match=r"shape: \d+ faces are not covered"):
         proved_anew(mirrored, MESH.scaled(1.5))
-
-
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_the_palms_of_both_hands_are_proved(side: Literal["left", "right"]) -> None:
-    hand = HandModel.default(side)
-    assert hand.palm_tree.check(hand.palm_mesh) == ()
-    assert hand.palm_tree.errors[-1].gap_max == 0.0
 
 
 def test_a_corner_must_lie_inside_by_the_room() -> None:

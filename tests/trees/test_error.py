@@ -57,17 +57,6 @@ def test_gap_of_a_tree_with_a_hole_is_seen() -> None:
     assert 0.0 < error.gap_mean < error.gap_p99 < error.gap_max
 
 
-def test_samples_of_the_mesh_are_uniform() -> None:
-    shape = trimesh.creation.box((0.4, 0.2, 0.1))
-    vertices, faces = np.array(shape.vertices, float), np.array(shape.faces, np.int64)
-    points = sample_mesh(vertices, faces, 20_000, np.random.default_rng(2))
-    on_face = np.isclose(np.abs(points), [0.2, 0.1, 0.05], atol=1e-12)
-    assert on_face.any(axis=1).all()
-    area = np.array([0.02, 0.04, 0.08])
-    assert on_face.mean(axis=0) == pytest.approx(area / area.sum(), abs=0.015)
-    assert points.mean(axis=0) == pytest.approx([0.0, 0.0, 0.0], abs=0.005)
-
-
 def test_samples_of_spheres_stand_for_their_area() -> None:
     center, radius = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [9.0, 0.0, 0.0]]), np.array([2.0, 0.1, 0.0])
     points, owner, area = sample_spheres(center, radius, 10_000, np.random.default_rng(3))

@@ -138,12 +138,3 @@ def test_a_tree_of_another_mesh_is_measured_but_not_replayed(tmp_path: Path) -> 
     assert found.tree.errors[-1].gap_max > 1e-3
     with pytest.raises(InputError, match=r"built for the mesh .* but longer is"):
         load_tree_for(path, longer)
-
-
-def test_childless_spheres_are_counted(tmp_path: Path) -> None:
-    path = tmp_path / "box.sph"
-    unused = ["0 0 0 -1 0"] * 4
-    path.write_text("\n".join(["3 2", "0 0 0 0.08 1", "-0.02 0 0 0.05 1", "0.02 0 0 0.05 1", *unused]) + "\n")
-    found = import_tree(path, MESH)
-    assert "2 spheres without children" in " ".join(found.notes)
-    assert found.tree.depth == 2

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhsim.errors import InputError, OutputError
+from hhsim.errors import InputError
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.sph_format import load_sph, save_sph
 from hhsim.trees.sphere_tree import SphereTree
@@ -91,11 +91,3 @@ def test_files_that_are_no_tree_are_refused(text: str, message: str, tmp_path: P
         load_sph(path)
     assert "bad.sph" in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_places_that_do_not_exist(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"missing\.sph"):
-        load_sph(tmp_path / "missing.sph")
-    tree = SphereTree(np.zeros((1, 3)), np.ones(1), np.zeros(1, np.int64), np.array([-1]))
-    with pytest.raises(OutputError, match="cannot write"):
-        save_sph(tree, tmp_path / "missing" / "tree.sph")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hhsim.errors import InputError, OutputError
+from hhsim.errors import InputError
 from hhsim.trees.file import load_tree, save_tree
 from hhsim.trees.hierarchy import at_level, build_hierarchy
 from hhsim.trees.sphere_tree import LevelCover, LevelError, SphereTree
@@ -191,21 +191,6 @@ def test_broken_covers_are_refused(tmp_path: Path, change: Callable[[h5py.File],
         change(file)
     with pytest.raises(InputError, match=message):
         load_tree(path)
-
-
-def test_file_is_the_same_every_time(tmp_path: Path) -> None:
-    for name in ("one.h5", "two.h5"):
-        save_tree(random_tree(), tmp_path / name)
-    assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
-
-
-def test_unwritable_place(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="cannot write"):
-        save_tree(random_tree(), tmp_path / "missing" / "tree.h5")
-    (tmp_path / "folder.h5").mkdir()
-    with pytest.raises(OutputError, match=r"folder\.h5"):
-        save_tree(random_tree(), tmp_path / "folder.h5")
-    assert [path.name for path in tmp_path.iterdir()] == ["folder.h5"]
 
 
 def test_files_that_are_no_tree_are_refused(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from hhsim.kernels.contact.surface import Walk, gather_pairs, measure_pairs, pairs_within, record_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_inline, jit_once
+from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_inline
 
 COUNT_NODE_TESTS = 0
 COUNT_PAIR_TESTS = 1
@@ -139,62 +139,6 @@ def choose_gathers(needed: float, margin: float, skin: float, candidates: Record
         candidates.due[stale] = 2
 
 
-@jit_inline
-def evaluate_range(
-    hand: HandArrays,
-    pose: Record,
-    surface: Any,
-    margin: float,
-    skin: float,
-    first: int,
-    last: int,
-    candidates: Record,
-    walk: Walk,
-    work: Indices,
-) -> int:
-    """Evaluate the bodies first to last - 1 as `evaluate` does; writes only their data, the counters and the `walk`."""
-    status = 0
-    for body in range(first, last):
-        if candidates.due[body] == 0:
-            continue
-        work[COUNT_GATHERS] += 1
-        gathered = False
-        for reach in (margin + skin, margin):
-            if not gathered:
-                gathered = gather_pairs(surface, hand, pose, body, reach, candidates, walk, work)
-        if gathered:
-            _set_anchor(hand, pose, body, candidates)
-        else:
-            # The others continue, so that the outcome does not depend on the order.
-            candidates.gathered_slack[body] = -np.inf
-            status = FULL
-    for body in range(first, last):
-        if candidates.count[body] == 0:
-            candidates.nearest[body] = np.inf
-        else:
-            candidates.nearest[body] = measure_pairs(surface, hand, pose, body, candidates)
-            work[COUNT_PAIR_TESTS] += candidates.count[body]
-    return status
-
-
-WALK_COST = 2000
-"""Cost of gathering a phalanx, in distances that the vector unit computes in that time; the palm's is ten times."""
-
-
-@jit_once
-def part_cost(part: int, candidates: Record) -> int:
-    """Estimate the cost of `evaluate_range` for a finger (0 to 4) or the palm (5), in distances."""
-    if part == FINGER_COUNT:
-        walk = 10 * WALK_COST if candidates.due[PALM_BODY] > 0 else 0
-        return walk + candidates.count[PALM_BODY]
-    cost = 0
-    for body in range(PHALANX_COUNT * part, PHALANX_COUNT * (part + 1)):
-        cost += candidates.count[body]
-        if candidates.due[body] > 0:
-            cost += WALK_COST
-    return cost
-
-
 @jit
 def evaluate(
     hand: HandArrays,
@@ -214,9 +158,29 @@ def evaluate(
     """
     follow_motion(hand, pose, candidates)
     choose_gathers(needed, margin, skin, candidates, work[:])
-    walk = Walk(candidates.stack[:], candidates.scratch[:])
-    first, last = as_int64(0), as_int64(BODY_COUNT)
-    return evaluate_range(hand, pose, surface, margin, skin, first, last, candidates, walk, work[:])
+    walk, counted = Walk(candidates.stack[:], candidates.scratch[:]), work[:]
+    status = 0
+    for body in range(BODY_COUNT):
+        if candidates.due[body] == 0:
+            continue
+        counted[COUNT_GATHERS] += 1
+        gathered = False
+        for reach in (margin + skin, margin):
+            if not gathered:
+                gathered = gather_pairs(surface, hand, pose, body, reach, candidates, walk, counted)
+        if gathered:
+            _set_anchor(hand, pose, body, candidates)
+        else:
+            # The others continue, so that the outcome does not depend on the order.
+            candidates.gathered_slack[body] = -np.inf
+            status = FULL
+    for body in range(BODY_COUNT):
+        if candidates.count[body] == 0:
+            candidates.nearest[body] = np.inf
+        else:
+            candidates.nearest[body] = measure_pairs(surface, hand, pose, body, candidates)
+            counted[COUNT_PAIR_TESTS] += candidates.count[body]
+    return status
 
 
 @jit

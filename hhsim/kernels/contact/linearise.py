@@ -127,9 +127,10 @@ def _relax(start: int, stop: int, distance: Array, rhs: Array) -> None:
 
 
 @jit_once
-def _limit_rows(
+def limit_rows(
     row: int, flexion: Array, lowest: Array, highest: Array, scale: Array, common: Array, block: Array, rhs: Array
 ) -> None:
+    """Write a finger's rows of joint limits from `row` on, two a joint; lowest, highest, scale are of shape (3,)."""
     for k in range(PHALANX_COUNT):
         for side in range(2):
             for j in range(6):
@@ -169,7 +170,7 @@ def build_rows(hand: HandArrays, pose: Record, contacts: Record, offset: float, 
             step = problem.abduction_step[f]
             if step != 0.0:
                 follow_abduction(first, last, point, normal, pose.joints[f, 0], pose.abduction_axis[f], step, rhs)
-        _limit_rows(
+        limit_rows(
             total + 2 * PHALANX_COUNT * f,
             pose.flexion[f],
             hand.flexion_min[f],

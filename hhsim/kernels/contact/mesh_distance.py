@@ -12,22 +12,12 @@ import numpy as np
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, placed_sphere
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.kd_tree import STACK
-from hhsim.kernels.mesh.bvh import MeshBvh, beyond, closest_on_mesh, outside
+from hhsim.kernels.mesh.bvh import MeshBvh, signed_distance
 
 DEEPEST_INTERVAL = 60
 """Most halvings of an axis."""
 FINEST = 2.0**-52
 """Share of an axis that is not halved: the middles of its halves coincide in double precision."""
-
-
-@jit
-def _signed_distance(bvh: MeshBvh, x: float, y: float, z: float, stack: Indices, stack_distance2: Array) -> float:
-    """Compute the signed distance [m] of one point, negative inside."""
-    triangle, cx, cy, cz, d2, feature = closest_on_mesh(bvh, x, y, z, np.inf, stack, stack_distance2)
-    distance = math.sqrt(d2)
-    if triangle >= 0 and not outside(bvh, triangle, feature, x - cx, y - cy, z - cz) and not beyond(bvh, x, y, z):
-        return -distance
-    return distance
 
 
 @jit
@@ -56,17 +46,17 @@ def round_cone_mesh_distance(
     length = math.sqrt(ux * ux + uy * uy + uz * uz)
     drop = radius_a - radius_b
     slope = length + abs(drop)
-    best = min(limit, _signed_distance(bvh, a[0], a[1], a[2], stack, stack_distance2) - radius_a)
+    best = min(limit, signed_distance(bvh, a[0], a[1], a[2], stack, stack_distance2)[0] - radius_a)
     if length == 0.0:
         return best
-    best = min(best, _signed_distance(bvh, b[0], b[1], b[2], stack, stack_distance2) - radius_b)
+    best = min(best, signed_distance(bvh, b[0], b[1], b[2], stack, stack_distance2)[0] - radius_b)
     interval[0, 0], interval[1, 0] = 0.5, 1.0
     top = 1
     while top > 0:
         top -= 1
         middle, width = interval[0, top], interval[1, top]
         x, y, z = a[0] + middle * ux, a[1] + middle * uy, a[2] + middle * uz
-        value = _signed_distance(bvh, x, y, z, stack, stack_distance2) - (radius_a - middle * drop)
+        value = signed_distance(bvh, x, y, z, stack, stack_distance2)[0] - (radius_a - middle * drop)
         best = min(best, value)
         # With NaN, as of an axis too long for its square, no piece is halved.
         below = value - 0.5 * width * slope < best
@@ -108,7 +98,7 @@ def hand_mesh_distances(
         for i in range(palm_center.shape[0]):
             c = palm_center[i]
             sphere = placed_sphere(p, r, c[0], c[1], c[2], palm_radius[i])
-            distance = _signed_distance(bvh, sphere.x, sphere.y, sphere.z, stack, stack_distance2)
+            distance = signed_distance(bvh, sphere.x, sphere.y, sphere.z, stack, stack_distance2)[0]
             best = min(best, distance - palm_radius[i])
         for f in range(FINGER_COUNT):
             for k in range(PHALANX_COUNT):

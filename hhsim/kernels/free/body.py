@@ -16,7 +16,7 @@ import numpy as np
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.elementary import sine_cosine
 from hhsim.kernels.jit import Array, Record, jit, jit_once
-from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion, rotation_vector_between
+from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion, rotation_vector_between, turned, turned_back
 
 OBJECT_DOF = 6
 """Translation of the centre of mass [m], then the rotation vector about the principal axes [rad]."""
@@ -98,57 +98,13 @@ def _gyrate(moment: Array, period: float, spin: Array, spin_out: Array) -> None:
 
 
 @jit
-def turn_out(body: Record, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """World components of a vector of the object's frame."""
-    r = body.rotation
-    return (
-        r[0, 0] * x + r[0, 1] * y + r[0, 2] * z,
-        r[1, 0] * x + r[1, 1] * y + r[1, 2] * z,
-        r[2, 0] * x + r[2, 1] * y + r[2, 2] * z,
-    )
-
-
-@jit
-def turn_in(body: Record, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Components in the object's frame of a world vector."""
-    r = body.rotation
-    return (
-        r[0, 0] * x + r[1, 0] * y + r[2, 0] * z,
-        r[0, 1] * x + r[1, 1] * y + r[2, 1] * z,
-        r[0, 2] * x + r[1, 2] * y + r[2, 2] * z,
-    )
-
-
-@jit
-def along_axes(body: Record, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Components along the principal axes of a vector of the object's frame."""
-    a = body.axes
-    return (
-        a[0, 0] * x + a[0, 1] * y + a[0, 2] * z,
-        a[1, 0] * x + a[1, 1] * y + a[1, 2] * z,
-        a[2, 0] * x + a[2, 1] * y + a[2, 2] * z,
-    )
-
-
-@jit
-def from_axes(body: Record, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Vector of the object's frame that has these components along the principal axes."""
-    a = body.axes
-    return (
-        a[0, 0] * x + a[1, 0] * y + a[2, 0] * z,
-        a[0, 1] * x + a[1, 1] * y + a[2, 1] * z,
-        a[0, 2] * x + a[1, 2] * y + a[2, 2] * z,
-    )
-
-
-@jit
 def turn_body(body: Record, orientation: Array, x: float, y: float, z: float, orientation_out: Array) -> None:
     """Turn an orientation by a rotation vector [rad] of the object's frame; to the bit what it was where that is 0."""
     if x == 0.0 and y == 0.0 and z == 0.0:
         copy_values(orientation, body.quaternion[:])
         copy_values(body.quaternion[:], orientation_out)
         return
-    wx, wy, wz = turn_out(body, x, y, z)
+    wx, wy, wz = turned(body.rotation, x, y, z)
     rotate_quaternion(orientation, wx, wy, wz, orientation_out)
 
 
@@ -158,16 +114,14 @@ def predict(body: Record) -> None:
     period = body.period
     kept = 1.0 / (1.0 + body.damping * period)
     body.left[:] = 0.0
-    for i in range(3):
-        for j in range(3):
-            body.pushed[i, j] = body.rotation[i, j]
+    copy_values(body.rotation[:], body.pushed[:])
     copy_values(body.position[:], body.start_position[:])
     copy_values(body.orientation[:], body.start_orientation[:])
     for j in range(3):
         body.goal_position[j] = body.position[j] + period * kept * (body.velocity[j] + period * body.gravity[j])
     _gyrate(body.moment[:], period, body.spin[:], body.vector[:])
     turn = period * kept
-    x, y, z = from_axes(body, turn * body.vector[0], turn * body.vector[1], turn * body.vector[2])
+    x, y, z = turned_back(body.axes, turn * body.vector[0], turn * body.vector[1], turn * body.vector[2])
     turn_body(body, body.orientation[:], x, y, z, body.goal_orientation[:])
 
 
@@ -177,18 +131,14 @@ def keep_body(body: Record) -> None:
     copy_values(body.position[:], body.safe_position[:])
     copy_values(body.orientation[:], body.safe_orientation[:])
     copy_values(body.left[:], body.safe_left[:])
-    for i in range(3):
-        for j in range(3):
-            body.safe_pushed[i, j] = body.pushed[i, j]
+    copy_values(body.pushed[:], body.safe_pushed[:])
 
 
 @jit
 def take_body_back(body: Record) -> None:
     """Return to the safe pose."""
     copy_values(body.safe_left[:], body.left[:])
-    for i in range(3):
-        for j in range(3):
-            body.pushed[i, j] = body.safe_pushed[i, j]
+    copy_values(body.safe_pushed[:], body.pushed[:])
     copy_values(body.safe_position[:], body.position[:])
     copy_values(body.safe_orientation[:], body.orientation[:])
     quaternion_to_matrix(body.orientation[:], body.rotation[:])
@@ -198,24 +148,22 @@ def take_body_back(body: Record) -> None:
 def body_target(body: Record, target_out: Array) -> None:
     """Compute the step to the body's pose without contacts, shape (6,): object's frame [m], principal axes [rad]."""
     goal, position = body.goal_position, body.position
-    x, y, z = turn_in(body, goal[0] - position[0], goal[1] - position[1], goal[2] - position[2])
+    x, y, z = turned_back(body.rotation, goal[0] - position[0], goal[1] - position[1], goal[2] - position[2])
     target_out[0], target_out[1], target_out[2] = x, y, z
     rotation_vector_between(body.orientation[:], body.goal_orientation[:], body.vector[:])
-    x, y, z = turn_in(body, body.vector[0], body.vector[1], body.vector[2])
-    x, y, z = along_axes(body, x, y, z)
+    x, y, z = turned_back(body.rotation, body.vector[0], body.vector[1], body.vector[2])
+    x, y, z = turned(body.axes, x, y, z)
     target_out[3], target_out[4], target_out[5] = x, y, z
 
 
 @jit_once
 def move_body(body: Record, step: Array, fraction: float) -> None:
     """Move by `fraction` of a step, shape (6,), as `body_target` gives it; `left` is the rest, and what was clipped."""
-    for i in range(3):
-        for j in range(3):
-            body.pushed[i, j] = body.rotation[i, j]
+    copy_values(body.rotation[:], body.pushed[:])
     for j in range(OBJECT_DOF):
         body.left[j] = (1.0 - fraction) * step[j] + body.clipped[j]
-    x, y, z = turn_out(body, fraction * step[0], fraction * step[1], fraction * step[2])
-    turn_x, turn_y, turn_z = from_axes(body, fraction * step[3], fraction * step[4], fraction * step[5])
+    x, y, z = turned(body.rotation, fraction * step[0], fraction * step[1], fraction * step[2])
+    turn_x, turn_y, turn_z = turned_back(body.axes, fraction * step[3], fraction * step[4], fraction * step[5])
     body.position[0] += x
     body.position[1] += y
     body.position[2] += z
@@ -232,12 +180,9 @@ def take_velocity(body: Record) -> None:
     With all of it the springs would push the object for a whole tick, and again for what is left in the next one.
     """
     rate, left, root = 1.0 / body.period, body.left, body.inverse_root
-    r, start, vector = body.pushed, body.start_position, body.vector
+    start, vector = body.start_position, body.vector
     made, whole = 0.0, 0.0
-    x = r[0, 0] * left[0] + r[0, 1] * left[1] + r[0, 2] * left[2]
-    y = r[1, 0] * left[0] + r[1, 1] * left[1] + r[1, 2] * left[2]
-    z = r[2, 0] * left[0] + r[2, 1] * left[1] + r[2, 2] * left[2]
-    vector[0], vector[1], vector[2] = x, y, z
+    vector[0], vector[1], vector[2] = turned(body.pushed, left[0], left[1], left[2])
     for j in range(3):
         moved = body.position[j] - start[j]
         vector[j] = moved + vector[j]
@@ -245,12 +190,12 @@ def take_velocity(body: Record) -> None:
         whole += vector[j] * vector[j] / root[j] ** 2
     x, y, z = vector[0], vector[1], vector[2]
     rotation_vector_between(body.start_orientation[:], body.orientation[:], vector[:])
-    a, b, c = turn_in(body, vector[0], vector[1], vector[2])
-    vector[0], vector[1], vector[2] = along_axes(body, a, b, c)
+    a, b, c = turned_back(body.rotation, vector[0], vector[1], vector[2])
+    vector[0], vector[1], vector[2] = turned(body.axes, a, b, c)
     for j in range(3):
-        turned = vector[j]
-        vector[j] = turned + left[3 + j]
-        made += turned * vector[j] / root[3 + j] ** 2
+        angle = vector[j]
+        vector[j] = angle + left[3 + j]
+        made += angle * vector[j] / root[3 + j] ** 2
         whole += vector[j] * vector[j] / root[3 + j] ** 2
     share = min(max(made / whole, 0.0), 1.0) if whole > 0.0 else 1.0
     _approach(body.velocity[:], share, rate * x, rate * y, rate * z)
@@ -270,7 +215,7 @@ def _approach(vector: Array, share: float, x: float, y: float, z: float) -> None
 @jit
 def turn_back(body: Record, step: Array, fraction: float, vector: Array) -> None:
     """Take a vector of the object's frame to what it is after `fraction` of a step, to second order in its turn."""
-    wx, wy, wz = from_axes(body, fraction * step[3], fraction * step[4], fraction * step[5])
+    wx, wy, wz = turned_back(body.axes, fraction * step[3], fraction * step[4], fraction * step[5])
     x, y, z = vector[0], vector[1], vector[2]
     qx, qy, qz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
     vector[0] = x - qx + 0.5 * (wy * qz - wz * qy)
@@ -290,7 +235,7 @@ def as_object_moves(body: Record, origin: Array, hand: Array, step: Array, relat
         relative_out: (δp, δφ) in the frame that has made the object's step, shape (6,).
     """
     center = body.center
-    wx, wy, wz = from_axes(body, step[3], step[4], step[5])
+    wx, wy, wz = turned_back(body.axes, step[3], step[4], step[5])
     angle = math.sqrt(wx * wx + wy * wy + wz * wz)
     if angle < 1e-4:
         sine, cosine = 1.0 - angle * angle / 6.0, 0.5 - angle * angle / 24.0
@@ -323,7 +268,7 @@ def see_hand(body: Record, position: Array, orientation: Array, position_out: Ar
         position[1] - body.position[1],
         position[2] - body.position[2],
     )
-    x, y, z = turn_in(body, x, y, z)
+    x, y, z = turned_back(body.rotation, x, y, z)
     position_out[0], position_out[1], position_out[2] = x + center[0], y + center[1], z + center[2]
     aw, ax, ay, az = body.orientation[0], -body.orientation[1], -body.orientation[2], -body.orientation[3]
     bw, bx, by, bz = orientation[0], orientation[1], orientation[2], orientation[3]

@@ -7,7 +7,6 @@ import numpy as np
 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.elementary import hypotenuse
-from hhsim.kernels.free.body import from_axes, turn_in, turn_out
 from hhsim.kernels.free.rows import (
     DIRECTIONS,
     ON_TABLE,
@@ -17,6 +16,8 @@ from hhsim.kernels.free.rows import (
     torsion_radius,
 )
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_once
+from hhsim.kernels.rotation import turned, turned_back
+from hhsim.kernels.tick.block import record_object
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 
 STICKS = 1e-9
@@ -193,40 +194,36 @@ def copy_borne(source: Record, target: Record) -> None:
 @jit
 def _out(body: Record, vector: Array, vector_out: Array) -> None:
     # Forces are in the directions that the object had when they were solved for.
-    r, x, y, z = body.pushed, vector[0], vector[1], vector[2]
-    for j in range(3):
-        vector_out[j] = r[j, 0] * x + r[j, 1] * y + r[j, 2] * z
+    vector_out[0], vector_out[1], vector_out[2] = turned(body.pushed, vector[0], vector[1], vector[2])
 
 
 @jit_once
 def turn_loads(body: Record, active: Record) -> None:
     """Take the directions of the forces on the hand to the object's frame at the end of the tick."""
-    r, normal = body.pushed, active.normal
+    normal = active.normal
     for i in range(active.count):
-        nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
-        x = r[0, 0] * nx + r[0, 1] * ny + r[0, 2] * nz
-        y = r[1, 0] * nx + r[1, 1] * ny + r[1, 2] * nz
-        z = r[2, 0] * nx + r[2, 1] * ny + r[2, 2] * nz
-        normal[0, i], normal[1, i], normal[2, i] = turn_in(body, x, y, z)
+        x, y, z = turned(body.pushed, normal[0, i], normal[1, i], normal[2, i])
+        normal[0, i], normal[1, i], normal[2, i] = turned_back(body.rotation, x, y, z)
 
 
+@record_object.of(ObjectRecord)
 @jit
-def record_object(body: Record, borne: Record, table_distance: float, i: int, record: ObjectRecord) -> None:
-    """Copy what became of the object in the last tick to row i of the record."""
+def _record_object(record: ObjectRecord, state: Record, i: int) -> None:
+    body, borne = state.body, state.borne
     copy_values(body.orientation[:], record.turn[i])
     center = body.center
-    x, y, z = turn_out(body, center[0], center[1], center[2])
+    x, y, z = turned(body.rotation, center[0], center[1], center[2])
     record.shift[i, 0] = body.position[0] - x
     record.shift[i, 1] = body.position[1] - y
     record.shift[i, 2] = body.position[2] - z
     copy_values(body.velocity[:], record.velocity[i])
-    x, y, z = from_axes(body, body.spin[0], body.spin[1], body.spin[2])
-    x, y, z = turn_out(body, x, y, z)
+    x, y, z = turned_back(body.axes, body.spin[0], body.spin[1], body.spin[2])
+    x, y, z = turned(body.rotation, x, y, z)
     record.angular_velocity[i, 0], record.angular_velocity[i, 1], record.angular_velocity[i, 2] = x, y, z
     for half in range(2):
         _out(body, borne.hand_wrench[3 * half : 3 * half + 3], record.hand_wrench[i, 3 * half : 3 * half + 3])
         _out(body, borne.table_wrench[3 * half : 3 * half + 3], record.table_wrench[i, 3 * half : 3 * half + 3])
-    record.table_distance[i] = table_distance
+    record.table_distance[i] = state.table_distance
     record.friction_residual[i] = max(borne.residual, borne.bare)
     row = record.contact[i]
     for k in range(borne.count):

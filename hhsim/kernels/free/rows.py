@@ -24,9 +24,10 @@ import numpy as np
 
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_start
 from hhsim.kernels.elementary import sine_cosine
-from hhsim.kernels.free.body import OBJECT_DOF, Support, along_axes, from_axes
+from hhsim.kernels.free.body import OBJECT_DOF, Support
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_once
+from hhsim.kernels.rotation import turned, turned_back
 
 FREE_DOF = DOF + OBJECT_DOF
 COMMON = 6 + OBJECT_DOF
@@ -208,7 +209,7 @@ def displacement(
 
     Object's frame [m]; the step is unscaled, in the program's order, shape (27,).
     """
-    wx, wy, wz = from_axes(body, step[9], step[10], step[11])
+    wx, wy, wz = turned_back(body.axes, step[9], step[10], step[11])
     rx, ry, rz = px - body.center[0], py - body.center[1], pz - body.center[2]
     x = step[6] + wy * rz - wz * ry
     y = step[7] + wz * rx - wx * rz
@@ -244,7 +245,7 @@ def relative_turn(
     pose: Record, body: Record, abduction_step: Array, step: Array, of: int, nx: float, ny: float, nz: float
 ) -> float:
     """Compute the relative rotation about a direction [rad], of the bodies as in `displacement`."""
-    wx, wy, wz = from_axes(body, step[9], step[10], step[11])
+    wx, wy, wz = turned_back(body.axes, step[9], step[10], step[11])
     if of == ON_TABLE:
         return wx * nx + wy * ny + wz * nz
     wx, wy, wz = step[3] - wx, step[4] - wy, step[5] - wz
@@ -295,7 +296,7 @@ def write_row(
     common[6, row] = sign * mx * root[0]
     common[7, row] = sign * my * root[1]
     common[8, row] = sign * mz * root[2]
-    x, y, z = along_axes(body, ry * mz - rz * my + wx, rz * mx - rx * mz + wy, rx * my - ry * mx + wz)
+    x, y, z = turned(body.axes, ry * mz - rz * my + wx, rz * mx - rx * mz + wy, rx * my - ry * mx + wz)
     common[9, row] = sign * x * root[3]
     common[10, row] = sign * y * root[4]
     common[11, row] = sign * z * root[5]
@@ -452,7 +453,7 @@ def find_frictions(
     if body.has_table == 1:
         _choose_support(body, support, reach, friction)
     r = body.rotation
-    wx, wy, wz = from_axes(body, step[3], step[4], step[5])
+    wx, wy, wz = turned_back(body.axes, step[3], step[4], step[5])
     for i in range(friction.of_hand, friction.count):
         lowest = friction.contact[i]
         friction.body[i] = ON_TABLE

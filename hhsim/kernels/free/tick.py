@@ -39,11 +39,10 @@ from hhsim.kernels.free.rows import (
     object_columns,
     table_distances,
 )
-from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
-from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.evaluation import (
     REACH_FLOOR,
     end_work,
@@ -53,7 +52,7 @@ from hhsim.kernels.tick.evaluation import (
     rebuild_candidates,
 )
 from hhsim.kernels.tick.force import hand_forces
-from hhsim.kernels.tick.linearisation import count_linearisation, find_program_contacts
+from hhsim.kernels.tick.linearisation import count_linearisation, find_program_contacts, step_to_haptic
 from hhsim.kernels.tick.method import (
     OVERFLOW,
     advance,
@@ -62,6 +61,7 @@ from hhsim.kernels.tick.method import (
     may_end,
     recover,
     solve_linearisation,
+    tick,
 )
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.restoration import TRUST_DECAY, only_restores, take_back
@@ -71,6 +71,7 @@ from hhsim.kernels.tick.step_length import WHOLE_TARGET, allowed_fraction
 from hhsim.kernels.tick.tick import (
     MOST_FAILED_STEPS,
     accept,
+    converge,
     tick_status,
     update_reach,
 )
@@ -98,16 +99,9 @@ def _see_haptic(hand: HandArrays, state: Record) -> None:
 
 @jit
 def _aim(state: Record) -> None:
-    pose, haptic, problem = state.pose, state.haptic, state.free_problem
+    haptic, problem = state.haptic, state.free_problem
     see_hand(state.body, state.palm_position[:], state.palm_orientation[:], haptic.position[:], haptic.orientation[:])
-    rotation_vector_between(pose.orientation[:], haptic.orientation[:], state.scratch[:])
-    for i in range(3):
-        problem.hand_target[i] = haptic.position[i] - pose.position[i]
-        problem.hand_target[3 + i] = state.scratch[i]
-    for f in range(FINGER_COUNT):
-        problem.abduction_step[f] = 0.0 if state.program.holds_abduction else haptic.abduction[f] - pose.abduction[f]
-        for k in range(PHALANX_COUNT):
-            problem.hand_target[6 + 3 * f + k] = haptic.flexion[f, k] - pose.flexion[f, k]
+    step_to_haptic(state, problem.hand_target[:], problem.abduction_step[:])
     body_target(state.body, problem.body_target[:])
 
 
@@ -383,6 +377,16 @@ def _finish_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp
 def _may_end(method: Free, state: Record) -> bool:
     # Where nothing is accepted yet the object would stop in the air: it goes on.
     return state.progress.is_accepted
+
+
+@tick.of(Free)
+@jit
+def _tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+    """Take the user's hand, which is the world's, and converge; the hand is then as the object sees it."""
+    if state.input.is_valid:
+        copy_values(state.haptic.position[:], state.palm_position[:])
+        copy_values(state.haptic.orientation[:], state.palm_orientation[:])
+    return converge(method, hand, surface, state, qp)
 
 
 @begin_motion.of(Free)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from hhsim.kernels.elementary import arc_tangent, hypotenuse, sine_cosine
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Array, jit
+from hhsim.kernels.rotation import turned, turned_back
 
 STRAIGHT = 0.05
 """Weight of zero abduction against three measured unit bones: it decides if they are parallel."""
@@ -54,16 +55,13 @@ def fit_tracked_hand(
         whole += _fit_finger(joints, ours.axes, rotation_out, f, flexion_out, abduction_out)
     # Our knuckles lie on the tracked ones.
     middle, world = ours.middle, ours.world
-    x = mx - _dot_row(rotation_out, 0, middle[0], middle[1], middle[2])
-    y = my - _dot_row(rotation_out, 1, middle[0], middle[1], middle[2])
-    z = mz - _dot_row(rotation_out, 2, middle[0], middle[1], middle[2])
+    x, y, z = turned(rotation_out, middle[0], middle[1], middle[2])
+    position_out[0], position_out[1], position_out[2] = turned(world, mx - x, my - y, mz - z)
     for i in range(3):
-        position_out[i] = _dot_row(world, i, x, y, z)
         whole += position_out[i]
     for j in range(3):
-        a, b, c = rotation_out[0, j], rotation_out[1, j], rotation_out[2, j]
-        for i in range(3):
-            rotation_out[i, j] = _dot_row(world, i, a, b, c)
+        a, b, c = turned(world, rotation_out[0, j], rotation_out[1, j], rotation_out[2, j])
+        rotation_out[0, j], rotation_out[1, j], rotation_out[2, j] = a, b, c
     _to_quaternion(rotation_out, orientation_out)
     for i in range(4):
         whole += orientation_out[i]
@@ -127,18 +125,9 @@ def _bone(joints: Array, k: int, rotation: Array, axes: Array, f: int) -> tuple[
     """Return the components of unit bone k: towards the thumb's side, along the finger, out of its back."""
     bx, by, bz = joints[k + 1, 0] - joints[k, 0], joints[k + 1, 1] - joints[k, 1], joints[k + 1, 2] - joints[k, 2]
     size = math.sqrt(bx * bx + by * by + bz * bz)
-    px = (rotation[0, 0] * bx + rotation[1, 0] * by + rotation[2, 0] * bz) / size
-    py = (rotation[0, 1] * bx + rotation[1, 1] * by + rotation[2, 1] * bz) / size
-    pz = (rotation[0, 2] * bx + rotation[1, 2] * by + rotation[2, 2] * bz) / size
-    along = axes[f, 0, 0] * px + axes[f, 0, 1] * py + axes[f, 0, 2] * pz
-    above = axes[f, 1, 0] * px + axes[f, 1, 1] * py + axes[f, 1, 2] * pz
-    aside = axes[f, 2, 0] * px + axes[f, 2, 1] * py + axes[f, 2, 2] * pz
+    px, py, pz = turned_back(rotation, bx, by, bz)
+    along, above, aside = turned(axes[f], px / size, py / size, pz / size)
     return aside, along, above
-
-
-@jit
-def _dot_row(matrix: Array, i: int, x: float, y: float, z: float) -> float:
-    return matrix[i, 0] * x + matrix[i, 1] * y + matrix[i, 2] * z
 
 
 @jit

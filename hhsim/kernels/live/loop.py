@@ -1,7 +1,7 @@
 """Compiled loop of a session: waits, ticks and records until it is to stop, without the interpreter."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, Union, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numba import types
@@ -24,15 +24,12 @@ from hhsim.kernels.live.tick import (
 )
 
 if TYPE_CHECKING:
-    from hhsim.kernels.free.block import FreeBlock
     from hhsim.kernels.tick.block import TickBlock
 
 Bytes = NDArray[np.uint8]
 
 ASKS_PYTHON = 0
 """Outcome of `run_loop`: Python has to solve, by a method that is not compiled."""
-
-Block: TypeAlias = Union["TickBlock", "FreeBlock"]
 
 
 class SystemFiles(NamedTuple):
@@ -59,11 +56,11 @@ def _call_block(typing: Any, address: Any, block: Any) -> Any:
 
 if JIT_ENABLED:
     # Called by its address: a tick is the very code that a replay runs, compiled once.
-    _run_block = cast(Callable[[int, Block], int], intrinsic(_call_block))
+    _run_block = cast(Callable[[int, "TickBlock"], int], intrinsic(_call_block))
 
 else:
 
-    def _run_block(address: int, block: Block) -> int:
+    def _run_block(address: int, block: "TickBlock") -> int:
         return address
 
 
@@ -120,14 +117,13 @@ def _account(live: LiveArrays, files: SystemFiles) -> None:
 
 
 @jit
-def run_loop(live: LiveArrays, files: SystemFiles, address: int, block: Block) -> int:
+def run_loop(live: LiveArrays, files: SystemFiles, address: int, block: "TickBlock") -> int:
     """Tick until the loop is to stop, or Python has to solve.
 
     Args:
         live: State of the loop; its periods begin with the first call.
         files: System files.
-        address: Address of the machine code of `run_block` or `run_free_block` for the types of `block`; 0 if Python
-            solves.
+        address: Address of the machine code of `run_block` for the types of `block`; 0 if Python solves.
         block: Its argument; haptic hand and records are those of the loop's row.
 
     Returns:

@@ -188,19 +188,27 @@ def beyond(bvh: MeshBvh, x: float, y: float, z: float) -> bool:
     return bool(x < b[0] or x > b[3] or y < b[1] or y > b[4] or z < b[2] or z > b[5])
 
 
+@jit
+def signed_distance(
+    bvh: MeshBvh, px: float, py: float, pz: float, stack: Indices, stack_distance2: Array
+) -> tuple[float, float, float, float]:
+    """Compute the signed distance [m] of one point, negative inside, and the closest point of the mesh (x, y, z)."""
+    triangle, x, y, z, d2, feature = closest_on_mesh(bvh, px, py, pz, np.inf, stack, stack_distance2)
+    distance = math.sqrt(d2)
+    inside = triangle >= 0 and not outside(bvh, triangle, feature, px - x, py - y, pz - z)
+    if inside and not beyond(bvh, px, py, pz):
+        distance = -distance
+    return distance, x, y, z
+
+
 @jit_allocating
 def closest_points(bvh: MeshBvh, points: Array, closest_out: Array, signed_distance_out: Array) -> None:
     """Compute closest points on the mesh [m], shape (n, 3), and signed distances [m] of points, shape (n, 3)."""
     stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
     for i in range(points.shape[0]):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        triangle, x, y, z, d2, feature = closest_on_mesh(bvh, px, py, pz, np.inf, stack, stack_distance2)
+        signed_distance_out[i], x, y, z = signed_distance(bvh, px, py, pz, stack, stack_distance2)
         closest_out[i, 0], closest_out[i, 1], closest_out[i, 2] = x, y, z
-        distance = math.sqrt(d2)
-        inside = triangle >= 0 and not outside(bvh, triangle, feature, px - x, py - y, pz - z)
-        if inside and not beyond(bvh, px, py, pz):
-            distance = -distance
-        signed_distance_out[i] = distance
 
 
 def mesh_signed_distance(bvh: MeshBvh, points: Array) -> Array:

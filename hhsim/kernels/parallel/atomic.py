@@ -5,16 +5,14 @@ Values written before `store_release` or `fetch_add` are seen by a thread that h
 """
 
 import platform
-from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic
 
 from hhsim.kernels.clock import call_c
-from hhsim.kernels.jit import JIT_ENABLED, Indices, jit_inline
+from hhsim.kernels.jit import Indices, jit_inline, lowered
 
 WORD_BYTES = 8
 PAUSES = {"x86_64": "llvm.x86.sse2.pause", "AMD64": "llvm.x86.sse2.pause"}
@@ -69,42 +67,52 @@ def _pause(typing: Any) -> Any:
     return types.void(), generate
 
 
-if JIT_ENABLED:
-    # Python too calls the first two, by the kernels below.
-    _load = cast(Callable[[Indices, int], int], intrinsic(_load_acquire))
-    _store = cast(Callable[[Indices, int, int], None], intrinsic(_store_release))
-    fetch_add = cast(Callable[[Indices, int, int], int], intrinsic(_fetch_add))
-    compare_exchange = cast(Callable[[Indices, int, int, int], bool], intrinsic(_compare_exchange))
-    pause = cast(Callable[[], None], intrinsic(_pause))
-    yield_processor = types.ExternalFunction("sched_yield", types.int32())
+def _sched_yield(typing: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return call_c(builder, "sched_yield", ir.IntType(32))
 
-else:
+    return types.int32(), generate
 
-    def _load(array: Indices, index: int) -> int:
-        return int(array[index])
 
-    def _store(array: Indices, index: int, value: int) -> None:
-        array[index] = value
+@lowered(_load_acquire)
+def _load(array: Indices, index: int) -> int:
+    return int(array[index])
 
-    def fetch_add(array: Indices, index: int, value: int) -> int:
-        """Add to array[index]; return the value before."""
-        before = int(array[index])
-        array[index] = before + value
-        return before
 
-    def compare_exchange(array: Indices, index: int, expected: int, value: int) -> bool:
-        """Set array[index] if it is `expected`; return True if it was."""
-        if array[index] != expected:
-            return False
-        array[index] = value
-        return True
+@lowered(_store_release)
+def _store(array: Indices, index: int, value: int) -> None:
+    array[index] = value
 
-    def pause() -> None:
-        """Execute the processor's instruction for a waiting loop."""
 
-    def yield_processor() -> int:
-        """Yield the processor to another ready thread; return 0."""
-        return 0
+@lowered(_fetch_add)
+def fetch_add(array: Indices, index: int, value: int) -> int:
+    """Add to array[index]; return the value before."""
+    before = int(array[index])
+    array[index] = before + value
+    return before
+
+
+@lowered(_compare_exchange)
+def compare_exchange(array: Indices, index: int, expected: int, value: int) -> bool:
+    """Set array[index] if it is `expected`; return True if it was."""
+    if array[index] != expected:
+        return False
+    array[index] = value
+    return True
+
+
+@lowered(_pause)
+def pause() -> None:
+    """Execute the processor's instruction for a waiting loop."""
+
+
+@lowered(_sched_yield)
+def yield_processor() -> int:
+    """Yield the processor to another ready thread; return 0."""
+    return 0
+
+
+# Python, which can call no intrinsic, calls these two.
 
 
 @jit_inline

@@ -22,14 +22,12 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from hhsim.kernels.arithmetic import LANES
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, generic, jit, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.qr_update import append, back_substitute, project, remove, resolve, work_dtype
 from hhsim.kernels.qp.row_scan import (
     ROWS_NAN,
     ROWS_ZERO,
-    ProgramRows,
     Rows,
-    WideRows,
     most_violated,
     row_lengths,
     row_violations,
@@ -124,23 +122,6 @@ def _settle(n: int, k: int, target: Array, work: Record) -> float:
     for j in range(n):
         square += (work.x[j] - work.direction[j]) ** 2
     return math.sqrt(square)
-
-
-@generic
-def _resumed(rows: Rows, guess_count: int, work: Record) -> int:
-    """Return the number of rows of the last solve that are active at the start."""
-
-
-@_resumed.of(ProgramRows)
-@jit_inline
-def _begins_anew(rows: ProgramRows, guess_count: int, work: Record) -> int:
-    return as_int64(0)
-
-
-@_resumed.of(WideRows)
-@jit_inline
-def _goes_on(rows: WideRows, guess_count: int, work: Record) -> int:
-    return work.counts[0] if guess_count == RESUMES else as_int64(0)
 
 
 @jit_once
@@ -301,15 +282,17 @@ def solve(
         relaxation: Shift, in units of x, by which all rows are moved back if they contradict each other and that would
             reconcile them; a zero row short by no more than this, in units of b, counts as satisfied.
         guess: Rows expected to be active; duplicates and rows that no group holds are ignored.
-        guess_count: Number of guesses, 0 for a cold start, or RESUMES, of `WideRows`, if the last solve was of the
-            same rows, but for b, and of the same target, and ended OPTIMAL.
+        guess_count: Number of guesses, 0 for a cold start, or RESUMES if the last solve was of the same rows, but for
+            b, and of the same target, and ended OPTIMAL.
 
     Returns:
         OPTIMAL, INFEASIBLE, ITERATION_LIMIT, or NOT_FINITE for NaN in a row or in the target. When INFEASIBLE,
         work.counts[2] is a row whose normalised normal a equals Σ dual_step_j a_j over the active rows with no
         positive dual_step: Farkas' certificate is 1 for that row and -dual_step_j for the others.
     """
-    k, inverse_norm, violations = _resumed(rows, guess_count, work), work.inverse_norm[:], work.violation[:]
+    k, inverse_norm, violations = as_int64(0), work.inverse_norm[:], work.violation[:]
+    if guess_count == RESUMES:
+        k = work.counts[0]
     shift, status = 0.0, OPTIMAL
     work.counts[1] = 0
     work.counts[2] = -1

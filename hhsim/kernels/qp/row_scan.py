@@ -2,10 +2,10 @@
 
 Rows are stored as a structure of arrays in groups: all rows share `common` columns 0 … n_common - 1; the rows of group
 g have three more in `block`, which stand for the variables group_block[g] … + 2 (none where it is negative). A contact
-of the coupled problem thus takes 9 numbers, not 21. The widths that a hand's programs have (6 and 6 + 3 in the palm's
-and the coupled one, 3 in a finger's) are read in one loop, any other in strips of six columns, three and one, group by
-group. `WideRows`, as a free object's are, have many groups of a few rows, and starting one takes as long as reading it:
-the common columns are read over all groups at once, and over the rows between them.
+of the coupled problem thus takes 9 numbers, not 21. `ProgramRows` have the widths of a hand's programs: 6 and 6 + 3 in
+the palm's and the coupled one, 3 in a finger's. Each width is read in one loop. `WideRows`, as a free object's are,
+have many groups of a few rows, and starting a group takes as long as reading it: the common columns are read over all
+groups at once, and over the rows between them, in strips.
 """
 
 import math
@@ -13,13 +13,16 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from hhsim.kernels.arithmetic import fused, product
+from hhsim.kernels.arithmetic import product
 from hhsim.kernels.jit import Array, Indices, as_int64, generic, jit, jit_inline, jit_once
 
 ROWS_NAN = 1
 """A row or its right-hand side holds NaN."""
 ROWS_ZERO = 2
 """A row is all zeros."""
+
+STRIP = 6
+"""Number of common columns of `WideRows` that are read together."""
 
 STRETCH_ROWS = 64
 """Number of rows of which the largest violation is computed at a time."""
@@ -28,7 +31,7 @@ STRETCH_ROWS = 64
 class ProgramRows(NamedTuple):
     """Rows a_i · x >= b_i of a program; no row is in two groups."""
 
-    n_common: int  # number of columns that all rows share
+    n_common: int  # number of columns that all rows share: 6, or 0 where each has three of its own
     common: Array  # (>= n_common, capacity)
     block: Array  # the rows' own three columns, (3, capacity)
     rhs: Array  # b, (capacity,)
@@ -40,7 +43,7 @@ class ProgramRows(NamedTuple):
 class WideRows(NamedTuple):
     """Rows as those of `ProgramRows`, which share many columns and lie in many groups of a few rows."""
 
-    n_common: int
+    n_common: int  # a positive multiple of STRIP
     common: Array
     block: Array
     rhs: Array
@@ -75,13 +78,6 @@ def _nine_squares(start: int, stop: int, common: Array, block: Array, square_out
     for i in range(stop - start):
         total = square[i] + product(d[i], e[i], f[i], d[i], e[i], f[i])
         square[i] = 1.0 / math.sqrt(total) if total > 0.0 else 0.0
-
-
-@jit
-def _add_square(start: int, stop: int, columns: Array, first: int, square_out: Array) -> None:
-    square, a = square_out[start:stop], columns[first, start:stop]
-    for i in range(stop - start):
-        square[i] = fused(a[i], a[i], square[i])
 
 
 @jit
@@ -123,13 +119,8 @@ def _wide_lengths(rows: WideRows, inverse_norm_out: Array) -> None:
         start, stop = rows.group_start[g], rows.group_stop[g]
         if rows.group_block[g] >= 0 and start < stop:
             _add_squares(start, stop, rows.block, as_int64(0), inverse_norm_out)
-    j = as_int64(0)
-    while j + 2 < rows.n_common:
+    for j in range(0, rows.n_common, 3):
         _add_squares(first, last, rows.common, j, inverse_norm_out)
-        j += 3
-    while j < rows.n_common:
-        _add_square(first, last, rows.common, j, inverse_norm_out)
-        j += 1
     _invert_root(first, last, inverse_norm_out)
 
 
@@ -148,13 +139,8 @@ def _lengths(rows: ProgramRows, inverse_norm_out: Array) -> None:
         _fill(start, stop, 0.0, inverse_norm_out)
         if group_block[g] >= 0:
             _add_squares(start, stop, block, as_int64(0), inverse_norm_out)
-        j = as_int64(0)
-        while j + 2 < n_common:
+        for j in range(0, n_common, 3):
             _add_squares(start, stop, common, j, inverse_norm_out)
-            j += 3
-        while j < n_common:
-            _add_square(start, stop, common, j, inverse_norm_out)
-            j += 1
         _invert_root(start, stop, inverse_norm_out)
 
 
@@ -232,24 +218,10 @@ def _take_nine_and_scale(
 
 
 @jit
-def _take_one(start: int, stop: int, columns: Array, first: int, x: Array, source: Array, out: Array) -> None:
-    left, right, a, x0 = out[start:stop], source[start:stop], columns[first, start:stop], x[first]
-    for i in range(stop - start):
-        left[i] = fused(-a[i], x0, right[i])
-
-
-@jit
 def _copy(start: int, stop: int, source: Array, out: Array) -> None:
     left, right = out[start:stop], source[start:stop]
     for i in range(stop - start):
         left[i] = right[i]
-
-
-@jit
-def _scale(start: int, stop: int, source: Array, factor: Array, out: Array) -> None:
-    left, right, scale = out[start:stop], source[start:stop], factor[start:stop]
-    for i in range(stop - start):
-        left[i] = right[i] * scale[i]
 
 
 @generic
@@ -267,17 +239,9 @@ def _wide_violations(rows: WideRows, x: Array, inverse_norm: Array, violation: A
         start, stop, offset = rows.group_start[g], rows.group_stop[g], rows.group_block[g]
         if offset >= 0 and start < stop:
             _take_three(start, stop, rows.block, as_int64(0), x, offset, violation, violation)
-    j = as_int64(0)
-    while j + 6 < n_common:
+    for j in range(0, n_common - STRIP, STRIP):
         _take_six(first, last, common, j, x, violation)
-        j += 6
-    if j + 6 == n_common:
-        _take_six_and_scale(first, last, common, j, x, violation, inverse_norm, violation)
-        return
-    while j < n_common:
-        _take_one(first, last, common, j, x, violation, violation)
-        j += 1
-    _scale(first, last, violation, inverse_norm, violation)
+    _take_six_and_scale(first, last, common, n_common - STRIP, x, violation, inverse_norm, violation)
 
 
 @row_violations.of(ProgramRows)
@@ -289,33 +253,12 @@ def _violations(rows: ProgramRows, x: Array, inverse_norm: Array, violation: Arr
         start, stop, offset = group_start[g], group_stop[g], group_block[g]
         if start == stop:
             continue
-        if offset >= 0 and n_common == 6:
-            _take_nine_and_scale(start, stop, common, block, x, offset, rhs, inverse_norm, violation)
-            continue
-        if offset < 0 and n_common == 6:
-            _take_six_and_scale(start, stop, common, as_int64(0), x, rhs, inverse_norm, violation)
-            continue
-        if n_common == 0 and offset >= 0:
+        if n_common == 0:
             _take_three_and_scale(start, stop, block, x, offset, rhs, inverse_norm, violation)
-            continue
-        j = as_int64(0)
-        if offset >= 0:
-            _take_three(start, stop, block, as_int64(0), x, offset, rhs, violation)
-        elif n_common >= 3:
-            _take_three(start, stop, common, j, x, j, rhs, violation)
-            j += 3
+        elif offset < 0:
+            _take_six_and_scale(start, stop, common, as_int64(0), x, rhs, inverse_norm, violation)
         else:
-            _copy(start, stop, rhs, violation)
-        while j + 6 < n_common:
-            _take_three(start, stop, common, j, x, j, violation, violation)
-            j += 3
-        if j + 6 == n_common:
-            _take_six_and_scale(start, stop, common, j, x, violation, inverse_norm, violation)
-            continue
-        while j < n_common:
-            _take_one(start, stop, common, j, x, violation, violation)
-            j += 1
-        _scale(start, stop, violation, inverse_norm, violation)
+            _take_nine_and_scale(start, stop, common, block, x, offset, rhs, inverse_norm, violation)
 
 
 @jit

@@ -102,6 +102,19 @@ def _listed(candidates: Record, which: int) -> int:
     return int(candidates.tier_end[which, TIERS - 1])
 
 
+@jit_inline
+def write_palm_pair(
+    candidates: Record, place: int, x: float, y: float, z: float, radius: float, tree: TreeArrays, node: int
+) -> None:
+    """Write a pair of a sphere of the palm, by its centre and radius [m], palm frame, and a node of the tree."""
+    candidates.hand_x[place], candidates.hand_y[place], candidates.hand_z[place] = x, y, z
+    candidates.hand_radius[place] = radius
+    candidates.object_x[place] = tree.x[node]
+    candidates.object_y[place] = tree.y[node]
+    candidates.object_z[place] = tree.z[node]
+    candidates.object_radius[place] = tree.radius[node]
+
+
 @jit_once
 def _list_slot(
     tree: TreeArrays,
@@ -123,14 +136,8 @@ def _list_slot(
         sphere, node, tier = scratch[i] // NODES, scratch[i] % NODES, tier_of(near[i], depth)
         place = slot * SLOT_PAIRS + ends[tier]
         ends[tier] += 1
-        candidates.hand_x[place] = hand.palm_x[sphere]
-        candidates.hand_y[place] = hand.palm_y[sphere]
-        candidates.hand_z[place] = hand.palm_z[sphere]
-        candidates.hand_radius[place] = hand.palm_radius[sphere]
-        candidates.object_x[place] = tree.x[node]
-        candidates.object_y[place] = tree.y[node]
-        candidates.object_z[place] = tree.z[node]
-        candidates.object_radius[place] = tree.radius[node]
+        hx, hy, hz, radius = hand.palm_x[sphere], hand.palm_y[sphere], hand.palm_z[sphere], hand.palm_radius[sphere]
+        write_palm_pair(candidates, place, hx, hy, hz, radius, tree, node)
         candidates.palm_sphere[place] = sphere
         candidates.palm_leaf[place] = node
     candidates.tier_depth[PALM_BODY + slot] = depth
@@ -326,9 +333,10 @@ def _within(tree: TreeArrays, hand: HandArrays, candidates: Record, body: int, l
 
 
 @jit_inline
-def _write(
+def write_contact(
     contacts: Record, row: int, center: Triple, radius: float, normal: Triple, distance: float, hand_radius: float
 ) -> None:
+    """Write the geometry of a contact with a sphere of the object, by its centre and radius [m]."""
     reach = radius + distance
     for j in range(3):
         contacts.normal[j, row] = normal[j]
@@ -371,7 +379,7 @@ def _palm_contacts(
             # Concentric spheres: any direction is as good, and the hand can retreat out of its back.
             nx, ny, nz = r02, r12, r22
         center, normal = (object_x[i], object_y[i], object_z[i]), (nx, ny, nz)
-        _write(contacts, row, center, object_radius[i], normal, d, hand_radius[i])
+        write_contact(contacts, row, center, object_radius[i], normal, d, hand_radius[i])
         contacts.body[row] = PALM_BODY
         contacts.key[row] = (PALM_BODY + sphere[i]) * leaf_total + leaf[i]
         contacts.slides[row] = 0
@@ -422,7 +430,7 @@ def _record(
             nx, ny, nz = nx * scale, ny * scale, nz * scale
         else:
             nx, ny, nz = rotation[0, 2], rotation[1, 2], rotation[2, 2]
-        _write(contacts, row, (cx, cy, cz), radius[i], (nx, ny, nz), d, radius_a - s * radius_drop)
+        write_contact(contacts, row, (cx, cy, cz), radius[i], (nx, ny, nz), d, radius_a - s * radius_drop)
         contacts.body[row] = body
         contacts.key[row] = body * leaf_total + leaf[i]
         contacts.slides[row] = 1 if 0.0 < s < 1.0 else 0

@@ -12,8 +12,8 @@ from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
 from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
-from hhsim.kernels.tick.method import Coupled, energy_stalled, palm_yielded, solve_program
-from hhsim.kernels.tick.second_order import Lagrangian, correct_for_curvature
+from hhsim.kernels.tick.method import Coupled, energy_stalled, solve_program
+from hhsim.kernels.tick.second_order import correct_for_curvature, lagrangian_of
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_PALM, guess_rows
 
 COUPLED_WORK = np.dtype(
@@ -82,16 +82,7 @@ def solve_coupled(method: Coupled, state: Record, qp: QpWork) -> int:
     step.count = count
     for j in range(DOF):
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
-    lagrangian = Lagrangian(
-        state.pose,
-        contacts,
-        step.row[:],
-        step.multiplier[:],
-        count,
-        problem.inverse_root[:],
-        as_int64(0),
-        as_int64(DOF),
-    )
+    lagrangian = lagrangian_of(state, step, as_int64(0), as_int64(DOF))
     longest = options.longest_correction
     correct_for_curvature(lagrangian, step.delta[:], rows, tolerance, longest, state.correction, qp)
     for j in range(DOF):
@@ -103,10 +94,4 @@ def solve_coupled(method: Coupled, state: Record, qp: QpWork) -> int:
 @energy_stalled.of(Coupled)
 @jit
 def _energy_stalled(method: Coupled, state: Record) -> bool:
-    return False
-
-
-@palm_yielded.of(Coupled)
-@jit
-def _is_strained(method: Coupled, state: Record) -> bool:
     return False

@@ -10,8 +10,53 @@ Where the nearest point slides along a phalanx (axis parameter 0 < s < 1), d = m
 Schur complement D_qq - D_qs D_sq / D_ss. Only products with a vector are needed.
 """
 
+from typing import TypeAlias
+
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Indices, Record, jit
+from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline
+
+Triple: TypeAlias = tuple[float, float, float]
+
+
+@jit_inline
+def _add_joints(
+    pose: Record,
+    finger: int,
+    joints: int,
+    place: Triple,
+    normal: Triple,
+    bend: Triple,
+    pull: Triple,
+    moment: Triple,
+    force: float,
+    step: Array,
+    product_out: Array,
+) -> None:
+    """Add the products of a finger's first joints for one contact, of an axis point `place` [m]; `bend` is n × w."""
+    (x, y, z), (nx, ny, nz), (hx, hy, hz) = place, normal, bend
+    (fx, fy, fz), (mx, my, mz) = pull, moment
+    if joints == 0:
+        return
+    ax, ay, az = pose.axis[finger, 0], pose.axis[finger, 1], pose.axis[finger, 2]
+    for k in range(joints):
+        qx = x - pose.joints[finger, k, 0]
+        qy = y - pose.joints[finger, k, 1]
+        qz = z - pose.joints[finger, k, 2]
+        bx, by, bz = ay * qz - az * qy, az * qx - ax * qz, ax * qy - ay * qx
+        value = bx * fx + by * fy + bz * fz + mx * ax + my * ay + mz * az
+        # n · (w × b) = b · (n × w)
+        value += bx * hx + by * hy + bz * hz
+        for other in range(joints):
+            inner = max(k, other)
+            qx = x - pose.joints[finger, inner, 0]
+            qy = y - pose.joints[finger, inner, 1]
+            qz = z - pose.joints[finger, inner, 2]
+            bx, by, bz = ay * qz - az * qy, az * qx - ax * qz, ax * qy - ay * qx
+            # n · (a × b) = a · (b × n)
+            value += step[6 + 3 * finger + other] * (
+                ax * (by * nz - bz * ny) + ay * (bz * nx - bx * nz) + az * (bx * ny - by * nx)
+            )
+        product_out[6 + 3 * finger + k] += force * value
 
 
 @jit
@@ -103,22 +148,5 @@ def curvature_product(
         product_out[3] += force * (ry * fz - rz * fy + gx + mx)
         product_out[4] += force * (rz * fx - rx * fz + gy + my)
         product_out[5] += force * (rx * fy - ry * fx + gz + mz)
-        for k in range(joints):
-            qx = x - pose.joints[finger, k, 0]
-            qy = y - pose.joints[finger, k, 1]
-            qz = z - pose.joints[finger, k, 2]
-            bx, by, bz = ay * qz - az * qy, az * qx - ax * qz, ax * qy - ay * qx
-            value = bx * fx + by * fy + bz * fz + mx * ax + my * ay + mz * az
-            # n · (w × b) = b · (n × w)
-            value += bx * hx + by * hy + bz * hz
-            for other in range(joints):
-                inner = max(k, other)
-                qx = x - pose.joints[finger, inner, 0]
-                qy = y - pose.joints[finger, inner, 1]
-                qz = z - pose.joints[finger, inner, 2]
-                bx, by, bz = ay * qz - az * qy, az * qx - ax * qz, ax * qy - ay * qx
-                # n · (a × b) = a · (b × n)
-                value += step[6 + 3 * finger + other] * (
-                    ax * (by * nz - bz * ny) + ay * (bz * nx - bx * nz) + az * (bx * ny - by * nx)
-                )
-            product_out[6 + 3 * finger + k] += force * value
+        place, normal, bend = (x, y, z), (nx, ny, nz), (hx, hy, hz)
+        _add_joints(pose, finger, joints, place, normal, bend, (fx, fy, fz), (mx, my, mz), force, step, product_out)

@@ -31,6 +31,15 @@ def stays_suspended(options: TickOptions, state: Record) -> bool:
 
 
 @jit
+def palm_yielded(state: Record) -> bool:
+    """Return True if a finger has joined the palm's program: its own program's multipliers are then no forces.
+
+    The palm stands at the edge of what the finger's program allows, where its multipliers grow without bound.
+    """
+    return state.progressive.variables > 6
+
+
+@jit
 def suspend_decoupling(state: Record) -> None:
     """Let palm and fingers share a program in this tick, and as long as the user's hand stays near."""
     state.program.is_coupled = True

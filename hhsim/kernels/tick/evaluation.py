@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, evaluate
-from hhsim.kernels.contact.parallel_detection import evaluate_in_parallel, worth_sharing
 from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
 from hhsim.kernels.jit import Record, jit
@@ -48,10 +47,7 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
     # A reach exceeds the step that is expected. Lists that vouch for that step may wait for a tick that makes no other;
     # where the step turns out longer, `complete_lists` gathers them.
     candidates.allowed_deficit = needed - max(options.listed, needed / REACH_PACE)
-    if state.thread_team.members > 1 and worth_sharing(hand, needed, margin, skin, state):
-        status = evaluate_in_parallel(hand, surface, margin, skin, state)
-    else:
-        status = evaluate(hand, pose, surface, needed, margin, skin, candidates, state.work)
+    status = evaluate(hand, pose, surface, needed, margin, skin, candidates, state.work)
     state.progress.pairs_overflow = status != 0
     return status == 0
 

@@ -47,7 +47,8 @@ def clear_forces(forces: Record) -> None:
 
 
 @jit
-def _add(forces: Record, body: int, nx: float, ny: float, nz: float, magnitude: float) -> None:
+def add_force(forces: Record, body: int, nx: float, ny: float, nz: float, magnitude: float) -> None:
+    """Add a force [N] along a unit vector to that of a hand body, and to the total."""
     if body < PALM_BODY:
         f, k = body // PHALANX_COUNT, body % PHALANX_COUNT
         forces.phalanx[f, k, 0] += magnitude * nx
@@ -64,7 +65,7 @@ def multiplier_forces(active: Record, forces: Record) -> None:
     for i in range(active.count):
         body = active.body[i]
         if body >= 0:
-            _add(forces, body, active.normal[0, i], active.normal[1, i], active.normal[2, i], active.multiplier[i])
+            add_force(forces, body, active.normal[0, i], active.normal[1, i], active.normal[2, i], active.multiplier[i])
 
 
 @jit_once
@@ -116,7 +117,7 @@ def proxy_forces(
         dy = contacts.point[1, i] - scratch[1]
         dz = contacts.point[2, i] - scratch[2]
         magnitude = contact_stiffness * math.sqrt(dx * dx + dy * dy + dz * dz)
-        _add(
+        add_force(
             forces,
             contacts.body[i],
             contacts.normal[0, i],

@@ -19,7 +19,8 @@ def set_haptic(
     haptic, sample = state.haptic, state.input
     sample.previous_motion = sample.motion
     sample.motion = 0.0
-    if not is_finite_configuration(position, orientation, flexion, abduction):
+    sample.is_valid = is_finite_configuration(position, orientation, flexion, abduction)
+    if not sample.is_valid:
         return STATUS_INPUT_INVALID
     square = 0.0
     for i in range(4):

@@ -7,7 +7,7 @@ from hhsim.kernels.contact.detection import evaluate, find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
-from hhsim.kernels.jit import Record, jit, jit_once
+from hhsim.kernels.jit import Array, Record, jit, jit_once
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY
@@ -25,18 +25,17 @@ from hhsim.kernels.tick.step import DURATION_DETECT
 
 
 @jit
-def set_target(state: Record) -> None:
-    """Write the step from the graphic to the haptic hand into the problem [m, rad], not yet scaled."""
-    pose, haptic, problem = state.pose, state.haptic, state.problem
+def step_to_haptic(state: Record, step_out: Array, abduction_out: Array) -> None:
+    """Compute the step from the graphic to the haptic hand [m, rad], shape (21,), and that of its abduction, (5,)."""
+    pose, haptic = state.pose, state.haptic
     rotation_vector_between(pose.orientation, haptic.orientation, state.scratch)
     for i in range(3):
-        problem.target[i] = haptic.position[i] - pose.position[i]
-        problem.target[3 + i] = state.scratch[i]
+        step_out[i] = haptic.position[i] - pose.position[i]
+        step_out[3 + i] = state.scratch[i]
     for f in range(FINGER_COUNT):
-        held = state.program.holds_abduction
-        problem.abduction_step[f] = 0.0 if held else haptic.abduction[f] - pose.abduction[f]
+        abduction_out[f] = 0.0 if state.program.holds_abduction else haptic.abduction[f] - pose.abduction[f]
         for k in range(PHALANX_COUNT):
-            problem.target[6 + 3 * f + k] = haptic.flexion[f, k] - pose.flexion[f, k]
+            step_out[6 + 3 * f + k] = haptic.flexion[f, k] - pose.flexion[f, k]
 
 
 @jit
@@ -82,7 +81,7 @@ def build_program(hand: HandArrays, surface: Any, options: TickOptions, state: R
         return -1
     found = state.contacts.start[FINGER_COUNT + 1]
     drop_redundant_contacts(hand, min(state.trust.reach, state.trust.radius), state.contacts, state.open_distance[:])
-    set_target(state)
+    step_to_haptic(state, problem.target[:], problem.abduction_step[:])
     contacts = state.contacts.start[FINGER_COUNT + 1]
     count_linearisation(hand, surface, options, found, contacts, state)
     if contacts == 0:

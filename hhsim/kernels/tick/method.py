@@ -76,8 +76,3 @@ def finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
 @generic
 def energy_stalled(method: Any, state: Record) -> bool:
     """Return whether the programs apart of a tick that lags have made no progress, see `kernels.tick.decoupling`."""
-
-
-@generic
-def palm_yielded(method: Any, state: Record) -> bool:
-    """Return whether the last program's multipliers are no forces, so that a program of what touches gives them."""

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.linearise import ROW_CAPACITY
+from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_rows
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.euler import euler_axes, euler_quaternion, nearest_euler
 from hhsim.kernels.hand.frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
@@ -46,7 +46,6 @@ from hhsim.kernels.tick.method import tick
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.paper_constraints import (
     LIMITS,
-    limit_rows,
     palm_contacts,
     palm_rows,
     phalanx_contacts,
@@ -199,15 +198,8 @@ def finger_program(finger: int, state: Record, paper: Record) -> int:
         place_frustum(paper.shapes, pose, finger, k, paper.frustum)
         row = phalanx_rows(state.candidates, body, pose.joints[finger], pose.axis[finger], weight, row, problem, paper)
     if row > 0:
-        limit_rows(
-            pose.flexion[finger],
-            paper.lowest[finger],
-            paper.highest[finger],
-            weight,
-            row,
-            problem.block,
-            problem.rhs,
-        )
+        low, high = paper.lowest[finger], paper.highest[finger]
+        limit_rows(row, pose.flexion[finger], low, high, weight, problem.common, problem.block, problem.rhs)
         for k in range(PHALANX_COUNT):
             paper.target[k] = (state.haptic.flexion[finger, k] - pose.flexion[finger, k]) / weight[k]
     return row

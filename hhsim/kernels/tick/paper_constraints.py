@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.hand.frustum import foot, in_range, threshold
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Array, Record, as_int64, jit_once
+from hhsim.kernels.surfaces.spheres import write_contact
 from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE
 
 LIMITS = 2 * PHALANX_COUNT
@@ -129,47 +130,6 @@ def phalanx_rows(
 
 
 @jit_once
-def limit_rows(
-    flexion: Array, lowest: Array, highest: Array, weight: Array, row: int, block_out: Array, rhs_out: Array
-) -> None:
-    """Rows of a finger's joint limits, LIMITS of them; each argument but the last three of shape (3,)."""
-    for k in range(PHALANX_COUNT):
-        for side in range(2):
-            for j in range(PHALANX_COUNT):
-                block_out[j, row] = 0.0
-            if side == 0:
-                block_out[k, row] = weight[k]
-                rhs_out[row] = min(lowest[k] - flexion[k], 0.0)
-            else:
-                block_out[k, row] = -weight[k]
-                rhs_out[row] = min(flexion[k] - highest[k], 0.0)
-            row += 1
-
-
-@jit
-def _add_contact(
-    body: int,
-    key: int,
-    center: tuple[float, float, float],
-    radius: float,
-    normal: tuple[float, float, float],
-    distance: float,
-    row: int,
-    contacts: Record,
-) -> int:
-    (x, y, z), (nx, ny, nz) = center, normal
-    reach = radius + distance
-    contacts.body[row] = body
-    contacts.key[row] = key
-    contacts.distance[row] = distance
-    contacts.normal[0, row], contacts.normal[1, row], contacts.normal[2, row] = nx, ny, nz
-    contacts.point[0, row] = x + reach * nx
-    contacts.point[1, row] = y + reach * ny
-    contacts.point[2, row] = z + reach * nz
-    return row + 1
-
-
-@jit_once
 def palm_contacts(candidates: Record, position: Array, rotation: Array, touch: float, contacts: Record) -> int:
     """Contact records of the palm's pairs within `touch` [m]; returns how many."""
     row = as_int64(0)
@@ -185,7 +145,9 @@ def palm_contacts(candidates: Record, position: Array, rotation: Array, touch: f
         if distance > touch or length == 0.0 or row >= CONTACT_ROWS:
             continue
         nx, ny, nz = vx / length, vy / length, vz / length
-        row = _add_contact(as_int64(PALM_BODY), i, (x, y, z), radius, (nx, ny, nz), distance, row, contacts)
+        write_contact(contacts, row, (x, y, z), radius, (nx, ny, nz), distance, candidates.hand_radius[i])
+        contacts.body[row], contacts.key[row] = PALM_BODY, i
+        row += 1
     return row
 
 
@@ -230,5 +192,8 @@ def phalanx_contacts(
                 distance, nx, ny, nz = gap, vx / length, vy / length, vz / length
         if distance > touch or row >= CONTACT_ROWS:
             continue
-        row = _add_contact(body, i, (x, y, z), radius, (nx, ny, nz), distance, row, contacts)
+        # The forces of Eq. 14 need no radius of the hand.
+        write_contact(contacts, row, (x, y, z), radius, (nx, ny, nz), distance, 0.0)
+        contacts.body[row], contacts.key[row] = body, i
+        row += 1
     return row

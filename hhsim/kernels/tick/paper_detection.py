@@ -19,7 +19,7 @@ from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Indices, Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.round_cone_distance import sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
-from hhsim.kernels.surfaces.spheres import PALM_PAIRS, PHALANX_PAIRS
+from hhsim.kernels.surfaces.spheres import PALM_PAIRS, PHALANX_PAIRS, write_palm_pair
 
 ON_FRUSTUM = 1
 ON_SPHERE = 2
@@ -71,14 +71,7 @@ def gather_palm(
                         if count >= capacity:
                             work[COUNT_NODE_TESTS] += tests
                             return -1
-                        candidates.hand_x[count] = hx
-                        candidates.hand_y[count] = hy
-                        candidates.hand_z[count] = hz
-                        candidates.hand_radius[count] = palm.radius[h]
-                        candidates.object_x[count] = tree.x[o]
-                        candidates.object_y[count] = tree.y[o]
-                        candidates.object_z[count] = tree.z[o]
-                        candidates.object_radius[count] = tree.radius[o]
+                        write_palm_pair(candidates, count, hx, hy, hz, palm.radius[h], tree, o)
                         count += 1
                     else:
                         stack[top] = h
@@ -124,15 +117,8 @@ def gather_knuckle(
     if found < 0 or count + found > capacity:
         return -1
     for i in range(found):
-        node = candidates.scratch[i]
-        candidates.hand_x[count] = hand.base[finger, 0]
-        candidates.hand_y[count] = hand.base[finger, 1]
-        candidates.hand_z[count] = hand.base[finger, 2]
-        candidates.hand_radius[count] = hand.radius[finger, 0]
-        candidates.object_x[count] = tree.x[node]
-        candidates.object_y[count] = tree.y[node]
-        candidates.object_z[count] = tree.z[node]
-        candidates.object_radius[count] = tree.radius[node]
+        x, y, z = hand.base[finger, 0], hand.base[finger, 1], hand.base[finger, 2]
+        write_palm_pair(candidates, count, x, y, z, hand.radius[finger, 0], tree, candidates.scratch[i])
         count += 1
     return count
 

@@ -45,7 +45,6 @@ from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
     DOF,
     FINGER_COUNT,
-    PALM_BODY,
     PHALANX_COUNT,
     HandArrays,
 )
@@ -53,9 +52,16 @@ from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.cholesky import factorise, solve_factorised
-from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.evaluation import spent_units
-from hhsim.kernels.tick.force import FORCE_PAPER, clear_forces, fingertip_normal_forces, palm_wrench, proxy_forces
+from hhsim.kernels.tick.force import (
+    FORCE_PAPER,
+    add_force,
+    clear_forces,
+    fingertip_normal_forces,
+    palm_wrench,
+    proxy_forces,
+)
+from hhsim.kernels.tick.linearisation import step_to_haptic
 from hhsim.kernels.tick.method import tick
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import (
@@ -148,20 +154,15 @@ def _find(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -
 
 @jit
 def _aim(hand: HandArrays, penalty: PenaltyOptions, state: Record, work: Record) -> None:
-    pose, haptic, problem = state.pose, state.haptic, state.problem
-    rotation_vector_between(pose.orientation, haptic.orientation, state.scratch)
-    for i in range(3):
-        problem.target[i] = haptic.position[i] - pose.position[i]
-        problem.target[3 + i] = state.scratch[i]
+    pose, problem = state.pose, state.problem
+    step_to_haptic(state, problem.target[:], problem.abduction_step[:])
     for j in range(6):
         work.lowest[j] = -np.inf
         work.highest[j] = np.inf
     for f in range(FINGER_COUNT):
-        problem.abduction_step[f] = haptic.abduction[f] - pose.abduction[f]
         for k in range(PHALANX_COUNT):
             j = 6 + PHALANX_COUNT * f + k
             bend = pose.flexion[f, k]
-            problem.target[j] = haptic.flexion[f, k] - bend
             work.lowest[j] = min(hand.flexion_min[f, k] - bend, 0.0) / problem.inverse_root[j]
             work.highest[j] = max(hand.flexion_max[f, k] - bend, 0.0) / problem.inverse_root[j]
     momentum = penalty.response * penalty.response / penalty.period
@@ -361,13 +362,8 @@ def _forces(options: TickOptions, hand: HandArrays, surface: Any, state: Record,
         for i in range(contacts.start[FINGER_COUNT + 1]):
             if work.pushes[i] == 0 or work.short[i] <= 0.0:
                 continue
-            push = work.weight[i] * work.short[i]
-            body = contacts.body[i]
-            for j in range(3):
-                part = push * contacts.normal[j, i]
-                forces.total[j] += part
-                if body < PALM_BODY:
-                    forces.phalanx[body // PHALANX_COUNT, body % PHALANX_COUNT, j] += part
+            push, normal = work.weight[i] * work.short[i], contacts.normal
+            add_force(forces, contacts.body[i], normal[0, i], normal[1, i], normal[2, i], push)
     fingertip_normal_forces(state.pose, state.haptic, options.contact_stiffness, forces)
     palm_wrench(state.pose, state.haptic, state.stiffness, state.scratch, forces)
 

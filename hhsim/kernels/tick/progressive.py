@@ -13,18 +13,19 @@ no acceptable step goes on with the coupled program, see `kernels.tick`.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once
-from hhsim.kernels.parallel.thread_team import NOTHING, TASK_FINGERS, await_done, item_done, post, sort_parts, take_item
+from hhsim.kernels.parallel.thread_team import DISMISSED, await_done, item_done, post, rest, take_item
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
 from hhsim.kernels.tick.coupled import solve_coupled
-from hhsim.kernels.tick.method import Coupled, Progressive, palm_yielded, solve_program
+from hhsim.kernels.tick.method import Coupled, Progressive, solve_program
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.second_order import CORRECTION_WORK, Lagrangian, correct_for_curvature
+from hhsim.kernels.tick.second_order import CORRECTION_WORK, correct_for_curvature, lagrangian_of
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows
 
 YIELD_WEIGHT = 1e-4
@@ -60,7 +61,7 @@ PROGRESSIVE_WORK = np.dtype(
         ("palm_stop", np.int64, (PALM_GROUPS,)),
         ("palm_block", np.int64, (PALM_GROUPS,)),
         ("yields", np.int64, (FINGER_COUNT,)),  # -1, or the first variable of the finger in the palm's program
-        ("variables", np.int64),  # of the palm's program
+        ("variables", np.int64),  # of the palm's program; more than 6 where it has yielded to a finger
         ("guess", np.int64, (ACTIVE_CAPACITY,)),  # rows of the palm's program expected to be active
         ("palm_target", np.float64, (DOF,)),  # √G δ* of the palm's program
         ("palm_step", np.float64, (6,)),  # the palm's step, times √G
@@ -157,16 +158,7 @@ def _solve_palm(options: TickOptions, state: Record, qp: QpWork) -> int:
     for j in range(6):
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
     if work.variables == 6:
-        lagrangian = Lagrangian(
-            state.pose,
-            contacts,
-            step.row[:],
-            step.multiplier[:],
-            count,
-            problem.inverse_root[:],
-            as_int64(0),
-            as_int64(6),
-        )
+        lagrangian = lagrangian_of(state, step, as_int64(0), as_int64(6))
         longest = options.longest_correction
         correct_for_curvature(lagrangian, step.delta[:], rows, tolerance, longest, state.correction, qp)
     for j in range(6):
@@ -222,16 +214,7 @@ def solve_finger(options: TickOptions, state: Record, finger: int, qp: QpWork) -
         own.delta[j] = work.palm_step[j] * problem.inverse_root[j]
     for k in range(PHALANX_COUNT):
         own.delta[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
-    lagrangian = Lagrangian(
-        state.pose,
-        contacts,
-        own.row[:],
-        own.multiplier[:],
-        own.count,
-        problem.inverse_root[:],
-        as_int64(offset),
-        as_int64(PHALANX_COUNT),
-    )
+    lagrangian = lagrangian_of(state, own, as_int64(offset), as_int64(PHALANX_COUNT))
     longest = options.longest_correction
     correct_for_curvature(lagrangian, own.delta[:], rows, tolerance, longest, own.correction, qp)
     for k in range(PHALANX_COUNT):
@@ -256,45 +239,56 @@ def _take_finger(finger: int, work: Record, step: Record) -> int:
     return OPTIMAL
 
 
-@jit
-def solve_items(options: TickOptions, state: Record, qp: QpWork) -> None:
-    """Do items of the task TASK_FINGERS until none is left; `qp` is the thread's own."""
-    thread_team = state.thread_team
-    word = thread_team.word[:]
-    while True:
-        item = take_item(word, as_int64(TASK_FINGERS))
-        if item == NOTHING:
-            return
-        solve_finger(options, state, thread_team.part[item], qp)
-        item_done(word)
-
-
 @jit_once
 def _solve_fingers(options: TickOptions, state: Record, qp: QpWork) -> None:
-    # The program of every finger that has a contact, by whoever of the thread team is free.
-    problem, contacts, thread_team, step = state.problem, state.contacts, state.thread_team, state.step
-    touched = as_int64(0)
+    """Solve the program of every finger that has a contact, by whoever of the thread team is free."""
+    problem, contacts, step = state.problem, state.contacts, state.step
+    shared, word = state.thread_team.members > 1, state.thread_team.word[:]
+    if shared:
+        post(word, as_int64(FINGER_COUNT))
+        while take_finger(options, state, qp) >= 0:
+            pass
+        await_done(word, as_int64(FINGER_COUNT))
     for f in range(FINGER_COUNT):
-        contact_count = contacts.start[f + 2] - contacts.start[f + 1]
-        if contact_count > 0:
-            thread_team.part[touched] = f
-            thread_team.cost[touched] = contact_count
-            touched += 1
+        if contacts.start[f + 2] > contacts.start[f + 1]:
+            if not shared:
+                solve_finger(options, state, f, qp)
+            continue
+        # Nothing but its limits binds it, and to those its target is clamped, see `kernels.tick.linearisation`.
+        offset = 6 + PHALANX_COUNT * f
+        for j in range(offset, offset + PHALANX_COUNT):
+            step.delta[j] = problem.target[j] * problem.inverse_root[j]
+
+
+@jit
+def take_finger(options: TickOptions, state: Record, qp: QpWork) -> int:
+    """Take a finger of the task, and solve its program if it has a contact; returns as `take_item`."""
+    contacts, word = state.contacts, state.thread_team.word[:]
+    finger = take_item(word)
+    if finger >= 0:
+        if contacts.start[finger + 2] > contacts.start[finger + 1]:
+            solve_finger(options, state, finger, qp)
+        item_done(word)
+    return finger
+
+
+@jit
+def help_out(options: TickOptions, states: NDArray[np.void], qp: QpWork) -> None:
+    """Solve fingers of the block that runs in the thread team's first thread until the team is dismissed.
+
+    Args:
+        options, states: Those of the block.
+        qp: A workspace of this thread's own.
+    """
+    state = states[0]
+    polls, finger = as_int64(0), as_int64(0)
+    while finger != DISMISSED:
+        finger = take_finger(options, state, qp)
+        if finger >= 0:
+            polls = as_int64(0)
         else:
-            # Nothing but its limits binds it, and to those its target is clamped, see `kernels.tick.linearisation`.
-            offset = 6 + PHALANX_COUNT * f
-            for j in range(offset, offset + PHALANX_COUNT):
-                step.delta[j] = problem.target[j] * problem.inverse_root[j]
-    thread_team.parts = touched
-    if thread_team.members > 1 and touched > 1:
-        word = thread_team.word[:]
-        sort_parts(thread_team, touched)
-        post(word, as_int64(TASK_FINGERS), touched)
-        solve_items(options, state, qp)
-        await_done(word, touched)
-    else:
-        for i in range(touched):
-            solve_finger(options, state, thread_team.part[i], qp)
+            rest(polls)
+            polls += 1
 
 
 @solve_program.of(Progressive)
@@ -340,11 +334,3 @@ def solve_progressive(method: Progressive, state: Record, qp: QpWork) -> int:
         step.duration[DURATION_FINGERS] += monotonic_ns() - solved
         if not joined:
             return OPTIMAL
-
-
-@palm_yielded.of(Progressive)
-@jit
-def _palm_yielded(method: Progressive, state: Record) -> bool:
-    # A palm that has yielded to a finger stands at the edge of what the finger's own program allows, and there that
-    # program's multipliers grow without bound.
-    return state.progressive.variables > 6

@@ -78,6 +78,14 @@ class Lagrangian(NamedTuple):
     n: int
 
 
+# Put into its callers before they are lowered: a function cannot return records.
+@jit_once
+def lagrangian_of(state: Record, solution: Record, offset: int, n: int) -> Lagrangian:
+    """Return the curved part of a program at the state's pose, by the rows and multipliers of its solution."""
+    row, multiplier, inverse_root = solution.row[:], solution.multiplier[:], state.problem.inverse_root[:]
+    return Lagrangian(state.pose, state.contacts, row, multiplier, solution.count, inverse_root, offset, n)
+
+
 @jit
 def _curvature(lagrangian: Lagrangian, step: Array, product_out: Array) -> None:
     pose, contacts = lagrangian.pose, lagrangian.contacts

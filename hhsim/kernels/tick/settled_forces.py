@@ -8,7 +8,7 @@ from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, HandArrays
 from hhsim.kernels.jit import Record, as_bool, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.coupled import solve_coupled
-from hhsim.kernels.tick.linearisation import set_target
+from hhsim.kernels.tick.linearisation import step_to_haptic
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import DURATION_FINGERS, DURATION_PALM, store_active
@@ -34,7 +34,7 @@ def settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: R
     if status == 0 and state.contacts.start[FINGER_COUNT + 1] == 0:
         state.active.count = 0
     elif status == 0:
-        set_target(state)
+        step_to_haptic(state, state.problem.target[:], state.problem.abduction_step[:])
         for f in range(FINGER_COUNT):
             state.problem.abduction_step[f] = 0.0
             if state.contacts.start[f + 2] == state.contacts.start[f + 1]:

@@ -61,10 +61,11 @@ HAPTIC_INPUT = np.dtype(
         ("joints", np.float64, JOINTS),  # of the sample before the newest [m], world
         ("motion", np.float64),  # of the joint that moved farthest from that sample to the newest [m]
         ("previous_motion", np.float64),  # the same of the sample before [m]
+        ("is_valid", np.bool_),  # the newest sample was finite, and is the haptic hand
     ],
     align=True,
 )
-"""Motion of the haptic hand, for the prediction."""
+"""Motion of the haptic hand, for the prediction, and whether this tick has a new sample."""
 
 PREDICTION = np.dtype(
     [

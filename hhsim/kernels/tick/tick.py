@@ -38,7 +38,7 @@ from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move
 from hhsim.kernels.jit import Record, as_int64, jit, jit_inline, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
-from hhsim.kernels.tick.decoupling import stays_suspended, suspend_decoupling
+from hhsim.kernels.tick.decoupling import palm_yielded, stays_suspended, suspend_decoupling
 from hhsim.kernels.tick.evaluation import (
     REACH_FLOOR,
     end_work,
@@ -59,7 +59,6 @@ from hhsim.kernels.tick.method import (
     energy_stalled,
     finish_tick,
     may_end,
-    palm_yielded,
     recover,
     solve_linearisation,
     solve_program,
@@ -310,7 +309,7 @@ def finish_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
     detected = monotonic_ns()
     if options.force_model == FORCE_PAPER:
         find_contacts(surface, hand, state.pose, state.candidates, options.touch, state.contacts)
-    elif status & STATUS_LAG or palm_yielded(method, state):
+    elif status & STATUS_LAG or palm_yielded(state):
         settle_forces(hand, surface, options, state, qp)
     hand_forces(options, state)
     end_work(state)

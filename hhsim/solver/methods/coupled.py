@@ -22,6 +22,5 @@ METHOD = Method(
     never_penetrates=True,
     nearest_to_user=True,
     follows_input=True,
-    takes_threads=True,
     takes_backends=True,
 )

@@ -21,11 +21,10 @@ from hhsim.kernels.contact.detection import (
     COUNT_PAIR_TESTS,
     FULL,
     evaluate,
-    evaluate_range,
     find_contacts,
     follow_motion,
 )
-from hhsim.kernels.contact.surface import Walk
+from hhsim.kernels.contact.surface import measure_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, motion_bounds
 from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
@@ -121,10 +120,9 @@ def test_no_pair_is_ever_missed_while_the_hand_wanders(seed: int, skin: float) -
 def listed_pairs(state: Any, hand: HandModel, tree: SphereTree) -> NDArray[np.bool_]:
     """Which pairs (row of `brute_pairs`, leaf) the lists hold, however far apart they are now."""
     arrays, nodes, candidates = hand.arrays(), tree.arrays(), state.candidates
-    candidates.due[:] = 0
     candidates.needed = np.inf
-    walk = Walk(candidates.stack, candidates.scratch)
-    assert evaluate_range(arrays, state.pose, nodes, 0.0, 0.0, 0, BODY_COUNT, candidates, walk, state.work) == 0
+    for body in np.flatnonzero(candidates.count):
+        candidates.nearest[body] = measure_pairs(nodes, arrays, state.pose, int(body), candidates)
     assert find_contacts(nodes, arrays, state.pose, candidates, np.inf, state.contacts) == 0
     held = np.zeros((PALM + len(hand.palm_tree.leaf_radius), len(tree.leaf_radius)), dtype=bool)
     for pair in found_pairs(state, tree):

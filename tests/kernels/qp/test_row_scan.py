@@ -12,6 +12,7 @@ from hhsim.kernels.qp.active_set import CAPACITY, N_MAX
 from hhsim.kernels.qp.row_scan import (
     ROWS_NAN,
     ROWS_ZERO,
+    STRIP,
     ProgramRows,
     WideRows,
     most_violated,
@@ -32,20 +33,23 @@ def rows_in(start: int, stop: int) -> ProgramRows:
 @settings(max_examples=200)
 @given(
     st.integers(0, 2**32 - 1),
-    st.integers(0, 21),
+    st.integers(0, 3),
     st.lists(st.sampled_from(SIZES), min_size=1, max_size=4),
     st.booleans(),
     st.sampled_from([ProgramRows, WideRows]),
 )
 def test_lengths_and_violations_are_those_of_the_dense_matrix(
-    seed: int, n_common: int, sizes: list[int], with_block: bool, kind: type[ProgramRows | WideRows]
+    seed: int, strips: int, sizes: list[int], with_block: bool, kind: type[ProgramRows | WideRows]
 ) -> None:
     rng = np.random.default_rng(seed)
+    n_common = STRIP * (min(strips, 1) if kind is ProgramRows else max(strips, 1))
     gap = rng.integers(0, 3, size=len(sizes))
     start = np.cumsum(np.array(sizes) + gap) - sizes
     stop = start + sizes
     rows = int(stop[-1]) + 1
     blocks = rng.integers(0, 2, size=len(sizes)) if with_block else np.zeros(len(sizes), dtype=np.int64)
+    if n_common == 0:
+        blocks[:] = 1
     offset = np.where(blocks > 0, n_common + 3 * np.arange(len(sizes)), -1)
     n = n_common + 3 * len(sizes)
     common, block = rng.normal(size=(n_common, rows)), rng.normal(size=(3, rows))

@@ -17,11 +17,11 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import CONTACT_ROWS
-from hhsim.kernels.contact.linearise import ROW_CAPACITY
+from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_rows
 from hhsim.kernels.euler import euler_axes
 from hhsim.kernels.hand.frustum import frustum_shapes, place_frustum
 from hhsim.kernels.tick.paper import PAPER_STATE, finger_program
-from hhsim.kernels.tick.paper_constraints import limit_rows, palm_contacts, palm_rows, phalanx_contacts
+from hhsim.kernels.tick.paper_constraints import palm_contacts, palm_rows, phalanx_contacts
 from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE, detect, finger_is_free, palm_is_free
 from hhsim.solver.options import Stiffness
 from hhsim.solver.workspace import tick_state, zeroed
@@ -238,8 +238,9 @@ def test_finger_rows_are_the_first_order_of_eq_10_and_13_in_joint_angles(seed: i
 def test_limit_rows_hold_joints_where_they_may_be() -> None:
     low, high, weight = np.array([-0.3, 0.0, -0.1]), np.array([1.5, 1.7, 1.5]), np.array([1.0, 2.0, 3.0])
     for flexion in (np.array([0.4, 0.5, 0.6]), np.array([-0.5, 1.9, 0.2])):
-        block, rhs = np.full((3, 6), np.nan), np.full(6, np.nan)
-        limit_rows(flexion, low, high, weight, 0, block, rhs)
+        common, block, rhs = np.full((6, 6), np.nan), np.full((3, 6), np.nan), np.full(6, np.nan)
+        limit_rows(0, flexion, low, high, weight, common, block, rhs)
+        assert not common.any()
         random = np.random.default_rng(0)
         for step in random.uniform(-2.0, 2.0, (200, 3)):
             kept = (block.T @ (step / weight) >= rhs).all()
