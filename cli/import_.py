@@ -278,9 +278,11 @@ def command(
         write_atomically(fit_hand, hand_text.encode())
     document = import_document(recording, repaired)
     if plot is not None:
+        from hhsim.recordings.unit_detection import in_units
         from hhsim.render.import_figure import draw_import
 
-        draw_import(recording, repaired.trajectory, plot)
+        stated = {name: getattr(repair_options, f"{name}_unit") for name in ("time", "length", "angle")}
+        draw_import(in_units(recording, **stated), repaired.trajectory, plot)
     if output.as_json:
         paths = {name: str(path) if path else None for name, path in (("hand_file", fit_hand), ("plot", plot))}
         print_json({"file": str(file), **document, "path": str(output_path), **paths})

@@ -11,7 +11,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.recording import Recording, turn
-from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS
+from hhsim.recordings.unit_detection import repair_units
 from hhsim.render.figure import new_figure, save_figure
 from hhsim.system.output_path import check_output_path
 
@@ -32,46 +32,25 @@ BANDS: tuple[tuple[str, SampleFlag, str], ...] = (
 
 
 def draw_import(recording: Recording, motion: Trajectory, path: Path) -> None:
-    """Draw a recording in the units of its file, and the trajectory that was made of it; errors as `save_figure`."""
+    """Draw a recording, in SI or in units that `repair_units` finds, and its trajectory; errors as `save_figure`."""
     check_output_path(path)
     figure = new_figure(13, 15, layout="constrained")
     rows = figure.subplots(9, 1, sharex=True, height_ratios=[2, 2, 2, 2, 2, 2, 2, 2, 1.5])
-    time_in, time_out = recording.time, motion.time
-    scale = _time_scale(recording, motion)
-    clocks = time_in * scale[0] + scale[1], time_out
-    metre = 1e3 * _factor(recording.position, motion.position, LENGTH_UNITS)
-    radian = _factor(recording.flexion, motion.flexion, ANGLE_UNITS)
-    _panel(rows[0], clocks, metre * recording.position, 1e3 * motion.position, ("x", "y", "z"), "palm [mm]")
+    # A copy: its flags are marked.
+    recording = repair_units(recording.chosen(np.arange(recording.sample_count)))
+    clocks = recording.time, motion.time
+    _panel(rows[0], clocks, 1e3 * recording.position, 1e3 * motion.position, ("x", "y", "z"), "palm [mm]")
     _panel(rows[1], clocks, _angle(recording.orientation), _angle(motion.orientation), ("x", "y", "z"), "turn [°]")
     for f, finger in enumerate(FINGERS):
         names = ("first", "second", "third")
-        came, went = np.degrees(radian * recording.flexion[:, f]), np.degrees(motion.flexion[:, f])
+        came, went = np.degrees(recording.flexion[:, f]), np.degrees(motion.flexion[:, f])
         _panel(rows[2 + f], clocks, came, went, names, f"{finger}\nflexion [°]")
-    came, went = np.degrees(radian * recording.abduction), np.degrees(motion.abduction)
+    came, went = np.degrees(recording.abduction), np.degrees(motion.abduction)
     _panel(rows[7], clocks, came, went, FINGERS, "abduction [°]")
     _strip(rows[8], motion)
     rows[0].set_title(f"{motion.name}: grey what came in, coloured what went out", fontsize=13, loc="left")
     rows[8].set_xlabel("time [s]")
     save_figure(figure, path)
-
-
-def _time_scale(recording: Recording, motion: Trajectory) -> tuple[float, float]:
-    """Return factor and shift from the file's clock to the trajectory's."""
-    given = recording.time[np.isfinite(recording.time)]
-    step_in = float(np.median(np.diff(np.unique(given)))) if given.size > 1 else 1.0
-    step_out = float(np.median(np.diff(motion.time)))
-    factor = next((f for f in (1.0, 1e-3, 1e-6, 1e-9) if 0.2 < step_in * f / step_out < 5.0), 1.0)
-    shift = 0.0 if factor == 1.0 and motion.time[0] >= given.min() else motion.time[0] - factor * float(given.min())
-    return factor, shift
-
-
-def _factor(came: FloatArray, went: FloatArray, units: dict[str, float]) -> float:
-    """Return the unit's factor from the numbers of the file to those of the trajectory."""
-    before, after = (np.abs(values[np.isfinite(values) & (values != 0.0)]) for values in (came, went))
-    if not before.size or not after.size:
-        return 1.0
-    ratio = float(np.median(after) / np.median(before))
-    return min({1.0, *units.values()}, key=lambda factor: abs(np.log(ratio / factor)))
 
 
 def _angle(orientation: FloatArray) -> FloatArray:
