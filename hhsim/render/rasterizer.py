@@ -24,9 +24,9 @@ OVERSAMPLING = 2
 """Factor by which a picture is drawn larger and then averaged."""
 
 PIXELS = 1_000_000
-"""Most pixels of triangles that are held in memory at once, but for those of one triangle."""
+"""Most pixels of triangles that are held in memory at once, but for one row of them."""
 EDGE = 1e-9
-"""Tolerance [pixels, or of weights] within which a pixel's middle on an edge belongs to both triangles."""
+"""Tolerance [pixels] within which a pixel's middle on an edge belongs to both triangles."""
 
 
 @dataclass(frozen=True)
@@ -212,34 +212,26 @@ def rasterise(
     """
     rows, columns = shape
     depth, owner = np.full(rows * columns, -np.inf), np.full(rows * columns, -1, dtype=np.int64)
-    corners = screen[faces]
-    weights = _weights(corners)
-    # Each triangle is tried at the pixels of the box around it.
-    low = np.clip(np.ceil(corners.min(axis=1) - EDGE), 0, (columns, rows)).astype(np.int64)
-    high = np.clip(np.floor(corners.max(axis=1) + EDGE), -1, (columns - 1, rows - 1)).astype(np.int64)
-    size = np.maximum(high - low + 1, 0) * np.asarray(weights.any(axis=(1, 2)))[:, None]
-    count = size.prod(axis=1)
-    # Towards the viewer goes evenly along any line in a triangle.
-    plane = np.einsum("mcw,mc->mw", weights, towards[faces])
-    ends = np.cumsum(count)
+    weights = _weights(screen[faces])
+    face, line, left, length = _spans(screen[faces], weights, shape)
+    # Towards the viewer along a row of pixels, as along any line in a triangle, goes evenly.
+    z = towards[faces]
+    slope = np.einsum("mk,mk->m", weights[:, :, 0], z)[face]
+    start = np.einsum("mk,mk->m", weights[:, :, 2], z)[face]
+    start += np.einsum("mk,mk->m", weights[:, :, 1], z)[face] * line
+    ends = np.cumsum(length)
     done = 0
     while done < len(ends):
         before = ends[done - 1] if done else 0
         part = slice(done, max(done + 1, int(np.searchsorted(ends, before + PIXELS, side="right"))))
         done = part.stop
-        face = np.repeat(np.arange(part.start, part.stop), count[part])
-        down, across = np.divmod(count_up(count[part]), np.repeat(size[part, 0], count[part]))
-        column, row = low[face, 0] + across, low[face, 1] + down
-        inside = np.ones(len(face), bool)
-        for corner in range(3):
-            share = weights[face, corner]
-            inside &= share[:, 0] * column + share[:, 1] * row + share[:, 2] >= -EDGE
-        face, column, row = face[inside], column[inside], row[inside]
-        value = plane[face, 0] * column + plane[face, 1] * row + plane[face, 2]
-        pixel = row * columns + column
+        span = np.repeat(np.arange(part.start, part.stop), length[part])
+        column = left[span] + count_up(length[part])
+        pixel = line[span] * columns + column
+        value = start[span] + slope[span] * column
         np.maximum.at(depth, pixel, value)
         nearest = value == depth[pixel]
-        owner[pixel[nearest]] = face[nearest]
+        owner[pixel[nearest]] = face[span[nearest]]
     seen = np.flatnonzero(owner >= 0)
     row, column = np.divmod(seen, columns)
     parts = weights.reshape(-1, 9).T[:, owner[seen]].reshape(3, 3, -1)
@@ -259,3 +251,27 @@ def _weights(corners: FloatArray) -> FloatArray:
     weights = np.stack([-edge[:, :, 1], edge[:, :, 0], constant], axis=2)
     seen = np.abs(area) > 1e-9
     return weights * np.divide(1.0, area, out=np.zeros_like(area), where=seen)[:, None, None]
+
+
+def _spans(corners: FloatArray, weights: FloatArray, shape: tuple[int, int]) -> tuple[IntArray, ...]:
+    """Return the rows of pixels whose middles lie in triangles: triangle, row, first column and length, shapes (s,).
+
+    `corners` are in pixels, shape (m, 3, 2), `weights` as from `_weights`.
+    """
+    rows, columns = shape
+    low = np.clip(np.ceil(corners[:, :, 1].min(axis=1) - EDGE), 0, rows).astype(np.int64)
+    high = np.clip(np.floor(corners[:, :, 1].max(axis=1) + EDGE), -1, rows - 1).astype(np.int64)
+    count = np.where(weights.any(axis=(1, 2)), np.maximum(high - low + 1, 0), 0)
+    face = np.repeat(np.arange(len(corners)), count)
+    row = low[face] + count_up(count)
+    left, right = np.zeros(len(face)), np.full(len(face), columns - 1.0)
+    for k in range(3):
+        slope, there = weights[face, k, 0], weights[face, k, 1] * row + weights[face, k, 2]
+        # A weight that does not change along the row is not negative between the highest and the lowest corner.
+        end = np.divide(-there, slope, out=np.full(len(face), np.nan), where=slope != 0.0)
+        left = np.fmax(left, np.where(slope > 0.0, end, np.nan))
+        right = np.fmin(right, np.where(slope < 0.0, end, np.nan))
+    column = np.ceil(left - EDGE).astype(np.int64)
+    length = np.floor(right + EDGE).astype(np.int64) - column + 1
+    some = length > 0
+    return face[some], row[some], column[some], length[some]
