@@ -16,8 +16,8 @@ from hhsim.system.output_path import check_picture
 from hhsim.trees.published_results import TOOLKIT
 
 Row = Mapping[str, Any]
-Panels = tuple[list[TradeOff], dict[str, tuple[str, str]], int]
-"""Panels, the legend's names with their colours and marks, and the number of panels beside each other."""
+Panels = tuple[list[TradeOff], dict[str, tuple[str, str]]]
+"""Panels, and the legend's names with their colours and marks."""
 
 TRADE_OFFS = ("speed-error", "peers")
 """Suites that set the time of a tick against its error."""
@@ -25,8 +25,10 @@ TRADE_OFF_COLUMNS = {"speed-error": "mesh_error", "peers": "mesh_error", "trees"
 """Column of the error, by the suites that have a picture of this kind."""
 MOST_PANELS, MOST_OBJECTS = 4, 6
 """Most panels of such a suite, and most objects of `trees`."""
-WIDTH = 10.0
+WIDTH = 14.0
 """Width of the picture beside a table [inches]."""
+PANEL, NAMED_PANEL = (3.4, 2.0), (6.5, 2.8)
+"""Least width and height of a panel, without and with names beside its marks [inches]."""
 GREY = "#6e7781"
 LEAST = 1e-2
 """A tenth of the lowest decade that is shown [mm]."""
@@ -72,11 +74,12 @@ def draw_trade_off(path: Path, suite: str, rows: Sequence[Row], peers: Sequence[
 
 def _drawing(suite: str, rows: Sequence[Row], peers: Sequence[Row] = ()) -> tuple[Drawing, int]:
     """Return the drawing of a table, and the number of its marks."""
-    panels, legend, columns = _of_trees(rows) if suite == "trees" else _of_ticks(rows, peers)
+    panels, legend = _of_trees(rows) if suite == "trees" else _of_ticks(rows, peers)
     known = [mark for panel in panels for mark in panel.marks if mark.known]
-    if any(mark.name for mark in known):
+    named = any(mark.name for mark in known)
+    if named:
         legend["other programs"] = GREY, "x"
-    return trade_off_drawing(panels, legend, columns), len(known)
+    return trade_off_drawing(panels, legend, NAMED_PANEL if named and suite in TRADE_OFFS else PANEL), len(known)
 
 
 def _of_trees(rows: Sequence[Row]) -> Panels:
@@ -99,9 +102,9 @@ def _of_trees(rows: Sequence[Row]) -> Panels:
                 else:
                     marks.append(Mark(place, off, BLUE, "o", best=True))
                     marks.append(Mark(_number(row[limit]), 1e3 * _number(row["protrusion_limit"]), LIMIT, "_"))
-            panels.append(TradeOff(f"{name}: largest error [mm]", marks, LEAST, None, axis, None, spelled))
+            panels.append(TradeOff(f"{name}: largest error [mm]", marks, 10.0 * LEAST, None, axis, None, spelled))
     legend = {"certified: proved covers": (BLUE, "o"), "Bradshaw's toolkit, medial": (INK, "X"), "limit": (LIMIT, "_")}
-    return panels, legend, 3
+    return panels, legend
 
 
 def _of_ticks(rows: Sequence[Row], peers: Sequence[Row]) -> Panels:
@@ -133,7 +136,7 @@ def _of_ticks(rows: Sequence[Row], peers: Sequence[Row]) -> Panels:
         panels.append(panel("all objects: off the best pose [mm]", ALL, "off_optimum_mean", "tracking_frontier"))
     legend = {method: (color, "o") for method, color in colors.items()}
     legend |= {label: (INK, shape) for label, shape in sorted(map(_touched, ours))}
-    return panels, legend, 2
+    return panels, legend
 
 
 def _touched(row: Row) -> tuple[str, str]:

@@ -214,4 +214,6 @@ def time_text(seconds: float) -> str:
         # Rounded to nanoseconds: a tie is rounded alike whatever unit the time came in.
         micro = round(1e6 * seconds, 3)
         return f"{micro:.0f} µs" if micro >= 100.0 else f"{micro:.1f} µs"
-    return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
+    if seconds < 1.0:
+        return f"{1e3 * seconds:.3g} ms"
+    return f"{seconds:.3g} s" if seconds < 1000.0 else f"{seconds:,.0f} s"

@@ -22,6 +22,8 @@ from hhsim.view.viewer import shown_scene
 
 SAMPLES = 20
 """Ticks in contact whose hand is compared with the mesh: exact, and slow."""
+PANEL = 2.3, 2.0
+"""Least width of a panel with its labels, and its height [inches]."""
 PAPER_DEPTH = 1e-4
 """Deepest penetration that the paper states, about [m]."""
 
@@ -82,7 +84,7 @@ def speed_error_figure(results: Mapping[str, Result]) -> ReportFigure:
         for axis in AXES
     ]
     names = dict(zip((point.label for point in points), styles))
-    drawing = trade_off_drawing(panels, names, 3)
+    drawing = trade_off_drawing(panels, names, PANEL)
     return drawn_figure("speed-error", "Speed against error", _caption(points), _alt(points), drawing)
 
 

@@ -10,7 +10,6 @@ from hhsim.render.figure import halo
 from hhsim.report.figure import (
     BOTTOM,
     BUDGET,
-    INK,
     LEFT,
     LIMIT,
     SOFT,
@@ -34,8 +33,8 @@ PAPER_RANGE = (310e-6, 1000e-6)
 """CPU time of a tick that the paper states for simple to complex objects, on a 6-core 3.7 GHz machine [s]."""
 ROUNDING = 1e-6
 """Smaller errors, in the unit of their axis, are drawn as 0."""
-PANEL, RIGHT, TIME_LABEL = 2.0, 0.08, 0.44
-"""Height of a panel, width right of it, and width of a time label with the gap to the next one [inches]."""
+RIGHT, TIME_LABEL = 0.08, 0.44
+"""Width right of a panel, and of a time label with the gap to the next one [inches]."""
 MARK_INCHES = 0.06
 """Half of a mark's width."""
 Place = tuple[float, float, str, str]
@@ -98,26 +97,36 @@ class TradeOff:
     spelled: Callable[[float], str] = time_text
 
 
-def trade_off_drawing(panels: Sequence[TradeOff], names: Mapping[str, tuple[str, str]], columns: int) -> Drawing:
-    """Return the drawing of panels, so many beside each other on a page; `names` are color and mark by label."""
+def trade_off_drawing(
+    panels: Sequence[TradeOff], names: Mapping[str, tuple[str, str]], size: tuple[float, float]
+) -> Drawing:
+    """Return the drawing of panels.
+
+    Args:
+        names: Colour and mark by label in the legend.
+        size: Least width of a panel with its labels, and its height [inches].
+    """
+
+    def across_of(width: float, narrow: bool) -> int:
+        return 1 if narrow else max(1, min(len(panels), int(width / size[0])))
 
     def draw(figure: "Figure", narrow: bool) -> None:
         from matplotlib.lines import Line2D
 
-        across = 1 if narrow else columns
         width = float(figure.get_figwidth())
-        share, legend = (width - RIGHT) / across, fitted_legend(list(names), width)
-        size = share - LEFT - RIGHT, PANEL
+        across, legend = across_of(width, narrow), fitted_legend(list(names), width)
+        share = (width - RIGHT) / across
+        inside = share - LEFT - RIGHT, size[1]
         for number, panel in enumerate(panels):
             row, column = divmod(number, across)
-            down = legend.height + (row + 1) * TITLE + row * (PANEL + BOTTOM)
-            _draw_panel(add_panel(figure, column * share + LEFT, down, size), panel, size[0])
+            down = legend.height + (row + 1) * TITLE + row * (size[1] + BOTTOM)
+            _draw_panel(add_panel(figure, column * share + LEFT, down, inside), panel, inside[0])
         handles = [Line2D([], [], color=color, marker=mark, linewidth=1.2) for color, mark in names.values()]
         legend.draw(figure, handles)
 
     def height(width: float, narrow: bool) -> float:
-        rows = -(-len(panels) // (1 if narrow else columns))
-        return fitted_legend(list(names), width).height + rows * (TITLE + PANEL + BOTTOM) + 0.05
+        rows = -(-len(panels) // across_of(width, narrow))
+        return fitted_legend(list(names), width).height + rows * (TITLE + size[1] + BOTTOM) + 0.05
 
     return Drawing(draw, height)
 
@@ -130,10 +139,11 @@ def _draw_panel(axes: "Axes", panel: TradeOff, width: float) -> None:
     paper = panel.paper if panel.paper is not None and np.isfinite(panel.paper) else None
     low = 10.0 ** np.floor(np.log10(min([*some, panel.least * 10.0])))
     high = 10.0 ** np.ceil(np.log10(max([*some, *([paper] if paper else []), 10.0 * low])) + 0.1)
-    # A logarithm has no zero: 0 stands below the lowest decade.
+    # A logarithm has no zero: 0 stands below the lowest decade, where an error is nothing.
     decades = float(np.log10(high / low))
     zero = low * 10.0 ** (-0.12 * decades)
-    axes.set(xscale="log", yscale="log", ylim=(zero * 10.0 ** (-0.1 * decades), high))
+    has_zero = len(some) < max(1, len(errors))
+    axes.set(xscale="log", yscale="log", ylim=(zero * 10.0 ** (-0.1 * decades) if has_zero else low, high))
     axes.axhline(low, color=SOFT, linewidth=0.5, linestyle=":")
     _draw_axis(axes, panel, width)
     if paper is not None:
@@ -155,14 +165,15 @@ def _draw_panel(axes: "Axes", panel: TradeOff, width: float) -> None:
     if best := sorted((mark.cost, height) for mark, height in known if mark.best):
         # Steps, down to the cheapest and on to the right of the best.
         costs, steps = [best[0][0], *(cost for cost, _ in best), 1e9], [1e9, *(off for _, off in best), best[-1][1]]
-        axes.plot(costs, steps, color=INK, linewidth=1.0, drawstyle="steps-post", zorder=2)
+        axes.plot(costs, steps, color=SOFT, linewidth=0.9, drawstyle="steps-post", zorder=2)
     if not errors:
         axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", va="center", color=SOFT)
     powers = [10.0**k for k in range(round(np.log10(low)), round(np.log10(high)) + 1)]
     powers = powers[:: 1 + len(powers) // 7]
     # An energy may be below the optimum; a depth is not below 0.
     least = "≤ 0" if any(error < 0.0 for error in errors) else "0"
-    axes.set_yticks([zero, *powers], [least, *(f"{power:,.10g}" for power in powers)])
+    zeros = {zero: least} if has_zero else {}
+    axes.set_yticks([*zeros, *powers], [*zeros.values(), *(f"{power:,.10g}" for power in powers)])
     axes.minorticks_off()
     _place_names([
         axes.annotate(

@@ -251,7 +251,7 @@ def test_the_picture_is_drawn_for_any_table(small: list[Run], tmp_path: Path) ->
 
     rows = table_rows(small)
     draw_trade_off(tmp_path / "small.png", "speed-error", rows)
-    assert matplotlib.image.imread(tmp_path / "small.png").shape[1] == 2000
+    assert matplotlib.image.imread(tmp_path / "small.png").shape[1] == 2800
     for row in rows:
         row["mesh_error"] = np.nan
         row["off_optimum_mean"] = 0.0
