@@ -216,6 +216,8 @@ def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
 
 
 GLASS = 0.4
+TIP = 0.012
+"""Depth below the skin that the middle of a visible fingertip has at most [m]."""
 
 
 def scene_picture(
@@ -242,4 +244,4 @@ def best_view(run: SceneRun, mesh: Mesh, moment: int = 0) -> View:
     pose, hand = run.shown[moment].graphic, run.stage.hand
     named = {touch.part for touches in run.stage.script.hold_touches for touch in touches}
     tips = hand.joints(*pose)[[finger in named for finger in FINGERS], 3]
-    return viewpoint(hand_surface(hand, pose), mesh_surface(mesh, STONE), tips, np.empty((0, 3)))
+    return viewpoint(hand_surface(hand, pose), mesh_surface(mesh, STONE), tips, np.empty((0, 3)), below=TIP)
