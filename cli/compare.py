@@ -12,8 +12,8 @@ from .arguments import options
 from .console import print_json, print_line, print_table
 
 if TYPE_CHECKING:
+    from hhsim.gate.compare import ComparedFigure, Comparison
     from hhsim.replay.summary_table import SummaryRow
-    from hhsim.report.compare import ComparedFigure, Comparison
 
 
 @click.command()
@@ -35,16 +35,16 @@ def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
       hhsim compare coupled.h5 progressive.h5
       hhsim compare before.h5 after.h5 --all
     """
+    from hhsim.gate.compare import compare, compared
+    from hhsim.replay.checked_figures import checked_figures, read_ticks
     from hhsim.replay.repeated_times import stored_times
     from hhsim.replay.summary_table import short_table, whole_table
     from hhsim.replay.verdict import verdict
-    from hhsim.report.compare import compare, compared
-    from hhsim.report.ticks import figure_table, report_ticks
     from hhsim.result.reader import load_result
 
     results = [load_result(path) for path in (base, head)]
     found = compare(*results)
-    found_tables = [figure_table(result, report_ticks(result)) for result in results]
+    found_tables = [checked_figures(result, read_ticks(result)) for result in results]
     tables = [table.rows for table in found_tables]
     verdicts = [verdict(result, rows) for result, rows in zip(results, tables)]
     ours = {row.name: row for row in tables[0]}

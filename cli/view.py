@@ -100,17 +100,16 @@ def command(
 
 
 def _make_video(path: Path, video: Path, slow: float, pixels: int, *, quiet: bool) -> dict[str, object]:
-    from hhsim.render.replay_video import VideoOptions, check_video_path, write_video
     from hhsim.result.reader import load_result
+    from hhsim.view.film import FPS, check_video_path, write_video
 
-    chosen = VideoOptions(slow=slow, width=pixels)
     check_video_path(video)
     result = load_result(path)
     announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
-        frames = write_video(result, video, chosen, report)
+        frames = write_video(result, video, slow, pixels, report)
     if not quiet:
-        print(f"{counted(frames, 'frame')} of {counted(result.ticks, 'tick')}, {frames / chosen.fps:.1f} s, in {video}")
+        print(f"{counted(frames, 'frame')} of {counted(result.ticks, 'tick')}, {frames / FPS:.1f} s, in {video}")
     return {"result": str(path), "video": str(video), "frames": frames}
 
 

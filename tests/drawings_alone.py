@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from hhsim.report.figure import Drawing, ReportFigure, new_figure
 
-CHARTS = ("time_series", "histogram", "speed_error", "pictures", "bench_chart")
+CHARTS = ("time_series", "histogram", "speed_error", "pictures", "bench_chart", "bench_trade_off")
 """Modules of the report that make one."""
 
 

@@ -8,7 +8,8 @@ from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import round_cone_distance
-from hhsim.verify.mesh_distance import HandReferee, palm_centers
+from hhsim.verify.mesh_distance import HandReferee
+from tools.tree_to_hand import palm_centers
 
 
 def brute_clearance(

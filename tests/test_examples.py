@@ -182,5 +182,5 @@ def test_the_mesh_of_the_example_is_closed_and_outward(examples: Path, tmp_path:
     from hhsim.mesh.mesh import load_mesh
 
     subprocess.run([sys.executable, "-I", str(examples / "custom_object.py"), "pawn.stl"], cwd=tmp_path, check=True)
-    mesh = load_mesh(tmp_path / "pawn.stl", "mm", repair=False)
+    mesh = load_mesh(tmp_path / "pawn.stl", "mm")
     assert mesh.warnings == ()

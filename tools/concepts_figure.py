@@ -15,29 +15,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
+from hhsim.errors import InputError, OutputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.render.figure import save_figure
+from hhsim.render.hand_meshes import hand_surface
+from hhsim.render.hand_picture import GHOST, RED, label, seen_through
 from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, look_from, see_spheres, shade
-from hhsim.render.replay_figure import (
-    GHOST,
-    RED,
-    STONE,
-    draw_from_arguments,
-    label,
-    phalanx_forces,
-    seen_through,
-    shown_tick,
-)
-from hhsim.render.triangle_soup import SKIN, SPHERE, hand_surface, joined, mesh_surface, painted
+from hhsim.render.triangle_soup import SKIN, SPHERE, STONE, joined, mesh_surface, painted
 from hhsim.render.viewpoint import View
 from hhsim.replay.stored_scene import stored_hand
-from hhsim.result.reader import Result
+from hhsim.result.reader import Result, load_result
 from hhsim.system.output_path import check_output_path
+from hhsim.view.moment import moment, overview_tick
+from hhsim.view.viewer import shown_scene
 from tools.cross_section import Plane, Pose, cut_mesh, cut_spheres, finger_plane, round_cone_outline
+from tools.hand_figure import hybrid_surface
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -134,7 +129,7 @@ def show(result: Result) -> Shown:
     Raises:
         InputError: No finger presses with its last phalanx.
     """
-    tick = shown_tick(result)
+    tick = overview_tick(result)
     hand, pose = stored_hand(result), _pose(result, tick, "graphic")
     best: Shown | None = None
     most = -np.inf
@@ -164,12 +159,12 @@ def _draw_hands(panels: "list[Axes]", shown: Shown, view: View) -> None:
     result, hand = shown.result, stored_hand(shown.result)
     mesh = Mesh(result.static["object/vertices"], result.static["object/faces"], "object", str(result.path))
     body = mesh_surface(mesh, STONE)
-    graphic = hand_surface(hand, *shown.pose("graphic"))
-    haptic = painted(hand_surface(hand, *shown.pose("haptic")), GHOST)
+    graphic = hand_surface(hand, shown.pose("graphic"))
+    haptic = painted(hand_surface(hand, shown.pose("haptic")), GHOST)
     center, radius = shown.leaves()
     camera = frame(joined([graphic, haptic, body]).points, look_from(view.towards), PANEL)
-    forces = phalanx_forces(result, shown.tick)
-    hybrid = shade(hand_surface(hand, *shown.pose("graphic"), True), camera)
+    forces = moment(result, shown_scene(result), shown.tick).forces
+    hybrid = shade(hybrid_surface(hand, shown.pose("graphic")), camera)
     pictures = (
         (
             "1  The haptic hand: where the user's hand is",
@@ -209,8 +204,8 @@ def draw_section(axes: "Axes", shown: Shown) -> None:
     from matplotlib.patheffects import withStroke
 
     result, plane, finger, static = shown.result, shown.plane, shown.finger, shown.result.static
-    name = f"{FINGERS[finger]}, distal"
-    contact = next(force for force in phalanx_forces(result, shown.tick) if force.name == name)
+    forces = moment(result, shown_scene(result), shown.tick).forces
+    contact = next(force for force in forces if force.name == f"{FINGERS[finger]}/distal")
     point = plane.flat(contact.contact)
     hand = stored_hand(result)
     ends = {whose: plane.flat(hand.joints(*shown.pose(whose))[finger]) for whose in ("haptic", "graphic")}
@@ -303,5 +298,19 @@ def coil(start: FloatArray, end: FloatArray, turns: int = 5, width: float = 7e-4
     return np.asarray(start + share[:, None] * along + width * side[:, None] * across)
 
 
+def main(arguments: list[str]) -> None:
+    """Draw a result by the command's arguments; SystemExit says in a line what is wrong."""
+    if len(arguments) not in (2, 3):
+        raise SystemExit("usage: python -m tools.concepts_figure RESULT PICTURE [AZIMUTH,ELEVATION]")
+    try:
+        azimuth, elevation = map(float, arguments[2].split(",")) if len(arguments) == 3 else VIEW
+    except ValueError:
+        raise SystemExit(f"'{arguments[2]}': expected AZIMUTH,ELEVATION in degrees, such as 288,16") from None
+    try:
+        draw_concepts(load_result(Path(arguments[0])), Path(arguments[1]), View(azimuth, elevation))
+    except (InputError, OutputError) as error:
+        raise SystemExit(str(error)) from error
+
+
 if __name__ == "__main__":
-    draw_from_arguments(sys.argv[1:], draw_concepts, "tools.concepts_figure", VIEW)
+    main(sys.argv[1:])

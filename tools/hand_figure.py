@@ -5,17 +5,21 @@ the second half shows the palm as the leaf spheres of its tree (paper, Fig. 4).
 """
 
 import sys
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
+from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.render.figure import save_figure
+from hhsim.render.hand_meshes import FINE, hand_surface, piece_surfaces
 from hhsim.render.rasterizer import blend, frame, look_from, shade
-from hhsim.render.triangle_soup import hand_surface
+from hhsim.render.triangle_soup import SPHERE, Surface, joined, round_cone_surface
 from hhsim.system.output_path import check_output_path
 
 OPEN_POSE = (
@@ -61,13 +65,22 @@ def draw_hand(path: str | Path, hand: HandModel | None = None) -> None:
     for column, (title, pose, hybrid, rotation) in enumerate(panels):
         axes = figure.add_axes((0.25 * column, 0.0, 0.25, 0.93))
         flexion, abduction = np.radians(pose[0]), np.radians(pose[1])
-        surface = hand_surface(hand, np.zeros(3), (1.0, 0.0, 0.0, 0.0), flexion, abduction, hybrid)
+        drawn = hybrid_surface if hybrid else hand_surface
+        surface = drawn(hand, (np.zeros(3), (1.0, 0.0, 0.0, 0.0), flexion, abduction))
         camera = frame(surface.points, rotation, (PIXELS * 4 // 3, PIXELS))
         height = 0.21 * hand.hand_length / DEFAULT_HAND_LENGTH
         axes.imshow(blend([(shade(surface, replace(camera, height=height)), 1.0)]))
         axes.set_axis_off()
         axes.set_title(title, fontsize=13, color="0.25", pad=4)
     save_figure(figure, Path(path))
+
+
+def hybrid_surface(hand: HandModel, pose: Iterable[ArrayLike]) -> Surface:
+    """The hand's surface in the world frame with its palm as leaf spheres; arguments as of `hand_surface`."""
+    palm = zip(hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius, strict=True)
+    spheres = [round_cone_surface(center, center, size, size, SPHERE, rings=14, sides=44) for center, size in palm]
+    pieces = (*piece_surfaces(hand, *FINE)[:PALM_BODY], joined(spheres))
+    return hand_surface(hand, pose, pieces)
 
 
 def view(turn: float, tilt: float) -> FloatArray:

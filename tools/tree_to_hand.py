@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.bench.run_errors import placed_of
@@ -31,7 +32,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.verify.contacts import BODIES
-from hhsim.verify.mesh_distance import HandReferee, palm_centers
+from hhsim.verify.mesh_distance import HandReferee
 
 TOUCH = 1e-5
 """Spheres nearer than this [m] touch."""
@@ -39,6 +40,14 @@ FAR = 5e-3
 """Distances from here on are not looked for [m]; a coarse tree's hover can reach it."""
 DEEPEST = 1e-6
 """Most mesh penetration of a run that passes [m]."""
+
+
+def palm_centers(palm_center: ArrayLike, position: ArrayLike, orientation: ArrayLike) -> FloatArray:
+    """Compute centres of the palm's spheres [m], world, (P, 3), from the palm's position and orientation w x y z."""
+    from scipy.spatial.transform import Rotation
+
+    w, x, y, z = np.asarray(orientation, np.float64)
+    return np.asarray(Rotation.from_quat([x, y, z, w]).apply(np.asarray(palm_center)) + np.asarray(position))
 
 
 @dataclass(frozen=True)

@@ -51,7 +51,7 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
     """
     from hhsim.bench.peers import COLUMNS, PeersOptions, installed, measure, remarks, table_rows, won_by_others
     from hhsim.bench.speed_error_table import ALL
-    from hhsim.render.speed_error_figure import draw_peers
+    from hhsim.report.bench_trade_off import draw_trade_off
     from hhsim.system.output_path import picture_beside
 
     run = quick_or_whole(PeersOptions, settings)
@@ -62,7 +62,7 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
     rows = table_rows(runs)
     notes = [*installed(run)[1], *remarks(runs)]
     table.write(rows)
-    draw_peers(picture, rows)
+    draw_trade_off(picture, "peers", rows)
     if table.is_for_people(rows=rows, won_by_others=won_by_others(rows), notes=notes):
         for name in run.objects:
             summed = [row for row in rows if (row["object"], row["motion"]) == (name, ALL)]

@@ -70,7 +70,7 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
     from hhsim.bench.speed_error import SpeedErrorOptions, measure
     from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows
     from hhsim.bench.table import rows_of
-    from hhsim.render.speed_error_figure import draw_speed_error
+    from hhsim.report.bench_trade_off import draw_trade_off
     from hhsim.system.output_path import picture_beside
 
     run = quick_or_whole(SpeedErrorOptions, configurations)
@@ -82,7 +82,7 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
     rows = table_rows(runs)
     notes = remarks(runs)
     table.write(rows)
-    draw_speed_error(picture, rows, others)
+    draw_trade_off(picture, "speed-error", rows, others)
     summed, solvers = chosen(rows, object=ALL, motion=ALL), chosen(rows, object=ALL, motion=ALL, stretch=True)
     by_object = [row for row in chosen(rows, motion=ALL) if row["object"] != ALL]
     if table.is_for_people(configurations=summed, by_object=by_object, qp_solvers=solvers, notes=notes):

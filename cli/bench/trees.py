@@ -50,7 +50,7 @@ def command(settings: TreesSettings, size: float, time_limits: bool, plot: Path 
       hhsim bench trees --out trees.h5 --plot trees.png --time-limits
     """
     from hhsim.bench.trees import COLUMNS, TreesOptions, measure, missed_bars
-    from hhsim.render.tree_figure import draw_trees
+    from hhsim.report.bench_trade_off import draw_trade_off
     from hhsim.system.output_path import picture_beside
 
     run = TreesOptions(size=1e-3 * size, **settings.given())
@@ -59,7 +59,7 @@ def command(settings: TreesSettings, size: float, time_limits: bool, plot: Path 
     with measuring(output) as report:
         rows = measure(run, report)
     table.write(rows)
-    draw_trees(picture, rows, run.size)
+    draw_trade_off(picture, "trees", rows)
     missed = missed_bars(rows, with_times=time_limits)
     if table.is_for_people(rows=rows, missed=missed):
         for name in run.objects:

@@ -11,8 +11,8 @@ from hhsim.mesh.catalogue import usual_level
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import stored_rows
 from hhsim.replay.verdict import verdict
-from hhsim.report.provenance import motion_name, object_name
 from hhsim.result.reader import Result
+from hhsim.result.wording import motion_name, object_name
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.sweep.cell import BOTH, USUAL_SCENE
 

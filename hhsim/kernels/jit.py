@@ -74,12 +74,23 @@ def jit_once(function: F) -> F:
     return _compile(function, inline="always")
 
 
-def lowered(declare: Callable[..., Any]) -> Callable[[F], F]:
+class Lowering(Protocol):
+    """Decorator that keeps a function's type."""
+
+    def __call__(self, function: F) -> F:
+        """Return what stands for the function."""
+
+
+def lowered(declare: Callable[..., Any]) -> Lowering:
     """Replace a function in kernels by an intrinsic of numba's, whose maker is `declare`.
 
     The function itself says the same in Python, and runs where nothing is compiled.
     """
-    return lambda function: cast(F, intrinsic(declare)) if JIT_ENABLED else function
+
+    def lower(function: F) -> F:
+        return cast(F, intrinsic(declare)) if JIT_ENABLED else function
+
+    return lower
 
 
 class GenericKernel(Protocol):

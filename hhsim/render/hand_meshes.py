@@ -4,6 +4,8 @@ A phalanx's own frame has its origin at the joint, x along its flexion axis, y t
 the palm's is the palm frame.
 """
 
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +16,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product, rotation_matrix
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
-from hhsim.render.triangle_soup import SKIN, Surface, mesh_surface, round_cone_surface, with_nail
+from hhsim.render.triangle_soup import SKIN, Surface, joined, mesh_surface, moved, round_cone_surface
 
 PHALANGES = ("proximal", "middle", "distal")
 """Names of the phalanges of a finger; the thumb's metacarpal counts as its first."""
@@ -24,6 +26,9 @@ PIECES = tuple(f"{finger}/{phalanx}" for finger in FINGERS for phalanx in PHALAN
 
 RINGS, SIDES = 8, 24
 """Rings to each end of a phalanx's mesh, and corners of a ring."""
+FINE = (28, 48)
+"""The same for a picture that is looked at closely."""
+NAIL = np.array([0.97, 0.83, 0.77])
 
 
 class PiecePoses(NamedTuple):
@@ -33,19 +38,39 @@ class PiecePoses(NamedTuple):
     quaternion: FloatArray
 
 
-def piece_surfaces(hand: HandModel) -> tuple[Surface, ...]:
-    """Return the surface of each piece in its own frame."""
+def piece_surfaces(hand: HandModel, rings: int = RINGS, sides: int = SIDES) -> tuple[Surface, ...]:
+    """Return the surface of each piece in its own frame, of so many rings to each end of a phalanx."""
     surfaces = []
     for finger in range(len(FINGERS)):
         for k in range(PHALANX_COUNT):
-            tip = np.array([0.0, hand.length[finger, k], 0.0])
+            length = hand.length[finger, k]
             radius_a, radius_b = hand.radius[finger, k : k + 2]
-            surface = round_cone_surface(np.zeros(3), tip, radius_a, radius_b, SKIN, rings=RINGS, sides=SIDES)
-            if k == PHALANX_COUNT - 1:
-                ends = np.array([np.zeros(3), np.zeros(3), np.zeros(3), tip])
-                surface = with_nail(surface, ends, np.array([0.0, 0.0, 1.0]))
-            surfaces.append(surface)
+            tip = np.array([0.0, length, 0.0])
+            surface = round_cone_surface(np.zeros(3), tip, radius_a, radius_b, SKIN, rings=rings, sides=sides)
+            surfaces.append(_with_nail(surface, length) if k == PHALANX_COUNT - 1 else surface)
     return (*surfaces, mesh_surface(hand.palm_mesh, SKIN))
+
+
+def _with_nail(distal: Surface, length: float) -> Surface:
+    """Colour the nail on the back of a distal phalanx of this length [m], in its own frame."""
+    along = (distal.points[:, 1] - length) / (0.55 * length)
+    across = distal.points[:, 0] / (0.4 * length)
+    nail = (np.abs(along + 0.1) ** 3 + np.abs(across) ** 3 < 1.0) & (distal.normals[:, 2] > 0.3)
+    return replace(distal, colors=np.where(nail[:, None], NAIL, distal.colors))
+
+
+def hand_surface(hand: HandModel, pose: Iterable[ArrayLike], pieces: Sequence[Surface] = ()) -> Surface:
+    """Return the hand's surface in the world frame.
+
+    Args:
+        pose: Fields of a `HandConfiguration`: arguments of `HandModel.joints`.
+        pieces: Pieces of `piece_surfaces`; without them the hand is made of fine ones.
+    """
+    position, orientation, flexion, abduction = (np.asarray(values, np.float64)[None] for values in pose)
+    poses = piece_poses(hand, position, orientation, flexion, abduction)
+    places, turns = poses.translation[0], rotation_matrix(poses.quaternion[0])
+    shown = pieces or piece_surfaces(hand, *FINE)
+    return joined([moved(piece, turn, place) for piece, turn, place in zip(shown, turns, places)])
 
 
 def piece_poses(
@@ -59,32 +84,25 @@ def piece_poses(
         flexion: [rad], shape (T, 5, 3).
         abduction: [rad], shape (T, 5).
     """
-    origin, palm = np.asarray(position, np.float64).T, np.asarray(orientation, np.float64).T
-    # Ticks last: all that is done here is done along them, and a viewer takes a piece's poses from one stretch.
-    bend = np.cumsum(np.transpose(np.asarray(flexion, np.float64), (1, 2, 0)), axis=1)
-    sign = hand.abduction_sign
-    half_spread, half_bend = 0.5 * sign * np.asarray(abduction, np.float64).T, -0.5 * bend
+    origin, palm = np.asarray(position, np.float64), np.asarray(orientation, np.float64)
     frames = np.stack([np.cross(hand.distal, hand.dorsal), hand.distal, hand.dorsal], axis=-1)
-    fingers_base = quaternion_product(palm.T, quaternion_from_matrix(frames)[:, None])
+    base = quaternion_product(palm[:, None], quaternion_from_matrix(frames))
     # A turn about the finger's back, then one about the axis that it flexes about.
-    (w, x, y, z), cos, sin = np.moveaxis(fingers_base, -1, 0), np.cos(half_spread), np.sin(half_spread)
-    w, x, y, z = w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin
-    w, x, y, z = (part[:, None] for part in (w, x, y, z))
-    cos, sin = np.cos(half_bend), np.sin(half_bend)
-    w, x, y, z = w * cos - x * sin, x * cos + w * sin, y * cos + z * sin, z * cos - y * sin
-    ticks = origin.shape[1]
-    quaternion = np.empty((PALM_BODY + 1, ticks, 4))
-    fingers = quaternion[:PALM_BODY].reshape(len(FINGERS), PHALANX_COUNT, ticks, 4)
-    for i, part in enumerate((w, x, y, z)):
-        fingers[..., i] = part
-    quaternion[PALM_BODY] = palm.T
+    spread = _turn(2, hand.abduction_sign * np.asarray(abduction, np.float64))
+    bend = _turn(0, -np.cumsum(np.asarray(flexion, np.float64), axis=2))
+    turn = quaternion_product(quaternion_product(base, spread)[:, :, None], bend)
+    joint = np.empty((len(origin), len(FINGERS), PHALANX_COUNT, 3))
+    joint[:, :, 0] = origin[:, None] + np.einsum("tij,fj->tfi", rotation_matrix(palm), hand.base)
+    along = hand.length[:, :-1, None] * rotation_matrix(turn[:, :, :-1])[..., 1]
+    joint[:, :, 1:] = joint[:, :, :1] + np.cumsum(along, axis=2)
+    return PiecePoses(
+        np.concatenate([joint.reshape(-1, PALM_BODY, 3), origin[:, None]], axis=1),
+        np.concatenate([turn.reshape(-1, PALM_BODY, 4), palm[:, None]], axis=1),
+    )
 
-    translation = np.empty((PALM_BODY + 1, ticks, 3))
-    joint = translation[:PALM_BODY].reshape(len(FINGERS), PHALANX_COUNT, ticks, 3)
-    direction = (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x))
-    for i, rows in enumerate(np.ascontiguousarray(np.moveaxis(rotation_matrix(palm.T), 0, -1))):
-        joint[:, 0, :, i] = origin[i] + hand.base @ rows
-        for k in range(1, PHALANX_COUNT):
-            joint[:, k, :, i] = joint[:, k - 1, :, i] + hand.length[:, k - 1, None] * direction[i][:, k - 1]
-    translation[PALM_BODY] = origin.T
-    return PiecePoses(translation.transpose(1, 0, 2), quaternion.transpose(1, 0, 2))
+
+def _turn(axis: int, angle: FloatArray) -> FloatArray:
+    """Return the quaternions (w, x, y, z) of rotations about a coordinate axis by angles [rad], shape (..., 4)."""
+    quaternion = np.zeros((*angle.shape, 4))
+    quaternion[..., 0], quaternion[..., 1 + axis] = np.cos(0.5 * angle), np.sin(0.5 * angle)
+    return quaternion

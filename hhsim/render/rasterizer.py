@@ -3,6 +3,7 @@
 matplotlib sorts triangles by their middles, which fails where bodies touch; here each pixel is decided alone.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -84,34 +85,20 @@ def frame(points: FloatArray, rotation: FloatArray, shape: tuple[int, int], marg
 
 def shade(surface: Surface, camera: Camera) -> Layer:
     """Render and light a surface."""
-    normals, faces = _towards_viewer(surface, camera)
-    depth, weight, face = _rasterised(surface, faces, camera)
+    # Single precision and one component after another: what is done at every pixel is most of the work.
+    normals = np.ascontiguousarray((camera.rotation @ surface.normals.T).astype(np.float32))
+    faces = surface.faces[(normals[2] > 0.0)[surface.faces].any(axis=1)]
+    rows, columns = OVERSAMPLING * camera.shape[0], OVERSAMPLING * camera.shape[1]
+    scale = rows / camera.height
+    points = (surface.points - camera.center) @ camera.rotation.T
+    screen = np.stack([points[:, 0] * scale + 0.5 * columns, 0.5 * rows - points[:, 1] * scale], axis=1)
+    depth, weight, face = rasterise(screen, points[:, 2], faces, (rows, columns))
     there = face[face >= 0]
     corners = [faces[:, k][there] for k in range(3)]
     normal = _interpolated(normals, corners, weight)
     normal /= np.maximum(np.sqrt(np.einsum("ip,ip->p", normal, normal)), 1e-12)
     colors = np.ascontiguousarray(surface.colors.T.astype(np.float32))
     return lit(depth, normal.T, _interpolated(colors, corners, weight).T, camera)
-
-
-def depth_of(surface: Surface, camera: Camera) -> FloatArray:
-    """Return the depth of a surface's layer without lighting it."""
-    return _rasterised(surface, _towards_viewer(surface, camera)[1], camera)[0]
-
-
-def _towards_viewer(surface: Surface, camera: Camera) -> tuple[Image, IntArray]:
-    """Return normals in the camera's frame, shape (3, vertices), and the faces not turned away."""
-    # Single precision and one component after another: what is done at every pixel is most of the work.
-    normals = np.ascontiguousarray((camera.rotation @ surface.normals.T).astype(np.float32))
-    return normals, surface.faces[(normals[2] > 0.0)[surface.faces].any(axis=1)]
-
-
-def _rasterised(surface: Surface, faces: IntArray, camera: Camera) -> tuple[FloatArray, FloatArray, IntArray]:
-    rows, columns = OVERSAMPLING * camera.shape[0], OVERSAMPLING * camera.shape[1]
-    scale = rows / camera.height
-    points = (surface.points - camera.center) @ camera.rotation.T
-    screen = np.stack([points[:, 0] * scale + 0.5 * columns, 0.5 * rows - points[:, 1] * scale], axis=1)
-    return rasterise(screen, points[:, 2], faces, (rows, columns))
 
 
 def _interpolated(values: Image, corners: Sequence[IntArray], weight: FloatArray) -> Image:
@@ -159,7 +146,7 @@ def lit(depth: FloatArray, normals: Image, color: Image, camera: Camera) -> Laye
     diffuse = np.clip((normals @ light.astype(kind) + 0.25) / 1.25, 0.0, None)
     shine = np.clip(normals @ (half / np.linalg.norm(half)).astype(kind), 0.0, None) ** 30
     # What lies behind its surroundings gets less light: depth against its blur stands in for ambient occlusion.
-    hollow = _blurred(there, pixel, depth.shape, 0.006 * scale) - there
+    hollow = _blurred(depth, 0.006 * scale).ravel()[pixel] - there
     shadow = np.clip(1.0 - np.clip(hollow, 0.0, None) / 0.012, 0.45, 1.0).astype(kind)
     strength, gloss = (0.36 + 0.10 * normals[:, 1] + 0.66 * diffuse) * shadow, 0.10 * shine
     picture, facing = np.zeros((3, rows * columns), np.float32), np.zeros(rows * columns, np.float32)
@@ -171,44 +158,14 @@ def lit(depth: FloatArray, normals: Image, color: Image, camera: Camera) -> Laye
     return Layer(np.moveaxis(picture.reshape(3, rows, columns), 0, 2), depth, facing.reshape(rows, columns))
 
 
-def _blurred(depth: FloatArray, pixel: IntArray, shape: tuple[int, int], width: float) -> FloatArray:
-    """Smooth depth by a Gaussian of standard deviation `width` [pixels]; a wide one on a coarser grid.
+def _blurred(depth: FloatArray, width: float) -> FloatArray:
+    """Smooth depth by two boxes that have the standard deviation `width` [pixels] together; no surface is the least."""
+    from scipy.ndimage import uniform_filter
 
-    `depth` and `pixel` are depths and numbers of a surface's pixels, shape (pixels,); elsewhere it is the least depth.
-    """
-    step = max(1, int(width / 4.0))
-    row, column = np.divmod(pixel, shape[1])
-    lines, width_there = (np.bincount(np.arange(size) // step) for size in shape)
-    cell = row // step * len(width_there) + column // step
-    least = depth.min(initial=0.0)
-    total = np.bincount(cell, depth - least, len(lines) * len(width_there))
-    coarse = total.reshape(len(lines), -1) / np.outer(lines, width_there)
-    smooth = _gaussian(coarse.shape[0], width / step) @ coarse @ _gaussian(coarse.shape[1], width / step).T + least
-    # Bilinear between the middles of cells: down first, which is of all columns of cells, then across at each pixel.
-    above, down = _between(shape[0], step, len(lines))
-    left, across = _between(shape[1], step, len(width_there))
-    padded = np.pad(smooth, ((0, 1), (0, 1)), mode="edge")
-    strips = padded[above] + down[:, None] * (padded[above + 1] - padded[above])
-    start, share = row * strips.shape[1] + left[column], across[column]
-    flat = strips.ravel()
-    first = flat[start]
-    return np.asarray(first + share * (flat[start + 1] - first))
-
-
-def _gaussian(cells: int, width: float) -> FloatArray:
-    """Return the weights that smooth a line of cells, shape (cells, cells); standard deviation in cells."""
-    place = np.arange(cells)
-    # Where the blur is next to nothing beside a cell, its neighbours' share is none.
-    with np.errstate(over="ignore"):
-        share = np.exp(-0.5 * ((place[:, None] - place) / width) ** 2)
-    return np.asarray(share / share.sum(axis=1, keepdims=True))
-
-
-def _between(pixels: int, step: int, cells: int) -> tuple[IntArray, FloatArray]:
-    """Return for each pixel of a line the cell of `step` pixels whose middle is before it, and the way to the next."""
-    place = np.clip((np.arange(pixels) + 0.5) / step - 0.5, 0.0, cells - 1.0)
-    before = place.astype(np.int64)
-    return before, place - before
+    there = np.isfinite(depth)
+    solid = np.where(there, depth, depth.min(initial=np.inf, where=there) if there.any() else 0.0)
+    side = min(round(math.sqrt(6.0 * width**2 + 1.0)), max(depth.shape))
+    return np.asarray(uniform_filter(uniform_filter(solid, side, mode="nearest"), side, mode="nearest"))
 
 
 def blend(layers: Sequence[tuple[Layer, FloatArray | float]]) -> FloatArray:

@@ -31,23 +31,33 @@ class View(NamedTuple):
         return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
 
-def viewpoint(hand: Surface, body: Surface, marks: FloatArray, forces: FloatArray, usual: View | None = None) -> View:
+def viewpoint(
+    hand: Surface,
+    body: Surface,
+    marks: FloatArray,
+    forces: FloatArray,
+    usual: View | None = None,
+    below: float = np.inf,
+) -> View:
     """Return the view that shows most of the marks, then of hand and object, with forces not seen end on.
 
     Args:
         marks: Points that the object should not hide [m], shape (k, 3); may be none.
         forces: Vectors, shape (j, 3); may be none.
         usual: View of another picture, which only a view better by `GAIN` replaces.
+        below: Depth below the hand's surface from which on the hand hides a mark too [m].
     """
     rng = np.random.default_rng(0)
     sampled = [face_samples(surface.points, surface.faces, POINTS, rng)[0] for surface in (hand, body)]
     # A fine mesh has a point on each of very many faces, of which some suffice.
     skin, stone = (points[:: max(1, len(points) // POINTS)] for points in sampled)
     views = [View(float(azimuth), elevation) for elevation in ELEVATIONS for azimuth in AZIMUTHS]
-    return max(views, key=lambda view: _seen(view, skin, stone, marks, forces) + GAIN * (view == usual))
+    return max(views, key=lambda view: _seen(view, skin, stone, marks, forces, below) + GAIN * (view == usual))
 
 
-def _seen(view: View, skin: FloatArray, stone: FloatArray, marks: FloatArray, forces: FloatArray) -> float:
+def _seen(
+    view: View, skin: FloatArray, stone: FloatArray, marks: FloatArray, forces: FloatArray, below: float
+) -> float:
     rotation = look_from(view.towards)
     whole = np.concatenate([skin, stone]) @ rotation[:2].T
     low, scale = whole.min(axis=0), CELLS / max(float(np.ptp(whole, axis=0).max()), 1e-9)
@@ -67,7 +77,8 @@ def _seen(view: View, skin: FloatArray, stone: FloatArray, marks: FloatArray, fo
     score = 1.5 * min(hand_cells, 1.5 * body_cells) / CELLS**2
     if len(marks):
         cell, depth = depths(marks)
-        score += float(np.mean(depth > nearest["stone"][cell] - 2e-3))
+        hidden = np.maximum(nearest["stone"][cell] - 2e-3, nearest["skin"][cell] - below)
+        score += float(np.mean(depth > hidden))
     if len(forces):
         size = np.linalg.norm(forces, axis=1)
         across = np.linalg.norm((forces @ rotation.T)[:, :2], axis=1)

@@ -8,25 +8,42 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from hhsim.bench.table import BenchTable, Cell
-from hhsim.report.figure import GRID, LIMIT, SOFT, Album, Drawing, ReportFigure, drawn_figure, panel_title, run_style
+from hhsim.report.bench_trade_off import TRADE_OFF_COLUMNS, bench_trade_off
+from hhsim.report.figure import (
+    BOTTOM,
+    GRID,
+    LEFT,
+    LETTER,
+    LIMIT,
+    RIGHT,
+    SOFT,
+    TITLE,
+    Album,
+    Drawing,
+    ReportFigure,
+    add_panel,
+    drawn_figure,
+    fitted_legend,
+    panel_title,
+    run_style,
+)
+from hhsim.report.trade_off import MARKS
 from hhsim.system.counted import counted
 from hhsim.table.table import Column, Table, unit_size, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 Row: TypeAlias = Mapping[str, Cell]
 
-MARKS = ("o", "s", "D", "^", "v", "P", "X", "*")
 MOST_LABELS = 40
 """Most lines of a chart; a longer table shows its first ones."""
-LINE, TITLE, BOTTOM, LEGEND, PANEL = 0.2, 0.3, 0.5, 0.22, 2.6
-"""Height [inches] of a line of a chart, a title, the axis below, a line of the legend, and a panel of points."""
+LINE, PANEL = 0.2, 2.6
+"""Height [inches] of a line of a chart, and of a panel of points."""
 BOLD, TITLE_LINE = 0.085, 0.16
 """Width [inches] of a letter of the title, and height of each of its lines but the first."""
-LETTER = 0.075
-"""Width [inches] of a letter of a name."""
 SPREAD = 8.0
 """Ratio of largest to least value from which on an axis is logarithmic."""
 
@@ -36,24 +53,22 @@ class Chart:
     """Chart of one suite.
 
     Attributes:
-        series: Columns whose values together choose a colour; a table may lack all but the first.
+        series: Column whose values choose a colour.
         x: Column of the abscissa.
         y: Column of the ordinate; "" where each line is one of `labels`.
         labels: Columns that name a line.
         of: Computes a row's abscissa where it is no column's; `axis` names it.
         mark: Abscissa of a line that is drawn.
-        chosen: True of the rows that are drawn.
     """
 
     title: str
-    series: tuple[str, ...] = ("method",)
+    series: str = "method"
     x: str = ""
     y: str = ""
     labels: tuple[str, ...] = ()
     of: Callable[[Row], float] | None = None
     axis: str = ""
     mark: float | None = None
-    chosen: Callable[[Row], bool] = lambda row: True
 
 
 def _share_of_bar(row: Row) -> float:
@@ -68,16 +83,6 @@ def _share_of_allowed(row: Row) -> float:
 
 CHARTS: Mapping[str, Chart] = {
     "paper": Chart("How many times below the paper's figure", x="ratio", labels=("label",), mark=1.0),
-    **dict.fromkeys(
-        ("speed-error", "peers"),
-        Chart(
-            "Time of a tick against distance from the true mesh",
-            ("method", "surface"),
-            x="tick_cpu_p50",
-            y="mesh_error",
-            chosen=lambda row: row["object"] != "all" and row["motion"] == "all" and not row.get("stretch"),
-        ),
-    ),
     "hard": Chart(
         "Share of the bar that is used", labels=("case", "figure"), of=_share_of_bar, axis="of the bar", mark=1.0
     ),
@@ -90,10 +95,9 @@ CHARTS: Mapping[str, Chart] = {
     ),
     "stress": Chart("Slowest hundredth of the ticks", x="cpu_p99", labels=("object", "level")),
     "recorded": Chart("Slowest hundredth of the ticks", x="cpu_p99", labels=("recording", "object")),
-    "qp": Chart("KKT residual of the programs", ("program",), x="residual_max", labels=("program",)),
-    "trees": Chart("How far the spheres protrude", x="spheres", y="protrusion_max"),
+    "qp": Chart("KKT residual of the programs", "program", x="residual_max", labels=("program",)),
     "mesh-size": Chart("Time of a tick by triangles", x="triangles", y="tick_p50"),
-    "threads": Chart("Wall time of a tick by threads", ("case",), x="threads", y="total"),
+    "threads": Chart("Wall time of a tick by threads", "case", x="threads", y="total"),
 }
 
 
@@ -101,39 +105,34 @@ def bench_figure(found: BenchTable) -> ReportFigure | None:
     """Draw the chart of a table; None where its suite has none, or no row has the numbers."""
     chart = CHARTS.get(found.suite)
     names = {column.name for column in found.columns}
-    if chart is None or not {chart.series[0], *chart.labels, *filter(None, (chart.x, chart.y))} <= names:
+    if TRADE_OFF_COLUMNS.get(found.suite) in names:
+        return bench_trade_off(found.suite, found.rows)
+    if chart is None or not {chart.series, *chart.labels, *filter(None, (chart.x, chart.y))} <= names:
         return None
-    try:
-        rows = [row for row in found.rows if chart.chosen(row) and _is_number(_along(chart, row))]
-    except (KeyError, TypeError, ValueError):
-        return None
-    if chart.y:
-        rows = [row for row in rows if _is_number(row[chart.y])]
+    rows = [row for row in found.rows if _is_number(_along(chart, row)) and (not chart.y or _is_number(row[chart.y]))]
     if not rows:
         return None
-    series = list(dict.fromkeys(_series(chart, row) for row in rows))
-    told = " and ".join(name for name in chart.series if name in names)
+    series = list(dict.fromkeys(str(row[chart.series]) for row in rows))
     labels = list(dict.fromkeys(_label(chart, row) for row in rows))
     shown, more = labels[:MOST_LABELS], len(labels) - MOST_LABELS
 
     def height(width: float, narrow: bool) -> float:
         panel = PANEL if chart.y else LINE * (len(shown) + 1)
-        return LEGEND * _legend(series, width)[1] + _title(chart, width)[1] + panel + BOTTOM
+        return fitted_legend(series, width).height + _title(chart, width)[1] + panel + BOTTOM
 
     def draw(figure: "Figure", narrow: bool) -> None:
         width, tall = (float(side) for side in figure.get_size_inches())
-        names = LEGEND * _legend(series, width)[1]
-        left = 0.65 if chart.y else min(0.5 * width, 0.2 + LETTER * max(map(len, shown)))
-        title, above = _title(chart, width)
-        box = (left / width, BOTTOM / tall, 1.0 - (left + 0.15) / width, (tall - names - above - BOTTOM) / tall)
-        axes = figure.add_axes(box)
-        (_draw_points if chart.y else _draw_lines)(axes, found, chart, rows, series, shown)
+        legend, (title, above) = fitted_legend(series, width), _title(chart, width)
+        left = LEFT if chart.y else min(0.5 * width, 0.2 + LETTER * max(map(len, shown)))
+        down = legend.height + above
+        axes = add_panel(figure, left, down, (width - left - RIGHT, tall - down - BOTTOM))
+        handles = (_draw_points if chart.y else _draw_lines)(axes, found, chart, rows, series, shown)
         panel_title(axes, title, 4, left - 0.05)
-        _draw_legend(figure, series, width)
+        legend.draw(figure, handles)
 
     first = f" The first {MOST_LABELS} of {len(labels)} lines." if more > 0 else ""
     caption = f"{counted(len(rows), 'row')} of the table.{first}"
-    alt = f"{chart.title}: {counted(len(rows), 'point')}, by {told} ({'; '.join(series)})."
+    alt = f"{chart.title}: {counted(len(rows), 'point')}, by {chart.series} ({'; '.join(series)})."
     return drawn_figure(f"bench-{found.suite}", chart.title, caption, alt, Drawing(draw, height))
 
 
@@ -145,12 +144,14 @@ def _title(chart: Chart, width: float) -> tuple[str, float]:
 
 def _draw_points(
     axes: "Axes", found: BenchTable, chart: Chart, rows: Sequence[Row], series: Sequence[str], labels: Sequence[str]
-) -> None:
+) -> "list[Line2D]":
+    """Draw a mark for each row, and return one for each series."""
     units = {name: shown_unit(found, name) for name in (chart.x, chart.y)}
+    drawn = []
     for number, name in enumerate(series):
-        of = [row for row in rows if _series(chart, row) == name]
+        of = [row for row in rows if str(row[chart.series]) == name]
         x, y = ([float(row[column]) / unit_size(units[column]) for row in of] for column in (chart.x, chart.y))
-        axes.plot(x, y, MARKS[number % len(MARKS)], color=run_style(number)[0], markersize=4.0, alpha=0.75)
+        drawn += axes.plot(x, y, MARKS[number % len(MARKS)], color=run_style(number)[0], markersize=4.0, alpha=0.75)
     for axis, column in (("x", chart.x), ("y", chart.y)):
         if _is_wide([float(row[column]) for row in rows]):
             _make_logarithmic(axes, axis)
@@ -158,20 +159,22 @@ def _draw_points(
         text = f"{column.replace('_', ' ')}{f' [{unit}]' if unit else ''}"
         (axes.set_xlabel if axis == "x" else axes.set_ylabel)(text)
     axes.grid()
+    return drawn
 
 
 def _draw_lines(
     axes: "Axes", found: BenchTable, chart: Chart, rows: Sequence[Row], series: Sequence[str], labels: Sequence[str]
-) -> None:
+) -> "list[Line2D]":
+    """Draw a line for each label with the marks of its rows, and return a mark for each series."""
     unit = shown_unit(found, chart.x) if chart.x else ""
     factor = unit_size(unit)
-    values = []
+    values, drawn = [], []
     for number, name in enumerate(series):
-        of = [row for row in rows if _series(chart, row) == name and _label(chart, row) in labels]
+        of = [row for row in rows if str(row[chart.series]) == name and _label(chart, row) in labels]
         x = [_along(chart, row) / factor for row in of]
         values += x
         y = [labels.index(_label(chart, row)) for row in of]
-        axes.plot(x, y, MARKS[number % len(MARKS)], color=run_style(number)[0], markersize=4.5, alpha=0.8)
+        drawn += axes.plot(x, y, MARKS[number % len(MARKS)], color=run_style(number)[0], markersize=4.5, alpha=0.8)
     axes.set_yticks(range(len(labels)), [label if len(label) <= 52 else f"{label[:51]}…" for label in labels])
     axes.set_ylim(len(labels) - 0.4, -0.6)
     for place in range(len(labels)):
@@ -184,6 +187,7 @@ def _draw_lines(
         axes.axvline(chart.mark, color=LIMIT, linewidth=1.0)
     text = chart.axis or (chart.x.replace("_", " ") + (f" [{unit}]" if unit else ""))
     axes.set_xlabel(text, color=SOFT)
+    return drawn
 
 
 def _make_logarithmic(axes: "Axes", axis: str) -> None:
@@ -197,11 +201,11 @@ def _make_logarithmic(axes: "Axes", axis: str) -> None:
 
 
 def _along(chart: Chart, row: Row) -> float:
-    return chart.of(row) if chart.of is not None else float(row[chart.x])
-
-
-def _series(chart: Chart, row: Row) -> str:
-    return ", ".join(str(row[name]) for name in chart.series if name in row)
+    """Return a row's abscissa; NaN where it is not known."""
+    try:
+        return chart.of(row) if chart.of is not None else float(row[chart.x])
+    except (KeyError, TypeError, ValueError):
+        return math.nan
 
 
 def _label(chart: Chart, row: Row) -> str:
@@ -215,25 +219,6 @@ def _is_number(value: Any) -> bool:
 def _is_wide(values: Sequence[float]) -> bool:
     known = [value for value in values if math.isfinite(value)]
     return bool(known) and min(known) > 0.0 and max(known) / min(known) > SPREAD
-
-
-def _legend(series: Sequence[str], width: float) -> tuple[int, int]:
-    """Return columns and lines of the legend in a figure `width` inches wide."""
-    columns = max(1, min(len(series), int(width / (0.4 + LETTER * max(map(len, series))))))
-    return columns, -(-len(series) // columns)
-
-
-def _draw_legend(figure: "Figure", series: Sequence[str], width: float) -> None:
-    from matplotlib.lines import Line2D
-
-    handles = [
-        Line2D([], [], marker=MARKS[number % len(MARKS)], color=run_style(number)[0], linestyle="", label=name)
-        for number, name in enumerate(series)
-    ]
-    figure.legend(
-        handles=handles, loc="upper left", bbox_to_anchor=(0.0, 1.0), ncols=_legend(series, width)[0],
-        borderaxespad=0.1, borderpad=0.1, handletextpad=0.2, columnspacing=1.0,
-    )  # fmt: skip
 
 
 SMALLER = {"s": ("s", "ms", "µs", "ns"), "m": ("m", "mm", "µm")}

@@ -4,11 +4,12 @@ Sizes are those on paper: a figure is as wide as the text of an A4 page, its tex
 second time for a phone. Colours are Okabe and Ito's for the colour-blind ("Color Universal Design", 2008).
 """
 
-import io
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
+
+from hhsim.render.figure import png_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,8 +45,10 @@ PHONE_INCHES = 3.6
 DPI = 200
 TEXT = 9.0
 """Size of the smallest text [pt]."""
-LETTER, SIGN = 0.075, 0.5
-"""Width [inches] of a letter and of a sign in a legend."""
+LETTER, SIGN, LEGEND_LINE = 0.075, 0.36, 0.17
+"""Width of a letter and of a sign in a legend, and height of its lines [inches]."""
+TITLE, TOP, BOTTOM, RIGHT = 0.27, 0.02, 0.45, 0.1
+"""Space for the title of a panel, above all panels, below them for the axis, and right of them [inches]."""
 
 
 @dataclass(frozen=True)
@@ -152,33 +155,47 @@ def new_figure(width: float, height: float) -> "Iterator[Figure]":
         yield figure
 
 
-def png_bytes(figure: "Figure") -> bytes:
-    """Return the figure as PNG, without a date or a version in it."""
-    import numpy as np
-    from PIL import Image
-
-    canvas: Any = figure.canvas
-    canvas.draw()
-    buffer = io.BytesIO()
-    # The highest compression takes five times as long and saves 4 %.
-    Image.fromarray(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[:, :, :3])).save(
-        buffer, format="PNG", compress_level=6, dpi=(figure.dpi, figure.dpi)
-    )
-    return buffer.getvalue()
-
-
 def gridded(axes: "Axes") -> None:
     """Draw faint lines at the ticks of the y axis."""
     axes.grid(axis="y")
     axes.tick_params(length=3.0)
 
 
-def legend_names(labels: Sequence[str], width: float) -> tuple[list[str], int]:
-    """Return names for a legend `width` [inches] wide, cut to fit a line, and how many of them fit a line."""
+@dataclass(frozen=True)
+class Legend:
+    """Names of a legend, cut to fit its width, and how many of them stand in a line."""
+
+    names: list[str]
+    columns: int
+
+    @property
+    def height(self) -> float:
+        """Height [inches]; 0 without a name."""
+        return LEGEND_LINE * -(-len(self.names) // self.columns)
+
+    def draw(self, place: "Axes | Figure", handles: Sequence[Any]) -> None:
+        """Draw the legend above a panel, or at the top of a figure."""
+        loc: Any = "upper left" if hasattr(place, "canvas") else "lower left"
+        place.legend(
+            handles, self.names, loc=loc, bbox_to_anchor=(0.0, 1.0), ncols=self.columns, borderaxespad=0.15,
+            borderpad=0.1, handlelength=1.4, handletextpad=0.4, columnspacing=0.9, labelspacing=0.2,
+        )  # fmt: skip
+
+
+def fitted_legend(labels: Sequence[str], width: float) -> Legend:
+    """Return the legend of labels in a space `width` [inches] wide."""
     most = max(2, int((width - SIGN) / LETTER))
     names = [label if len(label) <= most else f"{label[: most - 1]}…" for label in labels]
-    longest = max(map(len, names), default=1)
-    return names, max(1, min(len(names), int(width / (SIGN + LETTER * longest))))
+    widths = [SIGN + LETTER * len(name) for name in names]
+    columns = len(names) if sum(widths) <= width else int(width / max(widths))
+    return Legend(names, max(1, columns))
+
+
+def add_panel(figure: "Figure", left: float, down: float, size: tuple[float, float], **options: Any) -> "Axes":
+    """Add axes of this width and height, `left` from the left side and `down` from the top [inches]."""
+    width, height = figure.get_size_inches()
+    box = (left / width, 1.0 - (down + size[1]) / height, size[0] / width, size[1] / height)
+    return figure.add_axes(box, **options)
 
 
 def panel_title(axes: "Axes", text: str, up: float, left: float = LEFT - 0.06) -> None:
@@ -197,4 +214,6 @@ def time_text(seconds: float) -> str:
         # Rounded to nanoseconds: a tie is rounded alike whatever unit the time came in.
         micro = round(1e6 * seconds, 3)
         return f"{micro:.0f} µs" if micro >= 100.0 else f"{micro:.1f} µs"
-    return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
+    if seconds < 1.0:
+        return f"{1e3 * seconds:.3g} ms"
+    return f"{seconds:.3g} s" if seconds < 1000.0 else f"{seconds:,.0f} s"

@@ -6,9 +6,10 @@ from pathlib import Path
 
 from hhsim.bench.table import is_table, load_table
 from hhsim.errors import InputError
-from hhsim.render.figure import vector_bytes
+from hhsim.render.figure import save_figure
 from hhsim.report.bench_chart import bench_figure
-from hhsim.report.figure import ReportFigure, new_figure, png_bytes
+from hhsim.report.bench_trade_off import TRADE_OFFS
+from hhsim.report.figure import ReportFigure, new_figure
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.labels import result_labels
 from hhsim.report.pictures import overview_picture
@@ -16,7 +17,6 @@ from hhsim.report.posed_result import posed_result
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
 from hhsim.result.reader import Result, load_result
-from hhsim.system.atomic_write import write_atomically
 from hhsim.system.output_path import check_output_path
 
 FIGURES: Mapping[str, Callable[[Mapping[str, Result]], ReportFigure]] = {
@@ -25,8 +25,8 @@ FIGURES: Mapping[str, Callable[[Mapping[str, Result]], ReportFigure]] = {
     "speed-error": speed_error_figure,
     "hand": lambda results: _hand(results),
 }
-TABLE_FIGURE, TIMED_ERRORS = "speed-error", ("speed-error", "peers")
-"""Figure that tables of `hhsim bench` have, and the suites that have it."""
+TABLE_FIGURE = "speed-error"
+"""Figure that tables of `hhsim bench` have, those of `TRADE_OFFS`."""
 FORMATS = (".pdf", ".svg", ".png")
 UNITS = {"mm": 25.4, "cm": 2.54, "in": 1.0}
 LEAST_WIDTH, MOST_WIDTH = 50.0, 600.0
@@ -57,16 +57,12 @@ def make_figure(paths: Sequence[Path], name: str) -> ReportFigure:
     """Draw one of `FIGURES` of results in the order of the legend; `speed-error` also of one table of `hhsim bench`.
 
     Raises:
-        InputError: No such figure, a file that is no result, or one that the figure cannot show.
+        InputError: A file that is no result, or one that the figure cannot show.
     """
-    if name not in FIGURES:
-        raise InputError(f"there is no figure {name!r}: expected {', '.join(FIGURES)}")
     tables = [path for path in paths if is_table(path)]
     if tables:
         return _table_figure(tables[0], name, alone=len(paths) == 1)
     results = [posed_result(load_result(path)) for path in paths]
-    if not results:
-        raise InputError("a figure needs at least one result")
     return FIGURES[name](dict(zip(result_labels(results), results)))
 
 
@@ -74,23 +70,20 @@ def write_figure(figure: ReportFigure, output_path: Path, width: float) -> None:
     """Write a figure `width` inches wide in the format of the file's ending; letters stay letters, lines stay lines.
 
     Raises:
-        InputError, OutputError: As `check_figure_path`; a figure that cannot be drawn again; or a full disk.
+        OutputError: The file cannot be written, as on a full disk.
     """
-    check_figure_path(output_path)
-    if figure.drawing is None:
-        raise InputError(f"the figure {figure.name} is a picture, which has the one size that it is rendered at")
+    assert figure.drawing is not None
     narrow = width < NARROW
     with new_figure(width, figure.drawing.height(width, narrow)) as drawn:
         figure.drawing.draw(drawn, narrow)
-        kind = output_path.suffix.lower()[1:]
-        write_atomically(output_path, png_bytes(drawn) if kind == "png" else vector_bytes(drawn, kind, figure.title))
+        save_figure(drawn, output_path, figure.title)
 
 
 def _table_figure(path: Path, name: str, *, alone: bool) -> ReportFigure:
     """Draw the figure of a table of `hhsim bench`: two suites set speed against error."""
     found = load_table(path)
-    if found.suite not in TIMED_ERRORS or name != TABLE_FIGURE:
-        suites = " and ".join(TIMED_ERRORS)
+    if found.suite not in TRADE_OFFS or name != TABLE_FIGURE:
+        suites = " and ".join(TRADE_OFFS)
         raise InputError(
             f"{path} is a table of hhsim bench {found.suite}, which has no figure {name}: of tables, those of {suites} "
             f"have the figure {TABLE_FIGURE}"

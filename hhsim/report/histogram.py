@@ -9,14 +9,21 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.metrics import metrics
 from hhsim.report.figure import (
+    BOTTOM,
     BUDGET,
     INK,
     LEAST_TIME,
     LEFT,
+    LEGEND_LINE,
     LIMIT,
+    RIGHT,
     SOFT,
+    TITLE,
+    TOP,
     Drawing,
+    Legend,
     ReportFigure,
+    add_panel,
     drawn_figure,
     gridded,
     panel_title,
@@ -31,8 +38,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BINS_A_DECADE = 30
-PANEL, TITLE, LINE, TOP, BOTTOM = 1.5, 0.27, 0.165, 0.02, 0.45
-"""Height [inches] of each panel, its title and a line of text, above all panels and below them."""
+PANEL = 1.5
+STEP = TITLE + LEGEND_LINE + PANEL
+"""Height of each panel, without and with its title and legend [inches]."""
 HALO = {"boxstyle": "square,pad=0.05", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
 """Box behind text that crosses lines."""
 TIMES = tuple(factor * 10.0**power for power in range(-7, 2) for factor in (1.0, 2.0, 5.0))
@@ -58,22 +66,19 @@ def histogram_figure(results: Mapping[str, Result]) -> ReportFigure:
     edges = _edges(runs)
 
     def draw(figure: "Figure", narrow: bool) -> None:
-        width, height = figure.get_size_inches()
-        step = TITLE + LINE * narrow + PANEL
         first: Axes | None = None
         for number, run in enumerate(runs):
-            bottom = height - TOP - (number + 1) * step
-            box = (LEFT / width, bottom / height, 1.0 - (LEFT + 0.1) / width, PANEL / height)
-            axes = figure.add_axes(box, sharex=first)
+            size = float(figure.get_figwidth()) - LEFT - RIGHT, PANEL
+            axes = add_panel(figure, LEFT, TOP + (number + 1) * STEP - PANEL, size, sharex=first)
             first = first or axes
-            _draw_panel(axes, run, edges, run_style(number)[0], len(runs) > 1, narrow)
+            _draw_panel(axes, run, edges, run_style(number)[0], len(runs) > 1)
             axes.tick_params(labelbottom=number == len(runs) - 1)
         if first is not None:
             _scale(first, edges, narrow)
             figure.axes[-1].set_xlabel("time of a tick")
 
     def height(width: float, narrow: bool) -> float:
-        return TOP + len(runs) * (TITLE + LINE * narrow + PANEL) + BOTTOM
+        return TOP + len(runs) * STEP + BOTTOM
 
     return drawn_figure("tick-times", "How long the ticks took", _caption(runs), _alt(runs), Drawing(draw, height))
 
@@ -95,13 +100,13 @@ def _edges(runs: Sequence[TickTimes]) -> FloatArray:
     return np.asarray(BUDGET * 10.0 ** (bins / BINS_A_DECADE))
 
 
-def _draw_panel(axes: "Axes", run: TickTimes, edges: FloatArray, color: str, named: bool, narrow: bool) -> None:
+def _draw_panel(axes: "Axes", run: TickTimes, edges: FloatArray, color: str, named: bool) -> None:
     def stairs(times: FloatArray, label: str, **look: Any) -> None:
         counts = np.histogram(np.maximum(times, LEAST_TIME), edges)[0]
         axes.stairs(counts, edges, baseline=0.0, label=label, **look)
 
     gridded(axes)
-    panel_title(axes, f"{run.label}: number of ticks" if named else "number of ticks", 4 + 72 * LINE * narrow)
+    panel_title(axes, f"{run.label}: number of ticks" if named else "number of ticks", 4 + 72 * LEGEND_LINE)
     which = ", contact" if run.contact else ""
     if run.contact:
         stairs(run.all_cpu, "CPU, all", fill=True, color="#d8dee4")
@@ -128,13 +133,11 @@ def _draw_panel(axes: "Axes", run: TickTimes, edges: FloatArray, color: str, nam
         axes.axvline(1e-6 * value, color=INK, linewidth=0.9, linestyle=(0, (3, 2)))
         # Each has its own line, however near they are to each other.
         axes.annotate(
-            f"{name} {time_text(1e-6 * value)}", (1e-6 * value, 1.0), (3.0, -2.0 - 72 * LINE * line),
+            f"{name} {time_text(1e-6 * value)}", (1e-6 * value, 1.0), (3.0, -2.0 - 72 * LEGEND_LINE * line),
             xycoords=("data", "axes fraction"), textcoords="offset points", va="top", bbox=HALO,
         )  # fmt: skip
-    axes.legend(
-        loc="lower left" if narrow else "lower right", bbox_to_anchor=(0.0 if narrow else 1.0, 1.0), ncols=3,
-        borderaxespad=0.15, borderpad=0.1, handlelength=1.1, handletextpad=0.4, columnspacing=0.7,
-    )  # fmt: skip
+    handles, names = axes.get_legend_handles_labels()
+    Legend(names, len(names)).draw(axes, handles)
 
 
 def _scale(axes: "Axes", edges: FloatArray, narrow: bool) -> None:

@@ -7,19 +7,13 @@ from typing import Any
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.replay.stored_scene import PARTS
-from hhsim.report.provenance import motion_name, object_name
 from hhsim.result.reader import Result
+from hhsim.result.wording import cut, motion_name, object_name, option_value
 
 UNNAMED = "method"
 """Label where a file does not say which method was run."""
-LENGTHS = ("margin", "skin", "offset", "step_tolerance", "touch")
-"""Options of the solver that are lengths [m]."""
-TIMES = ("period", "response", "contact_response")
-"""Options of the solver that are times [s]."""
 STIFFNESS = ("translation", "rotation", "flexion")
 """Stiffnesses that the command line takes together."""
-LONGEST_VALUE = 28
-"""Most letters of an option's value; a longer one is cut."""
 
 
 def result_labels(results: Sequence[Result]) -> list[str]:
@@ -73,14 +67,14 @@ def option_words(result: Result) -> dict[str, str]:
         words["scene placement"] = _placed(scene["placement"])
     for name in ("max_error", "tremor_mm_deg", "samples", "size_mm", "thickness_mm", "seed"):
         if scene.get(name) is not None:
-            words[f"scene {name}"] = _cut(f"{name.partition('_mm')[0].replace('_', ' ')} {scene[name]}")
+            words[f"scene {name}"] = cut(f"{name.partition('_mm')[0].replace('_', ' ')} {scene[name]}")
     stated = scene.get("checksums", {})
     for part, what in PARTS.items():
         words[f"sum {part}"] = f"{what} {str(stated.get(part, ''))[:6]}".removeprefix("the ")
-    words["source"] = _cut(Path(str(scene.get("trajectory") or "")).name)
+    words["source"] = cut(Path(str(scene.get("trajectory") or "")).name)
     words["hhsim"] = f"hhsim {result.hhsim_version}"
     words["commit"] = f"commit {result.git_revision[:7]}"
-    words["cpu"] = _cut(str(result.machine.get("cpu", "")))
+    words["cpu"] = cut(str(result.machine.get("cpu", "")))
     return {name: word for name, word in words.items() if word}
 
 
@@ -122,19 +116,4 @@ def _telling(options: Sequence[dict[str, str]]) -> list[list[str]]:
 
 def _placed(placement: Mapping[str, Any]) -> str:
     """Return in words where the object of a recording was put."""
-    if "time" not in placement or "depth" not in placement:
-        return "object placed"
     return f"placed at {float(placement['time']):.2f} s, {1e3 * float(placement['depth']):.1f} mm deep"
-
-
-def option_value(name: str, value: Any) -> str:
-    """Return an option of the solver as people read it: lengths in mm, times in ms, numbers with six digits."""
-    if name in LENGTHS and isinstance(value, int | float):
-        return f"{1e3 * value:g} mm"
-    if name in TIMES and isinstance(value, int | float):
-        return f"{1e3 * value:g} ms"
-    return _cut("none" if value is None else f"{value:g}" if isinstance(value, float) else str(value))
-
-
-def _cut(text: str) -> str:
-    return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 1]}…"

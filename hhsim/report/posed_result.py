@@ -1,7 +1,6 @@
 """A result whose depths are computed from its poses, whatever the file's own columns say."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -25,29 +24,12 @@ ROUNDING = 1e-9
 class PosedResult(Result):
     """A result with depths [m] computed from its poses, and the deepest by the file's own column (NaN without one)."""
 
-    depths: dict[str, AnyArray] = field(default_factory=dict, compare=False)
     stated_depth: float = np.nan
-
-    def __getitem__(self, name: str) -> AnyArray:
-        return self.depths[name] if name in self.depths else super().__getitem__(name)
-
-    def blocks(self, names: Sequence[str], size: int = BLOCK_TICKS) -> Iterator[dict[str, AnyArray]]:
-        """As of `Result`."""
-        first = 0
-        for block in super().blocks(names, size):
-            part = slice(first, min(first + size, self.ticks))
-            yield {**block, **{name: self.depths[name][part] for name in names if name in self.depths}}
-            first = part.stop
-
-    def at(self, tick: int, names: Sequence[str]) -> dict[str, AnyArray]:
-        """As of `Result`."""
-        found = super().at(tick, names)
-        return {**found, **{name: np.asarray(self.depths[name][tick]) for name in names if name in self.depths}}
 
     @property
     def deepest(self) -> float:
         """Deepest penetration of all ticks, by their poses [m]."""
-        return _deepest(self.depths[DEPTH])
+        return _deepest(self.replaced[DEPTH])
 
     def contradiction(self) -> str:
         """Return in a sentence where the file's own depth differs; "" where it agrees."""
@@ -83,9 +65,8 @@ def posed_result(result: Result) -> PosedResult:
             depths[name][part] = values
         stated, first = max(stated, _deepest(block[DEPTH])), part.stop
     given = {one.name: getattr(result, one.name) for one in fields(Result)}
-    summary = {**result.summary, **_figures(result, depths)}
-    stated = max(stated, float(result.summary.get("penetration_max", 0.0)))
-    return PosedResult(**{**given, "summary": summary}, depths=depths, stated_depth=stated)
+    given |= {"summary": {**result.summary, **_figures(result, depths)}, "replaced": depths, "_loaded": {}}
+    return PosedResult(**given, stated_depth=max(stated, float(result.summary.get("penetration_max", 0.0))))
 
 
 def _deepest(depth: AnyArray) -> float:

@@ -11,6 +11,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.metrics.session_faults import how_it_ended
 from hhsim.replay.stored_scene import PARTS
 from hhsim.result.reader import Result
+from hhsim.result.wording import commit, motion_name, object_name
 from hhsim.system.counted import counted
 from hhsim.system.input_file import open_input
 
@@ -96,24 +97,6 @@ def option_facts(result: Result) -> dict[str, str]:
     """Return every option of the solver as it stands in the file."""
     solver = result.scene.get("solver", {})
     return {name: json.dumps(value, ensure_ascii=False) for name, value in sorted(solver.items())}
-
-
-def object_name(result: Result) -> str:
-    """Return what people call the object; a file without its folder."""
-    scene = result.scene
-    return str(scene.get("object_name") or Path(str(scene.get("object") or "object")).name)
-
-
-def motion_name(result: Result) -> str:
-    """Return what people call the motion."""
-    scene = result.scene
-    return str(scene.get("motion") or Path(str(scene.get("trajectory") or "motion")).name)
-
-
-def commit(result: Result) -> str:
-    """Return the short commit of the hhsim that wrote a result, and whether its files had changed."""
-    changed = ", with changes that are not committed" if result.git_dirty is True else ""
-    return f"{result.git_revision[:12]}{changed}"
 
 
 def file_digest(path: Path) -> str:

@@ -9,19 +9,19 @@ from typing import Any
 from hhsim import __version__
 from hhsim.bench import table as bench_file
 from hhsim.errors import InputError, OutputError
+from hhsim.gate.compare import Comparison, compare
 from hhsim.metrics.session_faults import how_it_ended
 from hhsim.report.bench_chart import bench_section
-from hhsim.report.compare import Comparison, compare
 from hhsim.report.figure import Album, PageFigure
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.pictures import CUT, HANDS, held_picture, overview_picture, overview_view
-from hhsim.report.provenance import motion_name, object_name
 from hhsim.report.run import ReportRun, report_runs
 from hhsim.report.sections import result_tables
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
 from hhsim.report.worst_ticks import worst_cards
 from hhsim.result.reader import load_result
+from hhsim.result.wording import motion_name, object_name
 from hhsim.system.atomic_write import write_together
 from hhsim.system.counted import counted
 from hhsim.system.input_file import open_input
@@ -102,10 +102,8 @@ def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report
     """Make the page of results and tables of `hhsim bench`, in the order of the files.
 
     Raises:
-        InputError: No file, or one that is neither a result nor a table of hhsim bench.
+        InputError: A file that is neither a result nor a table of hhsim bench.
     """
-    if not paths:
-        raise InputError("a report needs at least one result")
     tables = {path: bench_file.load_table(path) for path in paths if bench_file.is_table(path)}
     results = [load_result(path) for path in paths if path not in tables]
     steps = itertools.count()

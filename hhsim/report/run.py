@@ -6,13 +6,14 @@ from typing import Any
 
 from hhsim.live.session.summary_table import session_rows
 from hhsim.metrics.session_faults import broken_off
+from hhsim.replay.checked_figures import checked_figures, read_ticks
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.replay.verdict import MISSED, OK, Verdict, verdict
 from hhsim.report.labels import UNNAMED, result_labels
 from hhsim.report.posed_result import PosedResult, posed_result
-from hhsim.report.provenance import motion_name, object_name
-from hhsim.report.ticks import figure_table, finger_figures, phase_figures, report_ticks
+from hhsim.report.ticks import PHASE_COLUMNS, finger_figures, phase_figures
 from hhsim.result.reader import Result
+from hhsim.result.wording import motion_name, object_name
 
 
 @dataclass(frozen=True)
@@ -73,8 +74,8 @@ def report_runs(results: Sequence[Result]) -> list[ReportRun]:
 
 
 def _run(result: PosedResult, label: str, prefix: str) -> ReportRun:
-    ticks = report_ticks(result)
-    rows, misstated = figure_table(result, ticks)
+    ticks = read_ticks(result, PHASE_COLUMNS)
+    rows, misstated = checked_figures(result, ticks)
     return ReportRun(
         result=result,
         label=label,

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from hhsim.gate.compare import Comparison, compared
 from hhsim.gate.time_comparison import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.session_faults import recorded_faults, session_log
 from hhsim.replay.summary_table import SummaryRow, figure_table
-from hhsim.report.compare import Comparison, compared
 from hhsim.report.provenance import NONE, machine_facts, option_facts, origin_facts, run_facts
 from hhsim.report.run import ReportRun
 from hhsim.result.reader import Result

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,41 +14,18 @@ from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.mesh_penetration import contact_error, mesh_clearance
 from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import result_ticks
-from hhsim.render.speed_error_figure import PAPER_RANGE
-from hhsim.report.figure import (
-    BUDGET,
-    LEFT,
-    LIMIT,
-    SOFT,
-    Drawing,
-    ReportFigure,
-    drawn_figure,
-    gridded,
-    legend_names,
-    panel_title,
-    run_style,
-    time_text,
-)
+from hhsim.report.figure import ReportFigure, drawn_figure, run_style, time_text
+from hhsim.report.trade_off import MARKS, Mark, TradeOff, trade_off_drawing
 from hhsim.result.reader import Result
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.view.viewer import shown_scene
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 SAMPLES = 20
 """Ticks in contact whose hand is compared with the mesh: exact, and slow."""
+PANEL = 2.3, 2.0
+"""Least width of a panel with its labels, and its height [inches]."""
 PAPER_DEPTH = 1e-4
 """Deepest penetration that the paper states, about [m]."""
-MARKS = ("o", "s", "D", "^", "v", "P", "X")
-"""Markers, one more than colours: no two results of a page share both."""
-ROUNDING = 1e-6
-"""Smaller values, in the unit of their axis, are drawn as 0."""
-PANEL, TITLE, LINE, BOTTOM = 2.0, 0.27, 0.16, 0.45
-"""Height [inches] of a panel, its title, a line of the legend, and the axis below."""
-RIGHT, TIME_LABEL = 0.08, 0.44
-"""Width [inches] right of a panel, and of a time label with the gap to the next one."""
 
 
 @dataclass(frozen=True)
@@ -93,24 +69,23 @@ AXES = (
 def speed_error_figure(results: Mapping[str, Result]) -> ReportFigure:
     """Draw each result by its label as a point: CPU time of a tick in contact, p50 to p99, against three errors."""
     points = [_measured(label, result) for label, result in results.items()]
-
-    def draw(figure: "Figure", narrow: bool) -> None:
-        width, height = (float(size) for size in figure.get_size_inches())
-        lines = LINE * _legend(points, width)[2]
-        columns = 1 if narrow else 3
-        share = (width - RIGHT) / columns
-        for number, axis in enumerate(AXES):
-            across, down = (0, number) if narrow else (number, 0)
-            bottom = height - lines - (down + 1) * (TITLE + PANEL) - down * BOTTOM
-            inside = share - LEFT - RIGHT
-            axes = figure.add_axes(((across * share + LEFT) / width, bottom / height, inside / width, PANEL / height))
-            _draw_panel(axes, axis, points, inside)
-        _draw_names(figure, points)
-
-    def height(width: float, narrow: bool) -> float:
-        return LINE * _legend(points, width)[2] + (3 if narrow else 1) * (TITLE + PANEL + BOTTOM) + 0.05
-
-    return drawn_figure("speed-error", "Speed against error", _caption(points), _alt(points), Drawing(draw, height))
+    styles = [(run_style(number)[0], MARKS[number % len(MARKS)]) for number in range(len(points))]
+    of_paper = any(point.of_paper for point in points)
+    panels = [
+        TradeOff(
+            axis.title,
+            [
+                Mark(point.p50, axis.scale * getattr(point, axis.field), *style, point.p99)
+                for point, style in zip(points, styles)
+            ],
+            axis.least,
+            paper=axis.scale * PAPER_DEPTH if axis.field == "depth" and of_paper else None,
+        )
+        for axis in AXES
+    ]
+    names = dict(zip((point.label for point in points), styles))
+    drawing = trade_off_drawing(panels, names, PANEL)
+    return drawn_figure("speed-error", "Speed against error", _caption(points), _alt(points), drawing)
 
 
 def _measured(label: str, result: Result) -> SpeedError:
@@ -144,84 +119,6 @@ def _off_the_mesh(result: Result, contact: IntArray) -> float:
     off = contact_error(bvh, find_contact_points(scene.surface_arrays, scene.shape, placed, scene.touch).point)
     deepest = float(np.max(np.maximum(0.0, -mesh_clearance(bvh, scene.shape, placed))))
     return float(np.maximum(deepest, off.max())) if len(off) else np.nan
-
-
-def _draw_panel(axes: "Axes", axis: Axis, points: Sequence[SpeedError], width: float) -> None:
-    gridded(axes)
-    panel_title(axes, axis.title, 6, LEFT - 0.16)
-    scaled = [axis.scale * float(getattr(point, axis.field)) for point in points]
-    values = [0.0 if abs(value) < ROUNDING else value for value in scaled]
-    known = [value for value in values if np.isfinite(value)]
-    some = [value for value in known if value > 0.0]
-    paper = axis.field == "depth" and any(point.of_paper for point in points)
-    low = 10.0 ** np.floor(np.log10(min([*some, axis.least * 10.0])))
-    high = 10.0 ** np.ceil(np.log10(max([*some, *([axis.scale * PAPER_DEPTH] if paper else []), 10.0 * low])) + 0.1)
-    # A logarithm has no zero: 0 stands below the lowest decade.
-    decades = float(np.log10(high / low))
-    zero = low * 10.0 ** (-0.12 * decades)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_ylim(zero * 10.0 ** (-0.1 * decades), high)
-    axes.axhline(low, color=SOFT, linewidth=0.5, linestyle=":")
-    _draw_times(axes, points, width)
-    if paper:
-        times = np.array(PAPER_RANGE) * 1e-6
-        axes.plot(times, [axis.scale * PAPER_DEPTH] * 2, color=SOFT, linewidth=3.0, solid_capstyle="round")
-        axes.annotate(
-            "the paper", (float(times[1]), axis.scale * PAPER_DEPTH), (-4.0, 3.0), textcoords="offset points",
-            ha="right", va="bottom", color=SOFT,
-        )  # fmt: skip
-    for number, (point, value) in enumerate(zip(points, values)):
-        if not np.isfinite(value) or not np.isfinite(point.p50):
-            continue
-        color, height = run_style(number)[0], value if value > 0.0 else zero
-        axes.plot([point.p50, point.p99], [height, height], color=color, linewidth=1.2)
-        axes.plot(point.p50, height, MARKS[number % len(MARKS)], color=color, markersize=6.0, zorder=4)
-        axes.plot(point.p99, height, "|", color=color, markersize=7.0)
-    if not known:
-        axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", va="center", color=SOFT)
-    powers = [10.0**k for k in range(round(np.log10(low)), round(np.log10(high)) + 1)]
-    powers = powers[:: 1 + len(powers) // 7]
-    # An energy may be below the optimum; a depth is not below 0.
-    least = "≤ 0" if any(value < 0.0 for value in known) else "0"
-    axes.set_yticks([zero, *powers], [least, *(f"{power:,.10g}" for power in powers)])
-    axes.minorticks_off()
-
-
-def _draw_times(axes: "Axes", points: Sequence[SpeedError], width: float) -> None:
-    """Draw the axis of the CPU time with the line of 1 ms; its panel's width [inches] decides how many labels fit."""
-    times = [time for point in points for time in (point.p50, point.p99) if np.isfinite(time) and time > 0.0]
-    low, high = 0.5 * min([*times, 1e-5]), 2.0 * max([*times, BUDGET])
-    axes.set_xlim(low, high)
-    axes.axvline(BUDGET, color=LIMIT, linewidth=1.2)
-    decade = width / float(np.log10(high / low))
-    step = int(np.ceil(TIME_LABEL / decade))
-    powers = [k for k in range(-8, 3) if low <= 10.0**k <= high]
-    # Counted from 1 ms, which always has its label; a label near the right end would be cut.
-    fits = [(k + 3) % step == 0 and decade * np.log10(high / 10.0**k) > 0.5 * TIME_LABEL - 2.0 * RIGHT for k in powers]
-    labels = [time_text(10.0**k).replace(".0 ", " ") if fit else "" for k, fit in zip(powers, fits)]
-    axes.set_xticks([10.0**k for k in powers], labels)
-    axes.set_xlabel("CPU time of a tick in contact")
-
-
-def _legend(points: Sequence[SpeedError], width: float) -> tuple[list[str], int, int]:
-    """Return names, columns and lines of the legend in a figure `width` inches wide."""
-    names, columns = legend_names([point.label for point in points], width)
-    return names, columns, -(-len(points) // columns)
-
-
-def _draw_names(figure: "Figure", points: Sequence[SpeedError]) -> None:
-    from matplotlib.lines import Line2D
-
-    names, columns, _ = _legend(points, float(figure.get_figwidth()))
-    handles = [
-        Line2D([], [], marker=MARKS[n % len(MARKS)], color=run_style(n)[0], linewidth=1.2, label=name)
-        for n, name in enumerate(names)
-    ]
-    figure.legend(
-        handles=handles, loc="upper left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1, borderpad=0.1,
-        handlelength=1.8, labelspacing=0.25,
-    )  # fmt: skip
 
 
 def _caption(points: Sequence[SpeedError]) -> str:

@@ -15,33 +15,43 @@ from hhsim.metrics.run_ticks import HOLD
 from hhsim.metrics.session_faults import broken_off, session_log
 from hhsim.render.figure import halo
 from hhsim.report.figure import (
+    BOTTOM,
     BUDGET,
     FINGER_COLORS,
     INK,
     LEAST_TIME,
     LEFT,
+    LETTER,
     LIMIT,
+    RIGHT,
     SKY,
     SOFT,
+    TITLE,
+    TOP,
     Drawing,
+    Legend,
     ReportFigure,
+    add_panel,
     drawn_figure,
+    fitted_legend,
     gridded,
-    legend_names,
     panel_title,
     run_style,
     time_text,
 )
-from hhsim.report.ticks import FORCES, ReportColumns, minmax_band, report_columns
+from hhsim.report.ticks import BLOCK_TICKS, minmax_band
 from hhsim.report.worst_ticks import WorstTick, worst_ticks
 from hhsim.result.reader import Result
+from hhsim.result.schema import LIVE_TICK
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.system.counted import counted
+from hhsim.view.plots import force_values
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+FORCES = ("resultant", *FINGERS, "palm")
 PAIRS = ("within the margin", "touching")
 FORCE_COLORS = (INK, *FINGER_COLORS, SKY)
 MOST_POINTS = 6_000
@@ -63,12 +73,34 @@ VARIATION_TICKS = (0.0, 0.1, 1.0, 10.0, 100.0)
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A result with its label in the legend, its ticks and, of a single result, its worst ticks, which are marked."""
+    """A result with its label in the legend and, of a single result, its worst ticks, which are marked."""
 
     label: str
     result: Result
-    columns: ReportColumns
     worst: Sequence[WorstTick]
+
+    @property
+    def time(self) -> FloatArray:
+        """Time since the start of the motion [s], shape (T,)."""
+        return self.result["time"]
+
+    @cached_property
+    def cpu(self) -> FloatArray:
+        """CPU time of the whole tick [s], shape (T,)."""
+        return 1e-9 * self.result["duration/total_cpu"]
+
+    @cached_property
+    def force(self) -> FloatArray:
+        """Sizes of the forces of `FORCES` [N], shape (T, 7)."""
+        # Block by block: the forces on all phalanges of a long session do not fit into memory.
+        blocks = self.result.blocks(("force/phalanx", "force/total"), BLOCK_TICKS)
+        found = [force_values(block["force/phalanx"], block["force/total"]) for block in blocks]
+        return np.concatenate(found) if found else np.empty((0, len(FORCES)))
+
+    @property
+    def stiffness(self) -> FloatArray | None:
+        """Stiffness sent to each finger, 0 free to 1, shape (T, 5); None of a replay."""
+        return None if self.result.live is None else self.result[f"{LIVE_TICK}/command_stiffness"]
 
     @cached_property
     def marks(self) -> list[tuple[float, str]]:
@@ -76,12 +108,12 @@ class Run:
         if not _timed(self):
             return []
         found = [(float(at), "fault") for at in session_log(self.result).faults]
-        return sorted(found + [(float(at), "ended") for at in self.columns.time[-1:] if broken_off(self.result)])
+        return sorted(found + [(float(at), "ended") for at in self.time[-1:] if broken_off(self.result)])
 
     @cached_property
     def free(self) -> FreeRun | None:
         """Free object of the result; None without one."""
-        return result_free_run(self.result) if self.columns.ticks else None
+        return result_free_run(self.result) if self.result.ticks else None
 
 
 @dataclass(frozen=True)
@@ -100,10 +132,7 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
     Of one result the forces are drawn finger by finger; of several, each result is one colour in every panel.
     """
     alone = len(results) == 1
-    runs = [
-        Run(label, result, report_columns(result), worst_ticks(result) if alone else [])
-        for label, result in results.items()
-    ]
+    runs = [Run(label, result, worst_ticks(result) if alone else []) for label, result in results.items()]
     depth_unit, depth_scale = _length_unit(runs)
     surface = " or ".join(dict.fromkeys(run.result.surface for run in runs))
     panels: tuple[Panel, ...] = (
@@ -113,7 +142,7 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
         Panel(f"penetration of the {surface} [{depth_unit}]", 0.75, partial(_draw_depth, scale=depth_scale)),
         Panel("change of the force in one tick [%]", 1.0, _draw_variation),
     )
-    if any(run.columns.stiffness is not None for run in runs):
+    if any(run.stiffness is not None for run in runs):
         panels += (Panel("stiffness told to the fingers, 0 to 1", 0.95, _draw_stiffness, FINGERS if alone else ()),)
     if any(run.free for run in runs):
         panels += (
@@ -121,18 +150,24 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
             Panel("friction of the hand, of what its contacts bear [%]", 0.75, _draw_friction),
         )
 
+    def legends(width: float) -> list[Legend]:
+        return [fitted_legend(panel.names, width - LEFT) for panel in panels]
+
     def draw(figure: "Figure", narrow: bool) -> None:
-        axes = _placed(figure, panels, narrow)
+        names = legends(float(figure.get_figwidth()))
+        axes = _placed(figure, panels, names)
         for panel, place in zip(panels, axes):
             panel.draw(place, runs)
         _draw_phases(axes, runs[0])
         _draw_axis(axes, runs)
         _draw_marks(axes, runs)
-        for panel, place in zip(panels, axes):
-            _draw_legend(place, panel, narrow)
+        for legend, place in zip(names, axes):
+            handles, _ = place.get_legend_handles_labels()
+            if handles and legend.names:
+                legend.draw(place, handles)
 
     def height(width: float, narrow: bool) -> float:
-        above = sum(TITLE + LEGEND_LINE * _legend_lines(panel, width, narrow) for panel in panels)
+        above = sum(TITLE + legend.height for legend in legends(width))
         return TOP + above + sum(panel.height for panel in panels) + BOTTOM
 
     alt = _alt(runs, len(panels))
@@ -140,57 +175,19 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
     return drawn_figure("series", title, _caption(runs), alt, Drawing(draw, height))
 
 
-TITLE, LEGEND_LINE, TOP, BOTTOM = 0.27, 0.17, 0.02, 0.42
-"""Space [inches] for each panel's title and for a line of its legend, above all panels and below them."""
-SIGN, LETTER, BOLD, BETWEEN = 0.32, 0.075, 0.085, 0.11
-"""Space [inches] for a legend's sign, a letter of its names, a bold letter of a title, and between two names."""
+BETWEEN = 0.11
+"""Space between two names of phases [inches]."""
 
 
-def _legend_columns(panel: Panel, width: float) -> int:
-    if _legend_width(panel) <= width - LEFT:
-        return len(panel.names)
-    longest = max(map(len, panel.names))
-    return max(1, int((width - LEFT + BETWEEN) / (SIGN + LETTER * longest)))
-
-
-def _legend_lines(panel: Panel, width: float, narrow: bool) -> int:
-    """Number of legend lines below a panel's title; 0 if the legend fits beside the title."""
-    fits = not narrow and BOLD * len(panel.title) + _legend_width(panel) <= width - BETWEEN
-    return 0 if fits or not panel.names else -(-len(panel.names) // _legend_columns(panel, width))
-
-
-def _legend_width(panel: Panel) -> float:
-    """Width of a panel's legend in one line [inches]."""
-    return sum(SIGN + LETTER * len(name) for name in panel.names)
-
-
-def _placed(figure: "Figure", panels: Sequence[Panel], narrow: bool) -> "list[Axes]":
-    width, height = figure.get_size_inches()
-    left, right = LEFT, 0.1
-    top = height - TOP
+def _placed(figure: "Figure", panels: Sequence[Panel], legends: Sequence[Legend]) -> "list[Axes]":
+    width, down = float(figure.get_figwidth()) - LEFT - RIGHT, TOP
     places: list[Axes] = []
-    for panel in panels:
-        top -= TITLE + LEGEND_LINE * _legend_lines(panel, float(width), narrow)
-        box = (left / width, (top - panel.height) / height, 1.0 - (left + right) / width, panel.height / height)
-        places.append(figure.add_axes(box, sharex=places[0] if places else None))
-        top -= panel.height
+    for panel, legend in zip(panels, legends):
+        down += TITLE + legend.height
+        places.append(add_panel(figure, LEFT, down, (width, panel.height), sharex=places[0] if places else None))
+        down += panel.height
+        panel_title(places[-1], panel.title, 4 + 72 * legend.height)
     return places
-
-
-def _draw_legend(axes: "Axes", panel: Panel, narrow: bool) -> None:
-    width = float(axes.figure.get_figwidth())  # type: ignore[union-attr]
-    lines = _legend_lines(panel, width, narrow)
-    panel_title(axes, panel.title, 4 + 72 * LEGEND_LINE * lines)
-    handles, names = axes.get_legend_handles_labels()
-    if not handles or not panel.names:
-        return
-    columns = _legend_columns(panel, width) if lines else len(names)
-    names, _ = legend_names(names, width - LEFT)
-    axes.legend(
-        handles, names, loc="lower left" if lines else "lower right", bbox_to_anchor=(0.0 if lines else 1.0, 1.0),
-        ncols=columns, borderaxespad=0.15, borderpad=0.1, handlelength=1.1, handletextpad=0.4, columnspacing=0.9,
-        labelspacing=0.2,
-    )  # fmt: skip
 
 
 def _curve(
@@ -214,22 +211,22 @@ def _curves(axes: "Axes", runs: Sequence[Run], values: Callable[[Run], Any], wid
 
 def _at(run: Run) -> FloatArray:
     """Return the ticks' places on the axis: their times, or their numbers where the times do not grow."""
-    return run.columns.time if _timed(run) else np.arange(run.columns.ticks, dtype=np.float64)
+    return run.time if _timed(run) else np.arange(run.result.ticks, dtype=np.float64)
 
 
 def _timed(run: Run) -> bool:
-    return bool(np.isfinite(run.columns.time).all() and (np.diff(run.columns.time) > 0.0).all())
+    return bool(np.isfinite(run.time).all() and (np.diff(run.time) > 0.0).all())
 
 
 def _draw_forces(axes: "Axes", runs: Sequence[Run]) -> None:
     gridded(axes)
     if len(runs) == 1:
-        force = runs[0].columns.force
+        force = runs[0].force
         for k, (name, color) in enumerate(zip(FORCES, FORCE_COLORS)):
             _curve(axes, runs[0], force[:, k], color, label=name, width=1.4 if k == 0 else 1.0)
     else:
-        _curves(axes, runs, lambda run: run.columns.force[:, 0], 1.2)
-    _mark(axes, runs, "force-step", lambda run, tick: float(run.columns.force[tick, 0]), "largest step")
+        _curves(axes, runs, lambda run: run.force[:, 0], 1.2)
+    _mark(axes, runs, "force-step", lambda run, tick: float(run.force[tick, 0]), "largest step")
     axes.set_ylim(0.0, max(1.12 * axes.get_ylim()[1], 0.1))
 
 
@@ -237,9 +234,9 @@ def _draw_times(axes: "Axes", runs: Sequence[Run]) -> None:
     from matplotlib.ticker import FixedLocator, NullLocator
 
     gridded(axes)
-    _curves(axes, runs, lambda run: np.maximum(run.columns.cpu, LEAST_TIME), 0.6)
+    _curves(axes, runs, lambda run: np.maximum(run.cpu, LEAST_TIME), 0.6)
     axes.set_yscale("log")
-    every = np.concatenate([run.columns.cpu for run in runs])
+    every = np.concatenate([run.cpu for run in runs])
     known = every[np.isfinite(every) & (every > 0.0)]
     low, high = (float(known.min()), float(known.max())) if known.size else (1e-5, 1e-4)
     axes.set_ylim(max(0.7 * low, LEAST_TIME), max(1.6 * high, 2.2 * BUDGET))
@@ -251,7 +248,7 @@ def _draw_times(axes: "Axes", runs: Sequence[Run]) -> None:
     axes.yaxis.set_major_locator(FixedLocator([10.0**k for k in range(-7, 2)]))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(lambda value, _: time_text(value).replace(".0 ", " "))
-    _mark(axes, runs, "slowest", lambda run, tick: float(run.columns.cpu[tick]), "slowest")
+    _mark(axes, runs, "slowest", lambda run, tick: float(run.cpu[tick]), "slowest")
 
 
 def _draw_pairs(axes: "Axes", runs: Sequence[Run]) -> None:
@@ -260,14 +257,14 @@ def _draw_pairs(axes: "Axes", runs: Sequence[Run]) -> None:
         color, dashes = run_style(number)
         one = len(runs) == 1
         labels = PAIRS if number == 0 else ("", "")
-        _curve(axes, run, run.columns.candidates, SKY if one else color, "-" if one else dashes, labels[0])
-        _curve(axes, run, run.columns.touching, INK if one else color, "-" if one else ":", labels[1])
+        _curve(axes, run, run.result["contacts/candidates"], SKY if one else color, "-" if one else dashes, labels[0])
+        _curve(axes, run, run.result["contacts/touching"], INK if one else color, "-" if one else ":", labels[1])
     axes.set_ylim(0.0, max(1.08 * axes.get_ylim()[1], 1.0))
 
 
 def _length_unit(runs: Sequence[Run]) -> tuple[str, float]:
     """Return the unit that suits the depths, and its number in a metre."""
-    deepest = max((float(np.nanmax(run.columns.depth, initial=0.0)) for run in runs), default=0.0)
+    deepest = max((float(np.nanmax(run.result["penetration_depth"], initial=0.0)) for run in runs), default=0.0)
     for unit, scale in (("mm", 1e3), ("µm", 1e6)):
         if deepest * scale >= 1.0:
             return unit, scale
@@ -276,21 +273,21 @@ def _length_unit(runs: Sequence[Run]) -> tuple[str, float]:
 
 def _draw_depth(axes: "Axes", runs: Sequence[Run], scale: float) -> None:
     gridded(axes)
-    _curves(axes, runs, lambda run: scale * run.columns.depth, 0.8)
-    some = any((run.columns.depth > 0.0).any() for run in runs)
+    _curves(axes, runs, lambda run: scale * run.result["penetration_depth"], 0.8)
+    some = any((run.result["penetration_depth"] > 0.0).any() for run in runs)
     axes.set_ylim(0.0, 1.15 * axes.get_ylim()[1] if some else 1.0)
-    if not some and any(run.columns.ticks for run in runs):
+    if not some and any(run.result.ticks for run in runs):
         axes.text(0.5, 0.5, "none in any tick", transform=axes.transAxes, ha="center", va="center", color=SOFT)
-    _mark(axes, runs, "deepest", lambda run, tick: scale * float(run.columns.depth[tick]), "deepest")
+    _mark(axes, runs, "deepest", lambda run, tick: scale * float(run.result["penetration_depth"][tick]), "deepest")
 
 
 def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
     gridded(axes)
-    _curves(axes, runs, lambda run: run.columns.variation, 0.7)
+    _curves(axes, runs, lambda run: run.result["force_variation_rate"], 0.7)
     axes.set_yscale("symlog", linthresh=0.1, linscale=0.6)
     axes.set_yticks(VARIATION_TICKS, [f"{value:g}" for value in VARIATION_TICKS])
     axes.minorticks_off()
-    largest = max((float(np.nanmax(run.columns.variation, initial=1.0)) for run in runs), default=1.0)
+    largest = max((float(np.nanmax(run.result["force_variation_rate"], initial=1.0)) for run in runs), default=1.0)
     axes.set_ylim(0.0, max(3.0, 2.0 * min(largest, 1e6)))
     if any(run.result.scene.get("rate") == PAPER_RATE and of_the_paper(run.result.scene) for run in runs):
         axes.axhline(PAPER_VARIATION, color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)))
@@ -306,10 +303,10 @@ def _draw_stiffness(axes: "Axes", runs: Sequence[Run]) -> None:
     if len(runs) > 1:
 
         def stiffest(run: Run) -> Any:
-            return None if run.columns.stiffness is None else run.columns.stiffness.max(axis=1, initial=0.0)
+            return None if run.stiffness is None else run.stiffness.max(axis=1, initial=0.0)
 
         _curves(axes, runs, stiffest)
-    elif (stiffness := runs[0].columns.stiffness) is not None:
+    elif (stiffness := runs[0].stiffness) is not None:
         for finger, (name, color) in enumerate(zip(FINGERS, FINGER_COLORS)):
             _curve(axes, runs[0], stiffness[:, finger], color, label=name)
     axes.set_ylim(0.0, max(1.15 * axes.get_ylim()[1], 0.1))
@@ -332,7 +329,7 @@ def _mark(axes: "Axes", runs: Sequence[Run], kind: str, height: Any, word: str) 
     for run, worst in ((one, worst) for one in runs for worst in one.worst if worst.kind == kind):
         place = float(_at(run)[worst.tick]), height(run, worst.tick)
         axes.plot(*place, "v", color=INK, markersize=4.0, zorder=6, clip_on=False)
-        late = worst.tick > 0.6 * run.columns.ticks
+        late = worst.tick > 0.6 * run.result.ticks
         axes.annotate(
             word, place, (-5.0 if late else 5.0, 1.0), textcoords="offset points", ha="right" if late else "left",
             va="bottom", color=INK, zorder=6, **halo(2.5),
@@ -406,7 +403,7 @@ def _caption(runs: Sequence[Run]) -> str:
             parts.append(f"Phases are those of {runs[0].label}.")
     parts.append("Shaded: holds, and slides in another shade. Penetration is measured after each tick.")
     parts.append("The change of the force is not defined below 0.01 N.")
-    if any(run.columns.stiffness is not None for run in runs):
+    if any(run.stiffness is not None for run in runs):
         parts.append("Stiffness is what a session told its glove: 0 is a free finger, 1 as hard as the glove can.")
         if len(runs) > 1:
             parts.append("Of several results it is the largest of the five fingers.")
@@ -414,7 +411,7 @@ def _caption(runs: Sequence[Run]) -> str:
         parts.append("Dashed lines through all panels: faults of a session, and its end where that was not in order.")
     if any(run.free for run in runs):
         parts.append("Friction is that of the contact nearest to sliding: at 100 % it slides.")
-    if any(run.columns.ticks > MOST_POINTS for run in runs):
+    if any(run.result.ticks > MOST_POINTS for run in runs):
         parts.append(
             f"Runs of more than {MOST_POINTS:,} ticks are drawn as bands from the least to the largest value, with the "
             "median as a line: no spike is lost."
@@ -428,15 +425,17 @@ def _alt(runs: Sequence[Run], panels: int) -> str:
     several = len(runs) > 1
     sentences = [f"{COUNTS[panels]} panels over time{f', {len(runs)} results' if several else ''}."]
     for run in runs:
-        columns, stiffness, who = run.columns, run.columns.stiffness, f"{run.label}: " if several else ""
-        if columns.ticks == 0:
+        stiffness, who = run.stiffness, f"{run.label}: " if several else ""
+        if run.result.ticks == 0:
             sentences.append(f"{who}No tick.")
             continue
-        force, depth = (float(np.nanmax(values, initial=0.0)) for values in (columns.force[:, 0], columns.depth))
-        fast, slow = (time_text(float(extreme(columns.cpu))) for extreme in (np.min, np.max))
+        force, depth = (
+            float(np.nanmax(values, initial=0.0)) for values in (run.force[:, 0], run.result["penetration_depth"])
+        )
+        fast, slow = (time_text(float(extreme(run.cpu))) for extreme in (np.min, np.max))
         sentences.append(
             f"{who}The total force reaches {force:.2f} N. Ticks take {fast} to {slow} of CPU time, with up to "
-            f"{counted(int(columns.candidates.max()), 'pair')} within the margin. "
+            f"{counted(int(run.result['contacts/candidates'].max()), 'pair')} within the margin. "
             + (f"The deepest penetration is {1e6 * depth:.3g} µm." if depth > 0.0 else "Nothing penetrates.")
             + (f" A finger is told a stiffness of up to {stiffness.max():.2f}." if stiffness is not None else "")
             + "".join(f" At {at:.3f} s: {word}." for at, word in run.marks[:MOST_MARKS])

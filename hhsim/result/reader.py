@@ -90,6 +90,7 @@ class Result:
     score: Mapping[str, float] = field(default_factory=dict, repr=False)  # of a submission: penetration and error [m]
     driven: bool = False  # True if the object moves: its poses are `object/position` and `object/orientation`
     view: View | None = field(default=None, compare=False)  # transformation of hands and forces; None: world
+    replaced: Mapping[str, AnyArray] = field(default_factory=dict, compare=False)  # instead of those of the file
     _loaded: dict[str, AnyArray] = field(default_factory=dict, compare=False)
 
     def __repr__(self) -> str:
@@ -161,6 +162,8 @@ class Result:
 
     def _rows(self, file: h5py.File, name: str, rows: slice | int) -> AnyArray:
         """Read rows of a dataset of /tick in the view's frame."""
+        if name in self.replaced:
+            return np.asarray(self.replaced[name][rows])
         values = read_numbers(file["tick"][name], rows)
         if self.view is None or name not in TURNS:
             return values

@@ -15,26 +15,25 @@ from hhsim.mesh.mesh import METRES_PER_UNIT, Mesh
 from hhsim.motion.file import load_trajectory
 from hhsim.motion.trajectory import Trajectory
 from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
+from hhsim.render.triangle_soup import STONE, mesh_surface
 from hhsim.result.reader import Result, load_result
-from hhsim.result.schema import LIVE_TICK
 from hhsim.system.hdf5_input import hdf5_format
 from hhsim.system.input_file import open_input
 from hhsim.system.media_kind import media_kind_of
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.file import load_tree
 from hhsim.view.blueprint import scene_view, whole_blueprint
-from hhsim.view.plots import LIVE_PLOTS, RESULT_PLOTS
+from hhsim.view.plots import RESULT_PLOTS
 from hhsim.view.scene_log import (
     APPLICATION,
     STONE_COLOR,
     RerunScene,
-    object_surface,
     rerun_mesh,
     rerun_poses,
     rerun_spheres,
 )
 from hhsim.view.sink import RerunTarget, rerun_stream
-from hhsim.view.viewer import opened, send_ticks, shown_scene
+from hhsim.view.viewer import send_ticks, shown_scene
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -95,13 +94,9 @@ def view_files(
         unit: Unit of meshes, one of `hhsim.mesh.mesh.METRES_PER_UNIT`.
 
     Raises:
-        InputError: No file, one that is none of these or cannot be read, or a result without a tick.
+        InputError: A file that is none of these or cannot be read, or a result without a tick.
         OutputError: As `hhsim.view.sink.rerun_stream`.
     """
-    if not paths:
-        raise InputError("expected at least one file to look at")
-    if every < 1:
-        raise InputError(f"every {every} ticks: expected 1 or more")
     shown = [_read(path, f"file-{number + 1}", unit) for number, path in enumerate(paths)]
     with rerun_stream(target, APPLICATION, _arranged(shown, spheres=spheres)) as stream:
         stream.send_recording_name(", ".join(dict.fromkeys(path.name for path in paths)))
@@ -169,9 +164,7 @@ def _send(stream: Any, one: Shown, every: int, *, spheres: bool) -> None:
 
     if one.kind == "result":
         result: Result = one.content
-        viewer = RerunScene(stream, shown_scene(result, spheres=spheres))
-        with opened(one.path) as file:
-            send_ticks(viewer, result, file, LIVE_PLOTS if LIVE_TICK in file else RESULT_PLOTS, every, silent)
+        send_ticks(RerunScene(stream, shown_scene(result, spheres=spheres)), result, every, silent)
         return
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     if one.kind == "motion":
@@ -179,7 +172,7 @@ def _send(stream: Any, one: Shown, every: int, *, spheres: bool) -> None:
     elif one.kind == "tree":
         stream.log("world/spheres", rerun_spheres(one.content), static=True)
     else:
-        stream.log("world/object", rerun_mesh(object_surface(one.content), STONE_COLOR), static=True)
+        stream.log("world/object", rerun_mesh(mesh_surface(one.content, STONE), STONE_COLOR), static=True)
 
 
 def _send_motion(stream: Any, motion: Trajectory) -> None:

@@ -1,6 +1,6 @@
 """Plots of a viewer: values, names, colours and thinning."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,6 +66,17 @@ LOOP = Plot(
     height=0.8,
 )
 
+DEPTHS = ("penetration_depth", "penetration_finger", "penetration_palm")
+VARIATIONS = ("force_variation_rate", "force_variation_finger")
+DURATIONS = tuple(f"duration/{name}" for name in ("detect", "palm", "fingers", "force", "total"))
+PAIRS = ("contacts/candidates", "contacts/touching")
+SHOWN_COLUMNS = (
+    *("time", "graphic/joints", "force/phalanx", "force/total"),
+    *(f"{whose}/{name}" for whose in ("haptic", "graphic") for name in HandConfiguration._fields),
+    *(*DEPTHS, *VARIATIONS, *DURATIONS, *PAIRS),
+)
+"""Datasets of /tick that `shown_ticks` takes."""
+
 RESULT_PLOTS = (FORCE, DEPTH, VARIATION, TIME, CONTACTS)
 LIVE_PLOTS = (FORCE, GLOVE, DEPTH, TIME, LOOP, CONTACTS)
 
@@ -75,6 +86,11 @@ def force_values(phalanx: FloatArray, total: FloatArray) -> FloatArray:
     finger = np.einsum("tfpi->tfi", phalanx)
     parts = total[:, None], finger, palm_force(phalanx, total)[:, None]
     return np.concatenate([sizes(part) for part in parts], axis=1)
+
+
+def body_forces(phalanx: FloatArray, total: FloatArray) -> FloatArray:
+    """Return the contact forces on all phalanges and the palm [N], shape (T, 16, 3); arguments as of `force_values`."""
+    return np.concatenate([phalanx.reshape(-1, 15, 3), palm_force(phalanx, total)[:, None]], axis=1)
 
 
 def palm_force(phalanx: FloatArray, total: FloatArray) -> FloatArray:
@@ -130,7 +146,7 @@ def shown_ticks(
     """Return what a viewer gets of N ticks.
 
     Args:
-        column: Returns a dataset of a result's /tick by its name, for all these ticks.
+        column: Returns one of `SHOWN_COLUMNS` for all these ticks by its name.
         shown: Indices of the ticks that are shown, shape (T,).
         starts: First index of the ticks that each shown one stands for, shape (T,).
         more: Further plots and their values, shape (N, series).
@@ -142,15 +158,15 @@ def shown_ticks(
     )
     phalanx, total, touching = column("force/phalanx"), column("force/total"), column("contacts/touching")
 
-    def stacked(*names: str) -> FloatArray:
+    def stacked(names: Sequence[str]) -> FloatArray:
         return np.column_stack([column(name) for name in names])
 
     plots = {
         FORCE: force_values(phalanx, total),
-        DEPTH: 1e6 * stacked("penetration_depth", "penetration_finger", "penetration_palm"),
-        VARIATION: stacked("force_variation_rate", "force_variation_finger"),
-        TIME: 1e-3 * stacked(*(f"duration/{name}" for name in ("detect", "palm", "fingers", "force", "total"))),
-        CONTACTS: stacked("contacts/candidates", "contacts/touching").astype(np.float64),
+        DEPTH: 1e6 * stacked(DEPTHS),
+        VARIATION: stacked(VARIATIONS),
+        TIME: 1e-3 * stacked(DURATIONS),
+        CONTACTS: stacked(PAIRS).astype(np.float64),
         **(more or {}),
     }
     return ShownTicks(

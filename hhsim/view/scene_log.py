@@ -36,10 +36,10 @@ from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
-from hhsim.render.triangle_soup import Surface, mesh_surface
+from hhsim.render.triangle_soup import STONE, Surface, mesh_surface
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.view.plots import Plot, ShownTicks, palm_force, sizes
+from hhsim.view.plots import Plot, ShownTicks, body_forces, sizes
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -48,7 +48,6 @@ Times = Sequence["rr.TimeColumn"]
 
 APPLICATION = "hhsim"
 
-STONE = np.array([0.80, 0.80, 0.78])
 STONE_COLOR = (204, 204, 199, 200)
 SPHERE_COLOR = (120, 160, 190)
 HAPTIC_COLOR = (64, 133, 242, 70)
@@ -96,9 +95,6 @@ WORDS = (
     (state.STATUS_START_INSIDE, "began inside"),
 )
 """Words for how a tick ended, the most urgent first."""
-
-SMOOTH_ABOVE = 30_000
-"""Triangles of a mesh above which all its edges are drawn smooth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +144,7 @@ class RerunScene:
 
         scene = self.scene
         self._fixed("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        self._fixed(OBJECT, rerun_mesh(object_surface(scene.mesh), STONE_COLOR))
+        self._fixed(OBJECT, rerun_mesh(mesh_surface(scene.mesh, STONE), STONE_COLOR))
         if scene.spheres:
             self._fixed(SPHERES, rerun_spheres(scene.tree))
         for name, surface in zip(PIECES, piece_surfaces(scene.hand)):
@@ -207,23 +203,7 @@ class RerunScene:
     def _log_contacts(self, ticks: ShownTicks, times: Times) -> ContactPoints:
         import rerun as rr
 
-        scene = self.scene
-        placed, moved = PlacedHand(ticks.joints, ticks.graphic.position, ticks.graphic.orientation), ticks.moved
-        if moved is not None:
-            # Contacts are looked for where the object stands still.
-            joints, position = (moved.seen_points(values) for values in placed[:2])
-            placed = PlacedHand(joints, position, moved.seen_orientations(placed.orientation))
-        contacts = find_contact_points(
-            scene.surface_arrays,
-            scene.shape,
-            PlacedHand(*(np.ascontiguousarray(values, np.float64) for values in placed)),
-            scene.touch,
-            chosen=ticks.touching,
-            fingers=scene.fingers,
-        )
-        if moved is not None:
-            there = RigidMotion(moved.turn[contacts.tick], moved.shift[contacts.tick])
-            contacts = contacts._replace(point=there.points(contacts.point), normal=there.vectors(contacts.normal))
+        contacts = contact_points(self.scene, ticks)
         lengths = np.bincount(contacts.tick, minlength=len(ticks.tick))
         points = rr.Points3D.columns(positions=contacts.point.astype(np.float32))
         self._columns("world/contacts/points", times, points.partition(lengths))
@@ -236,9 +216,7 @@ class RerunScene:
     def _log_forces(self, ticks: ShownTicks, times: Times, contacts: ContactPoints) -> None:
         import rerun as rr
 
-        count = len(ticks.tick)
-        palm = palm_force(ticks.phalanx, ticks.total)[:, None]
-        force = np.concatenate([ticks.phalanx.reshape(count, 15, 3), palm], axis=1)
+        force = body_forces(ticks.phalanx, ticks.total)
         size = sizes(force)
         felt = size >= FORCE_FLOOR
         start = force_places(ticks, contacts, force, self.scene.hand.radius)
@@ -253,6 +231,27 @@ class RerunScene:
 
     def _columns(self, path: str, times: Times, columns: Any) -> None:
         self.stream.send_columns(path, indexes=times, columns=columns, strict=True)
+
+
+def contact_points(scene: ShownScene, ticks: ShownTicks) -> ContactPoints:
+    """Return the touching pairs of ticks, world."""
+    placed, moved = PlacedHand(ticks.joints, ticks.graphic.position, ticks.graphic.orientation), ticks.moved
+    if moved is not None:
+        # Contacts are looked for where the object stands still.
+        joints, position = (moved.seen_points(values) for values in placed[:2])
+        placed = PlacedHand(joints, position, moved.seen_orientations(placed.orientation))
+    contacts = find_contact_points(
+        scene.surface_arrays,
+        scene.shape,
+        PlacedHand(*(np.ascontiguousarray(values, np.float64) for values in placed)),
+        scene.touch,
+        chosen=ticks.touching,
+        fingers=scene.fingers,
+    )
+    if moved is None:
+        return contacts
+    there = RigidMotion(moved.turn[contacts.tick], moved.shift[contacts.tick])
+    return contacts._replace(point=there.points(contacts.point), normal=there.vectors(contacts.normal))
 
 
 def force_places(ticks: ShownTicks, contacts: ContactPoints, force: FloatArray, radius: FloatArray) -> FloatArray:
@@ -273,19 +272,6 @@ def force_places(ticks: ShownTicks, contacts: ContactPoints, force: FloatArray, 
         total = np.bincount(body, contacts.point[:, axis], minlength=16 * count)
         places[there, axis] = total[there] / number[there]
     return places.reshape(count, 16, 3)
-
-
-def object_surface(mesh: Mesh) -> Surface:
-    """Return a mesh as it is shown: sharp at its edges, or smooth where there are very many."""
-    if len(mesh.faces) <= SMOOTH_ABOVE:
-        return mesh_surface(mesh, STONE)
-    a, b, c = mesh.triangles.transpose(1, 0, 2)
-    area = np.cross(b - a, c - a)
-    normals = np.zeros((len(mesh.vertices), 3))
-    for axis in range(3):
-        normals[:, axis] = np.bincount(mesh.faces.ravel(), np.repeat(area[:, axis], 3), minlength=len(normals))
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    return Surface(mesh.vertices, normals, np.tile(STONE, (len(normals), 1)), mesh.faces)
 
 
 def rerun_poses(translation: FloatArray, quaternion: FloatArray) -> Any:

@@ -1,34 +1,40 @@
 """A result in the rerun viewer."""
 
-import contextlib
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 
 from hhsim.arrays import AnyArray
-from hhsim.errors import DamagedFileError, InputError
+from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import find_contact_points
-from hhsim.motion.object_motion import RigidMotion
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result
 from hhsim.result.safety import why_free_or_held
 from hhsim.result.schema import LIVE_EVENT, LIVE_TICK
 from hhsim.solver.options import TOUCH
-from hhsim.system.hdf5_input import open_hdf5, read_numbers
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.view.blueprint import blueprint
-from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, RESULT_PLOTS, TIME, Plot, ShownTicks, loop_values, shown_ticks
+from hhsim.view.plots import (
+    GLOVE,
+    LIVE_PLOTS,
+    LOOP,
+    RESULT_PLOTS,
+    SHOWN_COLUMNS,
+    TIME,
+    Plot,
+    ShownTicks,
+    loop_values,
+    shown_ticks,
+)
 from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, OBJECT, RerunScene, ShownScene, status_words
 from hhsim.view.sink import NOTEBOOK, RerunTarget, rerun_stream
 
@@ -38,6 +44,8 @@ if TYPE_CHECKING:
 
 BLOCK_TICKS = 16_384
 
+LIVE_COLUMNS = tuple(f"{LIVE_TICK}/{name}" for name in ("command_stiffness", "wakeup", "latency"))
+"""Datasets of a session for `GLOVE` and `LOOP`."""
 MOST_FRAMED = 50
 """Ticks that decide where the scene is looked at from."""
 
@@ -82,34 +90,26 @@ def view_result(
     if every < 1:
         raise InputError(f"every {every} ticks: expected 1 or more")
     scene = shown_scene(result, spheres=spheres)
-    with opened(result.path) as file:
-        group = file["tick"]
-        plots = LIVE_PLOTS if LIVE_TICK in file else RESULT_PLOTS
-        arrangement = arranged(result, scene, group, plots)
-        with rerun_stream(target, APPLICATION, arrangement) as stream:
-            stream.send_recording_name(result.path.name)
-            send_ticks(RerunScene(stream, scene), result, file, plots, every, progress)
+    with rerun_stream(target, APPLICATION, arranged(result, scene)) as stream:
+        stream.send_recording_name(result.path.name)
+        send_ticks(RerunScene(stream, scene), result, every, progress)
     return Viewed(result.ticks, -(-result.ticks // every), target)
 
 
-def send_ticks(
-    viewer: RerunScene, result: Result, file: h5py.File, plots: Sequence[Plot], every: int, progress: Progress
-) -> None:
-    """Send a result from its open file, what is fixed first; `every` as of `view_result`."""
-    group = file["tick"]
-    viewer.log_static(plots)
-    log_phases(viewer, result, group["time"])
-    time = group["time"][: result.ticks]
-    log_lane(viewer, "ticks", time, group["status"][: result.ticks], status_words)
-    if LIVE_TICK in file:
-        log_session(viewer, file, time)
+def send_ticks(viewer: RerunScene, result: Result, every: int, progress: Progress) -> None:
+    """Send a result block by block, what is fixed first; `every` as of `view_result`."""
+    viewer.log_static(result_plots(result))
+    log_phases(viewer, result, result["time"])
+    log_lane(viewer, "ticks", result["time"], result["status"], status_words)
+    if result.live is not None:
+        log_session(viewer, result)
     # A block holds whole groups of ticks, so that each shown tick has those that it stands for.
     step = max(1, BLOCK_TICKS // every) * every
-    for first in range(0, result.ticks, step):
+    names = (*SHOWN_COLUMNS, *(LIVE_COLUMNS if result.live is not None else ()))
+    for number, block in enumerate(result.blocks(names, step)):
+        first = number * step
         progress("ticks", first, result.ticks)
-        end = min(first + step, result.ticks)
-        moved = result.moved_since_first(slice(first, end)) if result.driven else None
-        viewer.log_ticks(read_ticks(file, first, end, every, moved))
+        viewer.log_ticks(_block_ticks(result, block, first, every))
     progress("ticks", result.ticks, result.ticks)
 
 
@@ -140,62 +140,52 @@ def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:
     )
 
 
-def arranged(result: Result, scene: ShownScene, group: h5py.Group, plots: Sequence[Plot]) -> "rrb.Blueprint":
+def result_plots(result: Result) -> tuple[Plot, ...]:
+    """Return the plots of a replay, or of a session."""
+    return RESULT_PLOTS if result.live is None else LIVE_PLOTS
+
+
+def arranged(result: Result, scene: ShownScene) -> "rrb.Blueprint":
     """Arrange the views of a result; the scene is seen from where object and hand fill it while they touch."""
-    touching = np.flatnonzero(group["contacts/touching"][: result.ticks])
+    touching = np.flatnonzero(result["contacts/touching"])
     some = touching[:: max(1, len(touching) // MOST_FRAMED)] if len(touching) else np.arange(1)
-    hand = np.concatenate([read_numbers(group["graphic/joints"], int(tick)).reshape(-1, 3) for tick in some])
+    joints = (result.at(int(tick), ("graphic/joints",))["graphic/joints"] for tick in some)
+    hand = np.concatenate([placed.reshape(-1, 3) for placed in joints])
     bounds = scene.mesh.bounds
     if result.driven:
         moved, corners = [result.moved_since_first(int(tick)) for tick in some], scene.mesh.box_corners
         bounds = np.concatenate([motion.points(corners[None])[0] for motion in moved])
     points = np.concatenate([bounds, hand])
     low, high = points.min(axis=0), points.max(axis=0)
-    duration = 1e-3 * group["duration/total"][: result.ticks]
+    duration = 1e-3 * result["duration/total"]
     # A pause of the machine is a thousand ticks long: it would flatten all that the plot is for.
     top = min(float(duration.max()), 4.0 * float(np.quantile(duration, 0.99)))
     title = f"{result.path.name}: graphic hand, haptic hand (blue), contact forces (red)"
     extent = float(np.linalg.norm(high - low))
     # The viewer draws spheres with flat facets: the mesh would show through where no sphere leaves it.
-    hidden = [OBJECT] if scene.spheres else []
-    return blueprint(0.5 * (low + high), extent, title, plots, hidden=hidden, tops={TIME: max(top, 1.0)})
+    hidden, tops = [OBJECT] if scene.spheres else [], {TIME: max(top, 1.0)}
+    return blueprint(0.5 * (low + high), extent, title, result_plots(result), hidden=hidden, tops=tops)
 
 
 def description(result: Result) -> str:
     """Return what was run and what came out, as Markdown."""
-    scene = result.scene
-    lines = [f"# {result.path.name}", ""]
-    facts = {
-        "object": scene.get("object", ""),
-        "motion": scene.get("motion", ""),
-        "method": scene.get("solver", {}).get("method", ""),
-        "ticks": f"{result.ticks:,} at {scene.get('rate', 0):g} Hz",
-        "tree": f"{scene.get('object_spheres', 0):,} leaf spheres",
-        "hhsim": f"{result.hhsim_version}, {result.created_utc}",
-        "complete": "yes" if result.complete else "no: the run was stopped",
-    }
-    lines += [f"- **{name}**: {value}" for name, value in facts.items() if value]
+    lines = [f"# {result.path.name}", "", f"`{result!r}`, by hhsim {result.hhsim_version}, {result.created_utc}"]
     lines += ["", "| summary | SI units |", "|---|---|"]
     shown = {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in result.summary.items()}
     lines += [f"| {name} | {value} |" for name, value in shown.items()]
-    solver = json.dumps(scene.get("solver", {}), indent=1)
+    solver = json.dumps(result.scene.get("solver", {}), indent=1)
     return "\n".join([*lines, "", "## Options of the solver", "```json", solver, "```", ""])
 
 
-def read_ticks(file: h5py.File, first: int, end: int, every: int, moved: RigidMotion | None = None) -> ShownTicks:
-    """Read every so-manieth of the ticks `first` to `end` (not included); `moved` as of `shown_ticks`."""
-
-    def column(name: str) -> AnyArray:
-        return read_numbers(file[f"tick/{name}"], slice(first, end))
-
-    def live(name: str) -> AnyArray:
-        return read_numbers(file[f"{LIVE_TICK}/{name}"], slice(first, end))
-
-    more = {}
-    if LIVE_TICK in file:
-        more = {GLOVE: live("command_stiffness"), LOOP: loop_values(live("wakeup"), live("latency"))}
-    kept = np.arange(0, end - first, every)
-    return shown_ticks(column, np.arange(first, end), kept, kept, more, moved)
+def _block_ticks(result: Result, block: Mapping[str, AnyArray], first: int, every: int) -> ShownTicks:
+    """Return every so-manieth tick of a block of datasets that begins with the tick `first`."""
+    count, more = len(block["time"]), {}
+    if result.live is not None:
+        stiffness, wakeup, latency = (block[name] for name in LIVE_COLUMNS)
+        more = {GLOVE: stiffness, LOOP: loop_values(wakeup, latency)}
+    moved = result.moved_since_first(slice(first, first + count)) if result.driven else None
+    kept = np.arange(0, count, every)
+    return shown_ticks(block.__getitem__, np.arange(first, first + count), kept, kept, more, moved)
 
 
 def log_phases(viewer: RerunScene, result: Result, time: Any) -> None:
@@ -215,24 +205,10 @@ def log_lane(viewer: RerunScene, lane: str, time: AnyArray, bits: AnyArray, word
     viewer.log_states(lane, change.tolist(), time[change].tolist(), [words(int(bits[tick])) for tick in change])
 
 
-def log_session(viewer: RerunScene, file: h5py.File, time: AnyArray) -> None:
+def log_session(viewer: RerunScene, result: Result) -> None:
     """Send a live session's log, and why its fingers were free."""
-    log_lane(viewer, "fingers", time, file[f"{LIVE_TICK}/safety"][: len(time)], why_free_or_held)
-    begin = float(file[f"{LIVE_TICK}/deadline"][0]) - 1e9 * float(time[0])
-    events = file[LIVE_EVENT]
-    for time_ns, level, text in zip(events["time"], events["level"], events["text"]):
+    log_lane(viewer, "fingers", result["time"], result[f"{LIVE_TICK}/safety"], why_free_or_held)
+    begin = float(result[f"{LIVE_TICK}/deadline"][0]) - 1e9 * float(result["time"][0])
+    events = (result[f"{LIVE_EVENT}/{name}"] for name in ("time", "level", "text"))
+    for time_ns, level, text in zip(*events):
         viewer.log_event(1e-9 * (float(time_ns) - begin), EVENT_LEVELS[int(level)], text.decode("utf-8", "replace"))
-
-
-@contextlib.contextmanager
-def opened(path: Path) -> Iterator[h5py.File]:
-    """Open a result's file; raise InputError if it cannot be read."""
-    try:
-        file = open_hdf5(path)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error}") from error
-    with file:
-        try:
-            yield file
-        except DamagedFileError as error:
-            raise InputError(f"{path}: {error}") from error

@@ -24,7 +24,7 @@ from hhsim.bench.speed_error import (
 from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, frontier, remarks, table_rows, tick_times
 from hhsim.errors import HhsimError
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.render.speed_error_figure import chosen_peers, draw_speed_error
+from hhsim.report.bench_trade_off import draw_trade_off
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
@@ -245,13 +245,25 @@ def test_a_run_that_fails_is_told_and_wins_nothing(monkeypatch: pytest.MonkeyPat
     assert line.startswith("3 of 4 runs could not be done; the first: coupled, level 1, cube, touch: the graphic hand")
 
 
+def test_the_picture_is_drawn_for_any_table(small: list[Run], tmp_path: Path) -> None:
+    import matplotlib.image
+
+    rows = table_rows(small)
+    draw_trade_off(tmp_path / "small.png", "speed-error", rows)
+    assert matplotlib.image.imread(tmp_path / "small.png").shape[1] == 2800
+    for row in rows:
+        row["mesh_error"] = np.nan
+        row["off_optimum_mean"] = 0.0
+        row["method"] = "unheard-of"
+    draw_trade_off(tmp_path / "odd.png", "speed-error", rows)
+    assert (tmp_path / "odd.png").stat().st_size > 10_000
+
+
 def test_the_crosses_are_the_engines_of_a_table_of_peers(small: list[Run], tmp_path: Path) -> None:
     row = {"object": "cube", "motion": ALL, "method": "other", "ours": False, "tick_cpu_p50": 1e-4, "mesh_error": 2e-4}
     table = [row, {**row, "ours": True}, {**row, "motion": "grasp"}, {**row, "mesh_error": np.nan}]
-    assert chosen_peers(table, "cube") == [row]
-    assert chosen_peers(table, "bunny") == []
-    draw_speed_error(tmp_path / "with.png", table_rows(small), table)
-    draw_speed_error(tmp_path / "without.png", table_rows(small))
+    draw_trade_off(tmp_path / "with.png", "speed-error", table_rows(small), table)
+    draw_trade_off(tmp_path / "without.png", "speed-error", table_rows(small))
     assert (tmp_path / "with.png").read_bytes() != (tmp_path / "without.png").read_bytes()
 
 

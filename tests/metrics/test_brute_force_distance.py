@@ -12,7 +12,7 @@ from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.model import HandModel
 from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.metrics.metrics import hand_clearance
-from hhsim.verify.mesh_distance import palm_centers
+from tools.tree_to_hand import palm_centers
 
 HAND = HandModel.default()
 

@@ -20,7 +20,7 @@ from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import penetration
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.verify.mesh_distance import palm_centers
+from tools.tree_to_hand import palm_centers
 
 TOUCH = 1e-3
 

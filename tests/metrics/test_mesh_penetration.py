@@ -22,7 +22,6 @@ from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.mesh_penetration import TouchedObject, contact_error, mesh_clearance
 from hhsim.metrics.run_ticks import PLACED, result_ticks
 from hhsim.motion.trajectory import Trajectory
-from hhsim.render.triangle_soup import hand_surface
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import make_scene
@@ -33,6 +32,7 @@ from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.claim import HOLDS, Claim
 from hhsim.verify.depth_checks import contact_error_claim
 from hhsim.verify.tick_data import JudgedTicks
+from tools.hand_figure import hybrid_surface
 
 
 def over(hand: HandModel, height: float, ticks: int = 1) -> PlacedHand:
@@ -57,9 +57,8 @@ def test_depth_is_that_of_the_deepest_point_of_the_surface(name: str) -> None:
         depth = -mesh_clearance(bvh, hand_shape(hand), placed)[0]
         if not 0.0 < depth < 0.003:
             continue
-        surface = hand_surface(
-            hand, placed.position[0], placed.orientation[0], np.full((5, 3), 0.2), np.zeros(5), hybrid=True
-        )
+        pose = placed.position[0], placed.orientation[0], np.full((5, 3), 0.2), np.zeros(5)
+        surface = hybrid_surface(hand, pose)
         points = surface.points.copy()
         deepest = float(-mesh_signed_distance(bvh, points).min())
         # The surface is sampled about 1 mm apart on radii of 5 mm and more: 0.05 mm flatter at worst.

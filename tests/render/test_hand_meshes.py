@@ -1,4 +1,4 @@
-"""The rigid pieces of a hand: against the kinematics of the kernels, and against the hand's surface in one piece."""
+"""The rigid pieces of a hand: against the kinematics of the kernels, and all of them as its surface."""
 
 from typing import Literal
 
@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.metrics.brute_force_distance import round_cone_distance
-from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
-from hhsim.render.triangle_soup import hand_surface
+from hhsim.render.hand_meshes import NAIL, PIECES, hand_surface, piece_poses, piece_surfaces
 
 TICKS = 40
 
@@ -45,20 +44,31 @@ def test_the_pieces_are_where_the_kinematics_put_them(side: Literal["right", "le
 
 def test_the_pieces_together_are_the_hand() -> None:
     hand = HandModel.default()
-    configuration = [values[7] for values in motion(3)]
-    poses = piece_poses(hand, *(values[None] for values in configuration))
-    rotation = Rotation.from_quat(poses.quaternion[0], scalar_first=True)
-    joints = hand.joints(*configuration)
+    position, orientation, *angles = (values[7] for values in motion(3))
+    joints = hand.joints(position, orientation, *angles)
     surfaces = piece_surfaces(hand)
-    assert len(surfaces) == len(PIECES) == 16
-    assert PIECES[0] == "thumb/proximal"
-    assert PIECES[15] == "palm"
-    moved = [rotation[k].apply(surface.points) + poses.translation[0, k] for k, surface in enumerate(surfaces)]
-    for k, points in enumerate(moved[:15]):
+    assert (len(surfaces), PIECES[0], PIECES[15]) == (len(PIECES), "thumb/proximal", "palm")
+    whole = hand_surface(hand, (position, orientation, *angles), surfaces)
+    ends = np.cumsum([len(surface.points) for surface in surfaces])
+    np.testing.assert_allclose(np.linalg.norm(whole.normals, axis=1), 1.0, atol=1e-12)
+    for k, points in enumerate(np.split(whole.points, ends[:-1])[:15]):
         f, phalanx = divmod(k, 3)
-        ends = joints[f, phalanx], joints[f, phalanx + 1]
         radius = hand.radius[f, phalanx : phalanx + 2].tolist()
-        assert np.abs(round_cone_distance(points, *ends, *radius)).max() < 1e-12
-        np.testing.assert_allclose(np.linalg.norm(surfaces[k].normals, axis=1), 1.0, atol=1e-12)
-    whole = hand_surface(hand, *configuration)
-    np.testing.assert_allclose(moved[15], whole.points[: len(moved[15])], atol=1e-14)
+        distance = round_cone_distance(points, joints[f, phalanx], joints[f, phalanx + 1], *radius)
+        assert np.abs(distance).max() < 1e-12
+    palm = Rotation.from_quat(orientation, scalar_first=True).apply(surfaces[15].points) + position
+    np.testing.assert_allclose(whole.points[ends[14] :], palm, atol=1e-14)
+
+
+@pytest.mark.parametrize("flexion", [0.1, -0.1])
+@pytest.mark.parametrize("finger", range(1, 5))
+def test_nails_are_on_the_backs_of_the_fingertips(finger: int, flexion: float) -> None:
+    hand = HandModel.default()
+    pose = np.zeros(3), (1.0, 0.0, 0.0, 0.0), np.full((5, 3), flexion), np.zeros(5)
+    surface = hand_surface(hand, pose)
+    tip = hand.joints(*pose)[finger, 3]
+    near = np.linalg.norm(surface.points - tip, axis=1) < 2.0 * hand.radius[finger, 3]
+    nail = near & (surface.colors == NAIL).all(axis=1)
+    assert nail.sum() > 100
+    # A straight hand's backs are up.
+    assert surface.points[nail][:, 2].mean() > tip[2] + 0.3 * hand.radius[finger, 3]

@@ -52,7 +52,7 @@ def test_a_hand_that_rests_and_holes_can_be_drawn(tmp_path: Path) -> None:
     orientation = still.orientation.copy()
     orientation[:3] = np.nan
     orientation[3] = 0.0
-    assert picture(replace(still, orientation=orientation), tmp_path / "holes.png").shape == (1500, 1300, 4)
+    assert picture(replace(still, orientation=orientation), tmp_path / "holes.png").shape == (1500, 1300, 3)
 
 
 def test_a_picture_that_cannot_be_written(tmp_path: Path) -> None:

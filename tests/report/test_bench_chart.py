@@ -10,7 +10,7 @@ import pytest
 from drawings_alone import drawn, leave_charts_undrawn
 from sampled import sampled
 
-from hhsim.bench import mesh_size, peers, speed_error_table, trees
+from hhsim.bench import mesh_size
 from hhsim.bench.manipulation import answers as manipulation
 from hhsim.bench.paper import table as paper
 from hhsim.bench.paper import threads
@@ -19,19 +19,17 @@ from hhsim.bench.robustness import hard, recorded, stress
 from hhsim.bench.table import BenchTable, load_table, write_table
 from hhsim.report import bench_chart
 from hhsim.report.bench_chart import CHARTS, bench_figure, shown_unit
+from hhsim.report.bench_trade_off import TRADE_OFF_COLUMNS
 from hhsim.table.table import Column, unit_size
 
 COLUMNS = {
     "paper": paper.ROW_COLUMNS,
-    "speed-error": speed_error_table.COLUMNS,
-    "peers": peers.COLUMNS,
     "hard": hard.COLUMNS,
     "manipulation": manipulation.COLUMNS,
     "stress": stress.COLUMNS,
     "recorded": recorded.COLUMNS,
     "qp": qp.COLUMNS,
     "mesh-size": mesh_size.COLUMNS,
-    "trees": trees.COLUMNS,
     "threads": threads.COLUMNS,
 }
 
@@ -45,11 +43,11 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("suite", sorted(CHARTS))
 def test_a_chart_names_columns_that_its_suite_has(suite: str) -> None:
     chart, names = CHARTS[suite], {column.name for column in COLUMNS[suite]}
-    assert {*chart.series, *chart.labels, *filter(None, (chart.x, chart.y))} <= names
+    assert {chart.series, *chart.labels, *filter(None, (chart.x, chart.y))} <= names
 
 
 def test_every_suite_has_a_chart() -> None:
-    assert CHARTS.keys() == set(importlib.import_module("hhsim.cli.bench").SUITES)
+    assert {*CHARTS, *TRADE_OFF_COLUMNS} == set(importlib.import_module("hhsim.cli.bench").SUITES)
 
 
 def table(tmp_path: Path, suite: str, columns: tuple[Column, ...], rows: list[dict[str, Any]]) -> BenchTable:
@@ -68,9 +66,10 @@ def test_the_points_are_the_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     drawn: list[np.ndarray] = []
     points = bench_chart._draw_points
 
-    def kept(axes: Any, *arguments: Any) -> None:
-        points(axes, *arguments)
+    def kept(axes: Any, *arguments: Any) -> Any:
+        handles = points(axes, *arguments)
         drawn.extend(np.column_stack(line.get_data()) for line in axes.lines)
+        return handles
 
     monkeypatch.setattr(bench_chart, "_draw_points", kept)
     figure = bench_figure(found)
@@ -80,18 +79,19 @@ def test_the_points_are_the_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(np.array(drawn[:2]), np.array(expected, dtype=np.float64))
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_speed_against_error_tells_surfaces_apart_and_older_tables_have_none(tmp_path: Path) -> None:
-    row = {"object": "cube", "motion": "all", "stretch": False, "method": "coupled"}
-    row |= {"tick_cpu_p50": 1e-5, "mesh_error": 1e-6}
+def test_the_picture_of_peers_has_each_configuration_and_names_other_engines(tmp_path: Path) -> None:
+    row: dict[str, Any] = {"object": "cube", "motion": "all", "method": "coupled", "tick_cpu_p50": 1e-5}
+    row |= {"mesh_error": 1e-6, "ours": True, "frontier": True}
     rows = [{**row, "surface": surface} for surface in ("spheres", "mesh")]
+    rows += [{**row, "method": "mujoco", "surface": "mesh", "ours": False}, {**rows[0], "motion": "grasp"}]
     columns = tuple(Column(name, name) for name in rows[0])
-    new = bench_figure(table(tmp_path, "speed-error", columns, rows))
-    assert new is not None
-    assert new.alt.endswith("2 points, by method and surface (coupled, spheres; coupled, mesh).")
-    old = bench_figure(table(tmp_path, "speed-error", columns[:-1], [row]))
-    assert old is not None
-    assert old.alt.endswith("1 point, by method (coupled).")
+    made = bench_figure(table(tmp_path, "peers", columns, rows))
+    assert made is not None and made.alt.endswith("3 points.")
+    with drawn(made, 7.0) as figure:
+        (axes,) = figure.axes
+        assert {text.get_text() for text in axes.texts} == {"cube: off the true mesh [mm]", "mujoco"}
+        names = {text.get_text() for text in figure.legends[0].get_texts()}
+        assert names == {"coupled", "spheres", "the mesh itself", "other programs"}
 
 
 @pytest.mark.usefixtures("undrawn")

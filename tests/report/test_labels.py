@@ -58,8 +58,6 @@ def test_a_rate_and_the_place_of_the_object_are_told_in_words(plain: Result) -> 
     assert result_labels([placed, asked]) == ["A: coupled", "B: coupled"]
     places = ["A: coupled, placed at 4.46 s, 8.7 mm deep", "B: coupled, placed at 4.46 s, 12.0 mm deep"]
     assert result_labels([placed, deeper]) == places
-    older = otherwise(plain, placement={"text": "of an older file"})
-    assert result_labels([plain, older]) == ["A: coupled", "B: coupled, object placed"]
     slow = otherwise(asked, {"period": 1 / 72}, rate=72.0)
     assert result_labels([placed, slow]) == ["A: coupled, 1000 Hz", "B: coupled, 72 Hz"]
     # An object that is put elsewhere by a hair has another checksum.

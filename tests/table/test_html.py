@@ -72,13 +72,6 @@ def test_a_table_of_many_columns_is_cards_on_a_phone(columns: int, sentences: bo
     assert named == (headings[1:] if cards else [None] * (columns - 1))
 
 
-def test_cards_of_many_columns_begin_on_a_wider_screen() -> None:
-    phone, small = (STYLE.split(f"@media screen and (max-width: {width}) {{")[1] for width in ("54rem", "70rem"))
-    assert phone.lstrip().startswith("table.cards, table.cards tbody")
-    assert small.lstrip().startswith("table.cards.many, table.cards.many tbody")
-    assert STYLE.count("{") == STYLE.count("}")
-
-
 def test_a_page_says_what_it_is_and_asks_nobody() -> None:
     found = read_page(render("report/page.html", title="T & T", generator="hhsim report", version="1"))
     assert found.one("html").attributes["lang"] == "en"

@@ -8,13 +8,13 @@ from driven_scenes import carried, swing
 from rerun_files import Recording
 from short_grasp import short_grasp, short_scene
 
-from hhsim.render.replay_video import VideoOptions, video_frames
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.csv_export import export_ticks
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
+from hhsim.view.film import video_frames
 from hhsim.view.sink import parse_target
 from hhsim.view.viewer import view_result
 
@@ -49,7 +49,7 @@ def test_the_viewer_moves_the_object_and_finds_the_contacts_on_it(result: Result
 
 def test_a_film_shows_the_object_where_it_is(result: Result) -> None:
     ticks = np.array([0, 100, 179])
-    moving = list(video_frames(result, ticks, VideoOptions(width=160)))
+    moving = list(video_frames(result, ticks, 160))
     seen = [np.asarray((picture < 245).any(axis=2)) for picture in moving]
     assert all(mask.sum() > 40 for mask in seen)
     middles = [np.argwhere(mask[: int(0.85 * len(mask))]).mean(axis=0) for mask in seen]

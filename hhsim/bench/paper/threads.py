@@ -17,7 +17,7 @@ from hhsim.bench.paper.table import mean_of_parts
 from hhsim.bench.table import mean
 from hhsim.errors import InputError, check_known
 from hhsim.hand.model import HandModel
-from hhsim.kernels.parallel.thread_team import PARTS
+from hhsim.kernels.hand.kinematics import FINGER_COUNT
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.solver.compile import warm_up
 from hhsim.solver.method import methods_that
@@ -50,7 +50,7 @@ class ThreadsOptions:
     """
 
     objects: tuple[str, ...] = ("cup", "bunny")
-    threads: tuple[Annotated[int, between(1, PARTS)], ...] = (1, 2)
+    threads: tuple[Annotated[int, between(1, FINGER_COUNT)], ...] = (1, 2)
     level: int = 4
     instances: Count = 100
     rounds: Count = 9

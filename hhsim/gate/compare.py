@@ -10,10 +10,9 @@ from hhsim.gate.time_comparison import BETTER, NOT_COMPARABLE, SAME, WITHIN, WOR
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import SummaryRow
-from hhsim.report.labels import option_value
-from hhsim.report.provenance import commit, object_name
 from hhsim.result.digest import tick_digest
 from hhsim.result.reader import Result
+from hhsim.result.wording import commit, object_name, option_value
 
 HOW = ("level", "max_error")
 """Options of a replay that change how it is run, not its input."""

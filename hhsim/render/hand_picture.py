@@ -1,0 +1,111 @@
+"""Layers of a picture of the hand on an object: skin, the haptic hand as blue glass, forces in red with their sizes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.render.figure import halo
+from hhsim.render.rasterizer import Camera, Layer, blend, shade
+from hhsim.render.triangle_soup import Surface, arrow_surface, joined
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+GHOST = np.array([0.25, 0.52, 0.95])
+RED = np.array([0.85, 0.10, 0.08])
+
+ARROW_RADIUS = 1.3e-3
+"""Radius of an arrow's shaft [m]."""
+ARROW_LENGTH = 0.02
+"""Length of the arrow of 1 N [m]; it grows with the square root of the force, so that small ones can be seen."""
+
+LONGEST_ARROW = 10.0
+"""Longest arrow that is drawn [m]: a damaged file may hold forces that no picture has space for."""
+
+BODY_OPACITY = 0.5
+IN_FRONT = 10.0
+"""Distance by which forces are drawn in front of everything else [m]."""
+LETTER = 0.92
+"""Width of a letter or digit with its share of the white rim [pixels at 100 to the inch, by the size in pt]."""
+
+
+@dataclass(frozen=True)
+class PieceForce:
+    """Contact force on one piece of a hand [N], and where its arrow begins [m], shapes (3,), world."""
+
+    name: str
+    contact: FloatArray
+    force: FloatArray
+
+
+def arrow(force: PieceForce) -> FloatArray:
+    """Return the arrow of a force [m], shape (3,)."""
+    return np.asarray(ARROW_LENGTH * force.force / np.sqrt(np.linalg.norm(force.force)))
+
+
+def arrow_surfaces(forces: Sequence[PieceForce]) -> list[Surface]:
+    """Return the arrows of forces, but for those that no picture has space for."""
+    shown = [force for force in forces if 0.0 < float(np.linalg.norm(arrow(force))) < LONGEST_ARROW]
+    return [arrow_surface(force.contact, arrow(force), ARROW_RADIUS, RED) for force in shown]
+
+
+def transparent(
+    graphic: Surface, haptic: Surface, body: Layer, arrows: Sequence[Surface], camera: Camera
+) -> list[tuple[Layer, FloatArray | float]]:
+    """Return the layers of a transparent object, the haptic hand in and around it, and the forces over everything."""
+    hand = shade(graphic, camera)
+    ghost = behind(shade(haptic, camera), hand)
+    # Glass is clearest where one looks straight at it.
+    glass = np.asarray(0.3 + 0.6 * (1.0 - np.abs(ghost.facing)) ** 2)
+    layers: list[tuple[Layer, FloatArray | float]] = [(hand, 1.0), (body, BODY_OPACITY), (ghost, glass)]
+    if arrows:
+        layer = shade(joined(arrows), camera)
+        layers.append((replace(layer, depth=layer.depth + IN_FRONT), 1.0))
+    return layers
+
+
+def seen_through(
+    graphic: Surface, haptic: Surface, body: Surface, forces: list[PieceForce], camera: Camera
+) -> FloatArray:
+    """Render the picture of `transparent`."""
+    return blend(transparent(graphic, haptic, shade(body, camera), arrow_surfaces(forces), camera))
+
+
+def behind(ghost: Layer, hand: Layer) -> Layer:
+    """Return the haptic hand behind the graphic one: where both are, the skin stays clean."""
+    return replace(ghost, depth=np.where(hand.seen(), np.minimum(ghost.depth, hand.depth - 1e-6), ghost.depth))
+
+
+def label(axes: "Axes", forces: Sequence[PieceForce], camera: Camera, size: float = 11.0, pixel: float = 1.0) -> None:
+    """Write the size of each force at its arrow's head in letters of `size` [pt], or lower where another one stands.
+
+    `pixel` is the size of the picture's pixels, relative to 100 to the inch.
+    """
+    rows, columns = camera.shape
+    scale = rows / camera.height
+    apart = np.array([max(40.0, 4.3 * size), max(15.0, 1.4 * size)]) / pixel
+    placed: list[FloatArray] = []
+    for force in forces:
+        along = camera.rotation @ arrow(force)
+        tip = camera.rotation @ (force.contact - camera.center) + along
+        away = along[:2] / max(float(np.linalg.norm(along[:2])), 1e-9)
+        head = np.array([0.5 * columns + scale * tip[0], 0.5 * rows - scale * tip[1]])
+        first = head + np.array([20.0 * away[0], -12.0 * away[1]]) / pixel
+        text = f"{np.linalg.norm(force.force):.1f} N"
+        edge = np.array([max(22.0, 0.5 * LETTER * size * len(text)), 9.0]) / pixel
+        first = np.clip(first, edge, np.array([columns, rows]) - edge)
+        place = first.copy()
+        while any((np.abs(place - other) < apart).all() for other in placed):
+            place[1] += 3.0 / pixel
+        placed.append(place)
+        color = tuple(0.8 * RED)
+        # A number that had to go further is tied to its arrow.
+        far = bool(place[1] - first[1] > 12.0 / pixel)
+        axes.annotate(
+            text, tuple(head) if far else tuple(place), tuple(place), ha="center", va="center", fontsize=size,
+            color=color, **halo(3),
+            arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.7, "shrinkB": 0.0} if far else None,
+        )  # fmt: skip

@@ -1,0 +1,151 @@
+"""Pictures of `hhsim bench speed-error`, `peers` and `trees`: cost against error, a panel for each object."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hhsim.bench.speed_error_table import ALL
+from hhsim.bench.trees import largest_error
+from hhsim.render.figure import save_figure
+from hhsim.report.figure import BLUE, INK, LIMIT, Drawing, ReportFigure, drawn_figure, new_figure, run_style, time_text
+from hhsim.report.trade_off import Mark, TradeOff, trade_off_drawing
+from hhsim.system.counted import counted
+from hhsim.system.output_path import check_picture
+from hhsim.trees.published_results import TOOLKIT
+
+Row = Mapping[str, Any]
+Panels = tuple[list[TradeOff], dict[str, tuple[str, str]]]
+"""Panels, and the legend's names with their colours and marks."""
+
+TRADE_OFFS = ("speed-error", "peers")
+"""Suites that set the time of a tick against its error."""
+TRADE_OFF_COLUMNS = {"speed-error": "mesh_error", "peers": "mesh_error", "trees": "protrusion_max"}
+"""Column of the error, by the suites that have a picture of this kind."""
+MOST_PANELS, MOST_OBJECTS = 4, 6
+"""Most panels of such a suite, and most objects of `trees`."""
+WIDTH = 14.0
+"""Width of the picture beside a table [inches]."""
+PANEL, NAMED_PANEL = (3.4, 2.0), (6.5, 2.8)
+"""Least width and height of a panel, without and with names beside its marks [inches]."""
+GREY = "#6e7781"
+LEAST = 1e-2
+"""A tenth of the lowest decade that is shown [mm]."""
+LEVEL_MARKS = {1: "v", 2: "D", 3: "s", 4: "o", 5: "*"}
+"""Marks by the level of the sphere tree."""
+TITLES = {
+    **dict.fromkeys(TRADE_OFFS, "Time of a tick against distance from the true mesh"),
+    "trees": "Largest error of a tree against its spheres, and against the time of its builder",
+}
+CAPTIONS = {
+    **dict.fromkeys(
+        TRADE_OFFS,
+        "Median CPU time of a tick in contact. Off the true mesh: the larger of the deepest penetration and the "
+        "farthest contact point, over all motions. A hollow mark is one linearisation; a line joins those that none "
+        "beats. Grey: other engines, whose ratios carry over to another machine, and not their times. Red: 1 ms.",
+    ),
+    "trees": "Error: the larger of how far the leaf spheres reach out of the mesh and how far the mesh lies outside of "
+    "them. Other programs: as measured in November 2026 on one core of a 2-core machine.",
+}
+
+
+def bench_trade_off(suite: str, rows: Sequence[Row]) -> ReportFigure | None:
+    """Draw the rows of a table of one of `TITLES`; None if no row has both a cost and an error."""
+    drawing, marks = _drawing(suite, rows)
+    if not marks:
+        return None
+    alt = f"{TITLES[suite]}: {counted(marks, 'point')}."
+    return drawn_figure(f"bench-{suite}", TITLES[suite], CAPTIONS[suite], alt, drawing)
+
+
+def draw_trade_off(path: Path, suite: str, rows: Sequence[Row], peers: Sequence[Row] = ()) -> None:
+    """Write the picture of a table; engines of `peers`, rows of a table of `hhsim bench peers`, are drawn in grey.
+
+    Raises:
+        InputError, OutputError: As `check_picture` and `save_figure`.
+    """
+    check_picture(path)
+    drawing, _ = _drawing(suite, rows, peers)
+    with new_figure(WIDTH, drawing.height(WIDTH, False)) as figure:
+        drawing.draw(figure, False)
+        save_figure(figure, path)
+
+
+def _drawing(suite: str, rows: Sequence[Row], peers: Sequence[Row] = ()) -> tuple[Drawing, int]:
+    """Return the drawing of a table, and the number of its marks."""
+    panels, legend = _of_trees(rows) if suite == "trees" else _of_ticks(rows, peers)
+    known = [mark for panel in panels for mark in panel.marks if mark.known]
+    named = any(mark.name for mark in known)
+    if named:
+        legend["other programs"] = GREY, "x"
+    return trade_off_drawing(panels, legend, NAMED_PANEL if named and suite in TRADE_OFFS else PANEL), len(known)
+
+
+def _of_trees(rows: Sequence[Row]) -> Panels:
+    """Return panels of each object's trees: against their spheres, then against the time of the builder."""
+    names = list(dict.fromkeys(row["object"] for row in rows))[:MOST_OBJECTS]
+    panels = []
+    axes = (
+        ("spheres", "asked", "spheres", "{:,.0f}".format),
+        ("cpu", "cpu_limit", "CPU time of the builder", time_text),
+    )
+    for cost, limit, axis, spelled in axes:
+        for name in names:
+            marks = []
+            for row in (row for row in rows if row["object"] == name):
+                place, off = _number(row[cost]), 1e3 * largest_error(row)
+                if row["method"] == TOOLKIT:
+                    marks.append(Mark(place, off, INK, "X"))
+                elif row["is_reference"]:
+                    marks.append(Mark(place, off, GREY, "x", name=row["method"]))
+                else:
+                    marks.append(Mark(place, off, BLUE, "o", best=True))
+                    marks.append(Mark(_number(row[limit]), 1e3 * _number(row["protrusion_limit"]), LIMIT, "_"))
+            panels.append(TradeOff(f"{name}: largest error [mm]", marks, 10.0 * LEAST, None, axis, None, spelled))
+    legend = {"certified: proved covers": (BLUE, "o"), "Bradshaw's toolkit, medial": (INK, "X"), "limit": (LIMIT, "_")}
+    return panels, legend
+
+
+def _of_ticks(rows: Sequence[Row], peers: Sequence[Row]) -> Panels:
+    """Return a panel for each object, and of `speed-error` one against the optimum."""
+    summed = [row for row in rows if row["motion"] == ALL and not row.get("stretch")]
+    others = [row for row in peers if row["motion"] == ALL and not row["ours"]]
+    names = list(dict.fromkeys(row["object"] for row in summed if row["object"] != ALL))
+    # Objects that other engines were measured on say the most.
+    names.sort(key=lambda name: bool(others) and not any(row["object"] == name for row in others))
+    ours = [row for row in summed if row.get("ours", True)]
+    colors = {name: run_style(number)[0] for number, name in enumerate(dict.fromkeys(row["method"] for row in ours))}
+
+    def mark(row: Row, error: str, frontier: str) -> Mark:
+        time, off, best = _number(row["tick_cpu_p50"]), 1e3 * _number(row.get(error)), bool(row.get(frontier))
+        if row["method"] not in colors:
+            return Mark(time, off, GREY, "x", best=best, name=row["method"])
+        filled = row.get("linearisations") != 1
+        return Mark(time, off, colors[row["method"]], _touched(row)[1], filled=filled, best=best)
+
+    def panel(title: str, name: str, error: str, frontier: str) -> TradeOff:
+        chosen = (row for row in (*summed, *others) if row["object"] == name)
+        return TradeOff(title, [mark(row, error, frontier) for row in chosen], LEAST, np.nan)
+
+    of_pose = any("off_optimum_mean" in row for row in summed)
+    frontier = "mesh_frontier" if of_pose else "frontier"
+    panels = [panel(f"{name}: off the true mesh [mm]", name, "mesh_error", frontier) for name in names]
+    panels = panels[: MOST_PANELS - of_pose]
+    if of_pose:
+        panels.append(panel("all objects: off the best pose [mm]", ALL, "off_optimum_mean", "tracking_frontier"))
+    legend = {method: (color, "o") for method, color in colors.items()}
+    legend |= {label: (INK, shape) for label, shape in sorted(map(_touched, ours))}
+    return panels, legend
+
+
+def _touched(row: Row) -> tuple[str, str]:
+    """Return what a row's hand touches, in words, and its mark."""
+    if row["surface"] == "mesh":
+        return "the mesh itself", "P"
+    level = row.get("level")
+    return ("spheres", "o") if level is None else (f"spheres of level {level:.0f}", LEVEL_MARKS.get(level, "o"))
+
+
+def _number(value: Any) -> float:
+    return float(value) if isinstance(value, int | float) else np.nan

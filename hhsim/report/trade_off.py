@@ -1,0 +1,231 @@
+"""Panels of cost against error, on logarithmic axes with a line for an error of nothing."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hhsim.render.figure import halo
+from hhsim.report.figure import (
+    BOTTOM,
+    BUDGET,
+    LEFT,
+    LIMIT,
+    SOFT,
+    TITLE,
+    Drawing,
+    add_panel,
+    fitted_legend,
+    gridded,
+    panel_title,
+    time_text,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.text import Annotation
+
+MARKS = ("o", "s", "D", "^", "v", "P", "X")
+"""Markers, one more than colours: no two results of a page share both."""
+PAPER_RANGE = (310e-6, 1000e-6)
+"""CPU time of a tick that the paper states for simple to complex objects, on a 6-core 3.7 GHz machine [s]."""
+ROUNDING = 1e-6
+"""Smaller errors, in the unit of their axis, are drawn as 0."""
+RIGHT, TIME_LABEL = 0.08, 0.44
+"""Width right of a panel, and of a time label with the gap to the next one [inches]."""
+MARK_INCHES = 0.06
+"""Half of a mark's width."""
+Place = tuple[float, float, str, str]
+PLACES: tuple[Place, ...] = (
+    (8.0, 6.0, "left", "center"),
+    (-8.0, 6.0, "right", "center"),
+    *((x, y, side, "center") for y in (-7.0, 14.0, -14.0) for x, side in ((6.0, "left"), (-6.0, "right"))),
+    *((0.0, y, "center", "center") for y in (13.0, -13.0, 24.0, -24.0)),
+    *((x, y, side, "center") for y in (24.0, -24.0, 34.0, -34.0) for x, side in ((4.0, "left"), (-4.0, "right"))),
+)
+"""Places of a name beside its mark, the nearest first: offsets [points] and alignment."""
+
+
+@dataclass(frozen=True)
+class Mark:
+    """One mark of a panel.
+
+    Attributes:
+        cost: Cost, such as the median CPU time of a tick [s]; NaN where undefined.
+        error: Error in the unit of the panel; NaN where undefined.
+        until: Cost at which a line from the mark ends; None for no line.
+        filled: False for a mark with a white face.
+        best: True if a line joins it to the others that are best.
+        name: Text beside it; "" for none.
+    """
+
+    cost: float
+    error: float
+    color: str
+    shape: str
+    until: float | None = None
+    filled: bool = True
+    best: bool = False
+    name: str = ""
+
+    @property
+    def known(self) -> bool:
+        """True if cost and error are defined."""
+        return bool(np.isfinite(self.cost) and np.isfinite(self.error))
+
+
+@dataclass(frozen=True)
+class TradeOff:
+    """One panel.
+
+    Attributes:
+        least: A tenth of the lowest decade that is shown, in the unit of the errors.
+        paper: Error that the paper states, drawn over its range of times; NaN for its times alone, None for neither.
+        axis: Label of the axis below.
+        budget: Limit of a time, drawn as a line [s]; None for none.
+        spelled: Text of a number on the axis below.
+    """
+
+    title: str
+    marks: Sequence[Mark]
+    least: float
+    paper: float | None = None
+    axis: str = "CPU time of a tick in contact"
+    budget: float | None = BUDGET
+    spelled: Callable[[float], str] = time_text
+
+
+def trade_off_drawing(
+    panels: Sequence[TradeOff], names: Mapping[str, tuple[str, str]], size: tuple[float, float]
+) -> Drawing:
+    """Return the drawing of panels.
+
+    Args:
+        names: Colour and mark by label in the legend.
+        size: Least width of a panel with its labels, and its height [inches].
+    """
+
+    def across_of(width: float, narrow: bool) -> int:
+        return 1 if narrow else max(1, min(len(panels), int(width / size[0])))
+
+    def draw(figure: "Figure", narrow: bool) -> None:
+        from matplotlib.lines import Line2D
+
+        width = float(figure.get_figwidth())
+        across, legend = across_of(width, narrow), fitted_legend(list(names), width)
+        share = (width - RIGHT) / across
+        inside = share - LEFT - RIGHT, size[1]
+        for number, panel in enumerate(panels):
+            row, column = divmod(number, across)
+            down = legend.height + (row + 1) * TITLE + row * (size[1] + BOTTOM)
+            _draw_panel(add_panel(figure, column * share + LEFT, down, inside), panel, inside[0])
+        handles = [Line2D([], [], color=color, marker=mark, linewidth=1.2) for color, mark in names.values()]
+        legend.draw(figure, handles)
+
+    def height(width: float, narrow: bool) -> float:
+        rows = -(-len(panels) // across_of(width, narrow))
+        return fitted_legend(list(names), width).height + rows * (TITLE + size[1] + BOTTOM) + 0.05
+
+    return Drawing(draw, height)
+
+
+def _draw_panel(axes: "Axes", panel: TradeOff, width: float) -> None:
+    gridded(axes)
+    panel_title(axes, panel.title, 6, LEFT - 0.16)
+    errors = [0.0 if abs(mark.error) < ROUNDING else mark.error for mark in panel.marks if np.isfinite(mark.error)]
+    some = [error for error in errors if error > 0.0]
+    paper = panel.paper if panel.paper is not None and np.isfinite(panel.paper) else None
+    low = 10.0 ** np.floor(np.log10(min([*some, panel.least * 10.0])))
+    high = 10.0 ** np.ceil(np.log10(max([*some, *([paper] if paper else []), 10.0 * low])) + 0.1)
+    # A logarithm has no zero: 0 stands below the lowest decade, where an error is nothing.
+    decades = float(np.log10(high / low))
+    zero = low * 10.0 ** (-0.12 * decades)
+    has_zero = len(some) < max(1, len(errors))
+    axes.set(xscale="log", yscale="log", ylim=(zero * 10.0 ** (-0.1 * decades) if has_zero else low, high))
+    axes.axhline(low, color=SOFT, linewidth=0.5, linestyle=":")
+    _draw_axis(axes, panel, width)
+    if paper is not None:
+        axes.plot(PAPER_RANGE, [paper] * 2, color=SOFT, linewidth=3.0, solid_capstyle="round")
+        axes.annotate(
+            "the paper", (PAPER_RANGE[1], paper), (-4.0, 3.0), textcoords="offset points", ha="right", va="bottom",
+            color=SOFT,
+        )  # fmt: skip
+    elif panel.paper is not None:
+        axes.axvspan(*PAPER_RANGE, color=SOFT, alpha=0.1, linewidth=0)
+    heights = [mark.error if mark.error >= ROUNDING else zero for mark in panel.marks]
+    known = [(mark, height) for mark, height in zip(panel.marks, heights) if mark.known]
+    for mark, height in known:
+        face = mark.color if mark.filled else "white"
+        axes.plot(mark.cost, height, mark.shape, color=mark.color, markerfacecolor=face, markersize=6.0, zorder=4)
+        if mark.until is not None:
+            axes.plot([mark.cost, mark.until], [height, height], color=mark.color, linewidth=1.2)
+            axes.plot(mark.until, height, "|", color=mark.color, markersize=7.0)
+    if best := sorted((mark.cost, height) for mark, height in known if mark.best):
+        # Steps, down to the cheapest and on to the right of the best.
+        costs, steps = [best[0][0], *(cost for cost, _ in best), 1e9], [1e9, *(off for _, off in best), best[-1][1]]
+        axes.plot(costs, steps, color=SOFT, linewidth=0.9, drawstyle="steps-post", zorder=2)
+    if not errors:
+        axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", va="center", color=SOFT)
+    powers = [10.0**k for k in range(round(np.log10(low)), round(np.log10(high)) + 1)]
+    powers = powers[:: 1 + len(powers) // 7]
+    # An energy may be below the optimum; a depth is not below 0.
+    least = "≤ 0" if any(error < 0.0 for error in errors) else "0"
+    zeros = {zero: least} if has_zero else {}
+    axes.set_yticks([*zeros, *powers], [*zeros.values(), *(f"{power:,.10g}" for power in powers)])
+    axes.minorticks_off()
+    _place_names([
+        axes.annotate(
+            mark.name, (mark.cost, height), (0.0, 0.0), textcoords="offset points", color=mark.color, zorder=5,
+            annotation_clip=False, **halo(2.5),
+        )
+        for mark, height in known
+        if mark.name
+    ])  # fmt: skip
+
+
+def _draw_axis(axes: "Axes", panel: TradeOff, width: float) -> None:
+    """Draw the axis below with the line of the budget; its panel's width [inches] decides how many labels fit."""
+    ends = [end for mark in panel.marks for end in (mark.cost, mark.until) if end is not None]
+    costs = [end for end in ends if np.isfinite(end) and end > 0.0]
+    costs += [] if panel.budget is None else [1e-5, panel.budget]
+    low, high = 0.5 * min(costs, default=1.0), 2.0 * max(costs, default=1.0)
+    axes.set_xlim(low, high)
+    if panel.budget is not None:
+        axes.axvline(panel.budget, color=LIMIT, linewidth=1.2)
+    decade = width / float(np.log10(high / low))
+    step = int(np.ceil(TIME_LABEL / decade))
+    powers = [k for k in range(-8, 8) if low <= 10.0**k <= high]
+    # Counted from 1 ms, which always has its label; a label near the right end would be cut.
+    fits = [(k + 3) % step == 0 and decade * np.log10(high / 10.0**k) > 0.5 * TIME_LABEL - 2.0 * RIGHT for k in powers]
+    labels = [panel.spelled(10.0**k).replace(".0 ", " ") if fit else "" for k, fit in zip(powers, fits)]
+    axes.set_xticks([10.0**k for k in powers], labels)
+    axes.set_xlabel(panel.axis)
+
+
+def _place_names(names: Sequence["Annotation"]) -> None:
+    """Put each name beside its mark, where it covers the least of the other names and marks."""
+    from matplotlib.transforms import Bbox
+
+    if not names:
+        return
+    axes = names[0].axes
+    assert axes is not None
+    half = MARK_INCHES * axes.get_figure(root=True).dpi  # type: ignore[union-attr]
+    marks = [axes.transData.transform(name.xy) for name in names]
+    taken = [Bbox.from_extents(x - half, y - half, x + half, y + half) for x, y in marks]
+    for i in sorted(range(len(names)), key=lambda i: tuple(marks[i])):
+        name = names[i]
+
+        def covered(place: Place, name: "Annotation" = name) -> float:
+            *offset, beside, above = place
+            name.set(position=offset, horizontalalignment=beside, verticalalignment=above)
+            box = name.get_window_extent()
+            inside = Bbox.intersection(box, axes.bbox)
+            outside = box.width * box.height - (inside.width * inside.height if inside else 0.0)
+            overlaps = (Bbox.intersection(box, other) for other in taken)
+            return outside + sum(overlap.width * overlap.height for overlap in overlaps if overlap)
+
+        covered(min(PLACES, key=covered))
+        taken.append(name.get_window_extent())

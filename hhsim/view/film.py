@@ -1,0 +1,209 @@
+"""Film of a result: graphic hand in skin colour, haptic hand in blue, forces in red, a transparent object.
+
+Pillow writes a GIF, the program ffmpeg an MP4.
+"""
+
+import contextlib
+import io
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.arrays import FloatArray, IntArray
+from hhsim.errors import InputError, OutputError
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.metrics.metrics import FORCE_FLOOR
+from hhsim.render.hand_meshes import piece_surfaces
+from hhsim.render.hand_picture import arrow_surfaces, transparent
+from hhsim.render.rasterizer import OVERSAMPLING, composed, frame, look_from, shade
+from hhsim.render.triangle_soup import STONE, Surface, mesh_surface, moved, near_hands
+from hhsim.render.viewpoint import viewpoint
+from hhsim.result.reader import Result
+from hhsim.system.atomic_write import write_atomically
+from hhsim.system.output_path import check_output_path
+from hhsim.system.progress import Progress, silent
+from hhsim.view.moment import Moment, moment, overview_tick
+from hhsim.view.viewer import shown_scene
+
+Picture = NDArray[np.uint8]
+
+SUFFIXES = (".gif", ".mp4")
+FPS = 25.0
+"""Frames a second."""
+ASPECT = 0.75
+MOST_FRAMES = 20_000
+FRAMED = 40
+"""Ticks that decide what fits into the picture."""
+FINENESS = 1.25
+"""Rendered pixels for one of a frame, across: more is smoother, and slower by its square."""
+INK = (36, 41, 47)
+
+
+def frame_shape(width: int) -> tuple[int, int]:
+    """Return rows and columns of a frame about so wide [pixels], even as video codecs want them."""
+    return 2 * round(0.5 * ASPECT * width), 2 * round(0.5 * width)
+
+
+def check_video_path(output_path: Path) -> None:
+    """Raise InputError for a name but .gif or .mp4, or .mp4 without ffmpeg; OutputError as `check_output_path`."""
+    suffix = output_path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(f"{output_path}: a film is a file that ends in .gif or .mp4")
+    if suffix == ".mp4" and shutil.which("ffmpeg") is None:
+        raise InputError(f"{output_path} needs the program ffmpeg, which is not installed here: name a .gif instead")
+    check_output_path(output_path)
+
+
+def write_video(
+    result: Result, output_path: Path, slow: float = 1.0, width: int = 640, progress: Progress = silent
+) -> int:
+    """Make a film of a result, complete or not, and return its number of frames; it appears when it is whole.
+
+    Args:
+        slow: Factor by which it is slower than the motion.
+        width: Width of a frame [pixels].
+
+    Raises:
+        InputError: As `video_ticks`; or the result's hand cannot be told.
+        OutputError: The file cannot be written: ffmpeg fails, or a full disk.
+    """
+    ticks = video_ticks(result, slow)
+
+    def frames() -> Iterator[Picture]:
+        for number, picture in enumerate(video_frames(result, ticks, width)):
+            progress("frames", number, len(ticks))
+            yield picture
+
+    if output_path.suffix.lower() == ".gif":
+        _write_gif(frames(), output_path)
+    else:
+        _write_mp4(frames(), output_path, frame_shape(width))
+    return len(ticks)
+
+
+def video_ticks(result: Result, slow: float) -> IntArray:
+    """Return the tick that each frame shows, shape (frames,): the newest one at its time, the last tick last.
+
+    Raises:
+        InputError: The result holds no tick, or the film would have more than `MOST_FRAMES` frames.
+    """
+    if result.ticks == 0:
+        raise InputError(f"{result.path} holds no tick")
+    step = result.rate / (FPS * slow)
+    count = int((result.ticks - 1) / step) + 1
+    if count > MOST_FRAMES:
+        raise InputError(f"a film of {count:,} frames: the most are {MOST_FRAMES:,}; play it faster with --slow")
+    ticks = np.floor(step * np.arange(count) + 1e-9).astype(np.int64)
+    return ticks if ticks[-1] == result.ticks - 1 else np.append(ticks, result.ticks - 1)
+
+
+def video_frames(result: Result, ticks: IntArray, width: int) -> Iterator[Picture]:
+    """Yield pictures, shape (rows, columns, 3), by one camera that sees hands and object near them all the time.
+
+    Raises:
+        InputError: The result's hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
+    """
+    scene = shown_scene(result)
+    pieces = piece_surfaces(scene.hand)
+
+    def at(tick: int) -> Moment:
+        return moment(result, scene, tick, pieces)
+
+    some = ticks[:: max(1, len(ticks) // FRAMED)].tolist()
+    points = np.concatenate([surface.points for tick in some for surface in at(tick).hands])
+    usual = overview_tick(result)
+    if result.driven:
+        whole = mesh_surface(scene.mesh, STONE)
+        body = _at_tick(whole, result, usual)
+        moves = (result.moved_since_first(tick) for tick in some)
+        points = np.concatenate([points, *(motion.points(scene.mesh.box_corners[None])[0] for motion in moves)])
+    else:
+        whole = body = mesh_surface(near_hands(scene.mesh, points), STONE)
+    shown = at(usual)
+    rows, columns = (round(FINENESS / OVERSAMPLING * side) for side in frame_shape(width))
+    view = viewpoint(shown.graphic, body, shown.contacts.point, shown.arrows)
+    camera = frame(np.concatenate([points, body.points]), look_from(view.towards), (rows, columns), margin=0.06)
+    stone = shade(body, camera)
+    for tick in ticks.tolist():
+        # An object that stands still is rendered once.
+        if result.driven:
+            stone = shade(_at_tick(whole, result, tick), camera)
+        now = at(tick)
+        layers = transparent(*now.hands, stone, arrow_surfaces(now.forces), camera)
+        yield _written_on(composed(layers), result, tick, width)
+
+
+def _at_tick(surface: Surface, result: Result, tick: int) -> Surface:
+    """Return the object at its place at a tick."""
+    motion = result.moved_since_first(tick)
+    return moved(surface, rotation_matrix(motion.turn[0]), motion.shift[0])
+
+
+def _written_on(picture: FloatArray, result: Result, tick: int, width: int) -> Picture:
+    """Return the frame with time, phase and force written below."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    rows, columns = frame_shape(width)
+    drawn = Image.fromarray(np.rint(255.0 * np.clip(picture, 0.0, 1.0)).astype(np.uint8))
+    image = drawn.resize((columns, rows), Image.Resampling.LANCZOS)
+    size = max(11, round(0.028 * image.width))
+    force = float(np.linalg.norm(result["force/total"][tick]))
+    felt = f"{force:.2f} N" if force >= FORCE_FLOOR else ""
+    text = "   ".join(filter(None, (f"{float(result['time'][tick]):.3f} s", result.phase_at(tick), felt)))
+    place = size, image.height - 1.8 * size
+    ImageDraw.Draw(image).text(place, text, fill=INK, font=ImageFont.load_default(size))
+    return np.asarray(image)
+
+
+def _write_gif(frames: Iterator[Picture], output_path: Path) -> None:
+    from PIL import Image
+
+    # One palette for all frames: else colours flicker. It is that of the first frame and of every tenth.
+    pictures = [Image.fromarray(picture) for picture in frames]
+    sheet = pictures[:: max(1, len(pictures) // 10)]
+    columns, rows = pictures[0].size
+    together = Image.new("RGB", (columns, rows * len(sheet)))
+    for number, picture in enumerate(sheet):
+        together.paste(picture, (0, number * rows))
+    palette = together.quantize(255, dither=Image.Dither.NONE)
+    flat = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    buffer = io.BytesIO()
+    duration = round(1000.0 / FPS)
+    flat[0].save(buffer, format="GIF", save_all=True, append_images=flat[1:], duration=duration, loop=0, optimize=False)
+    write_atomically(output_path, buffer.getvalue())
+
+
+def _write_mp4(frames: Iterator[Picture], output_path: Path, shape: tuple[int, int]) -> None:
+    rows, columns = shape
+    partial = output_path.with_name(f".{output_path.name}.{os.getpid()}.mp4")
+    command = ["ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{columns}x{rows}"]
+    command += ["-r", f"{FPS:g}", "-i", "-", "-an", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+    try:
+        with tempfile.TemporaryFile() as log:
+            program = subprocess.Popen([*command, str(partial)], stdin=subprocess.PIPE, stdout=log, stderr=log)
+            assert program.stdin is not None
+            try:
+                # A program that has ended takes no more: its exit code says why.
+                with contextlib.suppress(BrokenPipeError):
+                    for picture in frames:
+                        program.stdin.write(picture.tobytes())
+            except BaseException:
+                program.kill()
+                raise
+            finally:
+                with contextlib.suppress(BrokenPipeError):
+                    program.stdin.close()
+                code = program.wait()
+            if code != 0:
+                log.seek(0)
+                lines = log.read().decode(errors="replace").strip().splitlines()
+                raise OutputError(f"ffmpeg cannot write {output_path}: {lines[-1] if lines else 'it says nothing'}")
+        partial.replace(Path(os.path.realpath(output_path)))
+    finally:
+        partial.unlink(missing_ok=True)
