@@ -142,7 +142,9 @@ def test_every_kernel_is_made_by_the_jit_factory() -> None:
 
 
 def test_what_becomes_part_of_its_caller_has_one() -> None:
-    # A second caller would lower it twice: that one wants jit.
+    # A second caller would lower it twice: that one wants jit. Two have more callers: a compiled function cannot
+    # return the record of lagrangian_of, and no program calls limit_rows twice.
+    several = {"lagrangian_of", "limit_rows"}
     trees = [ast.parse(path.read_text(encoding="utf-8")) for path in KERNELS.values()]
     calls = [ast.unparse(node.func) for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call)]
     once = [
@@ -152,7 +154,7 @@ def test_what_becomes_part_of_its_caller_has_one() -> None:
         if isinstance(node, ast.FunctionDef) and "jit_once" in map(ast.unparse, node.decorator_list)
     ]
     assert once
-    assert [name for name in once if calls.count(name) != 1] == []
+    assert {name for name in once if calls.count(name) != 1} == several
 
 
 def test_the_library_imports_heavy_packages_where_it_uses_them() -> None:
