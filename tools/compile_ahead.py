@@ -8,8 +8,11 @@ needs numpy, numba, h5py and msgspec. One process compiles the tick, one what me
 import gc
 import subprocess
 import sys
+from importlib.util import module_from_spec, spec_from_file_location
 
 import numpy as np
+
+from tools.import_graph import REPOSITORY
 
 
 def compile_ticks() -> None:
@@ -43,12 +46,21 @@ def compile_measures() -> None:
     input_hand(hand, object_depths(surface, mesh, shape, fingers), motion, placed, touching, touching)
 
 
+def find_data() -> None:
+    """Make the folder of objects importable as `hhsim.objects`, as it will be once hhsim is installed."""
+    folder = REPOSITORY / "objects"
+    spec = spec_from_file_location("hhsim.objects", folder / "__init__.py", submodule_search_locations=[str(folder)])
+    assert spec is not None and spec.loader is not None
+    sys.modules["hhsim.objects"] = module_from_spec(spec)
+
+
 PARTS = {"ticks": compile_ticks, "measures": compile_measures}
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
         # numba asks for scipy, whose files may come just now, for a BLAS that no kernel calls.
         sys.modules["scipy"] = None  # type: ignore[assignment]
+        find_data()
         gc.disable()  # a third of the time, in a process that soon ends
         PARTS[sys.argv[1]]()
     else:
