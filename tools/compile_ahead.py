@@ -28,6 +28,7 @@ def compile_measures() -> None:
     """Compile what a run's hands are measured with, by one hand on the bunny."""
     from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
     from hhsim.hand.model import HandModel
+    from hhsim.kernels.rotation import rotate_quaternion
     from hhsim.mesh.catalogue import load_object
     from hhsim.metrics.input_hand import input_hand, object_depths
     from hhsim.metrics.mesh_penetration import TouchedObject
@@ -43,6 +44,7 @@ def compile_measures() -> None:
     motion = still(mesh.vertices[0])
     placed = forward_kinematics(hand, *motion)
     TouchedObject(mesh, surface, shape, fingers, SolverOptions().touch).contact_error(placed, touching)
+    rotate_quaternion(np.array([1.0, 0.0, 0.0, 0.0]), 0.1, 0.0, 0.0, np.empty(4))
     input_hand(hand, object_depths(surface, mesh, shape, fingers), motion, placed, touching, touching)
 
 
