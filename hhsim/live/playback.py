@@ -1,4 +1,4 @@
-"""Playback of a motion on the clock, shared by a simulated or replayed glove and the pose of its palm."""
+"""Playback of a motion on the clock, again and again, shared by a simulated or replayed glove and its palm's pose."""
 
 from dataclasses import dataclass, field
 
@@ -8,7 +8,7 @@ from hhsim.arrays import FloatArray
 from hhsim.motion.trajectory import Trajectory
 
 RETURN_TIME = 1.0
-"""Time from the last sample of a repeated motion back to its first one [s]."""
+"""Time from the last sample of the motion back to its first one [s]."""
 SINGLE_RATE = 200.0
 """Sample rate of a motion of one sample [Hz]."""
 
@@ -17,15 +17,15 @@ SINGLE_RATE = 200.0
 class Playback:
     """A trajectory and the instant at which it began; one object keeps fingers and palm together.
 
+    It begins anew `RETURN_TIME` after its end.
+
     Attributes:
-        repeat: True to begin anew `RETURN_TIME` after the end; otherwise the last sample stays.
         start_ns: CLOCK_MONOTONIC of the first sample [ns]; -1 until the first call of `elapsed`.
         stamps: Times of the samples since the first one [s], shape (T,).
         period: Usual time from one sample to the next [s].
     """
 
     trajectory: Trajectory
-    repeat: bool = False
     start_ns: int = -1
     stamps: FloatArray = field(init=False)
     period: float = field(init=False)
@@ -48,11 +48,9 @@ class Playback:
 
     def place(self, elapsed: float) -> tuple[int, int, float]:
         """Return the samples before and after `elapsed` [s], and the fraction of the way from one to the other."""
-        last = self.stamps.shape[0] - 1
-        if self.repeat:
-            elapsed %= self.duration + RETURN_TIME
+        elapsed %= self.duration + RETURN_TIME
         if elapsed >= self.duration:
-            return (last, 0, (elapsed - self.duration) / RETURN_TIME) if self.repeat else (last, last, 0.0)
+            return self.stamps.shape[0] - 1, 0, (elapsed - self.duration) / RETURN_TIME
         newest = int(np.searchsorted(self.stamps, elapsed, side="right")) - 1
         step = self.stamps[newest + 1] - self.stamps[newest]
         return newest, newest + 1, float((elapsed - self.stamps[newest]) / step)

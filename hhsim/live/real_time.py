@@ -31,25 +31,22 @@ class RealTimeWishes:
     """Requests of a loop to the system.
 
     Attributes:
-        fifo: SCHED_FIFO at `priority`; the watchdog runs one above.
-        priority: Priority of the loop, 1 to 98.
+        punctual: SCHED_FIFO at `priority`, timers that are not coalesced (1 ns instead of 50 µs), and idle processors
+            that poll instead of sleeping.
+        priority: Priority of the loop, 1 to 98; the watchdog runs one above.
         lock_memory: Keep all used pages in memory (mlock).
-        timer_slack: Wake up without coalescing timers (1 ns instead of 50 µs).
         cpu: Processor to stay on; None for the last one allowed, -1 for any.
         freeze_gc: Exclude existing objects from garbage collection.
-        awake: Let idle processors poll instead of sleeping.
 
     Raises:
         InputError: A priority or a processor out of range.
     """
 
-    fifo: bool = True
+    punctual: bool = True
     priority: int = 50
     lock_memory: bool = True
-    timer_slack: bool = True
     cpu: int | None = None
     freeze_gc: bool = True
-    awake: bool = True
 
     def chosen(self) -> Self:
         """Return the same with the processor's number: all processes of a session have to know it."""
@@ -64,7 +61,7 @@ class RealTimeWishes:
     @classmethod
     def none(cls) -> Self:
         """Request nothing."""
-        return cls(fifo=False, lock_memory=False, timer_slack=False, cpu=-1, freeze_gc=False, awake=False)
+        return cls(punctual=False, lock_memory=False, cpu=-1, freeze_gc=False)
 
     def __post_init__(self) -> None:
         if not 1 <= self.priority <= 98:
@@ -88,7 +85,7 @@ def become_real_time(wishes: RealTimeWishes, *, above: int = 0) -> dict[str, Any
     refused: list[str] = []
     mode: dict[str, Any] = {"fifo": 0, "memory_locked": False, "timer_slack_ns": 0, "cpu": -1, "gc_frozen": False}
     mode |= {"awake": False, "refused": refused}
-    if wishes.timer_slack:
+    if wishes.punctual:
         with _noted(refused, "timer slack stays as it is"):
             _check(_libc.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0))
     mode["timer_slack_ns"] = timer_slack()
@@ -105,7 +102,7 @@ def become_real_time(wishes: RealTimeWishes, *, above: int = 0) -> dict[str, Any
         gc.disable()
         mode["gc_frozen"] = True
     # Last: the requests above take longer than others of the same priority can wait.
-    if wishes.fifo:
+    if wishes.punctual:
         priority = wishes.priority + above
         hint = "; raise the limit rtprio (ulimit -r), or grant CAP_SYS_NICE"
         with _noted(refused, f"no SCHED_FIFO at priority {priority}", hint):
@@ -133,7 +130,7 @@ def processors_awake(wishes: RealTimeWishes, mode: dict[str, Any]) -> Iterator[N
         mode: As of `become_real_time`; updated.
     """
     with contextlib.ExitStack() as opened:
-        if wishes.awake:
+        if wishes.punctual:
             what = f"processors without work may sleep: {IDLE_LATENCY}"
             with _noted(mode["refused"], what, "; allow writing to it (udev)"):
                 device = opened.enter_context(IDLE_LATENCY.open("r+b", buffering=0))

@@ -6,12 +6,11 @@ rely on words of eight bytes being written whole, and on stores becoming visible
 
 import argparse
 import contextlib
-import io
 import mmap
 import os
 import pickle
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -120,25 +119,22 @@ class RingReader:
 
 
 def write_setup(*parts: object) -> int:
-    """Pickle the setup of a process, part by part, into inheritable memory; returns the descriptor."""
+    """Pickle the parts of a process's setup into inheritable memory; returns the descriptor."""
     descriptor = os.memfd_create("hhsim-setup", 0)
     os.set_inheritable(descriptor, True)
     with open(descriptor, "wb", closefd=False) as stream:
-        for part in parts:
-            pickle.dump(part, stream, pickle.HIGHEST_PROTOCOL)
+        pickle.dump(parts, stream, pickle.HIGHEST_PROTOCOL)
     return descriptor
 
 
-def read_setup(descriptor: int) -> Iterator[Any]:
-    """Yield the parts that `write_setup` wrote; any number of processes may do so."""
+def read_setup(descriptor: int) -> tuple[Any, ...]:
+    """Return the parts that `write_setup` wrote; any number of processes may do so."""
     # By position: processes that inherit a descriptor share its offset in the file.
-    content = os.pread(descriptor, os.fstat(descriptor).st_size, 0)
-    stream = io.BytesIO(content)
-    while stream.tell() < len(content):
-        yield pickle.load(stream)
+    parts: tuple[Any, ...] = pickle.loads(os.pread(descriptor, os.fstat(descriptor).st_size, 0))
+    return parts
 
 
-def process_setup(name: str, arguments: Sequence[str] | None) -> Iterator[Any]:
+def process_setup(name: str, arguments: Sequence[str] | None) -> tuple[Any, ...]:
     """Name this process of a session, and read the setup whose descriptor its command line names."""
     name_process(name)
     parser = argparse.ArgumentParser(prog=f"hhsim-{name}")

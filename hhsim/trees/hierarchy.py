@@ -8,7 +8,7 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.enclosing_sphere import enclosing_sphere
 from hhsim.kernels.jit import as_argument
 from hhsim.reproducible import dot, matmul, principal_axes
-from hhsim.trees.sphere_tree import LevelCover, SphereTree, enclosing_radius
+from hhsim.trees.sphere_tree import LevelCover, SphereTree
 
 
 def build_hierarchy(center: FloatArray, radius: FloatArray, level: int, branching: int) -> SphereTree:
@@ -31,35 +31,23 @@ def cover_hierarchy(cover: LevelCover, level: int, branching: int) -> tuple[Sphe
 
 
 def at_level(tree: SphereTree, level: int) -> SphereTree:
-    """Return the tree whose leaves are the cover of a level: the same that is built for this level."""
+    """Return the tree whose leaves are the cover of a level: the same that is built for this level.
+
+    The tree has to have covers, as each that is built has.
+    """
     tree.require_level(level)
     if level == tree.depth:
         return tree
-    errors, seconds = tree.errors[: level + 1], tree.cpu_seconds[: level + 1]
-    if tree.covers:
-        branching, leaves = int(tree.options.get("branching", 8)), tree.options.get("leaves")
-        own, cover = cover_hierarchy(tree.covers[level], level, branching)
-        return replace(
-            own,
-            errors=errors,
-            mesh_sha256=tree.mesh_sha256,
-            options=dict(tree.options)
-            | {"level": level, "leaves": leaves if leaves and leaves < branching**level else None}
-            | ({"max_error": None} if "max_error" in tree.options else {}),
-            covers=(*tree.covers[:level], cover),
-            cpu_seconds=seconds,
-        )
-    keep = tree.level <= level
-    # The inner spheres now are leaves: they need not enclose each other, only what was below.
-    radius = enclosing_radius(tree.center[keep], tree.radius[keep], tree.level[keep], tree.parent[keep])
+    branching, leaves = int(tree.options.get("branching", 8)), tree.options.get("leaves")
+    own, cover = cover_hierarchy(tree.covers[level], level, branching)
     return replace(
-        tree,
-        center=tree.center[keep],
-        radius=radius,
-        level=tree.level[keep],
-        parent=tree.parent[keep],
-        errors=errors,
-        cpu_seconds=seconds,
+        own,
+        errors=tree.errors[: level + 1],
+        mesh_sha256=tree.mesh_sha256,
+        options=dict(tree.options)
+        | {"level": level, "leaves": leaves if leaves and leaves < branching**level else None, "max_error": None},
+        covers=(*tree.covers[:level], cover),
+        cpu_seconds=tree.cpu_seconds[: level + 1],
     )
 
 

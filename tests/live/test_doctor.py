@@ -83,7 +83,7 @@ def test_before_a_session_a_good_machine_gets_no_word(monkeypatch: pytest.Monkey
     asked = []
 
     def measure(rate: float, seconds: float, wishes: RealTimeWishes) -> Wakeups:
-        asked.append((rate, seconds, wishes.fifo, wishes.lock_memory))
+        asked.append((rate, seconds, wishes.punctual, wishes.lock_memory))
         return found
 
     monkeypatch.setattr(doctor, "measure_wakeups", measure)

@@ -66,7 +66,7 @@ if os.getuid() == 0:
 
 
 def test_a_processor_that_is_not_there_is_said() -> None:
-    mode, _, cpus, _ = ask("cpu=4000, fifo=False, lock_memory=False")
+    mode, _, cpus, _ = ask("cpu=4000, punctual=False, lock_memory=False")
     assert mode["cpu"] == -1
     assert len(cpus) > 0
     assert any("may not use 4000" in line for line in mode["refused"])  # type: ignore[attr-defined]
@@ -126,7 +126,7 @@ def test_a_loop_in_compiled_code_locks_what_it_uses_and_no_other_library() -> No
 
 
 def run_loop(**changes: object) -> tuple[subprocess.CompletedProcess[str], SessionMemory]:
-    wishes = RealTimeWishes(fifo=False, lock_memory=False, cpu=-1)
+    wishes = RealTimeWishes(punctual=False, lock_memory=False, cpu=-1)
     memory = SessionMemory.create()
     setup = memory.with_setup(make_setup(**({"real_time": wishes} | changes)))
     child = subprocess.run(

@@ -76,13 +76,8 @@ def test_moved_and_scaled() -> None:
             tree.scaled(factor)
 
 
-def test_a_level_without_a_cover_keeps_the_upper_levels() -> None:
+def test_a_level_that_no_tree_has_is_refused() -> None:
     tree = random_tree(60, 3)
-    coarse = at_level(tree, 1)
-    assert coarse.depth == 1
-    assert np.array_equal(coarse.leaf_center, tree.center[tree.level == 1])
-    assert np.array_equal(coarse.leaf_radius, tree.radius[tree.level == 1])
-    assert [error.level for error in coarse.errors] == [0, 1]
     assert_equal(at_level(tree, 3), tree)
     with pytest.raises(InputError, match="no level 4"):
         at_level(tree, 4)

@@ -16,8 +16,8 @@ from hhsim.recordings.column_map import JOINT_NAMES
 class ReplayGlove(NothingHeld, GloveDevice):
     """Gives sample k of a trajectory as sample k, bit for bit; its channels are the joint angles [rad].
 
-    The last sample is repeated at the usual rate, as by a hand that rests. In a repeated motion the fingers return to
-    the first sample within `RETURN_TIME`, as the palm does. InputError without a `playback`.
+    After the last one the fingers return to the first within `RETURN_TIME`, at the usual rate and as the palm does, and
+    the motion begins anew. InputError without a `playback`.
     """
 
     def __init__(self, config: GloveConfig) -> None:
@@ -64,15 +64,12 @@ class ReplayGlove(NothingHeld, GloveDevice):
         """Return two samples of the motion, the weight of the second, and the time at which sample `number` comes."""
         motion = self._playback
         last = motion.stamps.shape[0] - 1
-        cycle = 0
-        if motion.repeat:
-            cycle, number = divmod(number, last + 1 + self._returning)
+        cycle, number = divmod(number, last + 1 + self._returning)
         begun = cycle * (motion.duration + RETURN_TIME)
         if number <= last:
             return number, number, 0.0, begun + float(motion.stamps[number])
         waited = (number - last) * motion.period
-        due = begun + motion.duration + waited
-        return (last, 0, waited / RETURN_TIME, due) if motion.repeat else (last, last, 0.0, due)
+        return last, 0, waited / RETURN_TIME, begun + motion.duration + waited
 
     def _fill(self, sample: np.void, before: int, after: int, share: float, due: float, now: int) -> None:
         motion = self._playback.trajectory

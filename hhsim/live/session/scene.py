@@ -3,15 +3,23 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.live.devices.registry import GLOVES, GloveConfig
 from hhsim.live.playback import Playback
-from hhsim.live.pose.initial_pose import palm_place
 from hhsim.live.pose.registry import POSES, PoseConfig
 from hhsim.mesh.mesh import Mesh
-from hhsim.scene.motion_catalogue import Motion
+from hhsim.scene.motion_catalogue import Motion, load_script
 from hhsim.scene.scene import make_scene
+from hhsim.scene.synthesis import planned
 from hhsim.trees.sphere_tree import SphereTree
+
+ABOVE = 0.05
+"""Height of the palm above an object that no hand can grasp [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +63,7 @@ def make_live_scene(
         where = {name: getattr(scene.trajectory, name).tolist() for name in ("object_position", "object_orientation")}
         mesh, tree = scene.mesh, scene.tree
         # One for both, so that fingers and palm stay together.
-        playback = Playback(scene.trajectory.seen_from_object(), repeat=True)
+        playback = Playback(scene.trajectory.seen_from_object())
         if GLOVES[device.kind].plays:
             device = replace(device, playback=playback)
         if palm.plays:
@@ -73,3 +81,23 @@ def make_live_scene(
         "palm_begins": [*pose.position, *pose.orientation] if palm.placed else None,
     }
     return LiveScene(mesh, tree, device, pose, described)
+
+
+def palm_place(hand: HandModel, tree: SphereTree, back: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    """Compute the palm's pose of the script `grasp` in its hold, or above an object too large for a grasp.
+
+    Args:
+        tree: Object, world frame.
+        back: Distance by which the palm is drawn back from the grasp [m].
+
+    Returns:
+        Palm origin [m], shape (3,), and unit quaternion (w, x, y, z), world frame.
+    """
+    try:
+        closure = planned(load_script("grasp"), hand, tree)
+    except TrajectoryError:
+        leaves = tree.level == tree.level.max()
+        top = float((tree.center[leaves, 2] + tree.radius[leaves]).max())
+        middle = tree.center[leaves].mean(axis=0)
+        return np.array([middle[0], middle[1], top + ABOVE + back]), np.array([1.0, 0.0, 0.0, 0.0])
+    return closure.position + back * closure.back, quaternion_from_matrix(closure.rotation)

@@ -23,7 +23,7 @@ from live_peers import PATIENCE
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.gate.gate import gate_result
 from hhsim.hand.model import HandModel
-from hhsim.live.pose.initial_pose import palm_place
+from hhsim.live.session.scene import palm_place
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.session_faults import broken_off, ended_before_its_time
 from hhsim.replay.stored_scene import stored_hand
@@ -197,7 +197,7 @@ def test_a_palm_at_an_object_that_no_hand_can_grasp_is_above_it(monkeypatch: pyt
     def refuse(*arguments: object) -> None:
         raise TrajectoryError("thumb, index cannot reach the object, from any side")
 
-    monkeypatch.setattr("hhsim.live.pose.initial_pose.planned", refuse)
+    monkeypatch.setattr("hhsim.live.session.scene.planned", refuse)
     tree = cached_sphere_tree(cube(0.5), TreeOptions(level=1))
     position, orientation = palm_place(HandModel.default("right"), tree, 0.02)
     top = float((tree.leaf_center[:, 2] + tree.leaf_radius).max())

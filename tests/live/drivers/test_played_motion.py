@@ -81,13 +81,12 @@ def test_replay_gives_the_samples_of_the_motion_whenever_it_is_read(clock: list[
         assert np.array_equal(samples["flexion"][:50], given.flexion)
         assert np.array_equal(samples["abduction"][:50], given.abduction)
         assert np.array_equal(samples["device_time_ns"][:50], np.round(1e9 * (given.time - given.time[0])))
-        assert (samples["flexion"][50:] == given.flexion[-1]).all(), "a hand that rests"
         assert samples["good"].all()
 
 
 def test_replay_is_due_when_its_stamps_say_and_goes_back_to_begin_anew(clock: list[int]) -> None:
     given = motion(rate=500.0, start=0.0)
-    device = open_device(configure("replay", playback=Playback(given, repeat=True)))
+    device = open_device(configure("replay", playback=Playback(given)))
     assert len(read_all(device)) == 1
     clock[0] += 2_000_000 - 1
     assert len(read_all(device)) == 0
@@ -114,13 +113,13 @@ def test_what_does_not_fit_waits_for_the_next_read(clock: list[int]) -> None:
 
 def grasping() -> Trajectory:
     """All fingers close in one second along the regression and stay."""
-    channels = np.zeros((201, 11))
-    channels[:, 2::2] = np.clip(np.arange(201)[:, None] / 100.0, 0.0, 1.0) * 0.8
+    channels = np.zeros((401, 11))
+    channels[:, 2::2] = np.clip(np.arange(401)[:, None] / 100.0, 0.0, 1.0) * 0.8
     flexion, abduction = DexmoRegression.default().angles(channels)
     return Trajectory(
-        time=np.arange(201) / 100.0,
-        position=np.zeros((201, 3)),
-        orientation=np.tile([1.0, 0.0, 0.0, 0.0], (201, 1)),
+        time=np.arange(401) / 100.0,
+        position=np.zeros((401, 3)),
+        orientation=np.tile([1.0, 0.0, 0.0, 0.0], (401, 1)),
         flexion=flexion,
         abduction=abduction,
     )
@@ -183,13 +182,10 @@ def test_fingers_and_palm_of_one_motion_begin_together(clock: list[int]) -> None
         assert np.allclose(position, given.position[k], atol=1e-12)
         assert np.allclose(np.abs(orientation @ given.orientation[k]), 1.0, atol=1e-12)
         clock[0] += 10_000_000
-    clock[0] += 1_000_000_000
-    source.read(clock[0], position, orientation)
-    assert np.array_equal(position, given.position[-1]), "the palm stays"
 
 
 def test_a_repeated_motion_never_jumps() -> None:
-    playback = Playback(motion(), repeat=True)
+    playback = Playback(motion())
     source = make_pose_source(PoseConfig(kind="replay", playback=playback))
     path = []
     for now in range(0, 5_000_000_000, 1_000_000):

@@ -48,7 +48,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Ran:
         device=scene.device,
         pose=scene.pose,
         duration=0.001 * TICKS,
-        real_time=RealTimeWishes(fifo=False, lock_memory=False, cpu=-1),
+        real_time=RealTimeWishes(punctual=False, lock_memory=False, cpu=-1),
         record=path,
         description=scene.description,
     )

@@ -30,7 +30,7 @@ from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.ipc.status import LIVE_STATUS, Stage
 from hhsim.live.shared_memory import SharedBlock, process_setup
 # The watchdog's setup names the status block, and it has nothing else.
-first = next(process_setup("stand-in", None))
+first = process_setup("stand-in", None)[0]
 if hasattr(first, "status"):
     status = SharedBlock(first.status, LIVE_STATUS).array[0]
 else:
