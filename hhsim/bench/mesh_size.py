@@ -106,11 +106,7 @@ def prepare(path: Path, level: int) -> Preparation:
     began = time.perf_counter()
     mesh = load_mesh(path, solid=False)
     contact_surface("mesh", mesh, tree_of_any(mesh, level))
-    return Preparation(time.perf_counter() - began, _most_memory())
-
-
-def _most_memory() -> float:
-    return used_memory()[1]
+    return Preparation(time.perf_counter() - began, used_memory()[1])
 
 
 @dataclass

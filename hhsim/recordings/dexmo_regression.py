@@ -3,7 +3,7 @@
 The glove senses the metacarpophalangeal joints alone: rotate, split and bend of the thumb, split and bend of the other
 fingers. Every angle is an offset plus a slope for each channel (Gu et al., "Dexmo", CHI 2016). The coefficients of that
 work are not public. The default is an assumption: a fist bends the fingers by 85°, 100° and two thirds of that for the
-last joint (Rijpkema & Girard 1991). `fit` finds better ones from angles that were measured beside the channels.
+last joint (Rijpkema & Girard 1991).
 
 Channels are normalised: 0 is the flat hand with the fingers together, 1 the fist for bend, spread for split, opposed
 for rotate. Raw counts are calibrated by poses (`calibrated`), stored as TOML::
@@ -18,7 +18,7 @@ for rotate. Raw counts are calibrated by poses (`calibrated`), stored as TOML::
     index_flex2 = { offset = 2.0, index_bend = 98.0 }   # angle = offset + Σ slope · channel
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Self
@@ -28,7 +28,7 @@ from msgspec import field
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.recordings.column_map import JOINT_NAMES, AngleUnit, Joint
 from hhsim.recordings.unit_detection import ANGLE_UNITS
@@ -183,43 +183,6 @@ def _medians(word: str, readings: ArrayLike) -> FloatArray:
         missing = CHANNELS[int(np.argmin(known.any(axis=0)))]
         raise InputError(f"{word}: no reading of {missing}; expected some of every channel")
     return np.array([np.median(column[ok]) for column, ok in zip(values.T, known.T)])
-
-
-def fit(
-    regression: DexmoRegression, readings: ArrayLike, angles: ArrayLike, joints: Sequence[str] = JOINT_NAMES
-) -> tuple[DexmoRegression, FloatArray]:
-    """Fit slopes and offsets to measured angles by least squares; each joint keeps the channels that it depends on.
-
-    Args:
-        readings: Readings of the channels, shape (N, 11).
-        angles: Angles of `joints` measured beside them [rad], shape (N, J).
-
-    Returns:
-        The regression, and the root mean square of each joint's residual [rad], shape (J,).
-
-    Raises:
-        InputError: Too few samples, or channels that do not move enough to determine the slopes.
-        UnknownNameError: No hand has such a joint.
-    """
-    channels, measured = regression.normalised(readings), np.asarray(angles, np.float64)
-    if channels.ndim != 2 or measured.shape != (len(channels), len(joints)):
-        raise InputError(f"readings of shape {channels.shape} do not belong to angles of shape {measured.shape}")
-    slope, offset = regression.slope.copy(), regression.offset.copy()
-    left = np.empty(len(joints))
-    for column, joint in enumerate(joints):
-        if joint not in JOINT_NAMES:
-            raise UnknownNameError("joint", joint, JOINT_NAMES)
-        row = JOINT_NAMES.index(joint)
-        used = np.flatnonzero(slope[row])
-        known = np.isfinite(measured[:, column]) & np.isfinite(channels[:, used]).all(axis=1)
-        design = np.concatenate([np.ones((int(known.sum()), 1)), channels[known][:, used]], axis=1)
-        found, _, rank, _ = np.linalg.lstsq(design, measured[known, column], rcond=1e-6)
-        if rank < design.shape[1]:
-            names = ", ".join(CHANNELS[k] for k in used)
-            raise InputError(f"{joint} cannot be fitted: {names} do not move enough; expected open hand to fist")
-        offset[row], slope[row, used] = found[0], found[1:]
-        left[column] = np.sqrt(np.mean((design @ found - measured[known, column]) ** 2))
-    return replace(regression, slope=slope, offset=offset), left
 
 
 def format_calibration(regression: DexmoRegression) -> str:

@@ -1,4 +1,4 @@
-"""Eleven channels to twenty angles: the default, calibration by poses, the fit, and recordings of them."""
+"""Eleven channels to twenty angles: the default, calibration by poses, and recordings of them."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import pytest
 from conftest import Run
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import HhsimError, InputError
+from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.file import load_trajectory
@@ -18,7 +18,6 @@ from hhsim.recordings.dexmo_regression import (
     CHANNELS,
     DexmoRegression,
     calibrated,
-    fit,
     format_calibration,
     parse_calibration,
     read_calibration,
@@ -99,29 +98,6 @@ def test_poses_that_say_nothing_are_refused() -> None:
     lost[:, 4] = np.nan
     with pytest.raises(InputError, match="open hand: no reading of index_bend"):
         calibrated(DEFAULT, lost, np.ones((2, 11)))
-
-
-def test_the_fit_finds_the_line_that_made_the_angles() -> None:
-    random = np.random.default_rng(5)
-    slope = DEFAULT.slope * random.uniform(0.6, 1.2, DEFAULT.slope.shape)
-    truth = DexmoRegression(DEFAULT.open, DEFAULT.closed, slope, random.normal(0.0, 0.1, 20))
-    readings = random.uniform(0.0, 1.0, (200, 11))
-    flexion, abduction = truth.angles(readings)
-    angles = np.concatenate([flexion.reshape(200, 15), abduction], axis=1)
-    found, left = fit(DEFAULT, readings, angles)
-    assert np.allclose(found.slope, truth.slope) and np.allclose(found.offset, truth.offset) and left.max() < 1e-12
-    noisy = angles + random.normal(0.0, 0.05, angles.shape)
-    noisy[7, 3] = np.nan
-    _, left = fit(DEFAULT, readings, noisy)
-    assert np.allclose(left, 0.05, atol=0.01)
-    one, _ = fit(DEFAULT, readings, angles[:, [4]], ["index_flex2"])
-    assert np.allclose(one.slope[4], truth.slope[4]) and np.allclose(one.slope[5], DEFAULT.slope[5])
-    with pytest.raises(InputError, match="index_flex2 cannot be fitted: index_bend do not move enough"):
-        fit(DEFAULT, np.zeros((9, 11)), np.zeros((9, 1)), ["index_flex2"])
-    with pytest.raises(HhsimError, match="unknown joint 'index_flex4'"):
-        fit(DEFAULT, readings, angles[:, [4]], ["index_flex4"])
-    with pytest.raises(InputError, match="do not belong to angles"):
-        fit(DEFAULT, readings, angles[:9])
 
 
 def test_a_calibration_is_kept_as_toml(tmp_path: Path) -> None:

@@ -171,7 +171,7 @@ def run_scene(run: HardRun, options: SolverOptions) -> Outcome:
         for _ in range(run.repeats):
             record = measured(run.motion)
             marked.append(shown_points(record)[list(run.marks)])
-            memory.append(resident_memory())
+            memory.append(used_memory()[0])
     except HhsimError as error:
         record, refusal = None, str(error)
     return replace(
@@ -201,11 +201,6 @@ def limit_excess(hand: HandModel, record: TickRecord) -> float:
     low = hand.flexion_min - record.flexion
     high = record.flexion - hand.flexion_max
     return float(max(0.0, np.max(low), np.max(high))) if np.isfinite(record.flexion).all() else float("nan")
-
-
-def resident_memory() -> float:
-    """Return the resident memory of this process [B]; its largest so far on a system without /proc."""
-    return used_memory()[0]
 
 
 COLUMNS = (
