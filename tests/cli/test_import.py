@@ -166,12 +166,3 @@ def test_what_a_file_does_not_say_an_option_says(run: Run, tmp_path: Path) -> No
     code, out, _ = run("import", "points.npy", "--rate", "30", "--world-up", "y", "--out", "b.h5")
     assert code == 0 and "stands still" not in out
     assert np.ptp(load_trajectory(tmp_path / "b.h5").position, axis=0).max() > 0.01
-
-
-def test_stamps_in_ms_of_a_map_that_names_no_unit(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "glove.toml").write_text('[time]\ncolumn = "t"\n[joint]\nindex_flex1 = "a"\n')
-    (tmp_path / "glove.csv").write_text("t,a\n" + "".join(f"{10 * k},{k}\n" for k in range(40)))
-    for options in ((), ("--time-unit", "ms", "--angle-unit", "deg")):
-        code, out, err = run("import", "glove.csv", "--columns", "glove.toml", "--out", "a.h5", *options)
-        assert (code, err) == (0, "") and "0.390 s at 100.0 Hz" in out
-    assert load_trajectory(tmp_path / "a.h5").flexion[-1, 1, 0] == pytest.approx(np.radians(39))

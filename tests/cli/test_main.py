@@ -5,16 +5,14 @@ import importlib
 import importlib.metadata
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import click
 import pytest
-from conftest import Run, Terminal
+from conftest import Run
 
 import hhsim
 from hhsim.errors import InputError
@@ -271,32 +269,3 @@ def test_the_shell_is_offered_commands_names_and_options(
     monkeypatch.setenv("COMP_WORDS", words)
     monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
     assert run() == (0, f"plain,{offered}\n", "")
-
-
-def test_a_bar_has_a_label_from_the_start_and_says_that_kernels_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    from hhsim.kernels.jit import jit
-
-    console = importlib.import_module("hhsim.cli.console")
-
-    @click.command()
-    def command() -> None:
-        console.announce_compilation(quiet=False)
-        with console.progress(quiet=False) as report:
-            jit(lambda: 1)()
-            limit = time.monotonic() + 60.0
-            # The bar is drawn by a thread of its own, now and then.
-            while "compiling" not in terminal.getvalue():
-                assert time.monotonic() < limit
-                time.sleep(0.01)
-            report("ticks", 1, 3)
-
-    terminal = Terminal()
-    monkeypatch.setattr(sys, "stderr", terminal)
-    monkeypatch.setenv("COLUMNS", "160")
-    command([], standalone_mode=False)
-    shown = terminal.getvalue()
-    labels = ["getting ready", "compiling the kernels: once, and after an upgrade", "ticks"]
-    assert all(label in shown for label in labels)
-    assert sorted(labels, key=shown.index) == labels
-    assert "1 of 3" in shown and "hhsim: compiling" not in shown
-    assert re.search(r"upgrade \d+ s", re.sub(r"\x1b\[[0-9;]*m", "", shown))

@@ -201,14 +201,6 @@ def test_a_tick_that_is_none_is_told(tmp_path: Path, tick: Any) -> None:
     assert load_result(path).at(last, ["time"])["time"] == block(3)["time"][2]
 
 
-def test_ticks_are_read_in_blocks(tmp_path: Path) -> None:
-    loaded = load_result(write(tmp_path / "run.h5", [block(1100)]))
-    blocks = list(loaded.blocks(["time", "force/total"], 500))
-    assert [len(part["time"]) for part in blocks] == [500, 500, 100]
-    for name in ("time", "force/total"):
-        np.testing.assert_array_equal(np.concatenate([part[name] for part in blocks]), loaded[name])
-
-
 def test_two_runs_give_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Clock:
         @staticmethod

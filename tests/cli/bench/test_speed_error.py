@@ -48,20 +48,6 @@ def test_json_is_one_document(run: Run, tmp_path: Path) -> None:
     assert (tmp_path / "b.svg").is_file()
 
 
-def test_the_mesh_is_a_row_of_its_own(run: Run, tmp_path: Path) -> None:
-    answer = run(*SMALL, "--surface", "mesh", "--method", "coupled", "--out", "a.h5")
-    assert answer.code == 0, answer.err
-    assert "Methods as they come, and on the mesh" in answer.out
-    rows = [row for row in load_table(tmp_path / "a.h5").rows if row["object"] == "all"]
-    assert [(row["method"], row["surface"], row["level"]) for row in rows] == [
-        ("coupled", "spheres", 2),
-        ("coupled", "mesh", 0),
-        ("progressive", "spheres", 2),
-        ("progressive", "mesh", 0),
-    ]
-    assert [float(row["contact_error_max"]) < 1.1e-6 for row in rows] == [False, True, False, True]
-
-
 def test_a_picture_of_yours_is_not_replaced(run: Run, tmp_path: Path) -> None:
     (tmp_path / "a.png").write_text("holiday")
     answer = run(*SMALL, "--out", "a.h5")
