@@ -15,8 +15,8 @@ from hhsim.board.collect import Board, collect, merged
 from hhsim.board.entry import FAILED, Entry, entry_of_result, option_words
 from hhsim.board.shown import document_table, entry_table, standing_table
 from hhsim.board.standings import standings
-from hhsim.board.table_file import check_board_path, content_of, parquet_bytes
-from hhsim.errors import InputError, OutputError
+from hhsim.board.table_file import content_of, parquet_bytes
+from hhsim.errors import InputError
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.verdict import OK, UNTOUCHED
 from hhsim.result.reader import Result
@@ -248,8 +248,3 @@ def test_a_latex_table_is_balanced_and_everything_in_it_escaped() -> None:
         r"a\_b \& 50\% of \$x\$ \#1 \{y\} \textasciitilde{}\textasciicircum{}\textless{}\textbar{}\textgreater{}"
         r"\textbackslash{}end\{tabular\} ''q'' -{}-dash {[}z] {*}"
     ) in text
-
-
-def test_a_name_that_ends_otherwise_is_refused() -> None:
-    with pytest.raises(OutputError, match=r"a board ends in \.html, \.csv, \.parquet, \.md, \.tex"):
-        check_board_path(Path("board.xlsx"))

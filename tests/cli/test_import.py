@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Run
-from joint_samples import array_npy, joint_sample, openxr_csv
+from joint_samples import joint_sample, openxr_csv
 from recording_samples import smooth_recording
 
 from hhsim.hand.fingers import FINGERS
@@ -155,14 +155,3 @@ def test_a_hand_that_cannot_be_fitted_or_written_leaves_nothing(run: Run, damage
         assert code == 2 and out == "" and words in err and len(err.strip().splitlines()) == 1, (arguments, err)
     assert not (tmp_path / "out.h5").exists() and not (tmp_path / "me.toml").exists()
     assert (tmp_path / "glove.toml").read_text() == "rate = 100\n"
-
-
-def test_what_a_file_does_not_say_an_option_says(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "points.npy").write_bytes(array_npy(joint_sample().named()))
-    code, _, err = run("import", "points.npy", "--out", "a.h5")
-    assert code == 2 and "say how many there are a second: --rate" in err
-    code, out, err = run("import", "points.npy", "--rate", "30", "--out", "a.h5")
-    assert (code, err) == (0, "") and "the wrist stands still" in out and "1.300 s at 30.0 Hz" in out
-    code, out, _ = run("import", "points.npy", "--rate", "30", "--world-up", "y", "--out", "b.h5")
-    assert code == 0 and "stands still" not in out
-    assert np.ptp(load_trajectory(tmp_path / "b.h5").position, axis=0).max() > 0.01

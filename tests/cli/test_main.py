@@ -251,13 +251,6 @@ def test_compilation_is_announced_where_and_when_it_happens(capsys: pytest.Captu
         assert capsys.readouterr().err.splitlines() == lines
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_scripts_call_hhsim(run: Run, shell: str) -> None:
-    answer = run("completion", shell)
-    assert answer.code == 0
-    assert "_HHSIM_COMPLETE" in answer.out
-
-
 @pytest.mark.parametrize(
     ("words", "offered"),
     [("hhsim repl", "replay"), ("hhsim build-tree te", "teapot"), ("hhsim build-tree cube --bran", "--branching")],

@@ -16,7 +16,6 @@ from short_grasp import short_grasp_text
 
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
-from hhsim.system.checksummed_file import seal_holds
 
 pytestmark = pytest.mark.slow
 MAIN = "from hhsim.cli.main import main; main()"
@@ -96,18 +95,6 @@ def test_what_the_scene_does_not_need_is_left_out_and_told(run: Run, tmp_path: P
     assert result["penetration_finger"][:, :2].max() == 0.0
     table_text = run("replay", "cube", short.name, *options[:4], "--out", "run.h5").out
     assert "note: level 3 is the coarsest within 2 mm: 512 spheres, which reach out of the mesh by 1." in table_text
-
-
-def test_times_of_several_runs_have_a_mean_and_a_deviation(run: Run, tmp_path: Path, short: Path) -> None:
-    command = ("replay", "cube", short.name, "--level", "2", "--repeat", "2", "--out", "run.h5")
-    document = json.loads(run(*command, "--json").out)
-    assert document["repeated"]["runs"] == 2
-    assert document["repeated"]["times"]["tick_cpu_p50"]["mean"] > 0.0
-    assert load_result(tmp_path / "run.h5").repeated == document["repeated"]
-    assert seal_holds(tmp_path / "run.h5")
-    assert load_result(tmp_path / "run.h5").summary["tick_cpu_p50"] == document["tick_cpu_p50"]
-    answer = run(*command)
-    assert "times of 2 runs" in answer.out and " ± " in answer.out
 
 
 def test_a_replay_of_which_most_ticks_are_stuck_ends_with_1(

@@ -374,17 +374,6 @@ def test_a_figure_has_one_limit_for_all_methods_or_is_not_promised() -> None:
     assert promises == {*PROMISES}
 
 
-@pytest.mark.parametrize("method", ["progressive", "paper", "penalty"])
-def test_what_a_method_does_not_promise_is_told_and_not_missed(result: Path, method: str) -> None:
-    with changed(result) as file:
-        file["summary"].attrs["tracking_excess"] = 76.5
-    assert "tracking_excess" in missed(gate_result(load_result(result)))
-    change_scene(result, lambda scene: scene["solver"].update(method=method))
-    report = gate_result(load_result(result))
-    (row,) = (row for row in report.rows if row.name == "tracking_excess")
-    assert (row.passed, math.isnan(row.limit), row.reason) == (True, True, f"not promised by {method}")
-
-
 def test_limits_and_slack_of_a_scene_come_before_the_usual_ones() -> None:
     limits = "[scene.limits]\nstuck_ticks = false\nlag_max = 1e-3\n[scene.counters]\nslack = 0.02\npair_tests = 0\n"
     (scene,) = parse_suite(SUITE + limits, Path(), "suite").scenes

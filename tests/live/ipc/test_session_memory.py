@@ -14,7 +14,7 @@ from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import FACT_BYTES, SessionMemory
 from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes
-from hhsim.live.shared_memory import RingReader, read_setup, write_setup
+from hhsim.live.shared_memory import RingReader
 from hhsim.result.schema import WARNING
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
@@ -67,15 +67,6 @@ def test_a_child_sees_the_memory_and_the_setup(setup: LiveSetup, free: bool) -> 
         assert child.stdout == f"0 [4, 5, 9] 123 {{'real_time': {{'fifo': True}}}} 500.0 sim {free}\n"
     assert memory.status["recorder_ticks"] == 77
     assert (memory.status["battery"], memory.status["sample_ns"]) == (-1, -1), "nobody knows them yet"
-
-
-def test_a_setup_comes_back_whole(setup: LiveSetup) -> None:
-    (again,) = read_setup(write_setup(setup))
-    assert np.array_equal(again.mesh.vertices, setup.mesh.vertices)
-    assert np.array_equal(again.tree.radius, setup.tree.radius)
-    assert again.options == setup.options
-    assert (again.output, again.safety, again.real_time) == (setup.output, setup.safety, setup.real_time)
-    assert again.period_ns == 2_000_000
 
 
 def test_a_system_without_such_memory_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
