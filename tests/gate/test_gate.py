@@ -325,19 +325,6 @@ def test_a_time_over_its_limit_is_told_with_the_share() -> None:
     assert found.limit == pytest.approx(1.05e-5)
 
 
-def test_the_default_suite_is_read_and_names_what_ships() -> None:
-    from hhsim.mesh.catalogue import object_names
-    from hhsim.scene.motion_catalogue import trajectory_names
-
-    suite = default_suite()
-    assert any(scene.timed for scene in suite.scenes)
-    for scene in suite.scenes:
-        assert scene.object in object_names()
-        assert scene.trajectory in trajectory_names()
-        assert scene.limits["penetration_max"] == 1e-6
-        assert set(scene.slack.values()) == {0.005}
-
-
 def test_the_projects_own_suite_is_read_and_has_a_baseline_of_each_scene(repository: Path) -> None:
     suite = load_suite(repository / "hhsim-gate.toml")
     assert suite.baseline is not None

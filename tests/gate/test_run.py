@@ -20,7 +20,7 @@ from sampled import sampled
 from hhsim.errors import InputError
 from hhsim.gate.gate import GateReport, gate_suite
 from hhsim.gate.metrics import RunFigures, cpu_p50, run_figures
-from hhsim.gate.run import RunFailed, Side, find_side, run_python, this_python
+from hhsim.gate.run import RunFailed, Side, find_side, this_python
 from hhsim.gate.suite import GateScene, load_suite
 from hhsim.result.reader import Result
 from tools.gate_trials import changed_python
@@ -63,16 +63,6 @@ def one_result(suite: Path, this_side: Side) -> tuple[RunFigures, float]:
     (scene,) = load_suite(suite).scenes
     # Read to the end before the file is gone.
     return this_side.replay(scene, suite.parent, lambda result: (run_figures(result), cpu_p50(result)))
-
-
-def test_a_changed_python_runs_the_changed_module_and_no_other(tmp_path: Path) -> None:
-    python = changed_python(tmp_path / "other", "hhsim.errors", lambda text: f"{text}CHANGED = True\n")
-    for name, expected in ((python, "True"), (this_python(), "False")):
-        code = "import hhsim.errors, hhsim.system.atomic_write; print(hasattr(hhsim.errors, 'CHANGED'))"
-        assert run_python(name, code, [], tmp_path).stdout.strip() == expected
-    assert find_side("base", python).package == find_side("head", this_python()).package
-    with pytest.raises(InputError, match=r"hhsim\.nothing"):
-        changed_python(tmp_path / "none", "hhsim.nothing", str)
 
 
 def test_a_planted_penetration_of_5_um_is_caught(suite: Path, tmp_path: Path) -> None:

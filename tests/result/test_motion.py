@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from file_faults import Fault, at, attribute
+from file_faults import Fault, at
 from live_rings import CHANNELS, ended, make_setup, numbered_samples, pour, solved_ticks
 from sealed_change import changed
 from sphere_scenes import bumpy_ball
@@ -126,11 +126,6 @@ def test_a_result_that_was_cut_short_is_a_motion_as_far_as_it_goes(session: Path
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
-        (
-            attribute("old", "/", "schema_version", lambda _: 2),
-            "is a result of schema 2; this hhsim reads schema 3 alone",
-        ),
-        (attribute("new", "/", "schema_version", lambda _: 5), "written by a newer hhsim (schema 5; this one reads 4)"),
         (at("bad", "live/sample/good", slice(None), np.zeros_like), "a session without a good sample of the glove"),
         (lambda file: file["live/tick/deadline"].resize(0, axis=0), "a session without a tick: where the palm was"),
         (lambda file: file.__delitem__("live/sample/abduction"), "unknown dataset 'live/sample/abduction'"),

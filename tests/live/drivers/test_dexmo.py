@@ -205,15 +205,10 @@ def test_which_of_several_gloves_must_be_clear(tmp_path: Path) -> None:
         until(lambda: server.commands["number"].tolist() == [9])
 
 
-def test_a_server_without_gloves_and_one_without_a_server(server: FakeDexmo) -> None:
+def test_a_server_without_gloves(server: FakeDexmo) -> None:
     server.order("unplug")
     with pytest.raises(DeviceError, match=r"no right glove within 0\.2 s; gloves there: none"):
         glove_of(server).open(0.2)
-    server.kill()
-    with pytest.raises(DeviceError, match=r"Connection refused.*: is its server running"):
-        glove_of(server).open(0.2)
-    with pytest.raises(DeviceError, match="no such host"):
-        glove_of(server, host="no such host").open(0.2)
 
 
 @contextmanager

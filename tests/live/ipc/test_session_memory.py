@@ -14,8 +14,6 @@ from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import FACT_BYTES, SessionMemory
 from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes
-from hhsim.live.shared_memory import RingReader
-from hhsim.result.schema import WARNING
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 from tools.shapes.generators import sphere
@@ -73,16 +71,6 @@ def test_a_system_without_such_memory_is_said(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.delattr("os.memfd_create")
     with pytest.raises(HhsimError, match="need Linux"):
         SessionMemory.create()
-
-
-def test_events_are_cut_between_letters() -> None:
-    memory = SessionMemory.create()
-    memory.log(WARNING, "é" * 200, 5)
-    memory.log(WARNING, "x" + "é" * 200, 6)
-    _, events = RingReader(memory.events).read(10)
-    assert [text.decode("utf-8") for text in events["text"]] == ["é" * 120, "x" + "é" * 119]
-    assert events["time_ns"].tolist() == [5, 6]
-    assert events["level"].tolist() == [WARNING, WARNING]
 
 
 def test_facts_are_replaced_whole_and_bounded() -> None:
