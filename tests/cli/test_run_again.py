@@ -7,8 +7,7 @@ import h5py
 import pytest
 from conftest import Run
 from sealed_change import changed
-
-SHORT = 'title = "s"\n[[phase]]\nname = "approach"\nduration = 0.03\n[[phase]]\nname = "grasp"\nduration = 0.05\n'
+from short_grasp import short_grasp_text
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +20,7 @@ def replayed() -> dict[str, bytes]:
 def result(run: Run, tmp_path: Path, replayed: dict[str, bytes]) -> Path:
     path = tmp_path / "run.h5"
     if not replayed:
-        (tmp_path / "short.toml").write_text(SHORT)
+        (tmp_path / "short.toml").write_text(short_grasp_text())
         assert run("replay", "cube", "short.toml", "--out", path.name, "--quiet").code == 0
         replayed[path.name] = path.read_bytes()
     path.write_bytes(replayed[path.name])
@@ -33,7 +32,7 @@ def test_a_result_is_run_again_and_every_array_named(run: Run, result: Path) -> 
     answer = run("replay", "run.h5")
     assert (answer.code, answer.err) == (0, "")
     lines = answer.out.splitlines()
-    assert lines[0] == "run.h5: 80 ticks run again, 25 of 25 arrays identical"
+    assert lines[0] == "run.h5: 200 ticks run again, 25 of 25 arrays identical"
     assert lines[-1] == "identical in every tick"
     assert sum("identical" in line for line in lines[1:-1]) == 25
     assert run("replay", "run.h5", "--quiet") == (0, "", "")

@@ -8,6 +8,7 @@ import pytest
 from file_faults import Fault, at
 from live_rings import CHANNELS, ended, make_setup, numbered_samples, pour, solved_ticks
 from sealed_change import changed
+from short_grasp import short_grasp
 from sphere_scenes import bumpy_ball
 
 from hhsim.errors import InputError
@@ -21,22 +22,9 @@ from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.scene import make_scene
-from hhsim.scene.script import parse_script
 from hhsim.solver.options import SolverOptions
 from tools.shapes.generators import sphere
 
-SHORT = """
-title = "short"
-[[phase]]
-name = "approach"
-duration = 0.1
-[[phase]]
-name = "grasp"
-duration = 0.1
-[[phase]]
-name = "hold"
-duration = 0.05
-"""
 PLACE = (np.array([0.1, -0.2, 0.3]), np.array([0.8, 0.0, 0.6, 0.0]))
 
 
@@ -51,7 +39,7 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A replay beside an object that is neither at the world's origin nor upright."""
     path = tmp_path_factory.mktemp("replayed") / "run.h5"
     hand = HandModel.default()
-    closure = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, parse_script(SHORT, name="short", where="short"))
+    closure = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, short_grasp(hold=0.1))
     scene = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, closure.trajectory.placed(*PLACE))
     replay_scene(scene, SolverOptions(), path)
     return path

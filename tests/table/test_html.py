@@ -54,18 +54,6 @@ def test_a_marked_cell_has_its_mood_and_the_words_below_it() -> None:
     assert [cell.text for cell in found.all("td")] == [f"1.5 {NASTY}", "2"]
 
 
-@pytest.mark.parametrize(
-    ("columns", "sentences", "cards"),
-    [(4, False, None), (5, False, "cards"), (3, True, "cards"), (11, False, "cards"), (8, True, "cards many")],
-)
-def test_a_table_of_many_columns_is_cards_on_a_phone(columns: int, sentences: bool, cards: str | None) -> None:
-    headings = [f"column {i}" for i in range(columns)]
-    found = read_page(table(headings, [["x"] * columns], cards=sentences))
-    assert found.one("table").attributes.get("class") == cards
-    named = [cell.attributes.get("data-heading") for cell in found.all("td")]
-    assert named == (headings[1:] if cards else [None] * (columns - 1))
-
-
 def test_a_page_says_what_it_is_and_asks_nobody() -> None:
     found = read_page(render("report/page.html", title="T & T", generator="hhsim report", version="1"))
     assert found.one("html").attributes["lang"] == "en"
