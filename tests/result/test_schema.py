@@ -1,5 +1,8 @@
 """The table of a tick's columns: the solver's record, the ring of a session, the file and the docs follow from it."""
 
+import subprocess
+import sys
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +71,31 @@ def test_what_a_column_is_taken_from_fits_it(columns: tuple[Column, ...], record
         *("time", "penetration_depth", "penetration_palm", "penetration_finger"),
         *("force_variation_rate", "force_variation_finger", "record", "channel"),
     }
+
+
+ONE_MORE = """
+    import sys
+    from pathlib import Path
+    from hhsim.result import schema
+    text = "times that pairs were looked for anew"
+    schema.TICK_COLUMNS += (schema.Column("work/gathers", (), "<i8", "1", text, "work.gathers"),)
+
+    from short_grasp import short_result
+    from hhsim.replay.repeat import run_again
+    result = short_result(Path(sys.argv[1]))
+    assert result["work/gathers"].sum() > 0
+    compared = {array.name: array for array in run_again(result).arrays}
+    assert compared["work/gathers"].identical
+"""
+
+
+def test_one_more_line_of_the_table_is_one_more_dataset(tmp_path: Path) -> None:
+    tests = Path(__file__).parents[1]
+    script = f"import sys; sys.path.insert(0, {str(tests)!r})\n{textwrap.dedent(ONE_MORE)}"
+    answer = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path / "run.h5")], capture_output=True, text=True, check=False
+    )
+    assert (answer.returncode, answer.stderr) == (0, "")
 
 
 def test_the_documentation_has_a_line_for_each_column_of_a_session(repository: Path) -> None:

@@ -4,19 +4,14 @@ import subprocess
 import sys
 from dataclasses import replace
 
-import numpy as np
 import pytest
+from live_scripted import make_setup
 
 from hhsim.errors import HhsimError, InputError
-from hhsim.hand.model import HandModel
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import FACT_BYTES, SessionMemory
-from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes
-from hhsim.solver.options import SolverOptions
-from hhsim.trees.sphere_tree import SphereTree
-from tools.shapes.generators import sphere
 
 CHILD = """
 from hhsim.live.ipc.session_memory import session_process
@@ -32,15 +27,7 @@ memory.status["recorder_ticks"] = 77
 
 @pytest.fixture(scope="module")
 def setup() -> LiveSetup:
-    return LiveSetup(
-        mesh=sphere(0.06, 1),
-        tree=SphereTree(np.zeros((1, 3)), np.array([0.03]), np.array([0]), np.array([-1])),
-        hand=HandModel.default(),
-        options=SolverOptions(),
-        device=configure("sim"),
-        pose=PoseConfig(),
-        rate=500.0,
-    )
+    return make_setup(device=configure("sim"), rate=500.0)
 
 
 @pytest.mark.parametrize("free", [False, True])
