@@ -13,10 +13,10 @@ from short_grasp import short_result
 
 from hhsim.board.collect import Board, collect, merged
 from hhsim.board.entry import FAILED, Entry, entry_of_result, option_words
-from hhsim.board.shown import document_table, entry_table, standing_table
+from hhsim.board.shown import entry_table, standing_table
 from hhsim.board.standings import standings
-from hhsim.board.table_file import check_board_path, content_of, parquet_bytes
-from hhsim.errors import InputError, OutputError
+from hhsim.board.table_file import content_of, parquet_bytes
+from hhsim.errors import InputError
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.verdict import OK, UNTOUCHED
 from hhsim.result.reader import Result
@@ -97,14 +97,6 @@ def test_a_result_of_two_sets_of_options_counts_in_the_row_of_each() -> None:
     later = replace(own, option_set="own", created="2026-01-02T00:00:00Z")
     both = standings(merged([replace(own, option_set="usual"), later]))
     assert [(one.options, one.first) for one in both] == [("usual", True), ("own", True)]
-
-
-def test_a_document_says_once_what_is_the_same_in_every_row() -> None:
-    board = merged([entry(), entry("paper", tick_cpu_p50=2e-5)])
-    table = document_table(board, standings(board))
-    assert table.headings == ["", "method", "p50 [µs]"] and [row[2] for row in table.cells] == ["10.0", "20.0"]
-    assert table.notes[0].startswith("the same in every row: surface spheres; options usual; machine A; scenes 1")
-    assert "| depth" not in text_of(board, ".md")
 
 
 def test_a_failure_counts_until_it_worked() -> None:
@@ -248,8 +240,3 @@ def test_a_latex_table_is_balanced_and_everything_in_it_escaped() -> None:
         r"a\_b \& 50\% of \$x\$ \#1 \{y\} \textasciitilde{}\textasciicircum{}\textless{}\textbar{}\textgreater{}"
         r"\textbackslash{}end\{tabular\} ''q'' -{}-dash {[}z] {*}"
     ) in text
-
-
-def test_a_name_that_ends_otherwise_is_refused() -> None:
-    with pytest.raises(OutputError, match=r"a board ends in \.html, \.csv, \.parquet, \.md, \.tex"):
-        check_board_path(Path("board.xlsx"))

@@ -61,18 +61,6 @@ def test_a_time_is_judged_by_what_repeated_runs_differ(
     assert all("mean ± σ of 3 runs: tick in contact, CPU, p50 1,100.0 ± " in line for line in told)
 
 
-@pytest.mark.parametrize("lags", ["a.h5", "b.h5"])
-def test_lag_of_one_alone_is_a_difference(run: Run, results: Path, tmp_path: Path, lags: str) -> None:
-    for name in ("a.h5", "b.h5"):
-        shutil.copy(results / "coupled.h5", tmp_path / name)
-    with changed(tmp_path / lags) as file:
-        file["summary"].attrs.update(lag_ticks=2.0, lag_max=0.0268)
-    for options in ([], ["--all"]):
-        answer = run("compare", str(tmp_path / "a.h5"), str(tmp_path / "b.h5"), *options)
-        assert "26.80" in answer.out
-        assert word(answer.out, "lag, max") == ("better" if lags == "a.h5" else "worse")
-
-
 def test_a_figure_that_is_not_of_the_ticks_is_named(run: Run, results: Path, tmp_path: Path) -> None:
     shutil.copy(results / "coupled.h5", tmp_path / "b.h5")
     with changed(tmp_path / "b.h5") as file:

@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Run
-from joint_samples import array_npy, joint_sample, openxr_csv
+from joint_samples import joint_sample, openxr_csv
 from recording_samples import smooth_recording
 
-from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.motion.trajectory import UNCHECKED
@@ -134,11 +133,6 @@ def test_joint_centres_give_a_motion_the_error_of_the_fit_and_a_hand(run: Run, t
         posed = hand.joints(motion.position[k], motion.orientation[k], motion.flexion[k], motion.abduction[k])
         recorded = sample.joints[k][[OPENXR_JOINTS.index(joint) for joint in KEYPOINTS[1:]]]
         assert np.abs(posed.reshape(20, 3) - recorded).max() < 5e-6
-    code, out, _ = run("import", "quest.csv", "--fit-hand", "me.toml", "--out", "quest.h5", "--json")
-    document = json.loads(out)
-    assert code == 0 and document["hand_file"] == "me.toml" and set(document["fit"]) == set(FINGERS)
-    index = document["fit"]["index"]
-    assert index["rms"] < 1e-9 and index["length"][0] == pytest.approx(0.0464, abs=1e-4)
 
 
 def test_a_hand_that_cannot_be_fitted_or_written_leaves_nothing(run: Run, damaged: Path, tmp_path: Path) -> None:
@@ -155,23 +149,3 @@ def test_a_hand_that_cannot_be_fitted_or_written_leaves_nothing(run: Run, damage
         assert code == 2 and out == "" and words in err and len(err.strip().splitlines()) == 1, (arguments, err)
     assert not (tmp_path / "out.h5").exists() and not (tmp_path / "me.toml").exists()
     assert (tmp_path / "glove.toml").read_text() == "rate = 100\n"
-
-
-def test_what_a_file_does_not_say_an_option_says(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "points.npy").write_bytes(array_npy(joint_sample().named()))
-    code, _, err = run("import", "points.npy", "--out", "a.h5")
-    assert code == 2 and "say how many there are a second: --rate" in err
-    code, out, err = run("import", "points.npy", "--rate", "30", "--out", "a.h5")
-    assert (code, err) == (0, "") and "the wrist stands still" in out and "1.300 s at 30.0 Hz" in out
-    code, out, _ = run("import", "points.npy", "--rate", "30", "--world-up", "y", "--out", "b.h5")
-    assert code == 0 and "stands still" not in out
-    assert np.ptp(load_trajectory(tmp_path / "b.h5").position, axis=0).max() > 0.01
-
-
-def test_stamps_in_ms_of_a_map_that_names_no_unit(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "glove.toml").write_text('[time]\ncolumn = "t"\n[joint]\nindex_flex1 = "a"\n')
-    (tmp_path / "glove.csv").write_text("t,a\n" + "".join(f"{10 * k},{k}\n" for k in range(40)))
-    for options in ((), ("--time-unit", "ms", "--angle-unit", "deg")):
-        code, out, err = run("import", "glove.csv", "--columns", "glove.toml", "--out", "a.h5", *options)
-        assert (code, err) == (0, "") and "0.390 s at 100.0 Hz" in out
-    assert load_trajectory(tmp_path / "a.h5").flexion[-1, 1, 0] == pytest.approx(np.radians(39))

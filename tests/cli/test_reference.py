@@ -10,7 +10,6 @@ import click
 import pytest
 from command_lines import parse
 
-from hhsim.errors import HhsimError
 from hhsim.hand.fingers import FINGERS
 
 reference: Callable[[], str] = importlib.import_module("tools.cli_reference").reference
@@ -140,22 +139,6 @@ def test_the_defaults_that_are_told_are_those_of_the_library() -> None:
         (option,) = (option for option in options_of(path) if name in option.opts)
         assert option.help is not None
         assert option.help.endswith(f"Default: {value}."), (path, name, option.help)
-
-
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("hhsim replya", "did you mean replay"),
-        ("hhsim bench papre", "did you mean paper"),
-        ("hhsim replay --metod coupled", "No such option"),
-        ("hhsim replay --threads 0", "not in the range"),
-    ],
-)
-def test_a_line_that_hhsim_refuses_is_refused_here(line: str, message: str) -> None:
-    with pytest.raises((click.ClickException, HhsimError)) as error:
-        parse(line)
-    shown = error.value.format_message() if isinstance(error.value, click.ClickException) else str(error.value)
-    assert message in shown
 
 
 def test_lists_take_commas_or_the_option_again() -> None:

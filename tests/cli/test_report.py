@@ -104,8 +104,6 @@ def test_a_figure_is_a_file_of_its_own(run: Run, tmp_path: Path) -> None:
         answer.err
     )
     assert (tmp_path / "fig.pdf").read_bytes().startswith(b"%PDF")
-    document = json.loads(run("report", "x.h5", "--figure", "ticks", "--out", "fig.svg", "--json").out)
-    assert (document["figure"], round(document["width"], 6)) == ("fig.svg", 0.18)
     for arguments, message in (
         (("--width", "88mm"), "--width is of a figure"),
         (("--figure", "series", "--width", "88"), "expected a number with mm, cm or in"),
@@ -113,4 +111,4 @@ def test_a_figure_is_a_file_of_its_own(run: Run, tmp_path: Path) -> None:
         answer = run("report", "x.h5", *arguments)
         assert (answer.code, answer.out, answer.err.count("\n")) == (2, "", 1), arguments
         assert message in answer.err
-    assert {path.name for path in tmp_path.iterdir()} == {"x.h5", "fig.pdf", "fig.svg"}
+    assert {path.name for path in tmp_path.iterdir()} == {"x.h5", "fig.pdf"}

@@ -62,15 +62,3 @@ def test_what_is_suspected_is_said_and_the_exit_code_is_1(run: Run, tmp_path: Pa
     found = run("score", "s/mm.csv", "--out", "r.h5", "--json")
     assert found.code == 1 and "suspected" in found.err
     assert "millimetres?" in json.loads(found.out)["suspicions"][0]
-
-
-def test_another_scene_is_refused_by_name_and_nothing_is_written(run: Run, tmp_path: Path) -> None:
-    run("scene", *SCENE, "--out", "s", "--quiet")
-    run("scene", "sphere", "touch", "--rate", "200", "--out", "other", "--quiet")
-    found = run("score", "s/example-submission.csv", "--scene", "other", "--out", "r.h5")
-    assert found.code == 2 and "is of cube touch" in found.err and "this is sphere touch" in found.err
-    assert not (tmp_path / "r.h5").exists()
-    again = run("scene", *SCENE, "--out", "s")
-    assert again.code == 2 and "is not empty" in again.err
-    missing = run("score", "none.csv")
-    assert missing.code == 2 and "no such file" in missing.err

@@ -61,8 +61,6 @@ def test_a_sweep_from_dry_run_to_board(run: Run, planned: Path, tmp_path: Path) 
     ("arguments", "said"),
     [
         (("sweep", "none.toml"), "none.toml: no such file; expected a TOML plan of a sweep"),
-        (("sweep", "plan.toml", "--out", "plan.toml"), "plan.toml is a file, not a folder"),
-        (("sweep", "plan.toml", "--out", "."), "holds other files, and no sweep"),
         (("board", "nowhere"), "nowhere: no such folder"),
         (("board", ".", "--out", "b.xlsx"), "b.xlsx: a board ends in .html, .csv, .parquet, .md, .tex"),
     ],

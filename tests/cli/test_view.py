@@ -51,16 +51,3 @@ def test_a_film_is_made_without_a_viewer(run: Run, tmp_path: Path, short: str) -
         assert (answer.code, answer.out, answer.err.count("\n")) == (2, "", 1), arguments
         assert message in answer.err
     assert not {"two.gif", "x.gif", "x.avi"} & {path.name for path in tmp_path.iterdir()}
-
-
-def test_files_of_several_kinds_are_shown_together(run: Run, tmp_path: Path, short: str) -> None:
-    assert run("replay", "cube", short, "--level", "2", "--out", "short.h5", "--quiet").code == 0
-    (tmp_path / "ball.off").write_text("OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n")
-    answer = run("view", "short.h5", "ball.off", "short.h5", "--unit", "cm", "--rerun", "all.rrd")
-    assert answer.code == 0, answer.err
-    assert answer.out == "short.h5 (result), ball.off (mesh), short.h5 (result) went to all.rrd\n"
-    document = json.loads(run("view", "short.h5", "ball.off", "--rerun", "all.rrd", "--json").out)
-    assert document["files"] == [
-        {"file": "short.h5", "kind": "result", "samples": 200},
-        {"file": "ball.off", "kind": "mesh", "samples": 0},
-    ]

@@ -23,8 +23,6 @@ from sealed_change import changed
 from short_grasp import short_grasp, short_scene
 
 from hhsim.gate.gate import gate_result
-from hhsim.gate.metrics import run_figures
-from hhsim.gate.verdict import judge_counters
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.result.reader import load_result
@@ -334,13 +332,6 @@ def test_a_limit_on_what_a_run_does_not_have_is_told_in_a_line(head: Path, gate:
     assert f"note: {untold}" in answer.out.splitlines()
 
 
-def test_a_scene_that_left_the_suite_is_told(head: Path, gate: Gate) -> None:
-    only(head, "session")
-    answer = gate(head)
-    assert answer.code == 0, answer.out
-    assert "note: not in the suite any more: method, recording, submission" in answer.out.splitlines()
-
-
 def test_a_pointer_that_git_lfs_left_is_named_once(head: Path, gate: Gate) -> None:
     (head / "session.h5").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 400000\n")
     (head / "recording.csv").write_bytes((head / "session.h5").read_bytes())
@@ -364,19 +355,6 @@ def test_another_motion_is_judged_by_its_figures_where_the_suite_says_so(head: P
     (head / "hhsim-gate.toml").write_text(text.replace("motion_may_change = true", ""))
     answer = gate(head, "--quiet")
     assert (answer.code, "different inputs: " in answer.err) == (3, True)
-
-
-def test_the_example_of_a_method_counts_its_work(
-    repository: Path, project: Path, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shutil.copy(repository / "examples" / "project_out.py", tmp_path)
-    monkeypatch.chdir(tmp_path)
-    made = ("replay", "cube", str(project / "short.toml"), "--method", "project_out:ProjectOut", "--out", "own.h5")
-    assert run(*made).code == 0
-    figures = run_figures(load_result(tmp_path / "own.h5"))
-    assert set(figures.counters) == {"work_units"} and figures.counters["work_units"] > 0
-    slower = replace(figures, counters={"work_units": figures.counters["work_units"] + 1})
-    assert not judge_counters("own", slower, figures, {"work_units": 0.0})[0].passed
 
 
 @pytest.mark.parametrize(

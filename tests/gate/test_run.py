@@ -7,7 +7,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 from xml.etree import ElementTree
@@ -20,11 +20,10 @@ from sampled import sampled
 from hhsim.errors import InputError
 from hhsim.gate.gate import GateReport, gate_suite
 from hhsim.gate.metrics import RunFigures, cpu_p50, run_figures
-from hhsim.gate.run import RunFailed, Side, find_side, run_python, this_python
+from hhsim.gate.run import RunFailed, Side, find_side, this_python
 from hhsim.gate.suite import GateScene, load_suite
-from hhsim.gate.time_comparison import TimeComparison
 from hhsim.result.reader import Result
-from tools.gate_trials import PLANTED_LINES, TIMED_LINE, changed_python, plant_work, tally
+from tools.gate_trials import changed_python
 
 pytestmark = pytest.mark.slow
 
@@ -66,26 +65,6 @@ def one_result(suite: Path, this_side: Side) -> tuple[RunFigures, float]:
     return this_side.replay(scene, suite.parent, lambda result: (run_figures(result), cpu_p50(result)))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Known(Side):
-    """A side whose figures are known."""
-
-    known: RunFigures
-
-    def figures(self, scene: GateScene, folder: Path) -> RunFigures:
-        return self.known
-
-
-def test_a_changed_python_runs_the_changed_module_and_no_other(tmp_path: Path) -> None:
-    python = changed_python(tmp_path / "other", "hhsim.errors", lambda text: f"{text}CHANGED = True\n")
-    for name, expected in ((python, "True"), (this_python(), "False")):
-        code = "import hhsim.errors, hhsim.system.atomic_write; print(hasattr(hhsim.errors, 'CHANGED'))"
-        assert run_python(name, code, [], tmp_path).stdout.strip() == expected
-    assert find_side("base", python).package == find_side("head", this_python()).package
-    with pytest.raises(InputError, match=r"hhsim\.nothing"):
-        changed_python(tmp_path / "none", "hhsim.nothing", str)
-
-
 def test_a_planted_penetration_of_5_um_is_caught(suite: Path, tmp_path: Path) -> None:
     shift = 5.5e-6
     edit = replaced(HAND_LINE, SHIFTED.format(shift=shift) + HAND_LINE)
@@ -95,17 +74,6 @@ def test_a_planted_penetration_of_5_um_is_caught(suite: Path, tmp_path: Path) ->
     assert [row.name for row in report.missed] == ["penetration_max"]
     # The solver keeps clear by half a micrometre.
     assert 4.5e-6 < report.missed[0].head < shift
-
-
-def test_other_options_of_a_base_cannot_be_compared(
-    suite: Path, this_side: Side, one_result: tuple[RunFigures, float]
-) -> None:
-    figures, side = one_result[0], (this_side.name, this_side.python, this_side.version, this_side.package)
-    others = replace(figures.inputs, solver={**figures.inputs.solver, "skin": 4e-3})
-    head, base = (Known(*side, known=known) for known in (figures, replace(figures, inputs=others)))
-    report = judged(suite, head, base)
-    assert (report.verdict, report.exit_code) == ("not comparable", 3)
-    assert report.rows[0].reason == "different inputs: skin: 0.004 and 0.002"
 
 
 def test_a_head_that_breaks_is_a_miss_and_one_that_refuses_an_error(
@@ -274,21 +242,3 @@ def test_the_github_example_is_yaml_whose_gate_line_the_command_takes(repository
     assert context.params["base_folder"] == Path("../base")
     answer = subprocess.run(["sh", "-n", "-c", steps["Install both"]["run"]], capture_output=True, text=True)
     assert answer.returncode == 0, answer.stderr
-
-
-def test_planted_work_stands_between_the_readings_of_the_clock(repository: Path) -> None:
-    source = (repository / "hhsim" / "kernels" / "tick" / "block.py").read_text()
-    changed = plant_work(123)(source)
-    compile(changed, "block.py", "exec")
-    planted = changed.index(PLANTED_LINES.format(rounds=123))
-    assert changed.index("cpu = thread_team_cpu_ns(state.thread_team)") < changed.index(TIMED_LINE) < planted
-    assert planted < changed.index("cpu = thread_team_cpu_ns(state.thread_team) - cpu")
-    with pytest.raises(InputError, match="TIMED_LINE"):
-        plant_work(1)("nothing")
-
-
-def test_trials_count_what_was_wrong() -> None:
-    words = ["within noise", "worse", "better", "worse"]
-    found = [TimeComparison(1.0, 1.0, 1.0, 0.0, word) for word in words]
-    assert tally("identical", found, None).wrong == 3
-    assert tally("planted", found, "worse").wrong == 2

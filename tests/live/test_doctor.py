@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hhsim.live import doctor
-from hhsim.live.doctor import HOST_ADVICE, NOBODY_ADVICE, OTHERS_ADVICE, Diagnosis, histogram, quick_warning
+from hhsim.live.doctor import HOST_ADVICE, NOBODY_ADVICE, OTHERS_ADVICE, Diagnosis, quick_warning
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.wakeups import Wakeups
 from hhsim.result.miss_cause import CAUSES, MissCause
@@ -67,16 +67,6 @@ def test_who_took_the_time_is_told_first(cause: MissCause, run_delay: int, first
     bad = Diagnosis(planted(missed=30, cause=cause, run_delay=run_delay), facts)
     assert bad.advice == [first, "no SCHED_FIFO at priority 50", "cpupower"]
     assert Diagnosis(planted(missed=3, cause=cause), facts).advice == []
-
-
-def test_the_histogram_has_every_wake_up() -> None:
-    late = np.array([0, 10 * US, 10 * US + 1, 60 * US, 7 * MS, 70 * MS], np.int64)
-    wakeups = Wakeups(1000.0, late, 0, 0, dict.fromkeys(CAUSES, 0), 0, 0, {"refused": []})
-    rows = histogram(wakeups)
-    assert [count for _, _, count in rows] == [2, 1, 0, 1, 0, 0, 0, 0, 0, 1, 1]
-    assert rows[0][:2] == (0.0, 10.0)
-    assert rows[-1][:2] == (10_000.0, None)
-    assert [count for _, _, count in histogram(planted(late_us=15))] == [0, 10_000]
 
 
 def test_before_a_session_a_good_machine_gets_no_word(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hhsim.result.miss_cause import WORDS, MissCause, TimeTaken
+from hhsim.result.miss_cause import MissCause, TimeTaken
 
 MS = 1_000_000
 
@@ -28,7 +28,3 @@ def test_the_cause_is_what_took_most(
     computed: int, kept: int, run_delay: int, steal: int, device: int, cause: MissCause
 ) -> None:
     assert TimeTaken(computed, kept, run_delay, steal, device).cause() is cause
-
-
-def test_every_cause_has_words() -> None:
-    assert set(WORDS) == set(MissCause) - {MissCause.NONE}

@@ -160,23 +160,6 @@ def extra(rows: dict[str, int], seed: int = 0) -> dict[str, Arrays]:
     return tables
 
 
-def test_tables_of_a_session_grow_beside_the_ticks(tmp_path: Path) -> None:
-    path = tmp_path / "run.h5"
-    counts = ({LIVE_TICK: 600, LIVE_SAMPLE: 130, LIVE_EVENT: 1}, {LIVE_TICK: 10, LIVE_SAMPLE: 700, LIVE_EVENT: 0})
-    tables = [extra(rows, seed) for seed, rows in enumerate(counts)]
-    with ResultWriter(path, scene=SCENE, static=static(), tables=EXTRA) as writer:
-        for rows, others in zip(counts, tables):
-            writer.append(block(rows[LIVE_TICK]), others, {"live": {"lost_ticks": rows[LIVE_TICK]}})
-        writer.finish({})
-    loaded = load_result(path)
-    assert loaded.live == {"lost_ticks": 10}
-    assert loaded.ticks == 610
-    for group, columns in EXTRA.items():
-        for column in columns:
-            expected = np.concatenate([others[group][column.name] for others in tables])
-            assert np.array_equal(loaded[f"{group}/{column.name}"], expected), column.name
-
-
 def test_tables_of_unequal_length_are_trimmed_to_what_is_whole(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
     with ResultWriter(path, scene=SCENE, static=static(), tables=EXTRA) as writer:
@@ -199,14 +182,6 @@ def test_a_tick_that_is_none_is_told(tmp_path: Path, tick: Any) -> None:
         load_result(path).at(tick, ["time"])
     last: Any = np.int64(2)
     assert load_result(path).at(last, ["time"])["time"] == block(3)["time"][2]
-
-
-def test_ticks_are_read_in_blocks(tmp_path: Path) -> None:
-    loaded = load_result(write(tmp_path / "run.h5", [block(1100)]))
-    blocks = list(loaded.blocks(["time", "force/total"], 500))
-    assert [len(part["time"]) for part in blocks] == [500, 500, 100]
-    for name in ("time", "force/total"):
-        np.testing.assert_array_equal(np.concatenate([part[name] for part in blocks]), loaded[name])
 
 
 def test_two_runs_give_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,10 +15,8 @@ from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import Side
 from hhsim.hand.quaternion import quaternion, rotation_matrix
-from hhsim.replay.checked_figures import checked_figures, read_ticks
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
-from hhsim.replay.verdict import verdict
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, find_method
@@ -123,15 +121,6 @@ def test_the_best_hand_is_off_itself_by_nothing_and_the_users_by_what_it_is_push
     # The spheres cover the mesh.
     assert 0.0 < user.mesh_depth_max <= deepest
     assert user.off_best_max > user.mesh_depth_max > 0.005
-
-
-def test_whose_the_times_are_is_told_wherever_the_result_is_judged(as_file: tuple[Score, Result]) -> None:
-    result = as_file[1]
-    table = checked_figures(result, read_ticks(result)).rows
-    judged = verdict(result, table)
-    assert "what the submission says" in judged.line and "what the submission says" in judged.sentences[-1]
-    timeless = [row for row in table if not row.name.startswith("tick_")]
-    assert "submission" not in verdict(result, timeless).line
 
 
 def test_a_result_of_poses_cannot_be_run_again_and_says_so(as_file: tuple[Score, Result]) -> None:

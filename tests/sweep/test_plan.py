@@ -60,10 +60,6 @@ def test_sets_of_options_that_come_to_the_same_are_computed_once_under_both_name
     assert found.notes[0].startswith("cylinder: 2 cells computed once and called usual = stated")
 
 
-def test_ticks_are_those_of_the_motion_where_the_plan_has_no_fewer(tmp_path: Path) -> None:
-    assert [planned.ticks for planned in plan(tmp_path).cells] == [200, 200]
-
-
 def test_what_a_recording_was_imported_as_is_said(tmp_path: Path) -> None:
     (tmp_path / "quest.csv").write_text(openxr_csv(joint_sample()))
     remark, unchecked = plan(tmp_path, PLAN.replace("short.toml", "quest.csv")).notes

@@ -10,14 +10,6 @@ from hhsim.errors import OutputError
 from hhsim.system.atomic_write import write_atomically, write_together
 
 
-def test_a_file_is_written_and_replaced(tmp_path: Path) -> None:
-    path = tmp_path / "a.txt"
-    write_atomically(path, b"first")
-    write_atomically(path, b"second")
-    assert path.read_bytes() == b"second"
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_a_link_keeps_pointing_to_the_new_file(tmp_path: Path) -> None:
     target, link = tmp_path / "target", tmp_path / "link"
     target.write_bytes(b"old")

@@ -51,11 +51,3 @@ def test_what_nobody_counts_is_unknown(tmp_path: Path, stat: str | None, schedul
     accounts = CpuAccounts(1, tmp_path)
     assert (accounts.steal_ns(), accounts.run_delay_ns()) == (UNKNOWN, UNKNOWN)
     assert risen(UNKNOWN, 7) == risen(7, UNKNOWN) == risen(7, 5) == 0
-
-
-def test_this_system_counts_the_wait_of_a_thread() -> None:
-    accounts = CpuAccounts()
-    before = accounts.run_delay_ns()
-    assert before == UNKNOWN or accounts.run_delay_ns() >= before
-    accounts.close()
-    assert accounts.run_delay_ns() == UNKNOWN

@@ -17,7 +17,7 @@ from hhsim.recordings.registry import read_recording
 from hhsim.result.reader import load_result
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.system.input_file import check_ordinary, open_input, read_input, read_input_text
-from hhsim.system.media_kind import media_kind, media_kind_of
+from hhsim.system.media_kind import media_kind
 from hhsim.system.settings_file import read_toml_text
 from hhsim.view.gallery import file_kind
 
@@ -74,11 +74,6 @@ def picture(form: str) -> bytes:
     return buffer.getvalue()
 
 
-@pytest.mark.parametrize("form", ["PNG", "JPEG"])
-def test_a_picture_is_known_by_its_first_bytes(form: str) -> None:
-    assert media_kind(picture(form)) == f"a picture ({form})"
-
-
 @pytest.mark.parametrize(
     ("head", "kind"),
     [
@@ -101,7 +96,3 @@ def test_whatever_reads_a_picture_says_that_it_is_one(read: Callable[[Path], Any
     path.write_bytes(picture("PNG"))
     with pytest.raises(InputError, match=r"a picture \(PNG\).*(expected|not a result)"):
         read(path)
-
-
-def test_no_file_is_no_picture(tmp_path: Path) -> None:
-    assert media_kind_of(tmp_path / "none.png") == media_kind_of(tmp_path) == ""

@@ -54,24 +54,6 @@ def test_a_marked_cell_has_its_mood_and_the_words_below_it() -> None:
     assert [cell.text for cell in found.all("td")] == [f"1.5 {NASTY}", "2"]
 
 
-def test_a_checksum_may_be_broken_and_a_word_is_not() -> None:
-    row = ["x", "1", "0" * 64, "deformation of the object"]
-    cells = read_page(table(["one", "n", "two", "three"], [row])).all("td")
-    assert [cell.attributes.get("class") for cell in cells] == ["number", "long", None]
-
-
-@pytest.mark.parametrize(
-    ("columns", "sentences", "cards"),
-    [(4, False, None), (5, False, "cards"), (3, True, "cards"), (11, False, "cards"), (8, True, "cards many")],
-)
-def test_a_table_of_many_columns_is_cards_on_a_phone(columns: int, sentences: bool, cards: str | None) -> None:
-    headings = [f"column {i}" for i in range(columns)]
-    found = read_page(table(headings, [["x"] * columns], cards=sentences))
-    assert found.one("table").attributes.get("class") == cards
-    named = [cell.attributes.get("data-heading") for cell in found.all("td")]
-    assert named == (headings[1:] if cards else [None] * (columns - 1))
-
-
 def test_a_page_says_what_it_is_and_asks_nobody() -> None:
     found = read_page(render("report/page.html", title="T & T", generator="hhsim report", version="1"))
     assert found.one("html").attributes["lang"] == "en"
@@ -82,11 +64,6 @@ def test_a_page_says_what_it_is_and_asks_nobody() -> None:
     assert metas["generator"]["content"] == "hhsim report 1"
     assert "default-src 'none'" in str(metas["Content-Security-Policy"]["content"])
     assert not found.all("script")
-
-
-def test_what_a_template_is_not_given_is_an_error() -> None:
-    with pytest.raises(Exception, match="'title' is undefined"):
-        render("report/page.html", generator="x", version="1")
 
 
 def luminance(color: str) -> float:

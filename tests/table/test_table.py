@@ -3,7 +3,6 @@
 import csv
 import io
 import math
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -32,15 +31,6 @@ from hhsim.table.table import UNITS, Column, Table, number, shown, stored_unit, 
 )
 def test_a_value_is_shown_short(value: Any, digits: int | None, text: str) -> None:
     assert shown(value, digits) == text
-
-
-def test_a_column_finds_its_value_in_any_row() -> None:
-    row = SimpleNamespace(tick=SimpleNamespace(p50=2.5e-6))
-    assert Column("p50", unit="µs", of="tick.p50", digits=1).shown(row) == "2.5"
-    assert number("p50", "time", "µs").value({"time": 1.0}) == 1.0
-    assert words("second", 1).shown(("a", "b")) == "b"
-    assert number("twice", lambda row: 2 * row, digits=1).shown(1.5) == "3.0"
-    assert number("none", missing="").shown({"none": None}) == ""
 
 
 def test_headings_have_the_unit_that_is_shown_and_files_the_stored_one() -> None:

@@ -1,7 +1,6 @@
 """Tables in terminals of any width: no number is broken, columns go, rows turn into cards."""
 
 import importlib
-import itertools
 import re
 import sys
 from typing import Any
@@ -9,7 +8,6 @@ from typing import Any
 import pytest
 from conftest import Terminal
 
-from hhsim.table import terminal as layout
 from hhsim.table.table import Table
 
 console = importlib.import_module("hhsim.cli.console")
@@ -57,15 +55,3 @@ def test_a_pipe_has_no_width(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
     monkeypatch.setenv("COLUMNS", "30")
     console.print_table(Table.of_cells(COLUMNS, ROWS, numbers=("hhsim",)))
     assert len(capsys.readouterr().out.splitlines()) == 4
-
-
-def test_the_room_is_shared_and_never_exceeded() -> None:
-    texts = ["a", "some words that fold", "x" * 60, ""]
-    for first, second, number, width in itertools.product(texts, texts, ("1.5", "310 to 1,000"), range(20, 120, 7)):
-        parts = (("one", first, False), ("n", number, True), ("two", second, False))
-        columns = [layout.LaidColumn(heading, [text], is_number) for heading, text, is_number in parts]
-        if layout.fits(columns, width):
-            found = layout.widths(columns, width)
-            assert sum(found) + 2 * layout.GAP <= width
-            assert found[1] >= len(number)
-            assert all(column.least <= have <= column.width for column, have in zip(columns, found))

@@ -39,27 +39,11 @@ def test_json_is_one_document(run: Run, tmp_path: Path) -> None:
     document = json.loads(answer.out)
     assert (document["table"], document["csv"], document["plot"]) == ("a.h5", "a.csv", "b.svg")
     assert [row["method"] for row in document["configurations"]] == ["coupled", "progressive"]
-    assert document["qp_solvers"] == []
-    assert [(row["object"], row["motion"]) for row in document["by_object"]] == [("cube", "all")] * 2
     assert document["units"]["tick_cpu_p50"] == "s"
     first = document["configurations"][0]
     assert 0.0 < first["tick_cpu_p50"] < 1.0
     assert 0.0 < first["contact_error_max"] < 0.02
     assert (tmp_path / "b.svg").is_file()
-
-
-def test_the_mesh_is_a_row_of_its_own(run: Run, tmp_path: Path) -> None:
-    answer = run(*SMALL, "--surface", "mesh", "--method", "coupled", "--out", "a.h5")
-    assert answer.code == 0, answer.err
-    assert "Methods as they come, and on the mesh" in answer.out
-    rows = [row for row in load_table(tmp_path / "a.h5").rows if row["object"] == "all"]
-    assert [(row["method"], row["surface"], row["level"]) for row in rows] == [
-        ("coupled", "spheres", 2),
-        ("coupled", "mesh", 0),
-        ("progressive", "spheres", 2),
-        ("progressive", "mesh", 0),
-    ]
-    assert [float(row["contact_error_max"]) < 1.1e-6 for row in rows] == [False, True, False, True]
 
 
 def test_a_picture_of_yours_is_not_replaced(run: Run, tmp_path: Path) -> None:

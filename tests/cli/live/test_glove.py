@@ -28,7 +28,6 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.session_faults import broken_off, ended_before_its_time
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import load_result
-from hhsim.solver.method import METHODS
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from tools.shapes.generators import cube
@@ -63,13 +62,6 @@ def test_options_that_contradict_are_told_in_one_line(
     assert answer.err.endswith("(see hhsim live glove --help)\n")
     assert answer.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_help_offers_the_methods_that_a_session_takes(run: Run) -> None:
-    text = " ".join(run("live", "glove", "--help").out.split())
-    assert f"--method [{'|'.join(METHODS.names())}]" in text
-    assert "outside" not in text and "module:Class" not in text
-    assert "or a method from outside" in " ".join(run("replay", "--help").out.split())
 
 
 @pytest.mark.parametrize("option", [("--device", "dexmo", "--calibration"), ("--hand-file",)])

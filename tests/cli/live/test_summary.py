@@ -61,19 +61,7 @@ def test_without_a_whole_recording_there_is_no_such_line(recording: Result, reco
 def test_every_tick_is_recorded_lost_or_had_no_hand(
     recorded: int, failed: str, handless: str | None, tmp_path: Path
 ) -> None:
-    outcome = SessionOutcome(
-        reason="duration",
-        seconds=0.01,
-        ticks=10,
-        missed=0,
-        tally=LiveTally(),
-        facts={},
-        counters=DeviceCounters(),
-        record=tmp_path / "none.h5",
-        recorded=recorded,
-        record_lost=1,
-        record_failed=failed,
-    )
+    outcome = replace(ended(tmp_path / "none.h5", failed), ticks=10, recorded=recorded, record_lost=1)
     rows = {label: value for label, value, _ in summary.summary_rows(outcome)}
     assert rows["ticks recorded, lost"] == f"{recorded}, 1"
     assert rows.get("ticks without a hand, not recorded") == handless

@@ -17,8 +17,8 @@ from doglove_peer import datagram, published_angles, uart_frame
 from live_peers import PATIENCE, Reader, free_ports, until_listened_to
 
 from hhsim.errors import InputError
-from hhsim.live.device import GLOVE_SAMPLE, Capability, DeviceError, FingerCommand, GloveDevice, NothingHeld
-from hhsim.live.devices.registry import configure, open_device, open_release
+from hhsim.live.device import GLOVE_SAMPLE, Capability, DeviceError, FingerCommand, GloveDevice
+from hhsim.live.devices.registry import configure, open_device
 from hhsim.live.drivers import doglove
 from hhsim.live.drivers.doglove import hand_angles, servo_zero
 
@@ -180,7 +180,3 @@ def test_what_is_missing_is_told_in_one_line() -> None:
 def test_zeros_that_are_not_five_numbers_are_refused(text: str) -> None:
     with pytest.raises(InputError, match="expected five numbers from -360 to 360 in degrees"):
         open_device(configure("doglove", servo_zero=text))
-
-
-def test_no_finger_is_held_so_nothing_is_to_be_released() -> None:
-    assert isinstance(open_release(configure("doglove")), NothingHeld)

@@ -23,8 +23,6 @@ from hhsim.live.devices.registry import configure, open_device, open_release
 from hhsim.live.drivers.openxr import ManusGlove, encode_haptic_command
 from hhsim.live.pose.registry import PoseConfig, make_pose_source
 from hhsim.recordings.joint_names import OPENXR_JOINTS
-from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.registry import ReadOptions
 
 BRIDGE = Path(__file__).resolve().parents[3] / "examples" / "openxr_bridge.py"
 NOT_VALID = [float("nan")] * 3
@@ -95,19 +93,6 @@ def test_our_own_hand_comes_back(side: Side) -> None:
         # What is recorded is where the joints were, wrist first.
         np.testing.assert_allclose(samples["channels"][29, :3], sample.named()[29, 0], atol=1e-6)
         assert len(glove.info.channels) == 63
-
-
-def test_angles_are_those_of_the_importer_for_a_hand_that_is_not_ours() -> None:
-    sample = joint_sample("right", noise=0.002)
-    given = JointPositions(time=sample.motion.time, position=sample.named(), form="x", hand="right", unit=1.0, up="y")
-    imported = recording_of_joints(given, "x", ReadOptions())
-    with opened(sample, "right") as (glove, headset):
-        for k in range(1, 10):
-            headset.send(locations(sample, k))
-        reader = Reader(glove)
-        reader.until(lambda: reader.count() >= 10)
-        np.testing.assert_allclose(reader.samples["flexion"], imported.flexion[:10], atol=2e-5)
-        np.testing.assert_allclose(reader.samples["abduction"], imported.abduction[:10], atol=2e-5)
 
 
 def test_joints_of_no_hand_are_recorded_and_not_used() -> None:

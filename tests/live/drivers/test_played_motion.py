@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import InputError
 from hhsim.live.device import GLOVE_SAMPLE, FingerCommand, GloveDevice
 from hhsim.live.devices.registry import configure, open_device
 from hhsim.live.ipc.status import LIVE_STATUS
@@ -42,11 +42,6 @@ def motion(count: int = 50, rate: float = 100.0, start: float = 3.0) -> Trajecto
 def read_all(device: GloveDevice, most: int = 4096) -> NDArray[np.void]:
     samples = np.zeros(most, GLOVE_SAMPLE)
     return samples[: device.read(samples)]
-
-
-def test_an_unknown_pose_source_is_named() -> None:
-    with pytest.raises(UnknownNameError, match="unknown pose source"):
-        make_pose_source(PoseConfig(kind="camera"))
 
 
 @pytest.mark.parametrize("kind", ["sim", "replay"])

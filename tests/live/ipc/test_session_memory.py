@@ -4,21 +4,14 @@ import subprocess
 import sys
 from dataclasses import replace
 
-import numpy as np
 import pytest
+from live_scripted import make_setup
 
 from hhsim.errors import HhsimError, InputError
-from hhsim.hand.model import HandModel
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import FACT_BYTES, SessionMemory
-from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes
-from hhsim.live.shared_memory import RingReader, read_setup, write_setup
-from hhsim.result.schema import WARNING
-from hhsim.solver.options import SolverOptions
-from hhsim.trees.sphere_tree import SphereTree
-from tools.shapes.generators import sphere
 
 CHILD = """
 from hhsim.live.ipc.session_memory import session_process
@@ -34,15 +27,7 @@ memory.status["recorder_ticks"] = 77
 
 @pytest.fixture(scope="module")
 def setup() -> LiveSetup:
-    return LiveSetup(
-        mesh=sphere(0.06, 1),
-        tree=SphereTree(np.zeros((1, 3)), np.array([0.03]), np.array([0]), np.array([-1])),
-        hand=HandModel.default(),
-        options=SolverOptions(),
-        device=configure("sim"),
-        pose=PoseConfig(),
-        rate=500.0,
-    )
+    return make_setup(device=configure("sim"), rate=500.0)
 
 
 @pytest.mark.parametrize("free", [False, True])
@@ -69,29 +54,10 @@ def test_a_child_sees_the_memory_and_the_setup(setup: LiveSetup, free: bool) -> 
     assert (memory.status["battery"], memory.status["sample_ns"]) == (-1, -1), "nobody knows them yet"
 
 
-def test_a_setup_comes_back_whole(setup: LiveSetup) -> None:
-    (again,) = read_setup(write_setup(setup))
-    assert np.array_equal(again.mesh.vertices, setup.mesh.vertices)
-    assert np.array_equal(again.tree.radius, setup.tree.radius)
-    assert again.options == setup.options
-    assert (again.output, again.safety, again.real_time) == (setup.output, setup.safety, setup.real_time)
-    assert again.period_ns == 2_000_000
-
-
 def test_a_system_without_such_memory_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr("os.memfd_create")
     with pytest.raises(HhsimError, match="need Linux"):
         SessionMemory.create()
-
-
-def test_events_are_cut_between_letters() -> None:
-    memory = SessionMemory.create()
-    memory.log(WARNING, "é" * 200, 5)
-    memory.log(WARNING, "x" + "é" * 200, 6)
-    _, events = RingReader(memory.events).read(10)
-    assert [text.decode("utf-8") for text in events["text"]] == ["é" * 120, "x" + "é" * 119]
-    assert events["time_ns"].tolist() == [5, 6]
-    assert events["level"].tolist() == [WARNING, WARNING]
 
 
 def test_facts_are_replaced_whole_and_bounded() -> None:

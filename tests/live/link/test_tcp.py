@@ -153,14 +153,6 @@ def test_reconnecting_waits_for_nothing_and_ends_with_a_new_connection() -> None
         link.close()
 
 
-def test_a_link_without_an_address_does_not_reconnect() -> None:
-    link = TcpLink("127.0.0.1", 1, "nobody")
-    assert not link.reconnect() and not link.send_within(b"x", 0.01)
-    link.wait(PATIENCE)
-    with pytest.raises(DeviceError, match="nobody: not connected"):
-        link.receive()
-
-
 @pytest.mark.parametrize(
     ("host", "message"),
     [("127.0.0.1", r"cannot connect \(Connection refused\): is its server running"), ("no such host", "no such host")],

@@ -104,26 +104,6 @@ def test_what_comes_before_a_deadline_makes_the_tick_due(before: int, early: int
     assert (at.tick, at.deadline_ns, at.early_ns, at.woke_ns) == (1, 2 * PERIOD, 0, 2 * PERIOD), "the others stay"
 
 
-@pytest.mark.parametrize("work", [PERIOD // 4 + 1, PERIOD * 5 // 4 + 1, PERIOD * 3 // 2 + 1])
-def test_a_loop_that_has_not_waited_keeps_to_its_deadline(work: int) -> None:
-    clock = FakeClock(0)
-    deadlines = started(clock)
-    deadlines.wait()
-    clock.work(work)
-    asked = clock.now()
-    at = wait_for(clock, deadlines, asked + 1).at
-    assert at.early_ns == 0
-    if not at.at_once:
-        assert clock.slept[-1] == at.deadline_ns == at.woke_ns
-
-
-def test_a_loop_that_is_woken_after_the_deadline_was_due_at_it() -> None:
-    clock = FakeClock(0)
-    deadlines = started(clock)
-    at = wait_for(clock, deadlines, PERIOD - WAKING_NS).at
-    assert (at.early_ns, at.wakeup_ns, at.woke_ns) == (0, 0, PERIOD)
-
-
 @given(
     st.lists(st.tuples(st.integers(0, 3 * PERIOD), st.integers(0, 2 * PERIOD), st.integers(0, 3 * PERIOD)), max_size=60)
 )

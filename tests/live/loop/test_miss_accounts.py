@@ -8,12 +8,9 @@ from live_scripted import FIST, FREE, Moment, ScriptedSession
 
 from hhsim.kernels.live.accounts import LONG_STALL_NS
 from hhsim.live.loop.loop import STEAL_UNREAD
-from hhsim.live.session.statistics import LiveTally, session_figures
-from hhsim.live.session.summary_table import session_rows
-from hhsim.result.miss_cause import CAUSES, MissCause, TimeTaken, by_name
+from hhsim.result.miss_cause import CAUSES, MissCause, TimeTaken
 from hhsim.result.safety import Safety
 
-PERIOD = 1_000_000
 AT = 40
 """The tick in which something is planted, before any phase is known; the one after it has missed periods before it."""
 
@@ -185,9 +182,3 @@ def test_a_stall_that_frees_the_fingers_is_logged_with_its_cause() -> None:
     assert planted.only_miss()["safety"] & Safety.OVERRUN_STREAK
     (line,) = (line for line in planted.events if "too many late ticks in a row" in line)
     assert line.endswith(": 12 the last time, taken by the host")
-
-
-def test_the_table_has_a_line_for_each_cause_that_there_was() -> None:
-    figures = session_figures(LiveTally(), 7, by_name([0, 2, 5, 0]), 0.0, {})
-    shown = {row.label: row.shown for row in session_rows(figures) if row.name.startswith("missed")}
-    assert shown == {"missed ticks": "7", "missed: woken late": "2", "missed: taken by the host": "5"}

@@ -16,9 +16,8 @@ from live_scripted import CLOSING, FIST, FREE, Moment, ScriptedSession
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
-from hhsim.kernels.tick.step import ACTIVE_CAPACITY
-from hhsim.live.ipc.session_memory import FREE_TICK, SessionMemory
-from hhsim.live.loop.loop import loop_options, object_row
+from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.loop.loop import loop_options
 from hhsim.live.session.recorder import Recorder
 from hhsim.live.session.tick_block import SessionColumns, object_ticks
 from hhsim.metrics.run.registry import tick_figures
@@ -26,13 +25,12 @@ from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
 from hhsim.result.safety import Safety
-from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_FIELDS
+from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS
 from hhsim.scene.free_object import CLEARANCE, FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.free_object_checks import free_claims
 from hhsim.verify.object_frame import object_motion_claims
-from hhsim.view.plots import shown_ticks
 from tools.shapes.generators import sphere
 
 MILLISECOND = 1_000_000
@@ -82,16 +80,6 @@ def recorded(session: Session, path: Path) -> Result:
 @pytest.fixture(scope="module")
 def result(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Result:
     return recorded(session, tmp_path_factory.mktemp("session") / "session.h5")
-
-
-def test_a_ticks_record_has_all_that_the_solver_tells_of_the_object() -> None:
-    assert tuple(field.name for field in OBJECT_FIELDS) == ObjectRecord._fields
-    assert FREE_TICK["body"].shape == (ACTIVE_CAPACITY,)
-    rows = np.zeros(1, FREE_TICK)
-    row = object_row(rows)
-    row.contact[:] = 0, 2
-    row.point[1] = 7.0
-    assert object_ticks(rows).point.tolist() == [[0.0] * 3, [7.0] * 3]
 
 
 @pytest.mark.parametrize("inside", [False, True])
@@ -165,17 +153,6 @@ def test_columns_are_the_same_bytes_however_many_ticks_come_at_a_time(session: S
     rows = [parts.contacts(a, session.ticks[a:b]) for a, b in pairwise(sizes)]
     for name, values in whole.contacts(0, session.ticks).items():
         assert values.tobytes() == np.concatenate([row[name] for row in rows]).tobytes(), name
-
-
-def test_a_viewer_is_shown_where_the_object_is(session: Session) -> None:
-    columns = SessionColumns(session.setup, session.setup.options)
-    block, moved = columns.block(0, session.ticks, 0), columns.moved(session.ticks)
-    shown = shown_ticks(block.__getitem__, session.ticks["tick"], [100], [0], moved=moved)
-    assert shown.moved is not None
-    start = np.array(ON_TABLE.center)
-    there = shown.moved.points(start[None])[0]
-    assert np.linalg.norm(there - start) > 1e-3
-    np.testing.assert_array_equal(shown.haptic.position[0], session.ticks["haptic_position"][-1])
 
 
 def test_the_referee_judges_no_motion_across_lost_ticks(session: Session, tmp_path: Path) -> None:

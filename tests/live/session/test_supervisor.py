@@ -6,22 +6,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from live_scripted import make_setup
 from sampled import sampled
 
 from hhsim.errors import HhsimError
-from hhsim.hand.model import HandModel
 from hhsim.live.device import DeviceError
-from hhsim.live.devices.registry import configure
-from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.status import Stage
-from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.session import supervisor
 from hhsim.live.session.supervisor import LOOP, RECORDER, VIEWER, WATCHDOG, Supervisor
-from hhsim.mesh.catalogue import load_object
 from hhsim.result.schema import FAULT, WARNING
-from hhsim.solver.options import SolverOptions
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 
 # Without hhsim's numerics, which every one of them would load.
 BEGIN = """
@@ -93,21 +86,13 @@ def make(tmp_path: Path, marks: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
         RECORDER: UNTIL_ENDED.format(name="recorder"),
         VIEWER: UNTIL_ENDED.format(name="viewer"),
     }
-    item = load_object("sphere")
-    tree = cached_sphere_tree(item.mesh, TreeOptions(level=2))
     made: list[Supervisor] = []
 
     def session(*, record: bool = True, view: bool = False, **changed: str) -> Supervisor:
         begin = BEGIN.format(marks=str(marks))
         for name, program in {**programs, **changed}.items():
             (tmp_path / f"{name}_program.py").write_text(begin + program)
-        setup = LiveSetup(
-            mesh=item.mesh,
-            tree=tree,
-            hand=HandModel.default("right"),
-            options=SolverOptions(),
-            device=configure(),
-            pose=PoseConfig(),
+        setup = make_setup(
             record=tmp_path / "session.h5" if record else None,
             rerun="spawn" if view else None,
         )

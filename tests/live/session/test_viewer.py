@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from live_rings import pour
+from live_scripted import make_setup
 from rerun_files import PATIENCE, Recording, listening
 from short_grasp import short_grasp, short_scene
 
@@ -22,7 +23,6 @@ from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import LIVE_TICK, SessionMemory
 from hhsim.live.ipc.status import Stage
-from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.session.viewer import LiveViewer
 from hhsim.live.session.writer import SessionWriter
 from hhsim.live.shared_memory import RingReader
@@ -58,14 +58,7 @@ def played() -> tuple[LiveSetup, Records]:
     records["latency_ns"] = np.where(count % 5 == 0, 90_000 + count, -1)
     records["safety"] = np.where(count < 60, Safety.NO_INPUT_YET, 0)
     records["command_stiffness"] = 0.002 * count[:, None] * [1.0, 0.5, 0.25, 0.0, 0.1]
-    setup = LiveSetup(
-        mesh=scene.mesh,
-        tree=scene.tree,
-        hand=scene.hand,
-        options=options,
-        device=configure("sim"),
-        pose=PoseConfig(kind="fixed"),
-    )
+    setup = make_setup(mesh=scene.mesh, tree=scene.tree, hand=scene.hand, device=configure("sim"))
     return setup, records
 
 
