@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhsim.errors import InputError
 from hhsim.hand.model import default_fingers
 from hhsim.hand.palm_mesh import CENTER_HEIGHT, RoundCones, palm_mesh, palm_parts
 from hhsim.mesh.mesh import Mesh
@@ -45,12 +44,6 @@ def test_of_a_palms_size() -> None:
     assert 100e-6 < mesh.volume < 200e-6
     wrist = mesh.vertices[mesh.vertices[:, 1] < mesh.bounds[0, 1] + 0.15 * along]
     assert np.ptp(wrist[:, 0]) < width
-
-
-def test_knuckles_elsewhere_make_no_palm() -> None:
-    fingers = default_fingers(LENGTH, BREADTH)
-    with pytest.raises(InputError, match="leave the palm's middle empty"):
-        palm_mesh(LENGTH, BREADTH, fingers["base"][1:] + np.array([0.0, 0.0, 0.3]), fingers["radius"][1:, 0])
 
 
 def test_the_default_palm_has_the_same_bits_on_every_machine() -> None:

@@ -146,11 +146,3 @@ def test_without_the_compiler_one_thread_does_everything(hand: HandModel) -> Non
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "HHSIM_CACHE_DIR": str(cache_root())}
     done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout == "True\n"
-
-
-def test_a_scene_without_contacts_needs_no_thread_team(hand: HandModel) -> None:
-    record, tasks = run(hand, bumpy_ball(300), still([0.0, 0.0, 0.5], ticks=10), threads=2)
-    alone, _ = run(hand, bumpy_ball(300), still([0.0, 0.0, 0.5], ticks=10))
-    assert_same_bytes(alone, record)
-    # Each block takes back a dismissal, and ends and begins with one.
-    assert tasks == 6
