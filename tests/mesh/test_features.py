@@ -222,28 +222,3 @@ def test_copies_that_rounding_has_torn_apart_are_one() -> None:
         assert (len(owned(mesh.face_edge)) == len(owned(whole.face_edge))) == once
         assert (len(owned(mesh.face_vertex)) == len(owned(whole.face_vertex))) == once
         assert (len(mesh.wing) == len(whole.wing)) == once
-
-
-def test_three_faces_at_an_edge_and_a_fold() -> None:
-    place = np.array([[0.0, 0.0, 0.0], [0.04, 0.0, 0.0], [0.0, 0.03, 0.0], [0.0, -0.03, 0.0], [0.0, 0.0, 0.03]])
-    mesh, _ = mesh_features(place, np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]]), closed=False)
-    wings = np.diff(mesh.wing_start)
-    assert sorted(wings.tolist()) == [1] * 6 + [3]
-    assert len(owned(mesh.face_edge)) == 7
-    # Two of them lie in one plane: with nothing else there the edge is none, folded back it is one.
-    flat, _ = mesh_features(place, np.array([[0, 1, 2], [0, 1, 3]]), closed=False)
-    assert len(owned(flat.face_edge)) == 4
-    place[3] = [0.04, 0.02, 0.0]
-    fold, _ = mesh_features(place, np.array([[0, 1, 2], [0, 1, 3]]), closed=False)
-    assert len(owned(fold.face_edge)) == 5
-
-
-def test_at_a_t_junction_every_side_is_an_edge() -> None:
-    # One long side against two short ones: none of them knows of the other.
-    place = np.array([[0.0, 0.0, 0.0], [0.04, 0.0, 0.0], [0.02, 0.03, 0.0], [0.02, 0.0, 0.0], [0.02, -0.03, 0.0]])
-    mesh, _ = mesh_features(place, np.array([[0, 1, 2], [0, 4, 3], [3, 4, 1]]), closed=False)
-    kept = mesh.edge[owned(mesh.face_edge)]
-    along = (kept[:, 1] == 0.0) & (np.abs(kept[:, 4]) < 1e-15)
-    np.testing.assert_allclose(np.sort(kept[along, 6]), [0.02, 0.02, 0.04], atol=1e-15)
-    # The side that the two lower faces share is flat.
-    assert len(kept) == 3 + 2 + 2

@@ -51,12 +51,3 @@ def test_bad_input_is_held_here_too() -> None:
     record = run(motion, "quadprog")
     np.testing.assert_array_equal(record.status & STATUS_INPUT_INVALID > 0, [False, False, True, False])
     np.testing.assert_array_equal(record.position[2], record.position[1])
-
-
-def test_the_work_and_the_times_are_counted_here_too() -> None:
-    record = run(grasp(20), "quadprog")
-    ours = run(grasp(20), "active-set")
-    assert (record.duration_total > 0).all()
-    assert (record.duration_total >= record.duration.sum(axis=1) // 2).all()
-    # From the fifth tick on the two solvers differ by rounding, and a walk looks as far as what it has found.
-    np.testing.assert_array_equal(record.work[:4, :2], ours.work[:4, :2])
