@@ -263,9 +263,6 @@ def test_joints_are_those_of_the_model() -> None:
     assert np.array_equal(placed.points[2, 7], placed.joints[2, 1, 3])
     assert np.array_equal(placed.ends[1, :5], placed.joints[1, :, 3])
     assert np.array_equal(placed.ends[1, 5], position[1])
-    some = placed.at([2, 0])
-    assert np.array_equal(some.joints, placed.joints[[2, 0]])
-    assert np.array_equal(some.orientation, orientation[[2, 0]])
 
 
 def test_a_hand_is_read_as_it_was_written(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ import pytest
 from short_grasp import shortened
 from sphere_scenes import bumpy_ball, result_clearance
 
-import hhsim
 from hhsim.hand.model import HandModel
 from hhsim.metrics import metrics
 from hhsim.replay.replay import replay_scene
@@ -70,19 +69,6 @@ def test_rates_of_force_are_those_of_the_forces(run: tuple[Result, ReplaySummary
     np.testing.assert_array_equal(result["force_variation_finger"], metrics.force_variation_rate(finger))
 
 
-def test_the_table_shows_the_same_figures(run: tuple[Result, ReplaySummary]) -> None:
-    _, summary = run
-    document = summary.to_json()
-    assert document["ticks"] == summary.ticks
-    for row in summary.rows:
-        assert document[row.name] == pytest.approx(row.value, nan_ok=True)
-        assert row.shown == "—" if np.isnan(row.value) else row.shown
-    assert not any(row.paper for row in summary.rows), "the paper shows no grasp of a sphere"
-    names = {"hhsim": hhsim.__version__, "object": "sphere", "motion": "grasp", "method": summary.method}
-    assert names.items() <= document.items()
-    assert document["verdict"]["word"] == summary.verdict.word
-
-
 def test_the_coupled_method_is_its_own_reference(run: tuple[Result, ReplaySummary]) -> None:
     result, summary = run
     excess = summary.attributes()["tracking_excess"]
@@ -116,13 +102,3 @@ def test_an_interrupt_before_the_first_block_leaves_nothing(scene: Scene, tmp_pa
     with pytest.raises(KeyboardInterrupt):
         replay_scene(scene, SolverOptions(), tmp_path / "none.h5", progress=stop_at(0))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_progress_is_told_from_the_first_tick_to_the_last(scene: Scene, tmp_path: Path) -> None:
-    steps: list[tuple[str, int, int]] = []
-    replay_scene(scene, SolverOptions(), tmp_path / "told.h5", progress=lambda *what: steps.append(what))
-    total = scene.ticks.tick_count
-    done = [count for what, count, of in steps if what == "ticks" and of == total]
-    assert done == sorted(done)
-    assert done[0] == 0
-    assert done[-1] == total

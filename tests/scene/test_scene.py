@@ -56,17 +56,6 @@ def test_a_recording_says_where_the_object_is() -> None:
     assert scene.trajectory.name == "five samples"
 
 
-def test_the_motion_is_brought_to_the_ticks() -> None:
-    still = np.array([1.0, 0.0, 0.0, 0.0])
-    motion = recording(np.zeros(3), still)
-    scene = make_scene(MESH, TREE, HAND, motion, rate=1000.0)
-    assert scene.ticks.rate == 1000.0
-    assert scene.ticks.tick_count == 41
-    held = make_scene(MESH, TREE, HAND, motion, rate=1000.0, mode="hold")
-    np.testing.assert_array_equal(held.ticks.position[:10], np.tile(motion.position[0], (10, 1)))
-    assert len(np.unique(scene.ticks.position[:10, 2])) == 10
-
-
 Run = Callable[..., Any]
 
 

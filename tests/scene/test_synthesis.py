@@ -107,22 +107,9 @@ def test_the_same_arguments_give_the_same_bytes_and_the_seed_only_moves_the_nois
 
 
 def test_what_the_motion_was_made_from_is_recorded() -> None:
-    noise = Disturbance(tremor_position=1e-4)
-    made = synthesize(
-        load_script("grasp"),
-        HAND,
-        ball(0.006),
-        3,
-        disturbance=noise,
-        object_position=[0.0, 0.0, 0.1],
-        object_orientation=[0.0, 1.0, 0.0, 0.0],
-    )
-    assert made.name == "grasp" and made.licence == "Apache-2.0" and made.device == ""
-    assert made.source.startswith("hhsim script 'grasp' for a right hand of 190 mm; ")
-    assert "fingers that do not reach this object: " in made.source
-    assert "tremor_position=0.0001" in made.source and "seed 3" in made.source
-    assert made.object_position.tolist() == [0.0, 0.0, 0.1]
-    assert made.object_orientation.tolist() == [0.0, 1.0, 0.0, 0.0]
+    made = synthesize(load_script("grasp"), HAND, ball(0.006), 3, disturbance=Disturbance(tremor_position=1e-4))
+    for word in ("'grasp'", "right hand", "do not reach", "tremor_position=0.0001", "seed 3"):
+        assert word in made.source
 
 
 def test_any_rate_and_any_order_of_closings() -> None:
