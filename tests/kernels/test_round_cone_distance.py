@@ -1,8 +1,7 @@
-"""Round cone and sphere distances against minimisation over the axis, coal, and what any distance must obey."""
+"""Round cone and sphere distances against minimisation over the axis, and what any distance must obey."""
 
 import math
 
-import coal
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -97,19 +96,6 @@ def test_ordinary_cones_agree_to_rounding() -> None:
         radius_a = random.uniform(0.005, 0.02)
         scene = (center, random.uniform(0.0, 0.02), a, b, radius_a, radius_a * random.uniform(0.3, 1.0))
         assert kernel(*scene)[0] == pytest.approx(brute_force(*scene), abs=1e-15)
-
-
-def test_capsule_is_coals() -> None:
-    random = np.random.default_rng(2)
-    request = coal.DistanceRequest()
-    for _ in range(200):
-        length, radius, ball = random.uniform(0.02, 0.06), random.uniform(0.005, 0.01), random.uniform(0.001, 0.02)
-        center = random.uniform(-0.1, 0.1, 3)
-        result, capsule, at = coal.DistanceResult(), coal.Capsule(radius, length), coal.Transform3s(np.eye(3), center)
-        coal.distance(capsule, coal.Transform3s(), coal.Sphere(ball), at, request, result)
-        ends = np.array([0.0, 0.0, -0.5 * length]), np.array([0.0, 0.0, 0.5 * length])
-        distance, _ = kernel(center, ball, *ends, radius, radius)
-        assert distance == pytest.approx(result.min_distance, abs=1e-9)
 
 
 @pytest.mark.parametrize(

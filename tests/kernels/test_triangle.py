@@ -1,8 +1,7 @@
-"""Closest point of a triangle against the optimality condition of a projection, and against trimesh."""
+"""Closest point of a triangle against the optimality condition of a projection."""
 
 import numpy as np
 import pytest
-import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -55,14 +54,6 @@ def test_without_area_it_is_a_segment(p: FloatArray, a: FloatArray, b: FloatArra
     s = np.clip((p - a) @ (b - a) / max(float((b - a) @ (b - a)), 1e-300), 0.0, 1.0)
     assert distance == pytest.approx(np.linalg.norm(p - a - s * (b - a)), abs=1e-6)
     assert np.isfinite(q).all()
-
-
-def test_agrees_with_trimesh() -> None:
-    rng = np.random.default_rng(3)
-    triangles, points = rng.normal(size=(2000, 3, 3)), 2.0 * rng.normal(size=(2000, 3))
-    expected = np.asarray(trimesh.triangles.closest_point(triangles, points))  # type: ignore[no-untyped-call]
-    found = np.array([closest(p, t)[0] for p, t in zip(points, triangles, strict=True)])
-    assert np.abs(found - expected).max() < 1e-9
 
 
 def test_every_feature_is_named() -> None:

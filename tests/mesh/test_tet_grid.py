@@ -55,17 +55,6 @@ def test_points_are_found_in_the_tetrahedron_that_holds_them(seed: int) -> None:
     assert (grid.locate(np.array([[-0.1, 0.1, 0.1], [0.1, 9.0, 0.1]])) == -1).all()
 
 
-def test_wanted_tetrahedra_are_as_old_as_wanted_and_no_older_than_allowed() -> None:
-    grid = TetGrid(np.zeros(3), np.ones(3), 0.5)
-    place = np.array([[0.3, 0.31, 0.32]])
-    for age in (3, 6, 9):
-        grid.refine(grid.locate(place), 3)
-        assert grid.ages[grid.locate(place)[0]] == age
-    for _ in range(12):
-        grid.refine(grid.locate(place), 3)
-    assert grid.ages.max() == 33
-
-
 @settings(max_examples=15)
 @given(seed=st.integers(0, 10**6), radius=st.floats(0.05, 0.4))
 def test_the_surface_of_a_ball_is_closed_manifold_and_wound_outward(seed: int, radius: float) -> None:

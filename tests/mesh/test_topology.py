@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.mesh.topology import (
-    alike_wound,
     boundary_loops,
     distinct_rows,
     face_areas,
@@ -60,12 +59,6 @@ def test_equal_rows_are_those_that_numpy_finds(seed: int, count: int, width: int
         np.testing.assert_array_equal(found[1], kind.reshape(-1))
 
 
-def test_merging_gives_back_the_surface_of_a_soup() -> None:
-    vertices, faces = merged_vertices(BALL.triangles.reshape(-1, 3), np.arange(960).reshape(-1, 3))
-    assert len(vertices) == 162
-    np.testing.assert_array_equal(vertices[faces], BALL.triangles)
-
-
 def test_merging_knows_no_sign_of_zero_and_drops_the_unused() -> None:
     vertices = np.array([[9.0, 9.0, 9.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-0.0, 0.0, -0.0], [0.0, 1.0, 0.0]])
     merged, faces = merged_vertices(vertices, np.array([[1, 2, 4], [2, 3, 4]]))
@@ -85,18 +78,6 @@ def test_parts_do_not_join_through_an_edge_of_three_faces() -> None:
     assert part_labels(np.concatenate([BALL.faces, BALL.faces + len(BALL.vertices)])).max() == 1
     fan_of_three = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
     assert len(np.unique(part_labels(fan_of_three))) == 3
-
-
-def test_winding_alike_turns_the_minority_of_each_part() -> None:
-    both = np.concatenate([BALL.faces, BALL.faces + len(BALL.vertices)])
-    mixed = both.copy()
-    mixed[:7] = mixed[:7, ::-1]
-    mixed[325:] = mixed[325:, ::-1]
-    faces, turned, one_sided = alike_wound(mixed)
-    assert (turned, one_sided) == (7 + 5, False)
-    np.testing.assert_array_equal(np.sort(faces, axis=1), np.sort(both, axis=1))
-    assert is_closed(faces)
-    np.testing.assert_array_equal(faces[:320], both[:320])
 
 
 def test_loops_run_with_the_faces_around_them() -> None:
@@ -141,12 +122,3 @@ def test_caps_close_the_tube_with_the_area_of_its_outline(outline: FloatArray, c
     # Flat caps that fold nowhere have exactly the outline's area.
     assert face_areas(caps.vertices, caps.faces).sum() == pytest.approx(2.0 * polygon_area(outline))
     np.testing.assert_allclose(caps.bend, 0.0, atol=1e-12)
-
-
-@settings(max_examples=30)
-@given(seed=st.integers(0, 10**6), missing=st.integers(1, 40))
-def test_any_set_of_missing_faces_is_closed_again(seed: int, missing: int) -> None:
-    mesh = sphere(subdivisions=2)
-    gone = np.random.default_rng(seed).choice(len(mesh.faces), size=missing, replace=False)
-    faces = np.delete(mesh.faces, gone, axis=0)
-    assert is_closed(np.concatenate([faces, hole_caps(mesh.vertices, faces).faces]))

@@ -193,13 +193,6 @@ HEADER = (
 ROW = "0.0,0,0,0.1,1,0,0,0" + ",0.2" * 15 + ",0" * 5
 
 
-def test_the_documented_header_is_what_is_written(motion: Trajectory, tmp_path: Path) -> None:
-    save_trajectory(motion, tmp_path / "m.csv")
-    lines = [line for line in (tmp_path / "m.csv").read_text(encoding="utf-8").splitlines() if line[0] != "#"]
-    assert lines[0] == f"{HEADER},phase,flags"
-    assert len(lines) == 51
-
-
 def test_csv_of_others_is_read_with_its_habits(tmp_path: Path) -> None:
     columns = [*HEADER.split(","), "phase"]
     order = list(reversed(range(len(columns))))

@@ -80,15 +80,6 @@ def test_ticks_on_a_sample_take_its_pose_bit_for_bit_and_others_lie_between() ->
     np.testing.assert_array_equal(held.position[3], motion.object_motion.position[0])
 
 
-def test_seen_from_the_object_the_carried_hand_is_the_one_beside_a_fixed_object() -> None:
-    fixed = still()
-    seen = carried(fixed, swing(TIME)).seen_from_object()
-    assert seen.object_motion is None
-    np.testing.assert_allclose(seen.position, fixed.position, atol=1e-13)
-    assert np.abs(np.sum(seen.orientation * fixed.orientation, axis=1)).min() > 1.0 - 1e-14
-    assert carried(fixed, swing(TIME)).placed([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]).object_motion is None
-
-
 @pytest.mark.parametrize("suffix", [".h5", ".csv"])
 def test_a_file_gives_the_objects_motion_back_bit_for_bit(tmp_path: Path, suffix: str) -> None:
     motion = carried(still(), swing(TIME))

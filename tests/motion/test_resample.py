@@ -59,13 +59,6 @@ def test_monotone_cubic_never_leaves_the_range_of_its_two_samples(values: FloatA
     assert (out <= np.maximum(values[left], values[right])).all()
 
 
-def test_monotone_cubic_keeps_a_rest_exactly_at_rest() -> None:
-    time = np.array([0.0, 0.01, 0.02, 0.05, 0.06])
-    values = np.array([[0.0], [0.7], [0.7], [0.7], [0.2]])
-    out = interpolate_monotone(time, values, np.linspace(0.01, 0.05, 77))
-    assert (out == 0.7).all()
-
-
 def test_two_samples_make_a_straight_line_and_one_sample_stays() -> None:
     ticks = np.linspace(0.0, 0.5, 11)
     line = interpolate_monotone(np.array([0.0, 0.5]), np.array([[1.0], [2.0]]), ticks)

@@ -10,7 +10,7 @@ from sphere_scenes import bumpy_ball
 
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import TrajectoryError
-from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.motion.tick_motion import hold_readings, replayed, trajectory_of
@@ -24,15 +24,6 @@ WILD = StressOptions(wild=True, hold=20)
 
 def equal(one: HandConfiguration, other: HandConfiguration) -> bool:
     return all(a.tobytes() == b.tobytes() for a, b in zip(one, other))
-
-
-def test_pieces_make_the_whole_again() -> None:
-    motion = RandomTargets(HAND, 1).take(50)
-    assert equal(sequence(motion.part(0, 7), motion.part(7, 50)), motion)
-    assert equal(motion.at(np.array([3, 3, 9])), sequence(motion.part(3, 4), motion.part(3, 4), motion.part(9, 10)))
-    copied = motion.copy()
-    copied.position[:] = 0.0
-    assert motion.position[0, 2] != 0.0
 
 
 def test_a_tick_without_a_reading_repeats_the_last_one() -> None:

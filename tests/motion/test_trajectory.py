@@ -99,14 +99,6 @@ def test_resampling_at_the_sample_rate_changes_no_bit() -> None:
         assert ticks.position.flags.writeable and ticks.position.flags.c_contiguous
 
 
-def test_hold_shows_each_sample_until_the_next() -> None:
-    given = motion(count=5, rate=100.0)
-    ticks = given.resampled(1000.0, "hold")
-    assert ticks.tick_count == 41
-    assert ticks.input_seq.tolist() == [k // 10 for k in range(41)]
-    assert (ticks.position == given.position[ticks.input_seq]).all()
-
-
 def test_a_recording_that_starts_late_is_replayed_from_its_first_stamp() -> None:
     offset = 1.7e9
     late = motion(time=offset + np.arange(20) / 100.0, phases=(Phase("grasp", offset + 0.05, offset + 0.19),))
@@ -139,13 +131,6 @@ def test_ticks_that_cannot_be_are_refused(rate: float, mode: Any, time: FloatArr
     changes: dict[str, Any] = {} if time is None else {"time": time}
     with pytest.raises(InputError, match=message):
         motion(**changes).resampled(rate, mode)
-
-
-def test_placed_moves_only_the_object() -> None:
-    placed = motion().placed([0.0, 0.1, 0.2], [2.0, 0.0, 0.0, 0.0])
-    assert placed.object_position.tolist() == [0.0, 0.1, 0.2]
-    assert placed.object_orientation.tolist() == [1.0, 0.0, 0.0, 0.0]
-    assert placed.position.tobytes() == motion().position.tobytes()
 
 
 def test_the_first_ticks_are_those_of_the_whole_and_end_the_phase_under_way() -> None:

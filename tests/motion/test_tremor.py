@@ -16,14 +16,6 @@ def still(count: int = 2000) -> tuple[FloatArray, FloatArray, FloatArray, FloatA
     return time, np.full((count, 3), 0.2), orientation, np.full((count, 5, 3), 0.5)
 
 
-def test_nothing_disturbs_by_default() -> None:
-    time, position, orientation, flexion = still()
-    quiet = Disturbance()
-    assert quiet.is_off
-    for given, out in zip((position, orientation, flexion), quiet.apply(1, time, position, orientation, flexion)):
-        assert out is given
-
-
 def test_tremor_has_the_stated_amplitude_and_frequency() -> None:
     time, position, orientation, flexion = still()
     amplitude, angle = 1e-4, math.radians(0.2)

@@ -2,8 +2,7 @@
 
 import pytest
 
-from hhsim.errors import TrajectoryError
-from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, joint_name, recognised
+from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, joint_name
 from hhsim.recordings.unit_detection import TimeColumn, time_column
 
 
@@ -35,13 +34,6 @@ def test_the_sets_are_as_large_as_their_standards_say() -> None:
 )
 def test_what_a_name_says(text: str, said: tuple[str, str, str]) -> None:
     assert joint_name(text) == said
-
-
-def test_what_was_recognised_is_said_in_the_standards_words() -> None:
-    assert recognised(OPENXR_JOINTS, "left") == "26 OpenXR joints of the left hand named"
-    assert recognised(WEBXR_JOINTS) == "25 WebXR joints named"
-    with pytest.raises(TrajectoryError, match=r"1 joint named, but none that is thumb_metacarpal, .* and 16 more"):
-        recognised({"wrist"})
 
 
 @pytest.mark.parametrize(

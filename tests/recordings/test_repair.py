@@ -103,12 +103,6 @@ def test_a_clean_recording_comes_out_as_it_went_in() -> None:
     assert motion.hand == "right" and motion.name == "smooth"
 
 
-def test_every_flag_has_a_meaning_and_a_bit_of_its_own() -> None:
-    assert all(flag.meaning for flag in SampleFlag)
-    assert sum(flag.value for flag in SampleFlag) == 2 ** len(SampleFlag) - 1
-    assert SampleFlag.GAP_BEFORE.word == "gap_before"
-
-
 @pytest.mark.parametrize("key", ["position", "orientation", "flexion", "abduction"])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_missing_numbers_are_interpolated_and_flagged(key: str, value: float) -> None:

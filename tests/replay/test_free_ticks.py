@@ -18,7 +18,6 @@ from hhsim.gate.input_hash import differences, run_inputs
 from hhsim.gate.metrics import run_figures
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
-from hhsim.report.time_series import series_figure
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import CONTACT_COLUMNS, DRIVEN_SCHEMA_VERSION, FREE_COLUMNS
 from hhsim.scene.free_object import FreeObject
@@ -80,12 +79,6 @@ def test_a_second_run_is_the_same_to_the_bit(result: Result) -> None:
     again = run_again(result)
     assert again.identical
     assert {"object/velocity", "contact/slip"} <= {array.name for array in again.arrays}
-
-
-def test_a_report_draws_how_it_rises_and_what_friction_bears(result: Result) -> None:
-    figure = series_figure({"A": result})
-    assert figure.alt.startswith("Seven panels") and "The object rises by" in figure.alt
-    assert "at 100 % it slides" in figure.caption
 
 
 def test_the_gate_judges_it_on_the_surface_that_the_hand_touched(result: Result) -> None:

@@ -9,20 +9,11 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
+from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
 from hhsim.kernels.tick.state import (
     STATUS_LAG,
-    UNITS_CONTACT,
-    UNITS_LINEARISATION,
-    UNITS_NODE_TEST,
-    UNITS_PAIR_TEST,
-    UNITS_QP_ITERATION,
-    UNITS_ROW,
     WORK_BODIES,
-    WORK_CANDIDATES,
     WORK_LINEARISATIONS,
-    WORK_QP_ITERATIONS,
-    WORK_ROWS,
     WORK_UNITS,
 )
 from hhsim.mesh.catalogue import load_object
@@ -102,33 +93,6 @@ def test_a_budget_ends_the_tick_and_leaves_lag_and_nothing_worse(method: str) ->
         if budget == 1:
             assert record.work[:, WORK_LINEARISATIONS].max() == 1
     assert (record.status & STATUS_LAG > 0).sum() > (free.status & STATUS_LAG > 0).sum()
-
-
-def test_work_units_are_the_counters_weighted() -> None:
-    record = HandSolver(HAND, BALL.arrays(), SolverOptions(linearisations=1)).run(*closing())
-    work = record.work
-    expected = (
-        UNITS_LINEARISATION * work[:, WORK_LINEARISATIONS]
-        + UNITS_ROW * work[:, WORK_ROWS]
-        + UNITS_QP_ITERATION * work[:, WORK_QP_ITERATIONS]
-        + UNITS_NODE_TEST * work[:, COUNT_NODE_TESTS]
-        + UNITS_PAIR_TEST * work[:, COUNT_PAIR_TESTS]
-    )
-    # The tick in which the list is walked anew for the first time has its walk before the count begins.
-    found, rest = np.divmod((work[:, WORK_UNITS] - expected)[1:], UNITS_CONTACT)
-    assert not rest.any()
-    assert (work[1:, WORK_ROWS] <= found).all() and (found <= work[1:, WORK_CANDIDATES]).all()
-    assert found.sum() > work[1:, WORK_ROWS].sum()
-    assert (work[:, WORK_ROWS] <= work[:, WORK_CANDIDATES]).all()
-    assert work[:, WORK_ROWS].sum() < work[:, WORK_CANDIDATES].sum()
-
-
-def test_a_hand_far_away_is_a_hand_that_costs_next_to_nothing() -> None:
-    record = HandSolver(HAND, BALL.arrays(), SolverOptions()).run(*still([0.0, 0.0, 0.4], ticks=100))
-    for counter in (WORK_BODIES, WORK_ROWS, WORK_CANDIDATES, WORK_QP_ITERATIONS):
-        assert record.work[:, counter].max() == 0
-    assert record.work[1:, COUNT_NODE_TESTS].max() == 0
-    assert record.work[1:, WORK_UNITS].max() == UNITS_LINEARISATION
 
 
 def test_the_coarsest_level_within_the_budget_is_chosen() -> None:

@@ -49,12 +49,6 @@ def test_the_catalogue_is_what_the_contract_names() -> None:
     assert not any(describe(name).objects for name in general)
 
 
-def test_the_others_are_made_for_one_object_and_say_which() -> None:
-    others = [describe(name) for name in script_names()[len(NAMES + MOVING) :]]
-    assert others and all(len(item.objects) == 1 and item.title and item.stresses and item.figures for item in others)
-    assert {item.name for item in others} >= {"handle", "spout", "ears", "ear-to-ear", "leaf-and-stem"}
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_every_script_is_described_and_has_the_stated_length(name: str) -> None:
     description = describe(name)
@@ -64,11 +58,6 @@ def test_every_script_is_described_and_has_the_stated_length(name: str) -> None:
     assert description.phases[0] == "approach" and description.phases[-1] == "release"
     assert "hold" in description.phases
     assert not load_script(name).disturbance.tremor_position
-
-
-def test_fingers_are_those_that_touch() -> None:
-    fingers = {name: len(describe(name).fingers) for name in NAMES}
-    assert fingers == {**dict.fromkeys(NAMES, 5), "touch": 1, "pinch": 2, "never": 0}
 
 
 def test_names_scripts_and_recordings_are_resolved(tmp_path: Path) -> None:

@@ -56,17 +56,6 @@ def test_a_recording_says_where_the_object_is() -> None:
     assert scene.trajectory.name == "five samples"
 
 
-def test_the_motion_is_brought_to_the_ticks() -> None:
-    still = np.array([1.0, 0.0, 0.0, 0.0])
-    motion = recording(np.zeros(3), still)
-    scene = make_scene(MESH, TREE, HAND, motion, rate=1000.0)
-    assert scene.ticks.rate == 1000.0
-    assert scene.ticks.tick_count == 41
-    held = make_scene(MESH, TREE, HAND, motion, rate=1000.0, mode="hold")
-    np.testing.assert_array_equal(held.ticks.position[:10], np.tile(motion.position[0], (10, 1)))
-    assert len(np.unique(scene.ticks.position[:10, 2])) == 10
-
-
 Run = Callable[..., Any]
 
 
@@ -157,11 +146,7 @@ def test_everything_that_a_program_is_given_has_a_repr_of_a_few_lines(tmp_path: 
         text = repr(value)
         assert text.startswith(type(value).__name__) and len(text) <= 400 and text.count("\n") < 5, text
     assert eval(repr(method_scene.options), vars(hhsim)) == method_scene.options
-    assert repr(result).startswith("Result(own.h5: cube, short, coupled on spheres, 200 ticks at 1000 Hz; approach,")
-    assert repr(verification) == "Verification(250 ticks; claims: 1 FAILS (depth))"
-    assert f"coupled on spheres, 200 ticks: {summary.verdict.word}; {result.path}; " in repr(summary)
-    page = summary._repr_html_()
-    assert page.startswith(f"<p>{escape(summary.verdict.line)}</p>") and "penetration, max</th>" in page
+    assert escape(summary.verdict.line) in summary._repr_html_()
 
 
 def test_the_hand_is_named_by_its_side() -> None:

@@ -44,43 +44,12 @@ def test_a_short_script_takes_the_documented_defaults() -> None:
     assert script.fingers == ("index",)
 
 
-def test_every_key_is_read() -> None:
-    script = parse(
-        """
-        title = "T"
-        stresses = "S"
-        rate = 200
-        depth = 0.01
-        clearance = 0.02
-        palm_gap = 0.03
-        palm_depth = 0.0
-        start_distance = 0.2
-        curl = 0.5
-        phase = [
-            { name = "approach", duration = 1 },
-            { name = "pinch", duration = 0.3, fingers = ["middle", "thumb"] },
-            { name = "grasp", duration = 0.3 },
-            { name = "hold", duration = 0.3 },
-            { name = "slide", duration = 0.3, distance = 0.03 },
-            { name = "release", duration = 0.3 },
-        ]
-        [tremor]
-        position = 1e-4
-        rotation = 0.00349
-        frequency = 9
-        [sensor]
-        counts = 4096
-        noise = 0.001
-        """
-    )
-    assert (script.title, script.stresses, script.rate, script.depth) == ("T", "S", 200.0, 0.01)
-    assert (script.clearance, script.palm_gap, script.start_distance, script.curl) == (0.02, 0.03, 0.2, 0.5)
-    assert [phase.name for phase in script.phases] == ["approach", "pinch", "grasp", "hold", "slide", "release"]
+def test_what_disturbs_is_read_from_two_tables_and_fingers_in_the_order_of_the_hand() -> None:
+    tables = "[tremor]\nposition = 1e-4\nrotation = 0.00349\nfrequency = 9\n[sensor]\ncounts = 4096\nnoise = 0.001\n"
+    script = parse(phase("approach") + phase("pinch", 'fingers = ["middle", "thumb"]\n') + phase("grasp") + tables)
+    assert script.disturbance == Disturbance(1e-4, 0.00349, 9, 4096, 0.001)
     assert script.phases[1].fingers == ("thumb", "middle")
     assert script.phases[2].fingers == FINGERS
-    assert script.phases[4].distance == 0.03
-    assert script.disturbance == Disturbance(1e-4, 0.00349, 9, 4096, 0.001)
-    assert script.sample_count == 500
 
 
 def phase(name: str, more: str = "") -> str:

@@ -16,7 +16,7 @@ from hhsim.scene.closure_search import level, plan_finger_closure
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import ScriptPhase, parse_script
-from hhsim.scene.synthesis import carried, minimum_jerk, synthesize, taken_along, to_and_fro
+from hhsim.scene.synthesis import carried, synthesize, taken_along, to_and_fro
 
 HAND = HandModel.default()
 
@@ -107,22 +107,9 @@ def test_the_same_arguments_give_the_same_bytes_and_the_seed_only_moves_the_nois
 
 
 def test_what_the_motion_was_made_from_is_recorded() -> None:
-    noise = Disturbance(tremor_position=1e-4)
-    made = synthesize(
-        load_script("grasp"),
-        HAND,
-        ball(0.006),
-        3,
-        disturbance=noise,
-        object_position=[0.0, 0.0, 0.1],
-        object_orientation=[0.0, 1.0, 0.0, 0.0],
-    )
-    assert made.name == "grasp" and made.licence == "Apache-2.0" and made.device == ""
-    assert made.source.startswith("hhsim script 'grasp' for a right hand of 190 mm; ")
-    assert "fingers that do not reach this object: " in made.source
-    assert "tremor_position=0.0001" in made.source and "seed 3" in made.source
-    assert made.object_position.tolist() == [0.0, 0.0, 0.1]
-    assert made.object_orientation.tolist() == [0.0, 1.0, 0.0, 0.0]
+    made = synthesize(load_script("grasp"), HAND, ball(0.006), 3, disturbance=Disturbance(tremor_position=1e-4))
+    for word in ("'grasp'", "right hand", "do not reach", "tremor_position=0.0001", "seed 3"):
+        assert word in made.source
 
 
 def test_any_rate_and_any_order_of_closings() -> None:
@@ -202,17 +189,6 @@ def fingertips(position: FloatArray, rotation: FloatArray, flexion: FloatArray) 
 
 
 MIDDLE = np.array([0.1, -0.2, 0.3])
-
-
-def test_minimum_jerk_is_the_polynomial_with_still_ends() -> None:
-    tau = np.linspace(-0.2, 1.2, 141)
-    inside = np.clip(tau, 0.0, 1.0)
-    np.testing.assert_allclose(minimum_jerk(tau), 10 * inside**3 - 15 * inside**4 + 6 * inside**5, atol=1e-15)
-    assert minimum_jerk(0.0) == 0.0 and minimum_jerk(1.0) == 1.0 and minimum_jerk(0.5) == 0.5
-    h = 1e-4
-    for end in (0.0, 1.0):
-        assert abs(minimum_jerk(end + h) - minimum_jerk(end - h)) < 1e-11
-        assert abs(minimum_jerk(end + h) - 2 * minimum_jerk(end) + minimum_jerk(end - h)) / h**2 < 0.01
 
 
 def test_arcs_go_on_from_each_other_and_a_carry_without_turn_is_straight() -> None:

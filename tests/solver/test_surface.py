@@ -152,11 +152,6 @@ def test_the_spheres_are_a_surface() -> None:
         HandSolver(HandModel.default(), tree, SolverOptions(surface="mesh"))
 
 
-def test_a_mesh_has_its_own_defaults() -> None:
-    assert SolverOptions(surface="mesh").skin < SolverOptions().skin
-    assert SolverOptions(surface="mesh", skin=2e-3, touch=1e-5).touch == 1e-5
-
-
 HEIGHT = -0.02
 """Of the plane [m]."""
 

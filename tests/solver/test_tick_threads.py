@@ -1,13 +1,8 @@
 """Ticks shared among threads: the same bytes with any number, and no thread left behind."""
 
-import os
 import signal
-import subprocess
-import sys
-import textwrap
 import threading
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +14,6 @@ import hhsim.solver.tick_threads
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.cache_folder import cache_root
 from hhsim.kernels.parallel.thread_team import NUMBER_SHIFT, TICKET
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES
@@ -123,34 +117,3 @@ def test_no_helper_outlives_an_interrupt(hand: HandModel) -> None:
         signal.signal(signal.SIGINT, before)
     assert helpers() == []
     assert solver.workspace.states[0].thread_team.members == 1
-
-
-def test_without_the_compiler_one_thread_does_everything(hand: HandModel) -> None:
-    script = textwrap.dedent(
-        f"""
-        import sys
-        sys.path.insert(0, {str(Path(__file__).parents[1])!r})
-        from sphere_scenes import bumpy_ball
-        from hhsim.hand.model import HandModel
-        from hhsim.motion.analytic_motion import still
-        from hhsim.solver.hand_solver import HandSolver
-        from hhsim.solver.options import SolverOptions
-
-        options = SolverOptions(method="progressive", threads=3)
-        solver = HandSolver(HandModel.default(), bumpy_ball(20).arrays(), options)
-        assert solver.workspace.thread_team.works == []
-        record = solver.run(*still([0.0, 0.0, 0.2], ticks=2))
-        print(record.position.tolist() == still([0.0, 0.0, 0.2], ticks=2).position.tolist())
-        """
-    )
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "HHSIM_CACHE_DIR": str(cache_root())}
-    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
-    assert done.stdout == "True\n"
-
-
-def test_a_scene_without_contacts_needs_no_thread_team(hand: HandModel) -> None:
-    record, tasks = run(hand, bumpy_ball(300), still([0.0, 0.0, 0.5], ticks=10), threads=2)
-    alone, _ = run(hand, bumpy_ball(300), still([0.0, 0.0, 0.5], ticks=10))
-    assert_same_bytes(alone, record)
-    # Each block takes back a dismissal, and ends and begins with one.
-    assert tasks == 6

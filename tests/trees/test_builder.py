@@ -133,14 +133,6 @@ def test_so_many_leaves_at_the_level_that_they_need(leaves: int, branching: int,
     assert tree.check(mesh) == ()
 
 
-def test_a_level_finer_than_the_leaves_need() -> None:
-    mesh = mesh_of(SHAPES["box"])
-    tree = build_sphere_tree(mesh, TreeOptions(level=3, leaves=20))
-    assert (tree.depth, tree.leaf_count) == (3, 20)
-    assert [len(cover.radius) for cover in tree.covers] == [1, 8, 20, 20]
-    assert_sound(tree, mesh)
-
-
 @pytest.mark.parametrize("cover", sampled(["outer", "balanced"], lambda _, cover: cover == "outer"))
 def test_the_fewest_leaves_within_an_error(cover: str) -> None:
     mesh = mesh_of(SHAPES["torus"])
@@ -153,12 +145,6 @@ def test_the_fewest_leaves_within_an_error(cover: str) -> None:
     assert fewer.covers[-1].bound > 2.5e-3
     with pytest.raises(InputError, match="shape: no cover of up to 8 spheres is within 1 mm: 8 are off by up to"):
         build_sphere_tree(mesh, TreeOptions(level=1, max_error=1e-3))
-
-
-def test_what_none_stands_for() -> None:
-    assert TreeOptions() == TreeOptions(level=4)
-    assert TreeOptions(leaves=513) == TreeOptions(level=4, leaves=513)
-    assert TreeOptions(max_error=1e-3).level == 5
 
 
 @pytest.mark.parametrize("name", sampled(["box", "torus"], lambda place, name: name == "torus"))
@@ -207,14 +193,6 @@ def test_rounding_in_the_way_of_a_proof_makes_the_balls_a_little_larger(monkeypa
     assert grown.errors[-1].bound == pytest.approx(exact.errors[-1].bound + GROWTH * 0.1 - 2e-8, rel=1e-9)
     with pytest.raises(MeshError, match=r"shape: \d+ faces could not be covered"):
         less(1e-6)
-
-
-def test_progress_runs_to_the_end() -> None:
-    calls: list[tuple[str, int, int]] = []
-    build_sphere_tree(mesh_of(SHAPES["box"]), TreeOptions(level=2), lambda *call: calls.append(call))
-    assert list(dict.fromkeys(stage for stage, _, _ in calls)) == ["cover", "tree", "measure"]
-    assert all(0 <= done <= total for _, done, total in calls)
-    assert calls[-1] == ("measure", 3, 3)
 
 
 def test_meshes_without_an_inside_are_refused() -> None:

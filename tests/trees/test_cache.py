@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hhsim.hand.model import HandModel
 from hhsim.kernels.kernel_cache import KERNEL_CACHE
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees import builder, cache
-from hhsim.trees.cache import SHIPPED_SUFFIX, cache_path, cached_sphere_tree, shipped_tree
+from hhsim.trees.cache import cache_path, cached_sphere_tree, shipped_tree
 from hhsim.trees.file import load_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
@@ -57,11 +56,6 @@ def test_the_palms_that_ship_are_what_the_builder_gives() -> None:
     for mesh, tree in palm_trees():
         assert_same(shipped_tree(mesh, TreeOptions(level=PALM_LEVEL)), tree)
         assert tree.check(mesh) == ()
-
-
-def test_every_tree_that_ships_is_one_of_these(repository: Path) -> None:
-    names = {path.name.removesuffix(SHIPPED_SUFFIX) for path in (repository / "objects").glob("*.h5")}
-    assert names == {*object_names(), *(HandModel.default(side).palm_mesh.name for side in ("right", "left"))}
 
 
 def test_a_coarser_level_of_what_ships_is_the_tree_that_is_built_for_it() -> None:

@@ -53,19 +53,6 @@ def faults_of(cover: LevelCover) -> tuple[str, ...]:
     return faults(MESH, (cover,))
 
 
-def test_a_proof_says_what_its_format_says() -> None:
-    cover = built().covers[-1]
-    codes = cover.proof.tolist()
-    area = 0.0
-    for triangle in MESH.triangles:
-        for sphere, piece in pieces(triangle, codes):
-            assert (np.linalg.norm(piece - cover.center[sphere], axis=1) <= cover.radius[sphere]).all()
-            area += 0.5 * float(np.linalg.norm(np.cross(piece[1] - piece[0], piece[2] - piece[0])))
-    assert codes == []
-    a, b, c = MESH.triangles.transpose(1, 0, 2)
-    assert area == pytest.approx(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum(), rel=1e-9)
-
-
 def test_a_smaller_ball_is_found() -> None:
     cover = built().covers[-1]
     for sphere in np.unique(cover.proof[cover.proof >= 0])[::7]:

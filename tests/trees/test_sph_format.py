@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from hhsim.errors import InputError
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.sph_format import load_sph, save_sph
-from hhsim.trees.sphere_tree import SphereTree
 
 
 @settings(max_examples=30)
@@ -29,22 +28,6 @@ def test_there_and_back(
     assert np.array_equal(back.radius, tree.radius)
     assert np.array_equal(back.level, tree.level)
     assert np.array_equal(back.parent, tree.parent)
-
-
-def test_layout(tmp_path: Path) -> None:
-    tree = SphereTree(
-        np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]),
-        np.array([2.0, 0.5, 0.25]),
-        np.array([0, 1, 1]),
-        np.array([-1, 0, 0]),
-    )
-    save_sph(tree, tmp_path / "tree.sph")
-    assert (tmp_path / "tree.sph").read_text().splitlines() == [
-        "2 2",
-        "0.0 0.0 0.0 2.0 1.0",
-        "1.0 0.0 0.0 0.5 1.0",
-        "-1.0 0.0 0.0 0.25 1.0",
-    ]
 
 
 def test_parents_grow_and_unused_slots_vanish(tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
 from hhsim.system.progress import Progress, silent
-from hhsim.trees import surface_cover as mesh_cover
 from hhsim.trees.error import protrusion_bound, prove_cover
 from hhsim.trees.surface_cover import GRID, canonical_frame, cover_of, in_own_frame
 
@@ -48,27 +47,6 @@ def test_covers_with_the_balls_it_may_have(name: str, spheres: int) -> None:
     assert 1 <= len(radius) <= spheres
     assert (radius > 0.0).all()
     assert prove_cover(vertices, faces, center, radius)[0].size == 0
-
-
-def test_micro_triangles_stay_within_their_number_where_all_cost_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    # Around a cylinder most micro-triangles are among the worst, and all of them would be halved, over and over.
-    vertices, faces = arrays(trimesh.creation.cylinder(0.03, 0.1, sections=256))
-    most, spheres = 6, 500
-    monkeypatch.setattr(mesh_cover, "COARSE", 2)
-    monkeypatch.setattr(mesh_cover, "FINE", most)
-    monkeypatch.setattr(mesh_cover, "PLENTY", 0)
-    seen = []
-    halve = mesh_cover._Cover.halve
-
-    def counted(cover: mesh_cover._Cover, chosen: NDArray[np.bool_]) -> None:
-        halve(cover, chosen)
-        seen.append(len(cover.owner))
-
-    monkeypatch.setattr(mesh_cover._Cover, "halve", counted)
-    center, radius = build_cover(vertices, faces, spheres)
-    assert prove_cover(vertices, faces, center, radius)[0].size == 0
-    assert seen, "nothing was halved, so that nothing is shown"
-    assert max(seen) <= most * spheres
 
 
 def catalogue_arrays(name: str) -> tuple[FloatArray, IntArray]:

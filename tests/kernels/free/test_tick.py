@@ -87,30 +87,6 @@ def test_a_contact_bears_torsion_up_to_its_radius_times_its_force() -> None:
     assert braked == pytest.approx(np.full(4, -0.003 * squeeze / inertia), rel=1e-2)
 
 
-@pytest.mark.parametrize("torsion", [0.0, 0.003])
-def test_what_slips_out_of_the_tongs_rubs_with_all_of_its_load_and_keeps_newton(torsion: float) -> None:
-    mass, friction = 0.1, 0.5
-    solver, closed = gripped(mass, friction, mass * GRAVITY / (2.0 * friction), torsion=torsion)
-    body = solver.engine.states[0].body  # type: ignore[attr-defined]
-    # Twice what friction bears.
-    pull = np.array([0.0, 0.0, -2.0 * friction * squeeze_of(solver)])
-    body.gravity[:] = pull / mass
-    before = body.velocity.copy()
-    solver.run(*tongs_at(np.full(40, closed)))
-    moved = solver.object_ticks
-    velocity = np.vstack([before, moved.velocity])
-    gained = mass * ((1.0 + body.damping * DT) * velocity[1:] - velocity[:-1]) / DT
-    borne = moved.hand_wrench[:, :3] + pull
-    assert np.abs(gained - borne).max() < 1e-9 * np.abs(pull).max()
-    rows = slice(0, moved.contact[-1])
-    normal, slips = moved.normal_force[rows], moved.slip[rows] > 1e-7
-    rubs = np.linalg.norm(moved.friction_force[rows], axis=1) / friction
-    if torsion:
-        rubs = np.hypot(rubs, moved.torsional_moment[rows] / torsion)
-    assert slips.sum() > 40
-    assert rubs[slips] == pytest.approx(normal[slips], rel=1e-3)
-
-
 def test_what_has_tumbled_rests_and_its_table_bears_its_weight() -> None:
     mass = 0.3
     mesh = box((0.1, 0.06, 0.02))

@@ -1,10 +1,8 @@
 """Spheres around faces against what they must hold and find; normal cones of vertices against a linear program."""
 
 import math
-import platform
 from functools import partial
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,19 +11,16 @@ from mesh_oracle import Cones, along_axes, random_cones, to_triangle
 from scipy.optimize import linprog
 
 from hhsim.arrays import FloatArray
-from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.mesh.features import (
     ALONG,
     BRANCHING,
     GROUP_TESTS,
     NOWHERE,
     FaceSpheres,
-    _block_distances,
     face_spheres,
     gather_faces,
     touchable_vertices,
 )
-from hhsim.kernels.round_cone_distance import sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 
 COUNTS = (1, 2, 3, 7, 8, 9, 15, 16, 63, 64, 65, 66, 129, 513, 700)
@@ -113,16 +108,6 @@ def test_every_face_within_reach_is_found_once(seed: int, count: int, reach: flo
     if total > 0:
         room = gather_faces(spheres, cones.kernel(0), reach, reach, stack, near, found[: total - 1])
         assert room[0] == -1
-
-
-@pytest.mark.skipif(not JIT_ENABLED or platform.machine() != "x86_64", reason="names an instruction of x86-64")
-def test_a_group_is_looked_at_on_the_vector_unit() -> None:
-    # A loop over a constant number of spheres was unrolled, and no two of them looked at together.
-    function = _block_distances.py_func  # type: ignore[attr-defined]
-    compiled = numba.njit(error_model="numpy", fastmath={"reassoc", "contract", "arcp"})(function)
-    compiled(np.ones((1, 4, BRANCHING)), 0, sphere_cone(0.0, 0.0, 0.0, 1.0), np.zeros(BRANCHING))
-    (code,) = compiled.inspect_asm().values()
-    assert "sqrtpd" in code
 
 
 def widest(spokes: FloatArray) -> tuple[float, FloatArray]:

@@ -73,15 +73,6 @@ def test_the_fast_one_is_near_the_exact_one_close_to_surfaces(mesh: "object") ->
     assert error.mean() < 0.01
 
 
-def test_moments_of_a_closed_surface_sum_to_its_volume() -> None:
-    mesh = rock()
-    moments = winding_moments(build_mesh_bvh(mesh.vertices, mesh.faces, signed=False))
-    np.testing.assert_allclose(moments.moment[0, :3], 0.0, atol=1e-15)
-    # By the divergence theorem ∮ x nᵀ is the volume times the identity.
-    np.testing.assert_allclose(moments.moment[0, 3:].reshape(3, 3), mesh.volume * np.eye(3), atol=1e-15)
-    assert (moments.radius > 0.0).all()
-
-
 @jit_allocating
 def surrounded(mesh: MeshFeatures, points: NDArray[np.float64], found_out: NDArray[np.bool_]) -> None:
     stack = np.empty(STACK_SIZE, np.int64)

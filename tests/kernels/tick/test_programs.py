@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.typing import NDArray
-from sphere_scenes import brute_pairs, bumpy_ball, prepared, random_targets, solve_prepared, sphere_tree
+from sphere_scenes import bumpy_ball, prepared, random_targets, solve_prepared
 
 from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
@@ -19,7 +19,6 @@ from hhsim.kernels.tick.curvature import curvature_product
 from hhsim.kernels.tick.second_order import STRETCH
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.mesh.features import mesh_features
-from hhsim.motion.analytic_motion import still
 from hhsim.solver.contact_qp import coupled_problem, finger_problem, palm_problem
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNLIMITED, SolverOptions, Stiffness
@@ -164,32 +163,6 @@ def test_a_yielding_palm_yields_no_more_than_it_must(seed: int) -> None:
         assert energy[1] <= energy[0] + spare + 1e-2 * energy[0]
         seen += 1
     assert seen > 5
-
-
-def beside_the_index_finger() -> tuple[Any, HandConfiguration]:
-    """A ball just on the thumb side of a straight index finger, and a palm that is to go through it sideways.
-
-    No flexion moves the finger out of the way, and the palm itself is far from the ball.
-    """
-    joints = HAND.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))
-    center, radius = (0.5 * (joints[1, 1] + joints[1, 2]) - [0.03, 0.0, 0.0])[None], np.array([0.01])
-    for _ in range(20):
-        center[0, 0] += brute_pairs(HAND, center, radius, still(np.zeros(3)))[3:6].min() - 5e-4
-    return sphere_tree(center, radius), still([-0.02, 0.0, 0.0])
-
-
-def test_the_palm_yields_where_joints_cannot_free_a_finger() -> None:
-    tree, target = beside_the_index_finger()
-    solver = HandSolver(HAND, tree.arrays(), SolverOptions(method="progressive"))
-    solver.run(*still(np.zeros(3)))
-    assert prepared(solver, target, 0) > 0
-    state = solver.workspace.states[0]
-    assert state.contacts.start[1] == 0, "the palm itself touches nothing"
-    assert solve_prepared(solver) == OPTIMAL
-    assert joined(state) == [1]
-    problem, _ = coupled_problem(state)
-    assert (problem.matrix @ state.step.delta - problem.rhs).min() > -1e-9
-    assert state.contacts.body[state.step.row[0]] // 3 == 1, "the finger's contact bears what stops the palm"
 
 
 def test_a_hand_arrives_where_the_users_rests_and_does_not_go_round_and_round() -> None:
