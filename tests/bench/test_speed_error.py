@@ -259,14 +259,6 @@ def test_the_picture_is_drawn_for_any_table(small: list[Run], tmp_path: Path) ->
     assert (tmp_path / "odd.png").stat().st_size > 10_000
 
 
-def test_the_crosses_are_the_engines_of_a_table_of_peers(small: list[Run], tmp_path: Path) -> None:
-    row = {"object": "cube", "motion": ALL, "method": "other", "ours": False, "tick_cpu_p50": 1e-4, "mesh_error": 2e-4}
-    table = [row, {**row, "ours": True}, {**row, "motion": "grasp"}, {**row, "mesh_error": np.nan}]
-    draw_trade_off(tmp_path / "with.png", "speed-error", table_rows(small), table)
-    draw_trade_off(tmp_path / "without.png", "speed-error", table_rows(small))
-    assert (tmp_path / "with.png").read_bytes() != (tmp_path / "without.png").read_bytes()
-
-
 coordinate = st.one_of(st.integers(0, 5).map(float), st.floats(allow_nan=True, allow_infinity=True))
 
 
