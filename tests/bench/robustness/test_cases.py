@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from plain_clearance import coal_clearance
+from coal_clearance import coal_clearance
 from sampled import sampled
 from sphere_scenes import brute_pairs, record_clearance
 

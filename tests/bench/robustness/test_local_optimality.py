@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plain_clearance import coal_clearance
+from coal_clearance import coal_clearance
 from sampled import sampled
 from sphere_scenes import bumpy_ball, sphere_tree
 
