@@ -1,9 +1,7 @@
 """Texts that hold a count: one of a thing is not its plural."""
 
 import re
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -29,9 +27,3 @@ def test_no_text_leaves_the_plural_to_its_reader(repository: Path) -> None:
     sources = [path for folder in ("hhsim", "cli") for path in (repository / folder).rglob("*.py")]
     found = [f"{path}: {hit}" for path in sources for hit in re.findall(r"\w* [a-z]{3,}\(s\)", path.read_text("utf-8"))]
     assert found == []
-
-
-def test_a_report_of_one_picture_says_so(run: Callable[..., Any], repository: Path) -> None:
-    """The page of a bench's table has one."""
-    answer = run("report", str(repository / "docs" / "peers.h5"), "--out", "page")
-    assert answer.out == "the report is in page/report.html, with 1 picture beside it\n"

@@ -176,11 +176,3 @@ def test_an_object_and_a_motion_of_ones_own(examples: Path, tmp_path: Path, envi
         pytest.skip("coal is not installed: the example's last line, the check, says so and was not run")
     assert answer.returncode == 0, answer.stderr
     assert "every claim that could be judged holds" in answer.stdout
-
-
-def test_the_mesh_of_the_example_is_closed_and_outward(examples: Path, tmp_path: Path) -> None:
-    from hhsim.mesh.mesh import load_mesh
-
-    subprocess.run([sys.executable, "-I", str(examples / "custom_object.py"), "pawn.stl"], cwd=tmp_path, check=True)
-    mesh = load_mesh(tmp_path / "pawn.stl", "mm")
-    assert mesh.warnings == ()

@@ -14,7 +14,6 @@ from hhsim.bench.peers import (
     PeerErrors,
     PeerRun,
     PeersOptions,
-    capsule_hand,
     installed,
     measure,
     remarks,
@@ -60,14 +59,6 @@ def made_up(method: str, time: float, error: float) -> PeerRun:
     surface = "mesh"
     times = [np.full(5, time)]
     return PeerRun("cube", "grasp", Peer(method, surface), times, times, errors(error))
-
-
-def test_by_default_our_own_methods_and_every_engine_are_run_with_one_radius_a_finger() -> None:
-    methods = PeersOptions().methods or ()
-    assert methods[:2] == ("coupled", "penalty")
-    assert {"mujoco", "mujoco-plain", "pybullet", "drake"} <= set(methods)
-    radius = capsule_hand().radius
-    assert (radius == radius[:, :1]).all() and len(np.unique(radius)) == 5
 
 
 def test_what_is_not_installed_is_left_out_with_a_line() -> None:

@@ -28,7 +28,6 @@ from hhsim.report.bench_trade_off import draw_trade_off
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.qp import ACTIVE_SET, available_backends
 
 SMALL = SpeedErrorOptions(
     objects=("cube",),
@@ -48,16 +47,6 @@ def small() -> list[Run]:
     return measure(SMALL)
 
 
-def test_by_default_all_that_takes_the_surface_is_run() -> None:
-    options = SpeedErrorOptions()
-    assert options.methods == tuple(METHODS)
-    assert options.backends == tuple(name for name in available_backends() if name != ACTIVE_SET)
-    assert {c.method for c in configurations(options)} == set(METHODS)
-    for made in (SpeedErrorOptions(surfaces=("mesh",)), SpeedErrorOptions.quick(surfaces=("mesh",))):
-        assert made.methods == ("coupled", "progressive")
-    assert SpeedErrorOptions.quick(levels=(2,)).levels == (2,)
-
-
 def test_every_method_is_run_with_every_level_and_number_once() -> None:
     options = replace(SMALL, methods=tuple(METHODS), levels=(3, 4), linearisations=(1, 2, 12))
     found = configurations(options)
@@ -68,14 +57,6 @@ def test_every_method_is_run_with_every_level_and_number_once() -> None:
         assert sum(c.is_default for c in usually if c.method == method) == 1
         (usual,) = [c for c in found if c.method == method and c.is_default]
         assert usual.solver_options() == SolverOptions(method=method)
-
-
-def test_qp_solvers_stand_beside_ours() -> None:
-    found = backend_configurations(replace(SMALL, levels=(2, 3)))
-    assert [c.qp for c in found] == [ACTIVE_SET, "clarabel"]
-    assert {(c.method, c.level, c.stretch) for c in found} == {("coupled", 3, True)}
-    assert backend_configurations(replace(SMALL, backends=())) == []
-    assert backend_configurations(replace(SMALL, methods=("progressive",))) == []
 
 
 def test_a_rate_without_a_tick_in_the_hold_or_in_contact_is_no_error() -> None:
@@ -257,14 +238,6 @@ def test_the_picture_is_drawn_for_any_table(small: list[Run], tmp_path: Path) ->
         row["method"] = "unheard-of"
     draw_trade_off(tmp_path / "odd.png", "speed-error", rows)
     assert (tmp_path / "odd.png").stat().st_size > 10_000
-
-
-def test_the_crosses_are_the_engines_of_a_table_of_peers(small: list[Run], tmp_path: Path) -> None:
-    row = {"object": "cube", "motion": ALL, "method": "other", "ours": False, "tick_cpu_p50": 1e-4, "mesh_error": 2e-4}
-    table = [row, {**row, "ours": True}, {**row, "motion": "grasp"}, {**row, "mesh_error": np.nan}]
-    draw_trade_off(tmp_path / "with.png", "speed-error", table_rows(small), table)
-    draw_trade_off(tmp_path / "without.png", "speed-error", table_rows(small))
-    assert (tmp_path / "with.png").read_bytes() != (tmp_path / "without.png").read_bytes()
 
 
 coordinate = st.one_of(st.integers(0, 5).map(float), st.floats(allow_nan=True, allow_infinity=True))

@@ -3,7 +3,6 @@
 import csv
 import json
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import h5py
@@ -115,21 +114,6 @@ def test_what_is_no_table_is_not_replaced(tmp_path: Path) -> None:
             write_table(tmp_path / name, "hard", COLUMNS, ROWS, OPTIONS)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.h5", "b.h5", "c.csv", "d.csv"]
     assert (tmp_path / "a.h5").read_text() == "thesis"
-
-
-def test_a_suite_that_hands_over_the_wrong_values_is_told(tmp_path: Path) -> None:
-    path = tmp_path / "a.h5"
-    cases: tuple[tuple[Sequence[Column], list[dict[str, object]], str], ...] = (
-        (COLUMNS, [{"method": "coupled"}], "row 0: missing"),
-        (COLUMNS[:1], [{"method": "coupled", "other": 1}], "not a column {'other'}"),
-        (COLUMNS[:1], [{"method": "coupled"}, {"method": 1}], "method mixes int and str"),
-        (COLUMNS[3:], [{"passed": True}, {"passed": None}], "passed mixes NoneType and bool"),
-        ((COLUMNS[0], COLUMNS[0]), [{"method": "a"}], "one name"),
-    )
-    for columns, rows, message in cases:
-        with pytest.raises(ValueError, match=message):
-            write_table(path, "hard", columns, rows, {})
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_files_that_are_no_table_are_refused(tmp_path: Path) -> None:

@@ -23,13 +23,6 @@ from hhsim.trees.contact_surface import contact_surface
 ENGINES = sorted(name for name, entry in declared_methods().items() if entry.value.startswith("hhsim.engines."))
 
 
-def test_a_module_that_is_there_lacks_nothing() -> None:
-    assert lack_of("x", "json", "math") == ""
-    assert lack_of("verify", "json", "no_such_engine") == (
-        "needs no_such_engine, which is not installed: pip install 'hhsim[verify]'"
-    )
-
-
 @pytest.mark.parametrize("name", ENGINES)
 def test_a_missing_engine_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch, run: Run) -> None:
     made: Any = declared_methods()[name].load()

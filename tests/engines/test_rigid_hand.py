@@ -33,12 +33,6 @@ def test_its_joints_are_those_of_the_hand(side: Side) -> None:
         np.testing.assert_allclose(place + frame @ [hand.length[f, 2], 0.0, 0.0], joints[f, 3], atol=1e-12)
 
 
-def test_a_cone_becomes_the_capsule_between_its_ends() -> None:
-    model = HandModel.default()
-    radius = RigidHand.of(model, Stiffness(), 0.005).radius
-    assert (radius <= model.radius[:, :-1]).all() and (radius >= model.radius[:, 1:]).all()
-
-
 def test_the_turn_between_two_orientations_is_the_one_that_was_made() -> None:
     first, turn = posed(2).orientation, np.array([0.3, -0.2, 0.5])
     second = quaternion_product(quaternion(turn), first)

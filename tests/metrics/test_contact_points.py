@@ -197,8 +197,3 @@ def test_fingers_and_ticks_can_be_left_out(
     assert kept.sum() > 5
     for ours, theirs in zip(some, found):
         np.testing.assert_array_equal(ours, theirs[kept])
-
-
-def test_nothing_touches_where_the_hand_is_away(hand: HandModel, tree: SphereTree) -> None:
-    away = forward_kinematics(hand, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0, 0.0]], np.zeros((1, 5, 3)), np.zeros((1, 5)))
-    assert len(find_contact_points(tree.arrays(), hand_shape(hand), away, TOUCH).tick) == 0

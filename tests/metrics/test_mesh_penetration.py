@@ -138,22 +138,6 @@ def test_a_finger_on_the_ball_around_a_cube() -> None:
     assert np.isnan(none.contact_error(placed, np.ones(3, bool))).all()
 
 
-def test_of_a_long_run_some_ticks_are_looked_at(grasp: Result, monkeypatch: pytest.MonkeyPatch) -> None:
-    every = result_ticks(grasp).contact_error
-    monkeypatch.setattr(module, "MOST_TICKS", 10)
-    some = result_ticks(grasp).contact_error
-    looked = np.isfinite(some)
-    assert 0 < looked.sum() <= 10
-    np.testing.assert_array_equal(some[looked], every[looked])
-
-
-def test_a_run_without_contact_has_none(grasp: Result) -> None:
-    run = result_ticks(grasp)
-    assert run.touched is not None
-    placed = PlacedHand(*(grasp[name] for name in PLACED))
-    assert np.isnan(run.touched.contact_error(placed, np.zeros(grasp.ticks, bool))).all()
-
-
 def judged(grasp: Result, folder: Path, figure: float, every: int = 1) -> Claim:
     """Verdict on another figure than the file's."""
     pytest.importorskip("coal")

@@ -106,10 +106,6 @@ class TestStatistics:
         assert np.isnan([result.mean, result.std, result.max]).all()
         assert result.count == 0
 
-    def test_phase_mask_includes_both_ends(self) -> None:
-        np.testing.assert_array_equal(metrics.phase_mask(5, 1, 3), [False, True, True, True, False])
-        assert not metrics.phase_mask(5, 3, 2).any()
-
 
 class TestRipple:
     @pytest.mark.parametrize("frequency", [60.0, 123.4, 250.0, 390.0])

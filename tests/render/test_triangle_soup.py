@@ -11,16 +11,12 @@ from hhsim.render.triangle_soup import (
     FAR,
     NEAR,
     SKIN,
-    SPHERE,
     arrow_surface,
     clipped,
-    joined,
     mesh_surface,
     near_hands,
-    painted,
 )
 from hhsim.render.triangle_soup import round_cone_surface as cone
-from tools.shapes.generators import cube
 
 
 @pytest.mark.parametrize("tip", [0.01, 0.006])
@@ -46,16 +42,6 @@ def test_a_corner_is_smooth_over_the_faces_of_its_vertex_that_lie_flat_enough() 
         flat = around[unit[around] @ unit[corner // 3] > np.cos(np.radians(40.0))]
         expected = area[flat].sum(axis=0)
         np.testing.assert_allclose(surface.normals[corner], expected / np.linalg.norm(expected), atol=1e-12)
-
-
-def test_joined_surfaces_keep_their_triangles() -> None:
-    first, second = cone(np.zeros(3), np.zeros(3), 0.01, 0.01, SKIN), mesh_surface(cube(), SPHERE)
-    both = joined([first, second])
-    triangles = both.points[both.faces]
-    np.testing.assert_array_equal(triangles[: len(first.faces)], first.points[first.faces])
-    np.testing.assert_array_equal(triangles[len(first.faces) :], second.points[second.faces])
-    assert (both.colors[both.faces[len(first.faces) :]] == SPHERE).all()
-    assert (painted(both, SKIN).colors == SKIN).all()
 
 
 @pytest.mark.parametrize("length", [0.05, 0.004])

@@ -1,14 +1,12 @@
 """Charts of benches: every suite that can be run has one, its points are the rows, and its units keep the numbers."""
 
 import importlib
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from drawings_alone import drawn, leave_charts_undrawn
-from sampled import sampled
+from drawings_alone import drawn
 
 from hhsim.bench import mesh_size
 from hhsim.bench.manipulation import answers as manipulation
@@ -32,12 +30,6 @@ COLUMNS = {
     "mesh-size": mesh_size.COLUMNS,
     "threads": threads.COLUMNS,
 }
-
-
-@pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Charts that the test draws itself, or not at all."""
-    leave_charts_undrawn(monkeypatch)
 
 
 @pytest.mark.parametrize("suite", sorted(CHARTS))
@@ -94,16 +86,6 @@ def test_the_picture_of_peers_has_each_configuration_and_names_other_engines(tmp
         assert names == {"coupled", "spheres", "the mesh itself", "other programs"}
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_numbers_beside_an_axis_of_one_decade_are_plain(tmp_path: Path) -> None:
-    rows: list[dict[str, Any]] = [{"threads": n, "total": 4e-6 * n, "case": "S"} for n in (1, 3, 10)]
-    with drawn(bench_figure(table(tmp_path, "threads", THREADS, rows)), 3.6, True) as figure:
-        (axes,) = figure.axes
-        shown = {text.get_text() for text in axes.get_yticklabels(which="both")} - {""}
-    assert "20" in shown
-    assert all(float(text) > 0.0 for text in shown)
-
-
 def test_a_table_without_numbers_or_of_another_suite_has_none(tmp_path: Path) -> None:
     assert bench_figure(table(tmp_path, "threads", THREADS, [{"threads": 1, "total": None, "case": "S"}])) is None
     assert bench_figure(table(tmp_path, "threads", THREADS[:2], [{"threads": 1, "total": 1.0}])) is None
@@ -119,23 +101,3 @@ def test_the_unit_keeps_the_largest_number_at_one_or_more(tmp_path: Path, larges
     assert found == unit
     if largest:
         assert 1.0 <= largest / unit_size(found) < 1e3 or unit in ("s", "ns")
-
-
-@pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("title", sorted({chart.title for chart in CHARTS.values()}))
-@pytest.mark.parametrize(
-    ("width", "narrow"), sampled([(7.0, False), (3.6, True)], lambda _, sheet: sheet == (3.6, True))
-)
-def test_a_title_is_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, title: str, width: float, narrow: bool
-) -> None:
-    monkeypatch.setitem(CHARTS, "threads", replace(CHARTS["threads"], title=title))
-    found = table(tmp_path, "threads", THREADS, [{"threads": 1, "total": 1e-5, "case": "S"}])
-    with drawn(bench_figure(found), width, narrow) as figure:
-        (text,) = (text for text in figure.axes[0].texts if text.get_fontweight() == "bold")
-        assert text.get_text().replace("\n", " ") == title
-        box = text.get_window_extent()
-        (legend,) = figure.legends
-        assert box.x0 >= 0.0
-        assert box.x1 <= figure.bbox.x1
-        assert not box.overlaps(legend.get_window_extent())

@@ -26,7 +26,7 @@ from hhsim.report import pictures as report_pictures
 from hhsim.report import time_series as report_series
 from hhsim.report.figure import RUN_STYLES, ReportFigure, run_style, time_text
 from hhsim.report.histogram import histogram_figure
-from hhsim.report.pictures import hand_picture, overview_picture
+from hhsim.report.pictures import hand_picture
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.ticks import minmax_band
 from hhsim.report.time_series import Run, series_figure
@@ -168,17 +168,6 @@ def test_no_two_results_have_one_colour_and_one_mark() -> None:
     assert len(styles) == len(RUN_STYLES)
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_an_error_of_rounding_does_not_stretch_the_axis(result: Result) -> None:
-    def lowest(excess: float) -> float:
-        summary = {**result.summary, "tracking_excess": excess}
-        with drawn(speed_error_figure({"A": changed(result, summary=summary)}), 7.0) as figure:
-            return float(figure.axes[2].get_ylim()[0])
-
-    assert lowest(1e-13) == lowest(0.0) > 1e-4
-    assert lowest(1e-5) <= 1e-5
-
-
 def test_a_long_run_becomes_a_band_that_says_so(
     result: Result, alone: dict[Chart, ReportFigure], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -238,18 +227,6 @@ def test_the_view_shows_the_marks() -> None:
     assert viewpoint(hand, ball, marks, nothing, hidden) != hidden
 
 
-@pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("draw", [series_figure, speed_error_figure])
-def test_the_papers_figures_are_drawn_in_its_scenes_alone(result: Result, draw: Chart) -> None:
-    def words(shown: Result) -> set[str]:
-        with drawn(draw({"one": shown}), 6.0) as figure:
-            return {text.get_text() for axes in figure.axes for text in axes.texts}
-
-    known = changed(result, scene={**result.scene, "object": "bunny", "trajectory": "grasp"})
-    assert not any("the paper" in text for text in words(result))
-    assert any("the paper" in text for text in words(known))
-
-
 @pytest.mark.usefixtures("coarse")
 def test_the_picture_of_a_tick_has_hands_forces_and_words(result: Result) -> None:
     figure = hand_picture(result, HELD)
@@ -278,29 +255,11 @@ def test_a_notebook_shows_the_picture_of_a_tick(result: Result) -> None:
         hhsim.draw(result, 999)
 
 
-@pytest.mark.usefixtures("coarse")
-def test_the_overview_shows_forces_in_one_half_only(result: Result) -> None:
-    figure = overview_picture(result)
-    picture = pixels(figure.png).astype(np.float64) / 255.0
-    red = (picture[:, :, 0] > 0.6) & (picture[:, :, 1] < 0.25) & (picture[:, :, 2] < 0.25)
-    assert not red[:, :700].any()
-    assert red[:, 700:].sum() > 100
-    assert "hold" in figure.caption
-
-
 def test_the_overview_is_of_the_hold_or_of_the_largest_force(result: Result) -> None:
     assert overview_tick(result) == 199
     free = changed(result, phases=())
     assert overview_tick(free) == int(np.argmax(np.linalg.norm(result["force/total"], axis=1)))
     assert overview_tick(changed(first_ticks(result, 5), phases=())) == 4
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [(3.2e-7, "320 ns"), (1.07e-5, "10.7 µs"), (3.1e-4, "310 µs"), (1e-3, "1 ms"), (0.0218, "21.8 ms"), (2.5, "2.5 s")],
-)
-def test_times_are_told_in_the_unit_that_suits_them(seconds: float, text: str) -> None:
-    assert time_text(seconds) == text
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -313,12 +313,6 @@ def test_the_title_names_scenes_or_methods(coupled: Path, progressive: Path, tmp
     )
 
 
-def test_the_key_figures_say_which_variation_it_is(coupled: Path, tmp_path: Path, dots: None) -> None:
-    steady = stating(force_variation_tremor=np.nan)
-    assert "variation, trembling [%]" in page_of(coupled).rows("Key figures")[0]
-    assert "variation in contact [%]" in page_of(changed(coupled, tmp_path, steady)).rows("Key figures")[0]
-
-
 def test_a_page_of_eight_results_fits_the_smallest_screen(coupled: Path, tmp_path: Path, dots: None) -> None:
     name = "an-object-with-a-long-name"
     others = [

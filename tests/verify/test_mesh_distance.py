@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
@@ -13,7 +11,7 @@ from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import RESOLUTION, mesh_clearance
-from hhsim.verify.coal_distance import coal_distance, frame_along, triangle_shapes
+from hhsim.verify.coal_distance import coal_distance, triangle_shapes
 from hhsim.verify.contacts import PALM
 from hhsim.verify.mesh_distance import HandReferee
 
@@ -82,15 +80,6 @@ def test_a_whole_hand_is_where_the_kernels_have_it(name: str) -> None:
             assert theirs.min() == pytest.approx(ours, abs=1e-6 + 0.01 * RESOLUTION)
         signs.add(np.sign(ours))
     assert signs == {-1.0, 1.0}
-
-
-@given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3))
-def test_a_frame_along_an_axis_is_a_rotation(axis: list[float]) -> None:
-    along = np.array(axis)
-    frame = frame_along(along)
-    np.testing.assert_allclose(frame.T @ frame, np.eye(3), atol=1e-14)
-    assert np.linalg.det(frame) == pytest.approx(1.0)
-    np.testing.assert_allclose(frame[:, 2] * np.linalg.norm(along), along, atol=1e-14)
 
 
 THIRD: dict[str, tuple[float, float]] = {

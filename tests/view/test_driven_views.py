@@ -9,7 +9,6 @@ from rerun_files import Recording
 from short_grasp import short_grasp, short_scene
 
 from hhsim.replay.replay import replay_scene
-from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.csv_export import export_ticks
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import make_scene
@@ -61,9 +60,3 @@ def test_a_table_has_the_objects_pose_where_it_moves(result: Result, tmp_path: P
     assert headings[1] == "object/position[0] [m]" and len(headings) == 8
     table = np.loadtxt(tmp_path / "ticks.csv", delimiter=",", skiprows=1)
     np.testing.assert_array_equal(table[:, 2:5], result["object/position"])
-
-
-def test_the_eight_corners_are_those_of_the_box(result: Result) -> None:
-    corners, (low, high) = stored_mesh(result).box_corners, stored_mesh(result).bounds
-    assert np.unique(corners, axis=0).shape == (8, 3)
-    assert corners.min(axis=0).tolist() == low.tolist() and corners.max(axis=0).tolist() == high.tolist()

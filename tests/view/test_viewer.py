@@ -24,8 +24,6 @@ from hhsim.view.scene_log import FORCE_LENGTH, NORMAL_LENGTH
 from hhsim.view.sink import check_target, open_viewer, parse_target, viewer_program
 from hhsim.view.viewer import view_result
 
-Array = np.ndarray[Any, Any]
-
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Result:

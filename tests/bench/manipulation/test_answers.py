@@ -20,19 +20,13 @@ from hhsim.bench.manipulation.stage import (
     LENGTHS,
     REACH,
     Pinch,
-    Rest,
-    ball,
-    block,
     clearance,
     closed,
     gripped,
     gripper,
     gripper_options,
-    turned_by,
 )
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.mesh.mesh import mass_properties
-from hhsim.trees.contact_surface import encloses
 
 SHORT = ManipulationOptions(rest=1.0, held=1.0)
 
@@ -81,14 +75,6 @@ def test_mujoco_rests_on_the_same_table_and_is_never_promised() -> None:
     assert found["coupled", "in the table, most"]["measured"] == 0.0
 
 
-def test_how_far_a_corner_has_gone() -> None:
-    task = Rest(side=0.2)
-    level, tilted = np.array([1.0, 0.0, 0.0, 0.0]), np.array([np.cos(5e-4), 0.0, np.sin(5e-4), 0.0])
-    center = np.array([[0.0, 0.0, 0.1], [3e-3, 4e-3, 0.1], [1e-3, 0.0, 0.1]])
-    assert task.creep(center, np.array([level, level])) == pytest.approx(5e-3)
-    assert task.creep(center[:1], np.array([level, tilted])) == pytest.approx(np.sqrt(0.03) * 1e-3)
-
-
 @pytest.mark.parametrize(
     ("named", "error"),
     [({"cases": ("slop",)}, UnknownNameError), ({"rest": 0.0}, InputError), ({"held": np.nan}, InputError)],
@@ -96,15 +82,6 @@ def test_how_far_a_corner_has_gone() -> None:
 def test_what_cannot_be_played_is_refused(named: dict[str, object], error: type[Exception]) -> None:
     with pytest.raises(error):
         ManipulationOptions(**named)  # type: ignore[arg-type]
-
-
-def test_a_pinch_closes_presses_lifts_eases_and_holds() -> None:
-    pinch = Pinch(squeeze=2.0, easing=1.0, eased=0.5, hold=1.0)
-    assert pinch.threshold == pytest.approx(0.981)
-    assert (pinch.eased_from, pinch.held_from, pinch.ticks) == (1500, 2500, 3500)
-    assert pinch.closed_at([0, 150, 300]).tolist() == [0.0, 1.0, 1.0]
-    np.testing.assert_allclose(pinch.squeeze_at([150, 300, 1500, 2000, 2500, 3000]), [0.0, 2.0, 2.0, 1.5, 1.0, 1.0])
-    np.testing.assert_allclose(pinch.height_at([500, 1000, 1500]), [0.0, 0.015, 0.03])
 
 
 def test_an_outcome_says_whether_it_came_along_and_how_it_creeps() -> None:
@@ -128,11 +105,3 @@ def test_the_gripper_has_its_fingers_opposed_and_its_coupling_as_stated() -> Non
     levers = np.cumsum(LENGTHS[::-1])
     options = gripper_options(500.0)
     assert (levers**2).sum() / options.stiffness.flexion == pytest.approx(1.0 / 500.0)
-
-
-def test_the_block_is_closed_and_the_ball_is_one() -> None:
-    mesh = block([0.1, 0.2, 0.3], [1.0, 2.0, 3.0])
-    assert encloses(mesh)
-    assert mass_properties(mesh).volume == pytest.approx(0.006)
-    assert ball(0.04).arrays.radius.tolist() == [0.04, 0.04]
-    assert turned_by([1.0, 0.0, 0.0, 0.0], [np.cos(0.2), 0.0, np.sin(0.2), 0.0]) == pytest.approx(0.4)

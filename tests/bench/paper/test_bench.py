@@ -14,7 +14,7 @@ from conftest import Run
 from hhsim.bench.paper.bench import PaperOptions, PaperRuns, measure
 from hhsim.bench.paper.run import COUNTS, GLOVE, NOISES, play, play_again
 from hhsim.bench.paper.scene import Scenario, held_ticks, make_stage
-from hhsim.bench.paper.table import SCENE_COLUMNS, PaperRow, missed, paper_rows
+from hhsim.bench.paper.table import PaperRow, missed, paper_rows
 from hhsim.bench.table import load_table
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
@@ -23,7 +23,6 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.motion.analytic_motion import still
 from hhsim.replay import tremor_hold
 from hhsim.solver.options import SolverOptions
-from hhsim.table.table import Table
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
@@ -104,16 +103,6 @@ def test_ticks_in_contact_are_those_of_closing_holding_and_sliding(runs: PaperRu
     assert (run.candidates[run.contact] > 0).all()
     assert (run.undisturbed <= run.contact).all()
     assert [moment.name for moment in run.shown] == ["hold 1", "slide", "hold 2"]
-
-
-def test_scene_rows_hold_one_line_a_scene(runs: PaperRuns) -> None:
-    rows = Table(SCENE_COLUMNS, runs.scenes).records
-    assert len(rows) == len(runs.scenes)
-    assert {one["instances"] for one in rows if one["figure"] == "15"} == {2}
-    for one in rows:
-        assert one["ticks_in_contact"] > 0
-        assert 0.0 < one["cpu_p50"] <= one["cpu_p99"] <= one["cpu_max"]
-        assert (one["depth_max"] <= 1e-6) or one["method"] == "paper"
 
 
 def test_a_repetition_that_differs_is_an_error(runs: PaperRuns) -> None:

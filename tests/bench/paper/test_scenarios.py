@@ -58,19 +58,6 @@ def test_figure_11_is_five_objects_and_three_behaviours() -> None:
         assert len(load_script(motion).hold_touches[0]) == parts
 
 
-def test_figure_12_goes_from_none_to_five_and_back_and_sliding_is_on_simple_objects() -> None:
-    assert [s.name for s in figure("12")] == ["cylinder sequence", "hexagonal-prism sequence"]
-    assert [len(touches) for touches in load_script("sequence").hold_touches] == [1, 2, 5, 2, 1]
-    assert [s.name for s in figure("sliding")] == [f"{name} slide" for name in SIMPLE]
-
-
-def test_figure_13_shows_each_complex_object_from_several_sides() -> None:
-    sides = {name: [s.motion for s in figure("13") if s.object_name == name] for name in COMPLEX}
-    assert all(len(motions) >= 3 for motions in sides.values()), sides
-    assert "handle" in sides["cup"] and "spout" in sides["teapot"]
-    assert "leaf-and-stem" in sides["shamrock"] and "ears" in sides["bunny"]
-
-
 def test_figure_14_squeezes_holds_and_slides() -> None:
     assert [s.name for s in figure("14")] == ["cup squeeze", "bunny ear-to-ear"]
     for scenario in figure("14"):

@@ -15,7 +15,7 @@ from qp_problems import INFEASIBLE_SETS, VARIABLES, rows_around
 from hhsim.bench.qp import recorded_problems
 from hhsim.bench.qp.bench import RESIDUAL_LIMIT, SolvedPrograms, bench_qp, missed_programs
 from hhsim.bench.qp.qpbenchmark_export import check_program_file, solve_as_qpsolvers
-from hhsim.bench.qp.recorded_problems import QpBenchOptions, TickProgram, harvest
+from hhsim.bench.qp.recorded_problems import QpBenchOptions, harvest
 from hhsim.bench.table import load_table
 from hhsim.errors import OutputError
 from hhsim.solver.qp import QpProblem, QpSolution, QpStatus, solve
@@ -116,11 +116,6 @@ def test_ours_is_a_solver_of_qpsolvers(n: int) -> None:
         np.testing.assert_allclose(ours.x, theirs.x, atol=1e-9)
     matrix, rhs, target = INFEASIBLE_SETS["infeasible by 1"](rng, n, 60)
     assert not solve_as_qpsolvers(qpsolvers.Problem(np.eye(n), -target, -matrix, -rhs)).found
-
-
-def test_the_size_of_a_program_is_its_largest_length() -> None:
-    problem = QpProblem(np.full(3, 4.0), 2.0 * np.eye(3), np.array([8.0, 0.0, 0.0]), np.ones(3))
-    assert TickProgram("coupled", problem, "", 0, 0).size == 8.0
 
 
 ARGUMENTS = ("bench", "qp", "--problems", "40", "--object", "sphere", "--motion", "random", "--out", "qp.h5")

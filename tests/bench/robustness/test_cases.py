@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from plain_clearance import coal_clearance
+from coal_clearance import coal_clearance
 from sampled import sampled
 from sphere_scenes import brute_pairs, record_clearance
 
@@ -17,7 +17,7 @@ from hhsim.bench.robustness.invariance_cases import LOOP, SAME
 from hhsim.bench.robustness.postures import INDEX
 from hhsim.bench.robustness.triangle_cases import SLIDE
 from hhsim.bench.run_errors import placed_of
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import WORK_TOUCHING
 from hhsim.solver.options import SolverOptions
@@ -191,19 +191,6 @@ def test_other_seeds_are_passed_too(seed: int, method: str, surface: str) -> Non
             continue
         result = judge_case(case, case.build(seed), SolverOptions(method=method, surface=surface))
         assert result.passed, (case.name, result.reason, [figure for figure in result.figures if not figure.passed])
-
-
-def test_every_case_of_the_list_is_there_with_a_line_of_its_own() -> None:
-    assert len(CASES) == len(hard_cases()) == 28 and len(ON_MESH) == 37
-    lines = [case.description for case in ON_MESH.values()]
-    assert len(set(lines)) == len(lines)
-    assert all(line and "\n" not in line for line in lines)
-
-
-def test_cases_are_found_by_name_in_the_order_of_the_catalogue() -> None:
-    assert [case.name for case in hard_cases(("teleport", "deep-command"))] == ["deep-command", "teleport"]
-    with pytest.raises(UnknownNameError, match="deep-command"):
-        hard_cases(("deep-comand",))
 
 
 def test_scenes_provoke_what_they_are_named_for() -> None:

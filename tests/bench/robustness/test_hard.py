@@ -35,7 +35,6 @@ from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.motion.analytic_motion import still
 from hhsim.motion.tick_motion import hold_readings
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 
 BALL = tree_of(np.zeros((1, 3)), BALL_RADIUS)
@@ -143,16 +142,6 @@ def test_a_figure_keeps_its_bar() -> None:
     assert [Figure("", v, 1.0, at_least=True).passed for v in (1.0, 0.9, math.nan)] == [True, False, False]
 
 
-def test_the_deciding_figure_is_the_one_that_failed_or_came_nearest() -> None:
-    common = Figure("penetration", 0.0, 1e-6, "m")
-    figures = (common, Figure("a", 0.5, 1.0), Figure("b", 9.0, 10.0), Figure("c", 20.0, 10.0, at_least=True))
-    assert CaseResult("", "", "", figures).deciding == figures[2]
-    failed = (*figures, Figure("d", 1.0, 0.0))
-    assert CaseResult("", "", "", failed).deciding == failed[4]
-    assert CaseResult("", "", "", (*figures, Figure("e", math.nan, 1.0))).deciding is not None
-    assert CaseResult("", "", "", (common,)).deciding is None
-
-
 def stuck_at(motion: HandConfiguration, record: TickRecord, tick: int) -> int:
     status = record.status.copy()
     status[tick] |= STATUS_STUCK
@@ -258,14 +247,6 @@ def test_a_run_without_triangles_is_that_of_the_spheres() -> None:
     touched = run_scene(replace(run, mesh=ball_mesh()), SolverOptions(surface="mesh"))
     assert touched.options.surface == "mesh" and touched.safety.penetration == 0.0
     assert not np.array_equal(touched.ticks.position, usual.ticks.position)
-
-
-def test_machines_get_every_figure(run: Run) -> None:
-    answer = run("bench", "hard", "never-touches", "--json", "--quiet", "--seed", "3")
-    document = json.loads(answer.out)
-    assert (answer.code, document["passed"], document["options"]["methods"]) == (0, True, list(METHODS))
-    figures = {row["figure"] for row in document["rows"] if row["method"] == "coupled"}
-    assert {"penetration", "pairs tested a tick", "stuck ticks that nothing explains"} <= figures
 
 
 @pytest.mark.parametrize(("fault", "code"), [("none", 0), ("penetration", 1), ("exception", 1)])

@@ -11,13 +11,8 @@ from hhsim.bench.robustness.triangle_objects import (
     ball_mesh,
     box_mesh,
     disc_mesh,
-    globe_mesh,
-    joined_mesh,
     ring_mesh,
     roof_mesh,
-    sheet_mesh,
-    strips_mesh,
-    tube_mesh,
 )
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.mesh.features import mesh_features
@@ -106,37 +101,6 @@ def test_solids_enclose_their_volume() -> None:
     ):
         assert encloses(mesh), mesh.name
         np.testing.assert_allclose(mesh.volume, volume, rtol=0.02)
-
-
-def test_what_is_round_has_the_facets_that_it_is_asked_for_where_it_is_touched() -> None:
-    for count in (64, 256):
-        tube = tube_mesh(0.04, 0.08, count)
-        assert encloses(tube)
-        rim = tube.vertices[tube.vertices[:, 0] == 0.04]
-        np.testing.assert_allclose(np.linalg.norm(rim[:-1, 1:], axis=1), 0.04)
-        turn = np.sort(np.arctan2(rim[:-1, 1], rim[:-1, 2]))
-        upper = turn[np.abs(turn) < 0.4]
-        np.testing.assert_allclose(np.diff(upper), 2.0 * np.pi / count)
-        assert len(upper) > 0.7 * 0.8 * count / (2.0 * np.pi)
-        globe = globe_mesh(0.04, count)
-        assert encloses(globe)
-        np.testing.assert_allclose(np.linalg.norm(globe.vertices, axis=1), 0.04)
-        np.testing.assert_allclose(globe.vertices[:, 0].max(), 0.04)
-        level = globe.vertices[:, 0][np.argmin(np.abs(globe.vertices[:, 0]))]
-        assert (np.abs(globe.vertices[:, 0] - level) < 1e-9).sum() == count
-
-
-def test_floors_cover_their_square_and_nothing_else() -> None:
-    random = np.random.default_rng(0)
-    area = triangle_cases.SHEET**2
-    for make in (triangle_cases._slivers, triangle_cases._t_junctions):
-        mesh = make(random)
-        np.testing.assert_allclose(face_areas(mesh.vertices, mesh.faces).sum(), area, rtol=1e-12)
-        assert (mesh.vertices[:, 2] == 0.0).all()
-    sheet = sheet_mesh(0.3, 0.2)
-    assert len(sheet.faces) == 2 and np.array_equal(sheet.bounds, [[-0.15, -0.1, 0.0], [0.15, 0.1, 0.0]])
-    assert len(joined_mesh([sheet, sheet]).faces) == 4
-    assert len(strips_mesh([0.0, 1.0, 2.0], [[0.0, 1.0], [0.0, 0.3, 1.0]]).faces) == 6
 
 
 def test_slivers_are_slivers_and_can_be_touched() -> None:

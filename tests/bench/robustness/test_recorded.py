@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from plain_clearance import brute_clearance
 from recording_samples import smooth_recording
+from sphere_scenes import brute_clearance
 
 from hhsim.bench.robustness.recorded import (
     COLUMNS,
@@ -87,9 +87,9 @@ def deepest(record: TickRecord, at: BenchObject, motion: Trajectory, ticks: NDAr
 
     center = at.tree.leaf_center @ rotation_matrix(motion.object_orientation).T + motion.object_position
     palm = HAND.palm_tree
-    sizes = HAND.radius, palm.leaf_center, palm.leaf_radius
-    shown = ((record.joints[t], record.position[t], record.orientation[t]) for t in ticks)
-    return min(brute_clearance(center, at.tree.leaf_radius, *sizes, *pose) for pose in shown)
+    sizes = at.tree.leaf_radius, HAND.radius, palm.leaf_center, palm.leaf_radius
+    shown = record.joints[ticks], record.position[ticks], record.orientation[ticks]
+    return float(brute_clearance(center, *sizes, *shown).min())
 
 
 def test_a_row_says_what_the_ticks_show(folder: Path) -> None:

@@ -187,18 +187,6 @@ def test_a_failure_that_needs_all_that_came_before_is_kept_whole(
     assert (failure.kind, failure.tick, failure.ticks, failure.failing_tick) == ("not finite", late, late + 1, late)
 
 
-def test_a_force_without_a_pull_has_no_bound(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Pushing(HandSolver):
-        def run(self, *haptic: Any) -> TickRecord:
-            record = super().run(*haptic)
-            record.total[:, 0] = 2.0
-            return record
-
-    monkeypatch.setattr(stress, "HandSolver", Pushing)
-    figures = run_case(case(ticks=30))
-    assert (figures.force_max, figures.coupling_force, figures.force_ratio) == (2.0, 0.0, np.inf)
-
-
 def test_only_a_method_that_promises_can_miss() -> None:
     figures = replace(run_case(case(ticks=60)), penetration=1.0)
     for change, missed in (

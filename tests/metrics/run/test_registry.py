@@ -15,7 +15,7 @@ import hhsim.metrics.run
 from hhsim.gate.gate import gate_result
 from hhsim.gate.metrics import run_figures
 from hhsim.gate.suite import default_suite, parse_suite
-from hhsim.metrics.run.registry import judged_metrics, needed_columns, run_figure, run_metrics, tick_figures
+from hhsim.metrics.run.registry import needed_columns, run_figure, run_metrics, tick_figures
 from hhsim.metrics.run_metric import RunMetric
 from hhsim.metrics.run_ticks import RunTicks, result_ticks
 from hhsim.motion.trajectory import TickPhase
@@ -137,29 +137,9 @@ def test_figures_of_a_file_are_those_of_its_run(replayed: tuple[ReplaySummary, R
             np.testing.assert_equal(figures[row.name], row.value, err_msg=row.name)
 
 
-def test_two_figures_of_one_name_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("first", "second"):
-        (tmp_path / f"{module}.py").write_text(ONE_MORE)
-    monkeypatch.setattr(hhsim.metrics.run, "__path__", [*hhsim.metrics.run.__path__, str(tmp_path)])
-    run_metrics.cache_clear()
-    try:
-        with pytest.raises(ValueError, match="two run metrics of one name"):
-            run_metrics()
-    finally:
-        monkeypatch.undo()
-        run_metrics.cache_clear()
-        for module in ("first", "second"):
-            sys.modules.pop(f"hhsim.metrics.run.{module}")
-
-
 def test_the_documentation_says_which_do_not_follow_from_the_file(repository: Path) -> None:
     page = Page.read(repository / "docs" / "metrics.md")
     sentence = next(line for line in page.text.split("\n\n") if "do not follow from the file" in line)
     assert {name for name in run_metrics() if f"`{name}`" in sentence} == {
         name for name, metric in run_metrics().items() if metric.own_run
     }
-
-
-def test_the_gate_judges_errors_that_have_less_as_better() -> None:
-    assert len(judged_metrics()) >= 10
-    assert all(metric.less_is_better for metric in judged_metrics().values())
