@@ -18,6 +18,8 @@ BODIES = 16
 """Phalanges from the thumb's proximal one on, three a finger; then the palm."""
 CHUNK = 64
 """Ticks searched at once, to bound the memory."""
+FARTHEST = 1e9
+"""Coordinate of a hand that is far from everything [m]."""
 HALVINGS = 56
 """Bisection steps: as many as a double has digits."""
 
@@ -83,7 +85,7 @@ def near_rows(
     reach = np.maximum(0.5 * np.sqrt(square) + thick + near + pieces.radius.max(), 0.0)
     # A hand that is not finite is near nothing.
     known = np.isfinite(square)
-    found = pieces.tree.query_ball_point(np.where(known[:, None], 0.5 * (a + b), 0.0), np.where(known, reach, 0.0))
+    found = pieces.tree.query_ball_point(_within_reach(0.5 * (a + b)), np.where(known, reach, 0.0))
     row = np.repeat(np.arange(len(a)), [len(some) for some in found])
     piece = np.fromiter(itertools.chain.from_iterable(found), np.int64, len(row))
     away = pieces.center[piece] - a[row]
@@ -91,6 +93,11 @@ def near_rows(
     away -= np.clip(along, 0.0, 1.0)[:, None] * axis[row]
     kept = np.sqrt(np.einsum("ni,ni->n", away, away)) <= (thick + near)[row] + pieces.radius[piece]
     return row[kept], piece[kept]
+
+
+def _within_reach(points: FloatArray) -> FloatArray:
+    """Points that a k-d tree can take: its squares overflow beyond `FARTHEST`."""
+    return np.clip(np.nan_to_num(points), -FARTHEST, FARTHEST)
 
 
 def near_pairs(hand: OwnHand, posed: Posed, spheres: Places, fingers: BoolArray, near: float) -> Pairs:
@@ -167,7 +174,7 @@ def near_palm_rows(hand: OwnHand, posed: Posed, pieces: Places, near: float) -> 
     """Indices as of `near_rows` for the palms' spheres; a palm that is far as a whole is skipped."""
     spheres = len(hand.palm_radius)
     reach = float((np.linalg.norm(hand.palm_center, axis=1) + hand.palm_radius).max()) + near + pieces.radius.max()
-    close = np.flatnonzero(pieces.tree.query_ball_point(np.nan_to_num(posed.position), reach, return_length=True))
+    close = np.flatnonzero(pieces.tree.query_ball_point(_within_reach(posed.position), reach, return_length=True))
     center = posed.palm[close].reshape(-1, 3)
     row, piece = near_rows(center, center, np.tile(hand.palm_radius, len(close)), pieces, near)
     return close[row // spheres] * spheres + row % spheres, piece
