@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.hand.fingers import FINGERS
-from hhsim.replay.stored_scene import PARTS
 from hhsim.result.reader import Result
 from hhsim.result.wording import cut, motion_name, object_name, option_value
 
@@ -68,9 +67,6 @@ def option_words(result: Result) -> dict[str, str]:
     for name in ("max_error", "tremor_mm_deg", "samples", "size_mm", "thickness_mm", "seed"):
         if scene.get(name) is not None:
             words[f"scene {name}"] = cut(f"{name.partition('_mm')[0].replace('_', ' ')} {scene[name]}")
-    stated = scene.get("checksums", {})
-    for part, what in PARTS.items():
-        words[f"sum {part}"] = f"{what} {str(stated.get(part, ''))[:6]}".removeprefix("the ")
     words["source"] = cut(Path(str(scene.get("trajectory") or "")).name)
     words["hhsim"] = f"hhsim {result.hhsim_version}"
     words["commit"] = f"commit {result.git_revision[:7]}"
@@ -81,10 +77,8 @@ def option_words(result: Result) -> dict[str, str]:
 CAUSED = {
     "spheres": ("level",),
     "scene max_error": ("level", "spheres"),
-    "sum tree": ("level", "spheres", "scene max_error"),
     "skin": ("surface",),
     "touch": ("surface",),
-    "sum hand": ("side", "length"),
     "period": ("rate",),
     "budget": ("rate",),
     **{f"scene {name}": ("kind",) for name in ("samples", "placement", "seed", "size_mm", "thickness_mm")},
@@ -102,8 +96,6 @@ def _telling(options: Sequence[dict[str, str]]) -> list[list[str]]:
     differing = [name for name in names if len({one.get(name) for one in options}) > 1]
     told = [name for name in differing if not set(CAUSED.get(name, ())) & set(differing)]
     told = [name for name in told if name not in AROUND] or told
-    # A checksum says only that something differs: it is for results that no word tells apart.
-    told = [name for name in told if not name.startswith("sum ")] or told
     found: list[list[str]] = [[] for _ in options]
     for name in told:
         ranked = Counter(one.get(name, "") for one in options).most_common()

@@ -4,8 +4,9 @@ A phalanx is a round cone, the union of balls with centre x(s) and radius r(s) a
 sphere's centre c is the minimum of |x(s) − c| − r(s), which is convex in s, and so is that to a triangle.
 """
 
+import itertools
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,8 +18,8 @@ BODIES = 16
 """Phalanges from the thumb's proximal one on, three a finger; then the palm."""
 CHUNK = 64
 """Ticks searched at once, to bound the memory."""
-GROUP, MOST_GROUPS = 12, 2048
-"""Pieces of a group, unless that makes more groups than the second number."""
+FARTHEST = 1e9
+"""Coordinate of a hand that is far from everything [m]."""
 HALVINGS = 56
 """Bisection steps: as many as a double has digits."""
 
@@ -57,61 +58,49 @@ class Pairs(NamedTuple):
         return found
 
 
-class Groups(NamedTuple):
-    """Pieces of a surface in groups of neighbours, with balls around pieces and groups to skip distant ones."""
+class Places(NamedTuple):
+    """Balls around the pieces of a surface, and a k-d tree of their centres to skip distant ones."""
 
-    order: IntArray  # indices of the pieces, group by group (L,)
-    first: IntArray  # start of each group in `order`, and the end of the last (G + 1,)
-    middle: FloatArray  # centres of the balls around the groups [m] (G, 3)
-    around: FloatArray  # their radii [m] (G,)
-    center: FloatArray  # centres of the balls around the pieces [m] (L, 3)
-    radius: FloatArray  # their radii [m] (L,)
+    tree: Any  # scipy's k-d tree of the centres
+    center: FloatArray  # [m] (L, 3)
+    radius: FloatArray  # [m] (L,)
 
 
-def grouped(center: FloatArray, radius: FloatArray) -> Groups:
-    """Group pieces as a k-d tree of their centres lists them; balls of centres (L, 3), radii (L,) [m]."""
+def ball_places(center: FloatArray, radius: FloatArray) -> Places:
+    """Sort balls by their places; centres (L, 3), radii (L,) [m]."""
     from scipy.spatial import cKDTree
 
-    most = max(GROUP, len(radius) // MOST_GROUPS)
-    order = cKDTree(center, leafsize=most).indices
-    first = np.append(np.arange(0, len(order), most), len(order))
-    groups = np.split(order, first[1:-1])
-    middle = np.array([0.5 * (center[rows].min(axis=0) + center[rows].max(axis=0)) for rows in groups])
-    around = [(np.linalg.norm(center[rows] - at, axis=1) + radius[rows]).max() for rows, at in zip(groups, middle)]
-    return Groups(order, first, middle, np.array(around), center, radius)
+    return Places(cKDTree(center), center, radius)
 
 
 def near_rows(
-    a: FloatArray, b: FloatArray, thick: FloatArray, pieces: Groups, near: float
+    a: FloatArray, b: FloatArray, thick: FloatArray, pieces: Places, near: float
 ) -> tuple[IntArray, IntArray]:
     """Indices of capsules and pieces whose balls are no more than `near` [m] apart.
 
     `a`, `b` are the ends of the capsules' axes [m], shape (N, 3), `thick` their radii [m], -inf to leave one out.
     """
-    from scipy.spatial.distance import cdist
-
     axis = b - a
     square = np.einsum("ni,ni->n", axis, axis)
-    inverse = 1.0 / np.where(square > 0.0, square, 1.0)
-
-    def close(row: IntArray, center: FloatArray, radius: FloatArray) -> BoolArray:
-        away, along = center - a[row], axis[row]
-        share = np.clip(np.einsum("ni,ni->n", away, along) * inverse[row], 0.0, 1.0)
-        away -= share[:, None] * along
-        return np.asarray(np.sqrt(np.einsum("ni,ni->n", away, away)) <= (thick + near)[row] + radius)
-
-    reach = 0.5 * np.sqrt(square) + thick + near
-    row, group = np.nonzero(cdist(0.5 * (a + b), pieces.middle) <= reach[:, None] + pieces.around)
-    kept = close(row, pieces.middle[group], pieces.around[group])
-    row, group = row[kept], group[kept]
-    count = np.diff(pieces.first)[group]
-    row = np.repeat(row, count)
-    piece = pieces.order[np.arange(len(row)) + np.repeat(pieces.first[:-1][group] - np.cumsum(count) + count, count)]
-    kept = close(row, pieces.center[piece], pieces.radius[piece])
+    reach = np.maximum(0.5 * np.sqrt(square) + thick + near + pieces.radius.max(), 0.0)
+    # A hand that is not finite is near nothing.
+    known = np.isfinite(square)
+    found = pieces.tree.query_ball_point(_within_reach(0.5 * (a + b)), np.where(known, reach, 0.0))
+    row = np.repeat(np.arange(len(a)), [len(some) for some in found])
+    piece = np.fromiter(itertools.chain.from_iterable(found), np.int64, len(row))
+    away = pieces.center[piece] - a[row]
+    along = np.einsum("ni,ni->n", away, axis[row]) / np.where(square > 0.0, square, 1.0)[row]
+    away -= np.clip(along, 0.0, 1.0)[:, None] * axis[row]
+    kept = np.sqrt(np.einsum("ni,ni->n", away, away)) <= (thick + near)[row] + pieces.radius[piece]
     return row[kept], piece[kept]
 
 
-def near_pairs(hand: OwnHand, posed: Posed, spheres: Groups, fingers: BoolArray, near: float) -> Pairs:
+def _within_reach(points: FloatArray) -> FloatArray:
+    """Points that a k-d tree can take: its squares overflow beyond `FARTHEST`."""
+    return np.clip(np.nan_to_num(points), -FARTHEST, FARTHEST)
+
+
+def near_pairs(hand: OwnHand, posed: Posed, spheres: Places, fingers: BoolArray, near: float) -> Pairs:
     """Find all pairs of a body and a sphere no more than `near` [m] apart, world, of the fingers in `fingers` (5,)."""
     return _by_chunks(
         posed, lambda some: (_phalanges(hand, some, spheres, fingers, near), _palm(hand, some, spheres, near))
@@ -181,19 +170,17 @@ def phalanges(hand: OwnHand, posed: Posed, fingers: BoolArray) -> Phalanges:
     return Phalanges(a, b, radius_a, radius_b, np.where(counts, np.maximum(radius_a, radius_b), -np.inf))
 
 
-def near_palm_rows(hand: OwnHand, posed: Posed, pieces: Groups, near: float) -> tuple[IntArray, IntArray]:
+def near_palm_rows(hand: OwnHand, posed: Posed, pieces: Places, near: float) -> tuple[IntArray, IntArray]:
     """Indices as of `near_rows` for the palms' spheres; a palm that is far as a whole is skipped."""
-    from scipy.spatial.distance import cdist
-
     spheres = len(hand.palm_radius)
-    reach = float((np.linalg.norm(hand.palm_center, axis=1) + hand.palm_radius).max()) + near
-    close = np.flatnonzero((cdist(posed.position, pieces.middle) <= reach + pieces.around).any(axis=1))
+    reach = float((np.linalg.norm(hand.palm_center, axis=1) + hand.palm_radius).max()) + near + pieces.radius.max()
+    close = np.flatnonzero(pieces.tree.query_ball_point(_within_reach(posed.position), reach, return_length=True))
     center = posed.palm[close].reshape(-1, 3)
     row, piece = near_rows(center, center, np.tile(hand.palm_radius, len(close)), pieces, near)
     return close[row // spheres] * spheres + row % spheres, piece
 
 
-def _phalanges(hand: OwnHand, posed: Posed, spheres: Groups, fingers: BoolArray, near: float) -> Pairs:
+def _phalanges(hand: OwnHand, posed: Posed, spheres: Places, fingers: BoolArray, near: float) -> Pairs:
     of = phalanges(hand, posed, fingers)
     row, leaf = near_rows(of.a, of.b, of.thick, spheres, near)
     center, radius = spheres.center[leaf], spheres.radius[leaf]
@@ -201,7 +188,7 @@ def _phalanges(hand: OwnHand, posed: Posed, spheres: Groups, fingers: BoolArray,
     return ball_pairs(row // 15, row % 15, leaf, place, size, place - center, radius, near)
 
 
-def _palm(hand: OwnHand, posed: Posed, spheres: Groups, near: float) -> Pairs:
+def _palm(hand: OwnHand, posed: Posed, spheres: Places, near: float) -> Pairs:
     row, leaf = near_palm_rows(hand, posed, spheres, near)
     count = len(hand.palm_radius)
     place, size = posed.palm.reshape(-1, 3)[row], hand.palm_radius[row % count]
@@ -260,14 +247,14 @@ def ready_triangles(corners: FloatArray) -> ReadyTriangles:
     return ReadyTriangles(start, side, 1.0 / np.where(square > 0.0, square, 1.0), inward, normal, solid)
 
 
-def triangle_groups(triangles: FloatArray) -> Groups:
-    """Group neighbouring triangles; corners [m], world, shape (F, 3, 3)."""
+def triangle_places(triangles: FloatArray) -> Places:
+    """Sort triangles by their places; corners [m], world, shape (F, 3, 3)."""
     middle = triangles.mean(axis=1)
-    return grouped(middle, np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1))
+    return ball_places(middle, np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1))
 
 
 def near_triangle_pairs(
-    hand: OwnHand, posed: Posed, triangles: ReadyTriangles, groups: Groups, fingers: BoolArray, near: float
+    hand: OwnHand, posed: Posed, triangles: ReadyTriangles, places: Places, fingers: BoolArray, near: float
 ) -> Pairs:
     """Find all pairs of a body and a triangle no more than `near` [m] apart, world; `leaf` is the triangle's index.
 
@@ -276,17 +263,17 @@ def near_triangle_pairs(
     """
 
     def search(some: Posed) -> tuple[Pairs, ...]:
-        phalanx = _phalanges_on_triangles(hand, some, triangles, groups, fingers, near)
-        return phalanx, _palm_on_triangles(hand, some, triangles, groups, near)
+        phalanx = _phalanges_on_triangles(hand, some, triangles, places, fingers, near)
+        return phalanx, _palm_on_triangles(hand, some, triangles, places, near)
 
     return _by_chunks(posed, search)
 
 
 def _phalanges_on_triangles(
-    hand: OwnHand, posed: Posed, triangles: ReadyTriangles, groups: Groups, fingers: BoolArray, near: float
+    hand: OwnHand, posed: Posed, triangles: ReadyTriangles, places: Places, fingers: BoolArray, near: float
 ) -> Pairs:
     of = phalanges(hand, posed, fingers)
-    row, face = near_rows(of.a, of.b, of.thick, groups, near)
+    row, face = near_rows(of.a, of.b, of.thick, places, near)
     row, face = _not_apart(of.a, of.b, of.thick + near, triangles, row, face)
     axis, drop, ready = (of.b - of.a)[row], (of.radius_b - of.radius_a)[row], triangles.at(face)
     share = nearest_share(of.a[row], axis, drop, ready)
@@ -318,8 +305,8 @@ def _not_apart(
     return row, face
 
 
-def _palm_on_triangles(hand: OwnHand, posed: Posed, triangles: ReadyTriangles, groups: Groups, near: float) -> Pairs:
-    row, face = near_palm_rows(hand, posed, groups, near)
+def _palm_on_triangles(hand: OwnHand, posed: Posed, triangles: ReadyTriangles, places: Places, near: float) -> Pairs:
+    row, face = near_palm_rows(hand, posed, places, near)
     count, center = len(hand.palm_radius), posed.palm.reshape(-1, 3)
     row, face = _not_apart(center, center, np.tile(hand.palm_radius, len(posed.palm)) + near, triangles, row, face)
     pairs = _with_triangles(row, face, center[row], hand.palm_radius[row % count], triangles.at(face), near)

@@ -11,15 +11,15 @@ from hhsim.result.reader import Result
 from hhsim.solver.method import never_penetrates
 from hhsim.verify.contacts import (
     PALM,
-    Groups,
     Pairs,
+    Places,
     ReadyTriangles,
-    grouped,
+    ball_places,
     joined,
     near_pairs,
     near_triangle_pairs,
     ready_triangles,
-    triangle_groups,
+    triangle_places,
 )
 from hhsim.verify.file_checks import follows, leaves, usable
 from hhsim.verify.kinematics import configurations, own_hand, pose, turn_between
@@ -176,11 +176,11 @@ class JudgedTicks:
         return ready_triangles(stored_mesh(self.result).triangles)
 
     @cached_property
-    def pieces(self) -> Groups:
+    def pieces(self) -> Places:
         """Spheres or triangles, whichever the hand touches."""
         if self.on_mesh:
-            return triangle_groups(stored_mesh(self.result).triangles)
-        return grouped(*leaves(self.result))
+            return triangle_places(stored_mesh(self.result).triangles)
+        return ball_places(*leaves(self.result))
 
     def _nearness(self, places: IntArray, reach: float) -> Nearness:
         """Find what is within `reach` [m] at some chosen ticks; distant pairs, which are many, are only counted."""

@@ -70,20 +70,10 @@ INNER = 3e-4
 """Thickness [m] by which the haptic hand is drawn thinner, so that it shows only beside the graphic one."""
 
 STATE_COLORS: Mapping[str, Mapping[str, tuple[int, int, int]]] = {
-    "phase": {
-        "approach": (78, 121, 167),
-        "touch": (118, 183, 178),
-        "pinch": (237, 201, 72),
-        "grasp": (242, 142, 43),
-        "hold": (89, 161, 79),
-        "slide": (176, 122, 161),
-        "carry": (255, 157, 167),
-        "release": (156, 117, 95),
-    },
     "ticks": {"settled": (70, 110, 75), "lag": (242, 142, 43), "stuck": (225, 87, 89), "full": (225, 87, 89)},
     "fingers": {"held where they touch": (70, 110, 75)},
 }
-"""Colours of the usual states; rerun colours the others."""
+"""Colours of the usual states by lane; rerun colours the others, and the phases."""
 
 SETTLED = "settled"
 WORDS = (

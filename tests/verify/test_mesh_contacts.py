@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 
 from hhsim.arrays import FloatArray
-from hhsim.verify.contacts import away_from_triangles, near_triangle_pairs, ready_triangles, triangle_groups
+from hhsim.verify.contacts import away_from_triangles, near_triangle_pairs, ready_triangles, triangle_places
 from hhsim.verify.kinematics import OwnHand, Posed
 
 
@@ -32,8 +32,8 @@ def test_every_triangle_is_as_far_as_samples_of_the_axis_say() -> None:
     hand = OwnHand(none, none, none, none, radius, none, none, np.zeros((3, 3)), palm_radius, 1.0)
     posed = Posed(joints, np.zeros((2, 5, 3)), palm, palm.mean(axis=1))
     fingers = np.array([True, True, False, True, True])
-    ready, groups = ready_triangles(triangles), triangle_groups(triangles)
-    found = near_triangle_pairs(hand, posed, ready, groups, fingers, 0.01)
+    ready, places = ready_triangles(triangles), triangle_places(triangles)
+    found = near_triangle_pairs(hand, posed, ready, places, fingers, 0.01)
     assert (np.diff(found.tick) >= 0).all() and set(found.body.tolist()) >= {0, 8 + 1, 15}
     checked = 0
     for tick in range(2):

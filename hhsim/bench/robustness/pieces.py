@@ -11,14 +11,14 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.contacts import (
-    Groups,
     Pairs,
+    Places,
     ReadyTriangles,
-    grouped,
+    ball_places,
     near_pairs,
     near_triangle_pairs,
     ready_triangles,
-    triangle_groups,
+    triangle_places,
 )
 from hhsim.verify.kinematics import OwnHand, Posed, pose
 
@@ -26,7 +26,7 @@ from hhsim.verify.kinematics import OwnHand, Posed, pose
 class Pieces(NamedTuple):
     """Pieces of an object's surface, world; `triangles` is None for leaf spheres."""
 
-    groups: Groups
+    places: Places
     triangles: ReadyTriangles | None
 
     def near(self, hand: HandModel, at: HandConfiguration, limit: float) -> tuple[Pairs, Posed]:
@@ -46,8 +46,8 @@ class Pieces(NamedTuple):
         )
         posed, fingers = pose(own, at), np.ones(len(FINGERS), bool)
         if self.triangles is None:
-            return near_pairs(own, posed, self.groups, fingers, limit), posed
-        return near_triangle_pairs(own, posed, self.triangles, self.groups, fingers, limit), posed
+            return near_pairs(own, posed, self.places, fingers, limit), posed
+        return near_triangle_pairs(own, posed, self.triangles, self.places, fingers, limit), posed
 
 
 def pieces_of(surface: str, mesh: Mesh | None, tree: SphereTree | None) -> Pieces:
@@ -57,7 +57,7 @@ def pieces_of(surface: str, mesh: Mesh | None, tree: SphereTree | None) -> Piece
         InputError: The object has no such surface.
     """
     if surface == "spheres" and tree is not None:
-        return Pieces(grouped(np.asarray(tree.leaf_center), np.asarray(tree.leaf_radius)), None)
+        return Pieces(ball_places(np.asarray(tree.leaf_center), np.asarray(tree.leaf_radius)), None)
     if surface == "mesh" and mesh is not None:
-        return Pieces(triangle_groups(mesh.triangles), ready_triangles(mesh.triangles))
+        return Pieces(triangle_places(mesh.triangles), ready_triangles(mesh.triangles))
     raise InputError(f"this object has no {surface}")
