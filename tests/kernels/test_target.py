@@ -28,11 +28,18 @@ def test_the_kernels_of_this_process_are_for_what_this_processor_runs() -> None:
     assert numba.config.CPU_NAME in target.TARGET
 
 
-def test_a_wheel_that_brings_one_target_decides(both: Path) -> None:
-    (both / target.BUILT_FOR).write_text(f"x86_64 0.68.1 {V3}  0 3 1 0\n")
+def test_a_checkout_takes_the_target_that_compiles_soonest(both: Path) -> None:
+    assert chosen_target() == V3
+
+
+def test_of_a_wheel_the_fastest_target_is_taken(both: Path) -> None:
+    lines = [f"x86_64 0.68.1 {name}  0 3 1 0\n" for name in (V3, V4)]
+    (both / target.BUILT_FOR).write_text("".join(lines))
+    assert chosen_target() == V4
+    (both / target.BUILT_FOR).write_text(lines[0])
     assert chosen_target() == V3
     (both / target.BUILT_FOR).write_text("aarch64 0.68.1 generic  0 3 1 0\n")
-    assert chosen_target() == V4
+    assert chosen_target() == V3
 
 
 @pytest.mark.parametrize("name", [V3, V4, NATIVE])
