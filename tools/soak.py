@@ -120,7 +120,7 @@ def soak(peer: SoakPeer, setup: LiveSetup, *, again: bool = True) -> SoakFigures
     Raises:
         HhsimError: The session failed, or was stopped.
     """
-    if setup.real_time.fifo and not measure_in_time(peer):
+    if setup.real_time.punctual and not measure_in_time(peer):
         tell("the glove's process has no SCHED_FIFO: what it waits for a processor counts as latency", 1)
     with stop_signals() as stop_signal, Supervisor(setup, tell) as session:
         while session.poll():
