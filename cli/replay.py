@@ -76,7 +76,7 @@ class SolverSettings(options.Linearising, options.SolverChoice):
     threads: int = ranged(
         "threads",
         "N",
-        "Threads that solve the fingers of `progressive`; the result is the same with any number.",
+        "Threads that solve the fingers with --method progressive; the result is the same with any number.",
         default=1,
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.qp import active_set
-from hhsim.kernels.qp.row_scan import ProgramRows, WideRows
+from hhsim.kernels.qp.row_scan import STRIP, ProgramRows, WideRows
 
 Rows = tuple[FloatArray, FloatArray, FloatArray]
 """Matrix (m, n), right-hand side (m,), target (n,)."""
@@ -211,9 +211,11 @@ def outcome_of(status: int, program: Program, work: Any) -> Outcome:
 
 
 def solve_program(program: Program, guess: Iterable[int] = ()) -> Outcome:
+    """Solve rows of a tick's width, or of any number of strips."""
     work = rubbish_work(program.variables, program.rows)
     guesses = np.array([*guess, 0], dtype=np.int64)
-    rows, limits = kernel_rows(program), (program.tolerance, program.relaxation)
+    kind = ProgramRows if len(program.common) in (0, STRIP) else WideRows
+    rows, limits = kernel_rows(program, kind), (program.tolerance, program.relaxation)
     status = active_set.solve(program.variables, rows, program.target, *limits, guesses, guesses.size - 1, work)
     return outcome_of(status, program, work)
 

@@ -26,7 +26,18 @@ MOST_MODULES = 25
 HEAVY = {"click", "rich", "rerun", "trimesh", "qpsolvers", "clarabel", "matplotlib", "scipy", "jinja2"}
 """Packages that are imported where they are used: together they cost more than a second."""
 
-KERNEL_IMPORTS = {"numpy", "numba", "llvmlite", "math", "fractions", "typing", "collections", "functools", "time"}
+KERNEL_IMPORTS = {
+    "numpy",
+    "numba",
+    "llvmlite",
+    "math",
+    "fractions",
+    "typing",
+    "collections",
+    "functools",
+    "sys",
+    "time",
+}
 KERNEL_IMPORTS |= {"platform"}
 JIT_FACTORY = {"jit", "jit_allocating", "jit_inline", "jit_once", "generic", "cache"}
 IMPLEMENTS = re.compile(r"\w+\.of\(\w+\)|lowered\(\w+\)")

@@ -14,7 +14,6 @@ from tools.import_graph import REPOSITORY
 ENTERS_A_TICK = ("kernels", "hand", "motion", "scene", "solver", "trees", "mesh")
 """Packages of what a tick is computed from, and of the tick."""
 ANYWHERE_ELSE = {
-    "kernels/live/tick.py": {"math.log"},  # a class of a histogram of times
     "trees/builder.py": {"math.log", "**"},  # a first guess of a number of spheres
     "trees/surface_cover.py": {"**"},  # a share, of which the whole part is taken
     "trees/sphere_tree.py": {"np.linalg.det"},  # its sign, of a rotation or a mirror

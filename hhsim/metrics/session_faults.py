@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
+from hhsim.errors import InputError
 from hhsim.metrics.run_metric import Figure
 from hhsim.result.miss_cause import WORDS
 from hhsim.result.reader import Result
@@ -112,7 +113,10 @@ SESSION_FAULTS = (
 def recorded_faults(session: Result) -> FaultCounts:
     """Count the faults of a recorded session; NaN for packets that its file does not tell of."""
     early = float(bool(broken_off(session)))
-    counters = session.told("counters")
+    try:
+        counters = session.told("counters")
+    except InputError:
+        counters = {}
     malformed, frames = (float(counters.get(name, np.nan)) for name in ("malformed", "frames"))
     return FaultCounts(
         early=early,

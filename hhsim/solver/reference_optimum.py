@@ -36,6 +36,7 @@ def _converged(options: SolverOptions, **changed: Any) -> SolverOptions:
     return replace(
         options,
         method="coupled",
+        threads=1,
         qp="active-set",
         linearisations=REFERENCE_LINEARISATIONS,
         budget=UNLIMITED,

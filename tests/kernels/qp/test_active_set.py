@@ -31,7 +31,7 @@ from sampled import sampled
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.qp import active_set
 from hhsim.kernels.qp.active_set import INFEASIBLE, NOT_FINITE, OPTIMAL, RESUMES
-from hhsim.kernels.qp.row_scan import WideRows
+from hhsim.kernels.qp.row_scan import STRIP, WideRows
 
 TOLERANCE = 1e-12
 RELAXATION = 1e-10
@@ -43,13 +43,20 @@ def program_of(common: FloatArray, block: FloatArray, rhs: FloatArray, groups: A
 
 
 def dense(matrix: FloatArray, rhs: FloatArray, target: FloatArray) -> Program:
-    """Rows without blocks."""
-    m = len(rhs)
-    return program_of(np.ascontiguousarray(matrix.T), np.zeros((3, m)), rhs, [[0], [m], [-1]], target)
+    """Rows without blocks; columns of zeros fill up their strips."""
+    m, n = matrix.shape
+    rest = -n % STRIP
+    common = np.ascontiguousarray(np.pad(matrix.T, ((0, rest), (0, 0))))
+    return program_of(common, np.zeros((3, m)), rhs, [[0], [m], [-1]], np.pad(target, (0, rest)))
 
 
 def solve_dense(matrix: FloatArray, rhs: FloatArray, target: FloatArray, guess: Iterable[int] = ()) -> Outcome:
-    return solve_program(dense(matrix, rhs, target), guess)
+    return of_width(solve_program(dense(matrix, rhs, target), guess), matrix)
+
+
+def of_width(outcome: Outcome, matrix: FloatArray) -> Outcome:
+    """The outcome without the variables of columns that only fill up a strip."""
+    return outcome._replace(x=outcome.x[: matrix.shape[1]])
 
 
 def oracle(solver: str, matrix: FloatArray, rhs: FloatArray, target: FloatArray) -> FloatArray | None:
@@ -173,8 +180,8 @@ def test_going_on_with_other_bounds_gives_the_same_optimum(problem: Rows, seed: 
     for bounds in (looser[1], rhs, looser[0]):
         program = dense(matrix, bounds, target)
         rows, none = kernel_rows(program, WideRows), np.empty(0, np.int64)
-        status = active_set.solve(program.variables, rows, target, TOLERANCE, RELAXATION, none, RESUMES, work)
-        assert_optimal(outcome_of(status, program, work), matrix, bounds, target)
+        status = active_set.solve(program.variables, rows, program.target, TOLERANCE, RELAXATION, none, RESUMES, work)
+        assert_optimal(of_width(outcome_of(status, program, work), matrix), matrix, bounds, target)
 
 
 def test_a_right_guess_needs_no_iteration() -> None:
@@ -290,7 +297,7 @@ def test_contradictions_within_the_relaxation_violate_no_row_by_more(n: int) -> 
         matrix, rhs, target, inside = rows_around(rng, n, 60)
         matrix[1] = -matrix[0]
         rhs[:2] = matrix[:2] @ inside + 0.5 * gap
-        outcome = solve_program(replace(dense(matrix, rhs, target), relaxation=gap))
+        outcome = of_width(solve_program(replace(dense(matrix, rhs, target), relaxation=gap)), matrix)
         assert outcome.status == OPTIMAL
         assert (matrix @ outcome.x - rhs).min() >= -1.001 * gap
         # The optimum of the rows moved back by the relaxation, exactly, unless nothing pushed against both walls.
