@@ -88,7 +88,7 @@ def run(program: Sequence[str], command: Sequence[str], environment: Mapping[str
     written = ["--json"] if again else ["--out", str(out)]
     done = subprocess.run([*program, *command, *written], env=os.environ | environment, capture_output=True, text=True)
     if again and done.stdout:
-        identical = [array["identical"] for array in json.loads(done.stdout)["arrays"]]
+        identical = [array["identical"] for array in json.loads(done.stdout)["arrays"].values()]
         return f"{sum(identical)} of {len(identical)} arrays"
     if not out.exists():
         return f"code {done.returncode}: {(done.stderr.strip().splitlines() or ['no file'])[-1]}"
