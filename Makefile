@@ -18,7 +18,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Kernels are compiled as soon as this is there.
 KERNELS_NEED := numpy numba h5py msgspec
 
-# A live session and what tells of its machine need Linux; the rest has types that hold on other systems too.
+# A live session and what tells of its machine need Linux; the rest has types that hold on macOS too.
 LINUX_ONLY := '/(live|doctor\.py|scheduling_facts\.py|cpu_accounts\.py|wakeups\.py)(/|$$)'
 
 .PHONY: replay test soak wheel sdist check-dist checks platforms kernels gate clean
@@ -47,7 +47,6 @@ check-dist: .venv/release.stamp
 
 platforms: .venv/test.stamp
 	$(BIN)/mypy --platform darwin --follow-imports silent --exclude $(LINUX_ONLY) hhsim cli
-	$(BIN)/mypy --platform win32 --follow-imports silent --exclude $(LINUX_ONLY) hhsim cli
 
 checks: .venv/test.stamp
 	$(BIN)/ruff check .

@@ -27,7 +27,9 @@ _ANSWER_BYTES = 1000
 
 def user_number() -> int:
     """Return the user's number; 0 where the system has none."""
-    return 0 if sys.platform == "win32" else os.getuid()
+    if sys.platform == "win32":
+        return 0
+    return os.getuid()
 
 
 def own_processors() -> list[int]:
@@ -110,7 +112,9 @@ def thread_clock() -> int:
     """Return the number of the calling thread's CPU clock, for any thread to read; that of the reader elsewhere."""
     if sys.platform == "linux":
         return time.pthread_getcpuclockid(threading.get_ident())
-    return 0 if sys.platform == "win32" else time.CLOCK_THREAD_CPUTIME_ID
+    if sys.platform == "win32":
+        return 0
+    return time.CLOCK_THREAD_CPUTIME_ID
 
 
 def limit_as_child(memory_share: float) -> None:
