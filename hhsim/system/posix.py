@@ -1,6 +1,7 @@
 """Calls that only POSIX systems or Linux alone have, and what stands in for them elsewhere.
 
-A live session and `hhsim doctor` need Linux and call it themselves; all else asks here.
+A live session and `hhsim doctor` need Linux and call it themselves. So does the cache folder of the kernels, which
+import nothing else of hhsim. All other code asks here.
 """
 
 import contextlib
