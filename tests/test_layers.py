@@ -39,7 +39,7 @@ KERNEL_IMPORTS = {
     "time",
 }
 KERNEL_IMPORTS |= {"platform"}
-JIT_FACTORY = {"jit", "jit_allocating", "jit_inline", "jit_once", "generic", "cache"}
+JIT_FACTORY = {"jit", "jit_allocating", "jit_inline", "jit_noinline", "jit_once", "generic", "cache"}
 IMPLEMENTS = re.compile(r"\w+\.of\(\w+\)|lowered\(\w+\)")
 """How a kernel is declared for a type."""
 

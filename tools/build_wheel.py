@@ -1,9 +1,9 @@
-"""Build a wheel that holds all kernels as machine code, for this Python and each named target of this machine.
+"""Build a wheel that holds all kernels as machine code, for this Python and the named target of this machine.
 
     python -m tools.build_wheel [FOLDER]
 
-compiles them into an empty cache, runs the commands of the README by it, and packs what Python calls: 6 minutes of two
-processors for each target. FOLDER is dist/ where none is named. The wheel's tag names Python, system and processor.
+compiles them into an empty cache, runs the commands of the README by it, and packs what Python calls. FOLDER is dist/
+where none is named. The wheel's tag names Python, system and processor.
 """
 
 import argparse
@@ -15,12 +15,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 
 from hhsim.kernels import shipped
 from hhsim.kernels.callee import CALLEE_PREFIX
-from hhsim.kernels.target import BUILT_FOR, NAMED, known_targets
+from hhsim.kernels.target import BUILT_FOR, CHOICE, named_target
 from tools.import_graph import REPOSITORY
 
 PLATFORM = "manylinux_2_17"
@@ -40,10 +39,10 @@ COMMANDS = (
 """Runs that scenes and measures take kernels for, which no list of ticks has; each is verified and reported."""
 
 
-def compile_all(cache: Path, target: str) -> str:
-    """Compile every kernel that ships for a named target into a cache; return the target's text."""
-    known = {name: value for name, value in os.environ.items() if name != "NUMBA_BOUNDSCHECK"}
-    environment = known | {"HHSIM_CACHE_DIR": str(cache), NAMED: target}
+def compile_all(cache: Path) -> str:
+    """Compile every kernel that ships into a cache; return the target's text."""
+    known = {name: value for name, value in os.environ.items() if name not in ("NUMBA_BOUNDSCHECK", CHOICE)}
+    environment = known | {"HHSIM_CACHE_DIR": str(cache)}
 
     def run(*arguments: str) -> str:
         command = [sys.executable, *arguments]
@@ -62,8 +61,8 @@ def compile_all(cache: Path, target: str) -> str:
     return run("-c", "from hhsim.kernels.target import TARGET; print(TARGET)")
 
 
-def pack(cache: Path, folder: Path, targets: Sequence[str]) -> None:
-    """Copy the kernels that Python calls, with their digests and the texts of their targets."""
+def pack(cache: Path, folder: Path, target: str) -> None:
+    """Copy the kernels that Python calls, with their digests and the text of their target."""
     lines = []
     for path in sorted(cache.joinpath("kernels").glob("*/*.nb[ic]")):
         if path.name.startswith(CALLEE_PREFIX):
@@ -74,7 +73,7 @@ def pack(cache: Path, folder: Path, targets: Sequence[str]) -> None:
         (folder / name).write_bytes(content)
         lines.append(f"{hashlib.sha256(content).hexdigest()}  {name.as_posix()}\n")
     (folder / shipped.SUMS).write_text("".join(lines), encoding="utf-8")
-    (folder / BUILT_FOR).write_text("".join(f"{target}\n" for target in targets), encoding="utf-8")
+    (folder / BUILT_FOR).write_text(f"{target}\n", encoding="utf-8")
 
 
 def build(folder: Path) -> Path:
@@ -82,9 +81,11 @@ def build(folder: Path) -> Path:
     with tempfile.TemporaryDirectory() as name:
         source, cache = Path(name) / "source", Path(name) / "cache"
         cache.mkdir(mode=0o700)
-        targets = [compile_all(cache, target) for target in known_targets()]
+        if named_target() is None:
+            raise SystemExit("kernels can be shipped from a machine whose processor runs the named target alone")
+        target = compile_all(cache)
         shutil.copytree(REPOSITORY, source, ignore=shutil.ignore_patterns(*LEFT_OUT))
-        pack(cache, source / shipped.FOLDER.relative_to(REPOSITORY), targets)
+        pack(cache, source / shipped.FOLDER.relative_to(REPOSITORY), target)
         tags = {"--build-option": [f"--python-tag=cp{sys.version_info.major}{sys.version_info.minor}"]}
         tags["--build-option"].append(f"--plat-name={PLATFORM}_{platform.machine()}")
         call = [sys.executable, "-c", BUILD, str(folder.resolve()), repr(tags)]

@@ -33,7 +33,6 @@ ENVIRONMENTS: Mapping[str, Mapping[str, str]] = {
     "BLAS of a Haswell": {"OPENBLAS_CORETYPE": "Haswell"},
     "BLAS of a Zen": {"OPENBLAS_CORETYPE": "Zen"},
     "libm without FMA": {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2,-AVX512F"},
-    "kernels for x86-64-v3": {"HHSIM_CPU": "x86-64-v3"},
     "kernels for this processor": {"HHSIM_CPU": "native"},
 }
 """Environment variables by what they stand for."""

@@ -88,11 +88,15 @@ class _StoredCallee(Stored):
 class Callee(CPUDispatcher):  # type: ignore[misc]
     """A kernel as other kernels call it; Python cannot."""
 
-    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any], inlined: bool) -> None:
         super().__init__(function, targetoptions=options, pipeline_class=_CalleeCompiler)
+        self._inlined = inlined
 
     def add_overload(self, cres: Any) -> None:
         """Keep the code for one signature for callers to link; an object stands for the entry of machine code."""
+        if not self._inlined:
+            code = cres.library._final_module.get_function(cres.fndesc.llvm_func_name)
+            code.add_function_attribute("noinline")
         if cres.entry_point is None:
             cres = cres._replace(entry_point=object())
             self.targetctx.insert_user_function(cres.entry_point, cres.fndesc, [cres.library])
@@ -139,17 +143,20 @@ def collector_at_rest() -> Iterator[None]:
 
 
 class Kernel(CPUDispatcher):  # type: ignore[misc]
-    """A compiled function that Python calls, by numba's options; if cached, in the folder of the function's module."""
+    """A compiled function that Python calls, by numba's options; if cached, in the folder of the function's module.
+
+    Where other kernels call it LLVM may inline it, unless it is not `inlined`.
+    """
 
     _cache: Any
 
-    def __init__(self, function: Callable[..., Any], options: dict[str, Any], cached: bool) -> None:
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any], cached: bool, inlined: bool) -> None:
         super().__init__(
             function,
             targetoptions={**options, "no_cfunc_wrapper": True},
             pipeline_class=functools.partial(_EntryCompiler, self._stored_callee),
         )
-        self._cached = cached
+        self._cached, self._inlined = cached, inlined
 
     def compile(self, sig: Any) -> Any:
         """Load machine code for a signature from the cache, or compile it."""
@@ -163,7 +170,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
     def callee(self) -> Callee:
         """Version of the function for other kernels."""
         options = {**self.targetoptions, "no_cpython_wrapper": True}
-        callee = Callee(self.py_func, options)
+        callee = Callee(self.py_func, options, self._inlined)
         if self._cached:
             callee._cache = KernelCache(self.py_func, _StoredCallee)
         return callee

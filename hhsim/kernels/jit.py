@@ -41,13 +41,15 @@ def as_argument(values: ArrayLike) -> NDArray[np.float64]:
     return np.require(values, np.float64, ["C", "W"])
 
 
-def _compile(function: F, allocates: bool = False, **options: Any) -> F:
+def _compile(function: F, allocates: bool = False, inlined: bool = True, **options: Any) -> F:
     # Without numba's runtime no reference is counted: atomic, once for every array at every call, that was 13 to 62 %
     # of a tick and a fifth of its compilation. The caller of a kernel holds the arrays that it passes.
     options = {"nopython": True, "error_model": "numpy", "nogil": True, "_nrt": allocates, **options}
+    # Where it is not said, numba takes it from the kernel during whose compilation a callee happens to be compiled.
+    options.setdefault("forceinline", False)
     # A kernel of another package is compiled in every process: the digest cannot cover what it calls.
     cached = source_of(function.__module__) is not None
-    return cast(F, Kernel(function, options, cached)) if JIT_ENABLED else function
+    return cast(F, Kernel(function, options, cached, inlined)) if JIT_ENABLED else function
 
 
 def jit(function: F) -> F:
@@ -65,8 +67,13 @@ def jit_allocating(function: F) -> F:
 
 
 def jit_inline(function: F) -> F:
-    """Compile a small function that is always inlined in machine code."""
+    """Compile a function that is always inlined in machine code: a small one, or one on the path of every tick."""
     return _compile(function, inline="never", forceinline=True)
+
+
+def jit_noinline(function: F) -> F:
+    """Compile a large kernel that is never inlined: its callers share its machine code, which is made once."""
+    return _compile(function, inlined=False)
 
 
 def jit_once(function: F) -> F:

@@ -7,7 +7,7 @@ exp(δφ) q. Euler angles, which the paper uses, lock at β = ±90° and weigh t
 import math
 
 from hhsim.kernels.elementary import arc_tangent, hypotenuse, sine_cosine
-from hhsim.kernels.jit import Array, jit, jit_inline
+from hhsim.kernels.jit import Array, jit_inline
 
 SMALL_ANGLE = 1e-8
 """Angle [rad] below which the series of sin(x)/x to second order is exact in double precision."""
@@ -16,7 +16,7 @@ JACOBI_SWEEPS = 10
 """Sweeps of rotations after which a symmetric matrix of three rows is diagonal: five are enough in practice."""
 
 
-@jit
+@jit_inline
 def quaternion_to_matrix(quaternion: Array, matrix_out: Array) -> None:
     """Compute the rotation matrix, shape (3, 3), of a unit quaternion, shape (4,)."""
     w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
@@ -31,7 +31,7 @@ def quaternion_to_matrix(quaternion: Array, matrix_out: Array) -> None:
     matrix_out[2, 2] = 1.0 - 2.0 * (x * x + y * y)
 
 
-@jit
+@jit_inline
 def turned(matrix: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Return the product of a matrix, shape (3, 3), and a vector."""
     return (
@@ -41,7 +41,7 @@ def turned(matrix: Array, x: float, y: float, z: float) -> tuple[float, float, f
     )
 
 
-@jit
+@jit_inline
 def turned_back(matrix: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Return the product of a transposed matrix, shape (3, 3), and a vector."""
     return (
@@ -71,7 +71,7 @@ def write_unit_quaternion(quaternion_out: Array, w: float, x: float, y: float, z
     quaternion_out[2], quaternion_out[3] = y * scale, z * scale
 
 
-@jit
+@jit_inline
 def rotation_vector_between(source: Array, target: Array, vector_out: Array) -> None:
     """Compute the shorter rotation vector v [rad], world, with exp(v) source = target, quaternions of shape (4,)."""
     w, x, y, z = _product(target[0], target[1], target[2], target[3], source[0], -source[1], -source[2], -source[3])
@@ -82,7 +82,7 @@ def rotation_vector_between(source: Array, target: Array, vector_out: Array) -> 
     vector_out[0], vector_out[1], vector_out[2] = scale * x, scale * y, scale * z
 
 
-@jit
+@jit_inline
 def rotate_quaternion(quaternion: Array, vx: float, vy: float, vz: float, quaternion_out: Array) -> None:
     """Compute exp(v) quaternion, normalised: the left increment by rotation vector v [rad], world frame."""
     angle = math.sqrt(vx * vx + vy * vy + vz * vz)
@@ -95,7 +95,7 @@ def rotate_quaternion(quaternion: Array, vx: float, vy: float, vz: float, quater
     write_unit_quaternion(quaternion_out, w, x, y, z)
 
 
-@jit
+@jit_inline
 def diagonalise(matrix: Array, axes: Array) -> None:
     """Turn a symmetric matrix, shape (3, 3), to its eigenvalues on the diagonal, and the columns of `axes` with it.
 

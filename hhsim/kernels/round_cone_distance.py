@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.kernels.arithmetic import fused, least_above, product
-from hhsim.kernels.jit import Array, jit, jit_inline
+from hhsim.kernels.jit import Array, jit_inline
 
 
 class RoundCone(NamedTuple):
@@ -40,7 +40,7 @@ def sphere_cone(x: float, y: float, z: float, radius: float) -> RoundCone:
     return RoundCone(x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, radius, 0.0)
 
 
-@jit
+@jit_inline
 def cone_slope(length: float, radius_a: float, radius_b: float) -> tuple[float, float]:
     """Compute (tan φ, 1 / length) of a round cone with radius_a >= radius_b; (0, 0) if it is the larger sphere."""
     drop = radius_a - radius_b
@@ -70,7 +70,7 @@ class Spheres(NamedTuple):
     radius: Array
 
 
-@jit
+@jit_inline
 def round_cone_distances(
     spheres: Spheres, count: int, cone: RoundCone, distance_out: Array, parameter_out: Array
 ) -> None:
@@ -90,7 +90,7 @@ def round_cone_distances(
         parameter_out[i] = s
 
 
-@jit
+@jit_inline
 def sphere_pair_distances(
     hand: Spheres, others: Spheres, count: int, position: Array, rotation: Array, distance_out: Array
 ) -> None:
@@ -109,13 +109,13 @@ def sphere_pair_distances(
         distance_out[i] = math.sqrt(product(dx, dy, dz, dx, dy, dz)) - hand_radius[i] - object_radius[i]
 
 
-@jit
+@jit_inline
 def least_distance(distance: Array, start: int, stop: int) -> float:
     """Return the least of distance[start:stop], 1e300 if there is none."""
     return min(least_above(distance, start, stop, -np.inf), 1e300)
 
 
-@jit
+@jit_inline
 def count_within(distance: Array, start: int, stop: int, limit: float) -> int:
     """Count the values of distance[start:stop] up to a limit."""
     within = 0

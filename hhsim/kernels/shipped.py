@@ -14,7 +14,7 @@ from typing import Any
 
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
-from hhsim.kernels.target import BUILT_FOR, COMPILED, NAMED, TARGET, is_named
+from hhsim.kernels.target import BUILT_FOR, CHOICE, COMPILED, TARGET, is_named
 
 FOLDER = COMPILED
 SUMS = "SHA256SUMS"
@@ -29,13 +29,12 @@ def sums() -> dict[str, str]:
     """Return the digest of each file by its path in the folder; none where nothing is shipped."""
     try:
         lines = (FOLDER / SUMS).read_text(encoding="utf-8").splitlines()
-        built_for = (FOLDER / BUILT_FOR).read_text(encoding="utf-8").splitlines()
+        built_for = (FOLDER / BUILT_FOR).read_text(encoding="utf-8").strip()
     except OSError:
         return {}
-    if TARGET not in built_for:
+    if TARGET != built_for:
         if is_named():
-            found = " and ".join(map(repr, built_for))
-            _warn(f"the kernels of this wheel are for {found} and this is {TARGET!r}: they are compiled here")
+            _warn(f"the kernels of this wheel are for {built_for!r} and this is {TARGET!r}: they are compiled here")
         return {}
     return {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
 
@@ -57,7 +56,7 @@ def checked(path: Path) -> bytes | None:
 
 
 def _warn(text: str) -> None:
-    warnings.warn(f"{text}; install hhsim anew, or see {NAMED}", ShippedKernelWarning, stacklevel=3)
+    warnings.warn(f"{text}; install hhsim anew, or see {CHOICE}", ShippedKernelWarning, stacklevel=3)
 
 
 class _ShippedFile(IndexDataCacheFile):  # type: ignore[misc]

@@ -10,7 +10,7 @@ import pytest
 from numba.core import event
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import JIT_ENABLED, generic, jit, jit_inline
+from hhsim.kernels.jit import JIT_ENABLED, generic, jit, jit_inline, jit_noinline
 from hhsim.kernels.prefetch import prefetch
 
 
@@ -107,6 +107,27 @@ def test_what_callers_link_is_what_python_calls(make: Any) -> None:
     assert any("native_lowering" in name for name in ran)
     assert anew == (total, least)
     assert inner.address(values, 0.3) != 0
+
+
+@pytest.mark.skipif(not JIT_ENABLED, reason="without the compiler nothing is inlined")
+@pytest.mark.parametrize(("make", "said"), [(jit, set()), (jit_inline, {"alwaysinline"}), (jit_noinline, {"noinline"})])
+def test_whether_a_kernel_is_inlined_does_not_depend_on_who_compiles_it(make: Any, said: set[str]) -> None:
+    inner = make(weigh)
+
+    @jit_inline
+    def middle(values: NDArray[np.float64]) -> float:
+        total, least = inner(values, 2.0)
+        return float(total + least)
+
+    @jit
+    def outer(values: NDArray[np.float64]) -> float:
+        return middle(values)
+
+    outer(np.ones(8))
+    (compiled,) = inner.callee.overloads.values()
+    code = compiled.library._get_module_for_linking().get_function(compiled.fndesc.llvm_func_name)
+    attributes = " ".join(str(attribute) for attribute in code.attributes)
+    assert {word for word in ("alwaysinline", "noinline") if word in attributes} == said
 
 
 @jit

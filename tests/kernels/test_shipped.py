@@ -53,7 +53,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out, _ = run(folder / "nothing", folder / "built")
     assert out != LOADED and out.endswith(COMPILED)
     (folder / "compiled").mkdir()
-    pack(folder / "built", folder / "compiled", [TARGET])
+    pack(folder / "built", folder / "compiled", TARGET)
     return folder / "compiled"
 
 

@@ -1,60 +1,49 @@
-"""The target of the kernels: the fastest named one that the processor and the wheel have, or what is asked for."""
+"""The target of the kernels: the named one if the processor can run it, or its own where that is asked for."""
 
 import os
-from pathlib import Path
 
 import numba
 import pytest
+from llvmlite import binding
 
 from hhsim.kernels import target
-from hhsim.kernels.target import NAMED, NATIVE, TargetWarning, chosen_target, is_named, known_targets
+from hhsim.kernels.target import CHOICE, NATIVE, TargetWarning, chosen_target, is_named, named_target
 
-V4, V3 = "x86-64-v4", "x86-64-v3"
+V3 = "x86-64-v3"
 
 
-@pytest.fixture
-def both(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A processor that runs both targets, and the folder of a wheel without kernels."""
-    monkeypatch.delenv(NAMED, raising=False)
-    monkeypatch.setattr(target, "known_targets", lambda: (V4, V3))
-    monkeypatch.setattr(target, "COMPILED", tmp_path)
-    return tmp_path
+@pytest.fixture(autouse=True)
+def unset(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(target.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(binding, "get_host_cpu_features", lambda: dict.fromkeys(target.NEEDED[V3], True))
 
 
 def test_the_kernels_of_this_process_are_for_what_this_processor_runs() -> None:
-    if NAMED in os.environ:
-        pytest.skip(f"{NAMED} is set")
-    assert is_named() == bool(known_targets())
+    if CHOICE in os.environ:
+        pytest.skip(f"{CHOICE} is set")
     assert numba.config.CPU_NAME in target.TARGET
 
 
-def test_a_checkout_takes_the_target_that_compiles_soonest(both: Path) -> None:
-    assert chosen_target() == V3
+def test_the_named_target_is_taken_where_the_processor_can_run_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(CHOICE, raising=False)
+    assert chosen_target() == named_target() == V3
 
 
-def test_of_a_wheel_the_fastest_target_is_taken(both: Path) -> None:
-    lines = [f"x86_64 0.68.1 {name}  0 3 1 0\n" for name in (V3, V4)]
-    (both / target.BUILT_FOR).write_text("".join(lines))
-    assert chosen_target() == V4
-    (both / target.BUILT_FOR).write_text(lines[0])
-    assert chosen_target() == V3
-    (both / target.BUILT_FOR).write_text("aarch64 0.68.1 generic  0 3 1 0\n")
-    assert chosen_target() == V3
+def test_the_environment_decides_before_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(CHOICE, NATIVE)
+    assert chosen_target() == NATIVE
 
 
-@pytest.mark.parametrize("name", [V3, V4, NATIVE])
-def test_the_environment_decides_before_all(both: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    monkeypatch.setenv(NAMED, name)
-    assert chosen_target() == name
-
-
-def test_an_unknown_or_too_new_target_is_told_and_not_used(both: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(target, "known_targets", lambda: (V3,))
-    monkeypatch.setenv(NAMED, V4)
-    with pytest.warns(TargetWarning, match=V3):
+def test_an_unknown_choice_is_told_and_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(CHOICE, "x86-64-v9")
+    with pytest.warns(TargetWarning, match="x86-64-v9.*expected nothing or native"):
         assert chosen_target() == V3
 
 
-def test_an_older_processor_compiles_for_what_it_has(both: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(target, "known_targets", lambda: ())
+def test_an_older_processor_compiles_for_what_it_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(CHOICE, raising=False)
+    monkeypatch.setattr(binding, "get_host_cpu_features", lambda: {"avx2": True, "fma": False})
     assert chosen_target() == NATIVE
+    assert named_target() is None
+    monkeypatch.setattr(numba.config, "CPU_NAME", "sandybridge")
+    assert not is_named()

@@ -17,7 +17,7 @@ import numpy as np
 
 from hhsim.kernels.contact.surface import Walk, gather_pairs, measure_pairs, pairs_within, record_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_inline
+from hhsim.kernels.jit import Indices, Record, as_int64, jit_inline, jit_noinline
 
 COUNT_NODE_TESTS = 0
 COUNT_PAIR_TESTS = 1
@@ -72,7 +72,7 @@ def _point(hand: HandArrays, pose: Record, body: int, i: int) -> tuple[float, fl
     )
 
 
-@jit
+@jit_inline
 def follow_motion(hand: HandArrays, pose: Record, candidates: Record) -> None:
     """Reduce the slack of each body by its distance from where it was gathered."""
     for body in range(BODY_COUNT):
@@ -90,7 +90,7 @@ def follow_motion(hand: HandArrays, pose: Record, candidates: Record) -> None:
         candidates.slack_change[body] = abs(candidates.slack[body] - before)
 
 
-@jit
+@jit_inline
 def _set_anchor(hand: HandArrays, pose: Record, body: int, candidates: Record) -> None:
     candidates.gathered_slack[body] = candidates.slack[body]
     for i in range(2 if body < PALM_BODY else BOX_CORNERS):
@@ -108,7 +108,7 @@ LASTS = 50.0
 it is so slow that this lasts for LASTS evaluations: a list from nearby measures less."""
 
 
-@jit
+@jit_inline
 def choose_gathers(needed: float, margin: float, skin: float, candidates: Record, work: Indices) -> None:
     """Mark the bodies to gather: those that must be, or if none must, the one that will soonest.
 
@@ -139,7 +139,7 @@ def choose_gathers(needed: float, margin: float, skin: float, candidates: Record
         candidates.due[stale] = 2
 
 
-@jit
+@jit_noinline
 def evaluate(
     hand: HandArrays,
     pose: Record,
@@ -183,7 +183,7 @@ def evaluate(
     return status
 
 
-@jit
+@jit_inline
 def pairs_near(surface: Any, hand: HandArrays, candidates: Record, limit: float) -> tuple[int, int]:
     """Count the bodies and the pairs that are at most `limit` [m] from the object."""
     bodies, pairs = 0, 0
@@ -194,7 +194,7 @@ def pairs_near(surface: Any, hand: HandArrays, candidates: Record, limit: float)
     return bodies, pairs
 
 
-@jit
+@jit_inline
 def find_contacts(
     surface: Any, hand: HandArrays, pose: Record, candidates: Record, margin: float, contacts: Record
 ) -> int:

@@ -19,7 +19,7 @@ import numpy as np
 from hhsim.kernels.arithmetic import fused, product
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Array, Indices, Record, jit, jit_once
+from hhsim.kernels.jit import Array, Indices, Record, jit_inline, jit_once
 
 LIMIT_ROWS = 2 * FINGER_COUNT * PHALANX_COUNT
 """Number of rows after the contacts: a lower and an upper joint limit for each of 15 joints."""
@@ -46,7 +46,7 @@ PROBLEM = np.dtype(
 """Rows in the layout of `kernels.qp.active_set`; contact i is row i, then 30 joint limits."""
 
 
-@jit
+@jit_inline
 def contact_rows(
     start: int,
     stop: int,
@@ -106,7 +106,7 @@ def finger_columns(
             block[k, i] = lever * scale if abs(lever) > floor else 0.0
 
 
-@jit
+@jit_inline
 def follow_abduction(
     start: int, stop: int, point: Array, normal: Array, base: Array, axis: Array, step: float, rhs: Array
 ) -> None:
@@ -147,7 +147,7 @@ def limit_rows(
             row += 1
 
 
-@jit
+@jit_inline
 def build_rows(hand: HandArrays, pose: Record, contacts: Record, offset: float, relaxed: bool, problem: Record) -> None:
     """Fill rows and right-hand sides for the contacts and joint limits at `pose`; the target is set before.
 
@@ -182,13 +182,13 @@ def build_rows(hand: HandArrays, pose: Record, contacts: Record, offset: float, 
         )
 
 
-@jit
+@jit_inline
 def limit_start(contacts: Record, finger: int) -> int:
     """Return the first joint-limit row of a finger; `finger` 5 gives the row after the last."""
     return contacts.start[FINGER_COUNT + 1] + 2 * PHALANX_COUNT * finger
 
 
-@jit
+@jit_inline
 def clamp_to_limits(hand: HandArrays, pose: Record, finger: int, step: Array) -> None:
     """Clamp one finger's flexion in a step, shape (21,), to its joint limits: its optimum without contacts."""
     for k in range(PHALANX_COUNT):

@@ -21,7 +21,7 @@ import numpy as np
 
 from hhsim.kernels.arithmetic import fused, least_above, product
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Array, Record, jit, jit_inline
+from hhsim.kernels.jit import Array, Record, jit_inline
 
 REFERENCES = 3
 """Number of reference contacts of a body: most that follow from any do so from the first ones."""
@@ -31,13 +31,13 @@ FEWEST = 8
 """Least number of contacts of a body to thin: fewer rows cost less than the search."""
 
 
-@jit
+@jit_inline
 def _open_all(start: int, stop: int, distance: Array, open_distance: Array) -> None:
     for i in range(np.uint64(start), np.uint64(stop)):
         open_distance[i] = distance[i]
 
 
-@jit
+@jit_inline
 def _drop_implied(
     start: int,
     stop: int,
@@ -69,7 +69,7 @@ def _drop_implied(
         open_distance[i] = np.inf if implied else before
 
 
-@jit
+@jit_inline
 def _move(contacts: Record, source: int, target: int) -> None:
     contacts.body[target] = contacts.body[source]
     contacts.key[target] = contacts.key[source]
@@ -83,7 +83,7 @@ def _move(contacts: Record, source: int, target: int) -> None:
     contacts.slides[target] = contacts.slides[source]
 
 
-@jit
+@jit_inline
 def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts: Record, open_distance: Array) -> int:
     """Move those of the contacts [start, stop) that do not follow to `row` and on; return the row after them."""
     thins = stop - start >= FEWEST

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.elementary import sine_cosine
-from hhsim.kernels.jit import Array, Record, jit, jit_allocating, jit_inline
+from hhsim.kernels.jit import Array, Record, jit_allocating, jit_inline
 from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 
 FINGER_COUNT = 5
@@ -72,7 +72,7 @@ def placed_sphere(position: Array, rotation: Array, x: float, y: float, z: float
     )
 
 
-@jit
+@jit_inline
 def forward_kinematics(
     hand: HandArrays,
     position: Array,
@@ -119,7 +119,7 @@ def forward_kinematics(
                 joints_out[f, k + 1, i] = joints_out[f, k, i] + length * d
 
 
-@jit
+@jit_inline
 def _coarse_bounds(hand: HandArrays, step: Array, abduction_step: Array, motion_out: Array) -> float:
     """Compute bounds as if all of a body's rotations were in one direction; return the largest."""
     shift = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
@@ -135,7 +135,7 @@ def _coarse_bounds(hand: HandArrays, step: Array, abduction_step: Array, motion_
     return longest
 
 
-@jit
+@jit_inline
 def motion_bounds(
     hand: HandArrays, pose: Record, step: Array, abduction_step: Array, enough: float, motion_out: Array
 ) -> None:

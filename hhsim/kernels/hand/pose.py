@@ -10,7 +10,7 @@ import numpy as np
 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays, forward_kinematics
-from hhsim.kernels.jit import Array, Record, jit, jit_once
+from hhsim.kernels.jit import Array, Record, jit_inline, jit_once
 from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion
 
 HAND_POSE = np.dtype(
@@ -30,7 +30,7 @@ HAND_POSE = np.dtype(
 """One configuration of the hand, world."""
 
 
-@jit
+@jit_inline
 def update_kinematics(hand: HandArrays, pose: Record) -> None:
     """Bring the derived fields up to date with position, orientation, flexion and abduction."""
     quaternion_to_matrix(pose.orientation[:], pose.rotation[:])
@@ -47,7 +47,7 @@ def update_kinematics(hand: HandArrays, pose: Record) -> None:
     )
 
 
-@jit
+@jit_inline
 def copy_configuration(source: Record, target: Record) -> None:
     """Copy position, orientation, flexion and abduction, not the derived fields."""
     copy_values(source.position[:], target.position[:])
@@ -56,7 +56,7 @@ def copy_configuration(source: Record, target: Record) -> None:
     copy_values(source.abduction[:], target.abduction[:])
 
 
-@jit
+@jit_inline
 def move(pose: Record, step: Array, abduction_step: Array, fraction: float) -> None:
     """Move by `fraction` of a step (δp, δφ, δθ), shape (21,), and of an abduction step [rad], shape (5,)."""
     for i in range(3):
@@ -88,7 +88,7 @@ def is_finite_configuration(position: Array, orientation: Array, flexion: Array,
     return total < LARGEST and 1e-12 < square < LARGEST
 
 
-@jit
+@jit_inline
 def farthest_joint(joints: Array, others: Array) -> float:
     """Compute the greatest distance [m] between corresponding joints and tips of two hands, shapes (5, 4, 3)."""
     far = 0.0

@@ -184,7 +184,7 @@ def edge_end_distance(edge: Array, i: int, cone: RoundCone) -> float:
     return min(first, _beside(edge, i, dx, dy, dz) - cone.radius + cone.drop)
 
 
-@jit
+@jit_inline
 def face_distances(face: Array, start: int, stop: int, cone: RoundCone, distance_out: Array) -> None:
     """Compute `face_distance` of faces start to stop - 1 on the vector unit: each field is contiguous."""
     # Signed indices would be checked for negative values, which keeps the loop off the vector unit.
@@ -192,7 +192,7 @@ def face_distances(face: Array, start: int, stop: int, cone: RoundCone, distance
         distance_out[i] = face_distance(face, i, cone)
 
 
-@jit
+@jit_inline
 def edge_distances(
     edge: Array, start: int, stop: int, cone: RoundCone, distance_out: Array, parameter_out: Array, end_out: Array
 ) -> None:
@@ -202,7 +202,7 @@ def edge_distances(
         end_out[i] = edge_end_distance(edge, i, cone)
 
 
-@jit
+@jit_inline
 def vertex_distances(
     vertex: Array, start: int, stop: int, cone: RoundCone, distance_out: Array, parameter_out: Array
 ) -> None:

@@ -22,7 +22,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from hhsim.kernels.arithmetic import LANES
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit_inline, jit_once
 from hhsim.kernels.qp.qr_update import append, back_substitute, project, remove, resolve, work_dtype
 from hhsim.kernels.qp.row_scan import (
     ROWS_NAN,
@@ -69,7 +69,7 @@ def new_work(n_max: int, capacity: int) -> QpWork:
     return memory.view(np.recarray)[0]
 
 
-@jit
+@jit_inline
 def _load_normal(row: int, n: int, rows: Rows, work: Record) -> float:
     """Load the row's unit normal, padded; return its scale."""
     scale, normal = work.inverse_norm[row], work.normal
@@ -87,7 +87,7 @@ def _load_normal(row: int, n: int, rows: Rows, work: Record) -> float:
     return scale
 
 
-@jit
+@jit_inline
 def _rest(n: int, rhs: float, scale: float, target: Array, work: Record) -> float:
     """Compute b - a · x₀ of the loaded row, normalised."""
     total = rhs * scale
@@ -96,7 +96,7 @@ def _rest(n: int, rhs: float, scale: float, target: Array, work: Record) -> floa
     return total
 
 
-@jit
+@jit_inline
 def _drop_negative(n: int, k: int, target: Array, work: Record) -> int:
     """Drop active rows until no multiplier is negative, each an iteration; return the number left, a valid start."""
     while True:
@@ -264,7 +264,7 @@ def _judge_unsound(n: int, k: int, rows: Rows, relaxation: float, unsound: int, 
     return status
 
 
-@jit
+@jit_inline
 def solve(
     n: int,
     rows: Rows,

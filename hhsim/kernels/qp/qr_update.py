@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.kernels.arithmetic import LANES, dot, fused
-from hhsim.kernels.jit import Array, Record, jit
+from hhsim.kernels.jit import Array, Record, jit_inline
 
 SECOND_PASS = 0.25
 """Squared length of a unit normal after the first pass below which its rounding needs a second one."""
@@ -50,7 +50,7 @@ def work_dtype(n_max: int, capacity: int) -> np.dtype[Any]:
     )
 
 
-@jit
+@jit_inline
 def _split(chunks: int, k: int, work: Record) -> None:
     """Subtract from `direction` its part in the span of k basis rows, and add that to `coefficient`."""
     basis, direction, share = work.basis, work.direction, work.share
@@ -77,7 +77,7 @@ def _split(chunks: int, k: int, work: Record) -> None:
         i += 1
 
 
-@jit
+@jit_inline
 def project(n: int, k: int, work: Record) -> float:
     """Split work.normal, a unit vector, into work.coefficient, coordinates in the basis, and work.direction.
 
@@ -97,7 +97,7 @@ def project(n: int, k: int, work: Record) -> float:
     return square
 
 
-@jit
+@jit_inline
 def back_substitute(k: int, work: Record, rhs: Array, solution: Array) -> None:
     """Solve R · solution = rhs for the first k entries, followed by zeros; rhs and solution may be one array."""
     column = work.column
@@ -113,7 +113,7 @@ def back_substitute(k: int, work: Record, rhs: Array, solution: Array) -> None:
         solution[j] = s
 
 
-@jit
+@jit_inline
 def _coordinates(k: int, work: Record, y: Array) -> None:
     # Rᵀ y = active_rhs.
     column = work.column
@@ -124,7 +124,7 @@ def _coordinates(k: int, work: Record, y: Array) -> None:
         y[i] = (work.active_rhs[i] - total) * work.inverse_diagonal[i]
 
 
-@jit
+@jit_inline
 def resolve(n: int, k: int, target: Array, work: Record) -> None:
     """Compute the optimum with the active rows as equations, from the factors, without the rounding of steps.
 
@@ -146,7 +146,7 @@ def resolve(n: int, k: int, target: Array, work: Record) -> None:
     back_substitute(k, work, y[:], work.multiplier[:])
 
 
-@jit
+@jit_inline
 def append(n: int, k: int, row: int, rhs: float, length: float, work: Record) -> None:
     """Append the projected row, whose `direction` has this length, to an active set of k."""
     inverse = 1.0 / length
@@ -159,7 +159,7 @@ def append(n: int, k: int, row: int, rhs: float, length: float, work: Record) ->
     work.active_rhs[k] = rhs
 
 
-@jit
+@jit_inline
 def remove(n: int, k: int, position: int, work: Record) -> None:
     """Remove the row at a position, with its multiplier, from an active set of k."""
     column, basis, inverse_diagonal = work.column, work.basis, work.inverse_diagonal

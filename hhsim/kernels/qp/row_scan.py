@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from hhsim.kernels.arithmetic import product
-from hhsim.kernels.jit import Array, Indices, as_int64, generic, jit, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Indices, as_int64, generic, jit_inline, jit_once
 
 ROWS_NAN = 1
 """A row or its right-hand side holds NaN."""
@@ -59,7 +59,7 @@ Rows: TypeAlias = ProgramRows | WideRows
 # for an index that might be negative, and for more arrays than a few comparisons can tell apart.
 
 
-@jit
+@jit_inline
 def _add_squares(start: int, stop: int, columns: Array, first: int, square_out: Array) -> None:
     square = square_out[start:stop]
     a, b, c = columns[first, start:stop], columns[first + 1, start:stop], columns[first + 2, start:stop]
@@ -67,7 +67,7 @@ def _add_squares(start: int, stop: int, columns: Array, first: int, square_out: 
         square[i] += product(a[i], b[i], c[i], a[i], b[i], c[i])
 
 
-@jit
+@jit_inline
 def _nine_squares(start: int, stop: int, common: Array, block: Array, square_out: Array) -> None:
     square = square_out[start:stop]
     p, q, r = block[0, start:stop], block[1, start:stop], block[2, start:stop]
@@ -80,21 +80,21 @@ def _nine_squares(start: int, stop: int, common: Array, block: Array, square_out
         square[i] = 1.0 / math.sqrt(total) if total > 0.0 else 0.0
 
 
-@jit
+@jit_inline
 def _fill(start: int, stop: int, value: float, out: Array) -> None:
     part = out[start:stop]
     for i in range(stop - start):
         part[i] = value
 
 
-@jit
+@jit_inline
 def _invert_root(start: int, stop: int, square_out: Array) -> None:
     square = square_out[start:stop]
     for i in range(stop - start):
         square[i] = 1.0 / math.sqrt(square[i]) if square[i] > 0.0 else 0.0
 
 
-@jit
+@jit_inline
 def _row_range(rows: WideRows) -> tuple[int, int]:
     """Return the first row of any group, and the row after the last."""
     first, last = as_int64(0), as_int64(0)
@@ -111,7 +111,7 @@ def row_lengths(rows: Rows, inverse_norm_out: Array) -> None:
 
 
 @row_lengths.of(WideRows)
-@jit
+@jit_inline
 def _wide_lengths(rows: WideRows, inverse_norm_out: Array) -> None:
     first, last = _row_range(rows)
     _fill(first, last, 0.0, inverse_norm_out)
@@ -144,7 +144,7 @@ def _lengths(rows: ProgramRows, inverse_norm_out: Array) -> None:
         _invert_root(start, stop, inverse_norm_out)
 
 
-@jit
+@jit_inline
 def _take_three(
     start: int, stop: int, columns: Array, first: int, x: Array, offset: int, source: Array, out: Array
 ) -> None:
@@ -156,7 +156,7 @@ def _take_three(
         left[i] = right[i] - product(a[i], b[i], c[i], x0, x1, x2)
 
 
-@jit
+@jit_inline
 def _take_three_and_scale(
     start: int, stop: int, columns: Array, x: Array, offset: int, source: Array, factor: Array, out: Array
 ) -> None:
@@ -167,7 +167,7 @@ def _take_three_and_scale(
         left[i] = (right[i] - product(a[i], b[i], c[i], x0, x1, x2)) * scale[i]
 
 
-@jit
+@jit_inline
 def _take_six_and_scale(
     start: int, stop: int, columns: Array, first: int, x: Array, source: Array, factor: Array, out: Array
 ) -> None:
@@ -180,7 +180,7 @@ def _take_six_and_scale(
         left[i] = (rest - product(d[i], e[i], f[i], x3, x4, x5)) * scale[i]
 
 
-@jit
+@jit_inline
 def _take_six(start: int, stop: int, columns: Array, first: int, x: Array, out: Array) -> None:
     left = out[start:stop]
     a, b, c = columns[first, start:stop], columns[first + 1, start:stop], columns[first + 2, start:stop]
@@ -191,7 +191,7 @@ def _take_six(start: int, stop: int, columns: Array, first: int, x: Array, out: 
         left[i] = rest - product(d[i], e[i], f[i], x3, x4, x5)
 
 
-@jit
+@jit_inline
 def _take_nine_and_scale(
     start: int,
     stop: int,
@@ -217,7 +217,7 @@ def _take_nine_and_scale(
         left[i] = (rest - product(d[i], e[i], f[i], x3, x4, x5)) * scale[i]
 
 
-@jit
+@jit_inline
 def _copy(start: int, stop: int, source: Array, out: Array) -> None:
     left, right = out[start:stop], source[start:stop]
     for i in range(stop - start):
@@ -230,7 +230,7 @@ def row_violations(rows: Rows, x: Array, inverse_norm: Array, violation: Array) 
 
 
 @row_violations.of(WideRows)
-@jit
+@jit_inline
 def _wide_violations(rows: WideRows, x: Array, inverse_norm: Array, violation: Array) -> None:
     n_common, common = rows.n_common, rows.common
     first, last = _row_range(rows)
@@ -245,7 +245,7 @@ def _wide_violations(rows: WideRows, x: Array, inverse_norm: Array, violation: A
 
 
 @row_violations.of(ProgramRows)
-@jit
+@jit_inline
 def _violations(rows: ProgramRows, x: Array, inverse_norm: Array, violation: Array) -> None:
     n_common, common, block, rhs = rows.n_common, rows.common, rows.block, rows.rhs
     group_start, group_stop, group_block = rows.group_start, rows.group_stop, rows.group_block
@@ -261,7 +261,7 @@ def _violations(rows: ProgramRows, x: Array, inverse_norm: Array, violation: Arr
             _take_nine_and_scale(start, stop, common, block, x, offset, rhs, inverse_norm, violation)
 
 
-@jit
+@jit_inline
 def _unsound(start: int, stop: int, inverse_norm: Array, violation: Array) -> tuple[int, int]:
     values, lengths = violation[start:stop], inverse_norm[start:stop]
     nan, zero = 0, 0

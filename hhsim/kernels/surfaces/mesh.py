@@ -177,18 +177,18 @@ def _probe(hand: HandArrays, pose: Record, index: int) -> Probe:
     return Probe(index, placed_sphere(pose.position[:], pose.rotation[:], x, y, z, radius), start)
 
 
-@jit
+@jit_inline
 def _pair_count(candidates: Record, which: int) -> int:
     return candidates.faces[which] + candidates.edges[which] + candidates.vertices[which]
 
 
-@jit
+@jit_inline
 def _measured_count(candidates: Record, which: int) -> int:
     measured = candidates.measured[which]
     return measured[0] + measured[1] + measured[2]
 
 
-@jit
+@jit_inline
 def _list_features(
     mesh: MeshFeatures,
     probe: Probe,
@@ -308,7 +308,7 @@ def _put_in_order(
             fields_out[place, m] = features[feature, m]
 
 
-@jit
+@jit_inline
 def _gather_probe(
     mesh: MeshFeatures,
     hand: HandArrays,
@@ -342,7 +342,7 @@ def _gather_probe(
 
 
 @gather_pairs.of(MeshFeatures)
-@jit
+@jit_inline
 def _gather(
     mesh: MeshFeatures,
     hand: HandArrays,
@@ -407,7 +407,7 @@ def _gather(
     return True
 
 
-@jit
+@jit_inline
 def _measure_probe(
     mesh: MeshFeatures, hand: HandArrays, pose: Record, which: int, candidates: Record, slack: float
 ) -> float:
@@ -445,7 +445,7 @@ def _measure_probe(
 
 
 @measure_pairs.of(MeshFeatures)
-@jit
+@jit_inline
 def _measure(mesh: MeshFeatures, hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
     slack = candidates.slack[body]
     if body < PALM_BODY:
@@ -472,7 +472,7 @@ def _probes(hand: HandArrays, body: int) -> tuple[int, int]:
 
 
 @pairs_within.of(MeshFeatures)
-@jit
+@jit_inline
 def _within(mesh: MeshFeatures, hand: HandArrays, candidates: Record, body: int, limit: float) -> int:
     within = 0
     first, last = _probes(hand, body)
@@ -566,7 +566,7 @@ def _into_cone(
     return True, side, (nx, ny, nz)
 
 
-@jit
+@jit_inline
 def _goes_on(mesh: MeshFeatures, first: int, x: float, y: float, z: float) -> bool:
     """Return True if a point is above or below a face, or one of those that continue its plane."""
     face, f = mesh.face, first
@@ -644,7 +644,7 @@ def _edge_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: floa
     return row
 
 
-@jit
+@jit_inline
 def _across(wx: float, wy: float, wz: float) -> tuple[float, float, float]:
     """Return a unit vector across w: where an axis meets an edge every direction is as good."""
     if abs(wx) <= abs(wy):
@@ -654,7 +654,7 @@ def _across(wx: float, wy: float, wz: float) -> tuple[float, float, float]:
     return (-wz * scale, 0.0, wx * scale)
 
 
-@jit
+@jit_inline
 def _is_of_edge(mesh: MeshFeatures, e: int, cone: RoundCone, x: float, y: float, z: float) -> bool:
     """Return True if a point of an axis is beside an edge, and none between the ends of both is nearer to it.
 
@@ -709,7 +709,7 @@ def _vertex_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: fl
 
 
 @record_pairs.of(MeshFeatures)
-@jit
+@jit_inline
 def _record(
     mesh: MeshFeatures,
     hand: HandArrays,

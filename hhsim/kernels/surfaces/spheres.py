@@ -91,7 +91,7 @@ CANDIDATES = np.dtype(
 """Gathered pairs and their distances."""
 
 
-@jit
+@jit_inline
 def _leaf_distances(tree: TreeArrays, cone: RoundCone, leaves: Indices, count: int, distance_out: Array) -> None:
     for i in range(count):
         distance_out[i] = node_distance(tree, cone, as_index(leaves[i]))
@@ -143,7 +143,7 @@ def _list_slot(
     candidates.tier_depth[PALM_BODY + slot] = depth
 
 
-@jit
+@jit_inline
 def _gather_slot(
     tree: TreeArrays,
     hand: HandArrays,
@@ -221,7 +221,7 @@ def _gather_palm(
 
 
 @gather_pairs.of(TreeArrays)
-@jit
+@jit_inline
 def _gather(
     tree: TreeArrays,
     hand: HandArrays,
@@ -304,7 +304,7 @@ def _measure_slot(pose: Record, slot: int, slack: float, candidates: Record) -> 
 
 
 @measure_pairs.of(TreeArrays)
-@jit
+@jit_inline
 def _measure(tree: TreeArrays, hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
     if body < PALM_BODY:
         return _measure_phalanx(hand, pose, body, candidates)
@@ -318,7 +318,7 @@ def _measure(tree: TreeArrays, hand: HandArrays, pose: Record, body: int, candid
 
 
 @pairs_within.of(TreeArrays)
-@jit
+@jit_inline
 def _within(tree: TreeArrays, hand: HandArrays, candidates: Record, body: int, limit: float) -> int:
     if body < PALM_BODY:
         return count_within(candidates.distance[body], as_int64(0), candidates.measured[body], limit)
@@ -388,7 +388,7 @@ def _palm_contacts(
 
 
 @record_pairs.of(TreeArrays)
-@jit
+@jit_inline
 def _record(
     tree: TreeArrays,
     hand: HandArrays,

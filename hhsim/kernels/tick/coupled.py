@@ -9,7 +9,7 @@ import numpy as np
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
-from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Indices, Record, as_int64, jit_inline, jit_noinline, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
 from hhsim.kernels.tick.method import Coupled, energy_stalled, solve_program
@@ -47,7 +47,7 @@ def coupled_groups(contacts: Record, group_start: Indices, group_stop: Indices, 
 
 
 @solve_program.of(Coupled)
-@jit
+@jit_noinline
 def solve_coupled(method: Coupled, state: Record, qp: QpWork) -> int:
     """Solve the coupled program.
 
@@ -92,6 +92,6 @@ def solve_coupled(method: Coupled, state: Record, qp: QpWork) -> int:
 
 
 @energy_stalled.of(Coupled)
-@jit
+@jit_inline
 def _energy_stalled(method: Coupled, state: Record) -> bool:
     return False

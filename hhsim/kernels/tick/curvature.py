@@ -13,7 +13,7 @@ Schur complement D_qq - D_qs D_sq / D_ss. Only products with a vector are needed
 from typing import TypeAlias
 
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline
+from hhsim.kernels.jit import Array, Indices, Record, jit_inline
 
 Triple: TypeAlias = tuple[float, float, float]
 
@@ -59,7 +59,7 @@ def _add_joints(
         product_out[6 + 3 * finger + k] += force * value
 
 
-@jit
+@jit_inline
 def curvature_product(
     pose: Record,
     contacts: Record,

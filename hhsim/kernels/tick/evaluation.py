@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, evaluate
 from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
-from hhsim.kernels.jit import Record, jit
+from hhsim.kernels.jit import Record, jit_inline, jit_noinline
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import (
     UNITS_NODE_TEST,
@@ -25,7 +25,7 @@ REACH_FLOOR = 2.0
 """Least reach of a program, as a multiple of the step tolerance; after a whole step, as a multiple of that step."""
 
 
-@jit
+@jit_inline
 def usual_reach(options: TickOptions, state: Record) -> float:
     """Compute the reach of a tick's first program [m], which a hand that moves as in the last tick does not exceed.
 
@@ -34,7 +34,7 @@ def usual_reach(options: TickOptions, state: Record) -> float:
     return min(options.margin, max(REACH_FLOOR * options.step_tolerance, REACH_PACE * state.progress.path))
 
 
-@jit
+@jit_noinline
 def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     """Compute kinematics and pair distances at the present configuration.
 
@@ -52,7 +52,7 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
     return status == 0
 
 
-@jit
+@jit_inline
 def least_distance(candidates: Record) -> float:
     """Return the least signed distance of all pairs at hand [m], infinite where there is none."""
     least = np.inf
@@ -61,7 +61,7 @@ def least_distance(candidates: Record) -> float:
     return least
 
 
-@jit
+@jit_inline
 def spent_units(state: Record) -> int:
     """Compute the work units of the tick so far.
 
@@ -72,20 +72,20 @@ def spent_units(state: Record) -> int:
     return units + UNITS_NODE_TEST * work[COUNT_NODE_TESTS] + UNITS_PAIR_TEST * work[COUNT_PAIR_TESTS]
 
 
-@jit
+@jit_inline
 def is_budget_spent(options: TickOptions, state: Record) -> bool:
     """Return whether the work budget is spent before the last linearisation."""
     return state.work[WORK_LINEARISATIONS] < options.linearisations and spent_units(state) >= options.budget
 
 
-@jit
+@jit_inline
 def end_work(state: Record) -> None:
     """Write the counters that are summed up elsewhere while the tick runs."""
     state.work[WORK_UNITS] = spent_units(state)
     state.work[WORK_QP_ITERATIONS] = state.step.iterations
 
 
-@jit
+@jit_inline
 def rebuild_candidates(hand: HandArrays, surface: Any, options: TickOptions, states: NDArray[np.void]) -> bool:
     """Take the graphic hand's configuration as it now stands: kinematics, near pairs, distances.
 

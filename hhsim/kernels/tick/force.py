@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, jit, jit_once
+from hhsim.kernels.jit import Array, Record, jit_inline, jit_once
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.options import TickOptions
 
@@ -37,7 +37,7 @@ FORCES = np.dtype(
 """Forces on the hand, world frame."""
 
 
-@jit
+@jit_inline
 def clear_forces(forces: Record) -> None:
     """Set every force to zero."""
     forces.phalanx[:, :, :] = 0.0
@@ -46,7 +46,7 @@ def clear_forces(forces: Record) -> None:
     forces.total[:] = 0.0
 
 
-@jit
+@jit_inline
 def add_force(forces: Record, body: int, nx: float, ny: float, nz: float, magnitude: float) -> None:
     """Add a force [N] along a unit vector to that of a hand body, and to the total."""
     if body < PALM_BODY:
@@ -98,7 +98,7 @@ def _same_point(pose: Record, haptic: Record, contacts: Record, i: int, point_ou
     point_out[2] = haptic.joints[f, k, 2] + along_axis * az + along * dz + across * (ax * dy - ay * dx)
 
 
-@jit
+@jit_inline
 def proxy_forces(
     pose: Record,
     haptic: Record,
@@ -127,7 +127,7 @@ def proxy_forces(
         )
 
 
-@jit
+@jit_inline
 def fingertip_normal_forces(pose: Record, haptic: Record, contact_stiffness: float, forces: Record) -> None:
     """Compute the normal force at each fingertip that Fig. 9 draws, for fingers whose phalanges bear a force.
 
@@ -156,7 +156,7 @@ def fingertip_normal_forces(pose: Record, haptic: Record, contact_stiffness: flo
         forces.fingertip_normal[f, 2] = scale * nz
 
 
-@jit
+@jit_inline
 def palm_wrench(pose: Record, haptic: Record, stiffness: Array, scratch: Array, forces: Record) -> None:
     """Eq. 1, F = G (q_g - q_h); stiffness of all 21 variables, shape (21,), scratch of shape (3,)."""
     rotation_vector_between(haptic.orientation, pose.orientation, scratch)
@@ -165,7 +165,7 @@ def palm_wrench(pose: Record, haptic: Record, stiffness: Array, scratch: Array, 
         forces.palm_wrench[3 + i] = stiffness[3 + i] * scratch[i]
 
 
-@jit
+@jit_inline
 def hand_forces(options: TickOptions, state: Record) -> None:
     """Compute all forces of a tick; for FORCE_PAPER the state's contacts must be those of the final configuration."""
     pose, haptic, forces, contact_stiffness = state.pose, state.haptic, state.forces, options.contact_stiffness

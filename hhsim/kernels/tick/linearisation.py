@@ -7,7 +7,7 @@ from hhsim.kernels.contact.detection import evaluate, find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
-from hhsim.kernels.jit import Array, Record, jit, jit_once
+from hhsim.kernels.jit import Array, Record, jit_inline, jit_noinline, jit_once
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY
@@ -24,7 +24,7 @@ from hhsim.kernels.tick.state import (
 from hhsim.kernels.tick.step import DURATION_DETECT
 
 
-@jit
+@jit_inline
 def step_to_haptic(state: Record, step_out: Array, abduction_out: Array) -> None:
     """Compute the step from the graphic to the haptic hand [m, rad], shape (21,), and that of its abduction, (5,)."""
     pose, haptic = state.pose, state.haptic
@@ -38,7 +38,7 @@ def step_to_haptic(state: Record, step_out: Array, abduction_out: Array) -> None
             step_out[6 + 3 * f + k] = haptic.flexion[f, k] - pose.flexion[f, k]
 
 
-@jit
+@jit_inline
 def find_program_contacts(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     """Find the contacts within the program's reach, and shorten the reach where they do not fit into the records.
 
@@ -53,7 +53,7 @@ def find_program_contacts(hand: HandArrays, surface: Any, options: TickOptions, 
         state.work[WORK_UNITS] += UNITS_CONTACT * state.contacts.key.shape[0]
 
 
-@jit
+@jit_inline
 def count_linearisation(
     hand: HandArrays, surface: Any, options: TickOptions, found: int, rows: int, state: Record
 ) -> None:
@@ -102,7 +102,7 @@ def build_program(hand: HandArrays, surface: Any, options: TickOptions, state: R
 
 
 # Absorbed by its one caller it made every tick on triangles 5 % slower.
-@jit
+@jit_noinline
 def complete_lists(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     """Gather the pairs that a program's step would go beyond; returns whether the program is to be built anew.
 

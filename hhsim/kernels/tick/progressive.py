@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline, jit_noinline, jit_once
 from hhsim.kernels.parallel.thread_team import DISMISSED, await_done, item_done, post, rest, take_item
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
@@ -117,7 +117,7 @@ def _join(problem: Record, contacts: Record, finger: int, work: Record) -> None:
                 work.block[k, i] = YIELD_SCALE * problem.block[k, i]
 
 
-@jit
+@jit_noinline
 def _solve_palm(options: TickOptions, state: Record, qp: QpWork) -> int:
     problem, contacts, active, step = state.problem, state.contacts, state.warm, state.step
     work, tolerance = state.progressive, options.tolerance
@@ -167,7 +167,7 @@ def _solve_palm(options: TickOptions, state: Record, qp: QpWork) -> int:
     return status
 
 
-@jit
+@jit_noinline
 def solve_finger(options: TickOptions, state: Record, finger: int, qp: QpWork) -> None:
     """Solve one finger's program for the palm step at hand, into state.progressive.finger[finger].
 
@@ -292,7 +292,7 @@ def help_out(options: TickOptions, states: NDArray[np.void], qp: QpWork) -> None
 
 
 @solve_program.of(Progressive)
-@jit
+@jit_inline
 def solve_progressive(method: Progressive, state: Record, qp: QpWork) -> int:
     """Solve palm, then fingers, the palm yielding where it must; `step` is written where the status is OPTIMAL.
 

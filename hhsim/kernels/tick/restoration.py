@@ -5,7 +5,7 @@ from typing import Any
 
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, move
-from hhsim.kernels.jit import Record, jit, jit_inline
+from hhsim.kernels.jit import Record, jit, jit_inline, jit_noinline
 from hhsim.kernels.tick.evaluation import evaluate_pose, least_distance
 from hhsim.kernels.tick.method import Coupled, Progressive, recover
 from hhsim.kernels.tick.options import TickOptions
@@ -44,7 +44,7 @@ def keep_first_step(options: TickOptions, fraction: float, clearance: float, dep
     first.free_share = FREE_SHARE * math.sqrt(min(max(clearance, 0.0), options.offset) / (depth + options.offset))
 
 
-@jit
+@jit_noinline
 def take_free_share(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     """Return to the last feasible configuration, and make the free share of its first step; returns whether it is free.
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.kernels.hand.kinematics import DOF
-from hhsim.kernels.jit import Array, Indices, Record, jit, jit_once
+from hhsim.kernels.jit import Array, Indices, Record, jit_inline, jit_once
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.row_scan import ProgramRows, row_violations
 from hhsim.kernels.tick.curvature import curvature_product
@@ -45,7 +45,7 @@ ROUNDING = 1.0
 """Share of the program's tolerance by which a row may be violated at the corrected step and still be called kept."""
 
 
-@jit
+@jit_inline
 def _project_out(n: int, k: int, basis: Array, vector: Array) -> None:
     for i in range(k):
         c = 0.0
@@ -86,7 +86,7 @@ def lagrangian_of(state: Record, solution: Record, offset: int, n: int) -> Lagra
     return Lagrangian(state.pose, state.contacts, row, multiplier, solution.count, inverse_root, offset, n)
 
 
-@jit
+@jit_inline
 def _curvature(lagrangian: Lagrangian, step: Array, product_out: Array) -> None:
     pose, contacts = lagrangian.pose, lagrangian.contacts
     curvature_product(pose, contacts, lagrangian.row, lagrangian.multiplier, lagrangian.loaded, step, product_out)
@@ -178,7 +178,7 @@ def _free_share(k: int, rows: ProgramRows, end: Array, rounding: float, qp: QpWo
     return fraction
 
 
-@jit
+@jit_inline
 def correct_for_curvature(
     lagrangian: Lagrangian,
     step: Array,

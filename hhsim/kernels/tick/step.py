@@ -4,7 +4,7 @@ import numpy as np
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_inline
+from hhsim.kernels.jit import Indices, Record, as_int64, jit_inline
 
 ACTIVE_CAPACITY = 64
 
@@ -42,7 +42,7 @@ ACTIVE_CONTACTS = np.dtype(
 """Contacts with a multiplier at some step."""
 
 
-@jit
+@jit_inline
 def store_active(contacts: Record, step: Record, active: Record) -> None:
     """Remember the contacts that carry the step's multipliers."""
     limits = limit_start(contacts, as_int64(0))
@@ -78,7 +78,7 @@ def copy_active(source: Record, target: Record) -> None:
             target.normal[j, i] = source.normal[j, i]
 
 
-@jit
+@jit_inline
 def guess_rows(contacts: Record, active: Record, group: int, guess_out: Indices, filled: int) -> int:
     """Append the rows of `group` (0 palm, 1 to 5 fingers, with their limits) that carried force last time.
 

@@ -2,7 +2,7 @@
 
 from hhsim.kernels.contact.linearise import build_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, HandArrays, motion_bounds
-from hhsim.kernels.jit import Record, jit, jit_once
+from hhsim.kernels.jit import Record, jit_inline, jit_once
 from hhsim.kernels.tick.evaluation import least_distance
 from hhsim.kernels.tick.options import TickOptions
 
@@ -15,7 +15,7 @@ WHOLE_TARGET = -1.0
 """Stands for the motion of the whole step where the program has the true target."""
 
 
-@jit
+@jit_inline
 def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> tuple[float, float]:
     """Compute the share of the step that the pairs at hand vouch for, and a bound of its longest motion.
 

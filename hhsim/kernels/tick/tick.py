@@ -36,7 +36,7 @@ from hhsim.kernels.contact.detection import find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import clamp_to_limits
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move
-from hhsim.kernels.jit import Record, as_int64, jit, jit_inline, jit_once
+from hhsim.kernels.jit import Record, as_int64, jit_inline, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.decoupling import palm_yielded, stays_suspended, suspend_decoupling
 from hhsim.kernels.tick.evaluation import (
@@ -110,7 +110,7 @@ def _carry_over_trust(options: TickOptions, state: Record) -> None:
         program.is_coupled = state.decoupling.is_suspended
 
 
-@jit
+@jit_inline
 def begin_tick(options: TickOptions, state: Record) -> None:
     """Reset what belongs to one tick; the present configuration, evaluated and free of penetration, is the safe one."""
     progress = state.progress
@@ -134,7 +134,7 @@ def begin_tick(options: TickOptions, state: Record) -> None:
 
 @may_end.of(Coupled)
 @may_end.of(Progressive)
-@jit
+@jit_inline
 def hand_may_end(method: Any, state: Record) -> bool:
     """Return True: `safe` can be shown at any time."""
     return True
@@ -168,7 +168,7 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
     return status, full_motion
 
 
-@jit
+@jit_inline
 def accept(options: TickOptions, fraction: float, longest: float, full_motion: float, state: Record) -> bool:
     """Let the present configuration be the safe one; returns whether the tick is done.
 
@@ -196,7 +196,7 @@ def accept(options: TickOptions, fraction: float, longest: float, full_motion: f
     return done
 
 
-@jit
+@jit_inline
 def update_reach(
     options: TickOptions, fraction: float, longest: float, full_motion: float, foreseen: float, state: Record
 ) -> None:
@@ -258,7 +258,7 @@ def advance_hand(method: Any, hand: HandArrays, surface: Any, full_motion: float
     return done
 
 
-@jit
+@jit_inline
 def tick_status(cut_short: bool, made_part: bool, state: Record) -> int:
     """Judge how far the tick has come; returns status bits.
 
@@ -320,7 +320,7 @@ def finish_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
 
 @tick.of(Coupled)
 @tick.of(Progressive)
-@jit
+@jit_inline
 def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
     """Go from linearisation to linearisation until the hand stands still; returns status bits."""
     options, progress = method.options, state.progress
