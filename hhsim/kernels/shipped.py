@@ -32,7 +32,7 @@ def sums() -> dict[str, str]:
         built_for = (FOLDER / BUILT_FOR).read_text(encoding="utf-8").strip()
     except OSError:
         return {}
-    if TARGET != built_for:
+    if built_for != TARGET:
         if is_named():
             _warn(f"the kernels of this wheel are for {built_for!r} and this is {TARGET!r}: they are compiled here")
         return {}

@@ -8,13 +8,13 @@ import math
 
 import numpy as np
 
-from hhsim.kernels.jit import Array, jit
+from hhsim.kernels.jit import Array, jit_inline
 
 NOT_POSITIVE = 1
 """Status: a pivot is not positive and finite; the matrix is not positive definite to working precision."""
 
 
-@jit
+@jit_inline
 def factorise(matrix: Array, count: int) -> int:
     """Replace the upper triangle of the leading `count` rows and columns by U; return 0, or NOT_POSITIVE.
 
@@ -36,7 +36,7 @@ def factorise(matrix: Array, count: int) -> int:
     return 0
 
 
-@jit
+@jit_inline
 def solve_factorised(factor: Array, count: int, vector: Array) -> None:
     """Replace b, the leading `count` numbers of `vector`, by the solution of Uᵀ U x = b."""
     for k in range(count):

@@ -49,7 +49,7 @@ from hhsim.kernels.hand.kinematics import (
     HandArrays,
 )
 from hhsim.kernels.hand.pose import move, update_kinematics
-from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline, jit_once
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.cholesky import factorise, solve_factorised
 from hhsim.kernels.tick.evaluation import spent_units
@@ -152,7 +152,7 @@ def _find(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -
     return False
 
 
-@jit
+@jit_inline
 def _aim(hand: HandArrays, penalty: PenaltyOptions, state: Record, work: Record) -> None:
     pose, problem = state.pose, state.problem
     step_to_haptic(state, problem.target[:], problem.abduction_step[:])
@@ -182,7 +182,7 @@ def _springs(penalty: PenaltyOptions, contacts: Record, rhs: Array, work: Record
         work.threshold[i] = rhs[i] * (stiffness / damped) if inside else rhs[i]
 
 
-@jit
+@jit_inline
 def _shortfall(
     start: int,
     stop: int,
@@ -266,7 +266,7 @@ def _shortfalls(problem: Record, contacts: Record, y: Array, threshold: Array, o
             _shortfall(start, stop, group == 0, problem.common, problem.block, y, joints, threshold, out)
 
 
-@jit
+@jit_inline
 def _slope(contacts: Record, alpha: float, share: float, work: Record) -> float:
     # Derivative of the function along the way from `before` to `step`, at a share of it.
     slope = 0.0
@@ -307,7 +307,7 @@ def _shorten(contacts: Record, alpha: float, work: Record) -> bool:
     return True
 
 
-@jit
+@jit_inline
 def _update(contacts: Record, work: Record) -> int:
     # Who pushes at `step`; returns how many have changed.
     changed = 0
