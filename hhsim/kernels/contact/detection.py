@@ -17,7 +17,7 @@ import numpy as np
 
 from hhsim.kernels.contact.surface import Walk, gather_pairs, measure_pairs, pairs_within, record_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Indices, Record, as_int64, jit_inline, jit_noinline
+from hhsim.kernels.jit import Indices, Record, as_int64, jit_inline
 
 COUNT_NODE_TESTS = 0
 COUNT_PAIR_TESTS = 1
@@ -139,7 +139,7 @@ def choose_gathers(needed: float, margin: float, skin: float, candidates: Record
         candidates.due[stale] = 2
 
 
-@jit_noinline
+@jit_inline
 def evaluate(
     hand: HandArrays,
     pose: Record,
