@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from hhsim.verify.verify import verify as verify_result
     from hhsim.view.viewer import view_result
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 __all__ = [
     "HandConfiguration",
     "HandModel",
