@@ -29,6 +29,7 @@ little finger, y to the fingers, z out of the back). Keys; a left hand is its mi
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -107,6 +108,9 @@ FLEXION_DEGREES = (
     ((-20.0, 90.0), (0.0, 100.0), (-30.0, 90.0)),
 )
 ABDUCTION_DEGREES = ((-20.0, 45.0), (-15.0, 42.0), (-8.0, 35.0), (-14.0, 20.0), (-40.0, 30.0))
+
+FILE_DIGITS = 6
+"""Decimals of a length [m] in a hand file: a micrometre."""
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
 """Factors from a right hand to a left one, palm frame."""
@@ -422,3 +426,26 @@ def _array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
 def _text(value: ArrayLike) -> str:
     array = np.asarray(value) + 0.0  # no -0 in messages
     return f"{float(array):g}" if array.ndim == 0 else f"[{', '.join(f'{x:g}' for x in array.ravel())}]"
+
+
+def format_hand_file(
+    hand_length: float, hand_breadth: float, fingers: Mapping[str, Mapping[str, ArrayLike]], remark: str = ""
+) -> str:
+    """Return the text of a hand file, with a remark in the first line; lengths in m.
+
+    `fingers` has the non-default sizes of each finger by the keys of a hand file, in a right hand's palm frame.
+    """
+    lines = [f"# {' '.join(remark.split())}"] if remark else []
+    lines += [f"hand_length = {_decimal(hand_length)}", f"hand_breadth = {_decimal(hand_breadth)}"]
+    for finger, sizes in fingers.items():
+        lines += ["", f"[{finger}]"]
+        for key, value in sizes.items():
+            array = np.asarray(value, dtype=np.float64)
+            numbers = ", ".join(_decimal(x) for x in array.ravel())
+            lines.append(f"{key} = [{numbers}]" if array.ndim else f"{key} = {numbers}")
+    return "\n".join(lines) + "\n"
+
+
+def _decimal(value: float) -> str:
+    # No negative zero, and always a point: an integer is read as well, but looks like a count.
+    return repr(round(float(value), FILE_DIGITS) + 0.0)
