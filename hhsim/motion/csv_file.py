@@ -163,11 +163,10 @@ def _phases(names: Sequence[str], time: FloatArray) -> tuple[Phase, ...]:
 def _phase_names(trajectory: Trajectory) -> list[str]:
     """Return the phase of each sample, "" if there is none."""
     names = [""] * trajectory.sample_count
-    last = trajectory.phases[-1]
     for phase in trajectory.phases:
         first = int(np.searchsorted(trajectory.time, phase.start_time, side="left"))
         end = int(np.searchsorted(trajectory.time, phase.end_time, side="left"))
-        if phase is last and phase.end_time >= trajectory.time[-1]:
+        if phase is trajectory.phases[-1] and phase.end_time >= trajectory.time[-1]:
             end = trajectory.sample_count
         names[first:end] = [phase.name] * (end - first)
     return names

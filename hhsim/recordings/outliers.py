@@ -117,7 +117,8 @@ def _way(values: FloatArray, kind: Kind, a: IntArray, b: IntArray) -> FloatArray
 def impossible(time: FloatArray, index: IntArray, vector: Vectors, kind: Kind) -> tuple[BoolArray, BoolArray, float]:
     """Return masks of outliers and of samples after a jump, and the largest deviation of an outlier.
 
-    The samples of `index` have a value; `vector` gives the vectors (N, C) between those of two arrays of indices.
+    The stamps [s], shape (T,), increase; the samples of `index` have a value; `vector` gives the vectors (N, C) between
+    those of two arrays of indices.
     """
     bad, jump = np.zeros(time.shape[0], dtype=bool), np.zeros(time.shape[0], dtype=bool)
     worst = 0.0
