@@ -1,6 +1,7 @@
 """Hands and scenes as MJCF, the format of MuJoCo (mujoco.readthedocs.io), and hands as URDF (wiki.ros.org/urdf/XML)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from itertools import product
 from xml.etree import ElementTree as Xml
 
 import numpy as np
@@ -32,7 +33,14 @@ def hand_mjcf(hand: HandModel) -> str:
     # Contact bits that match all others and not their own: fingers pass through each other.
     Xml.SubElement(usual, "geom", contype="1", conaffinity="0")
     world = Xml.SubElement(model, "worldbody")
-    _add_hand(world, hand_bodies(hand).bodies)
+    placed: dict[str, Xml.Element] = {"": world}
+    tips = {f"{finger}_{PHALANGES}": f"{finger}_tip" for finger in FINGERS}
+    for body in hand_bodies(hand).bodies:
+        element = Xml.SubElement(placed[body.parent], "body", name=body.name, pos=_numbers(body.offset))
+        placed[body.name] = element
+        _add_parts(element, body)
+        if body.cone is not None and body.name in tips:
+            Xml.SubElement(element, "site", name=tips[body.name], pos=_numbers(body.cone.end), size="0.001")
     Xml.indent(model)
     return Xml.tostring(model, encoding="unicode") + "\n"
 
@@ -63,17 +71,6 @@ def scene_mjcf(hand: HandModel, tree: SphereTree, pose: HandConfiguration, hand_
     Xml.SubElement(Xml.SubElement(model, "keyframe"), "key", name="start", qpos=start)
     Xml.indent(model)
     return Xml.tostring(model, encoding="unicode") + "\n"
-
-
-def _add_hand(world: Xml.Element, bodies: Sequence[HandBody]) -> None:
-    placed: dict[str, Xml.Element] = {"": world}
-    tips = {f"{finger}_{PHALANGES}": f"{finger}_tip" for finger in FINGERS}
-    for body in bodies:
-        element = Xml.SubElement(placed[body.parent], "body", name=body.name, pos=_numbers(body.offset))
-        placed[body.name] = element
-        _add_parts(element, body)
-        if body.cone is not None and body.name in tips:
-            Xml.SubElement(element, "site", name=tips[body.name], pos=_numbers(body.cone.end), size="0.001")
 
 
 def _add_parts(element: Xml.Element, body: HandBody) -> None:
@@ -120,7 +117,9 @@ def hand_urdf(hand: HandModel) -> str:
             _add_link(robot, knuckle, KNUCKLE)
             _add_joint(robot, joint, parent, knuckle, offset)
             parent, offset = knuckle, np.zeros(3)
-        _add_body(robot, body)
+        link = _add_link(robot, body.name, body.inertial)
+        for shape, role in product(body.shapes, ("visual", "collision")):
+            _add_shape(link, role, shape)
         if body.joints:
             _add_joint(robot, body.joints[-1], parent, body.name, offset)
     for body in bodies:
@@ -132,13 +131,6 @@ def hand_urdf(hand: HandModel) -> str:
             _connect(fixed, body.name, tip, body.cone.end)
     Xml.indent(robot)
     return Xml.tostring(robot, encoding="unicode") + "\n"
-
-
-def _add_body(robot: Xml.Element, body: HandBody) -> None:
-    link = _add_link(robot, body.name, body.inertial)
-    for shape in body.shapes:
-        for role in ("visual", "collision"):
-            _add_shape(link, role, shape)
 
 
 def _add_link(robot: Xml.Element, name: str, inertial: Inertial) -> Xml.Element:
@@ -161,15 +153,11 @@ def _add_shape(link: Xml.Element, role: str, shape: Capsule) -> None:
         part = Xml.SubElement(link, role)
         along = shape.end - shape.start
         length = float(np.linalg.norm(along))
-        middle = 0.5 * (shape.start + shape.end)
-        Xml.SubElement(part, "origin", xyz=_numbers(middle), rpy=_numbers(_turn_of_z(along / length)))
+        # Roll, pitch and yaw [rad] from z, the axis of a cylinder.
+        x, y, z = along / length
+        turn = _numbers([0.0, np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)])
+        Xml.SubElement(part, "origin", xyz=_numbers(0.5 * (shape.start + shape.end)), rpy=turn)
         Xml.SubElement(Xml.SubElement(part, "geometry"), "cylinder", radius=radius, length=_numbers([length]))
-
-
-def _turn_of_z(direction: FloatArray) -> FloatArray:
-    """Return roll, pitch and yaw [rad] from z, the axis of a cylinder, to a unit direction."""
-    x, y, z = direction
-    return np.array([0.0, np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)])
 
 
 def _add_joint(robot: Xml.Element, joint: HandJoint, parent: str, child: str, offset: FloatArray) -> None:

@@ -28,8 +28,7 @@ class PlacedHand(NamedTuple):
     @property
     def points(self) -> FloatArray:
         """Twenty joint and tip centres and the palm's origin [m], shape (T, 21, 3)."""
-        joints = self.joints.reshape(-1, 20, 3)
-        return np.concatenate([joints, self.position[:, None]], axis=1)
+        return np.concatenate([self.joints.reshape(-1, 20, 3), self.position[:, None]], axis=1)
 
     @property
     def ends(self) -> FloatArray:
@@ -47,9 +46,7 @@ def forward_kinematics(
     hand: HandModel, position: ArrayLike, orientation: ArrayLike, flexion: ArrayLike, abduction: ArrayLike
 ) -> PlacedHand:
     """Place a hand by its configuration at each tick, fields as of `hhsim.hand.configuration.HandConfiguration`."""
-    arrays = hand.arrays()
     origin, quaternion, bend, spread = (as_argument(values) for values in (position, orientation, flexion, abduction))
-    rotation = rotation_matrix(quaternion)
     joints = np.empty((len(origin), 5, 4, 3))
-    place_hands(arrays, origin, as_argument(rotation), bend, spread, joints)
+    place_hands(hand.arrays(), origin, as_argument(rotation_matrix(quaternion)), bend, spread, joints)
     return PlacedHand(joints, origin, quaternion)

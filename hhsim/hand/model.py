@@ -29,6 +29,7 @@ little finger, y to the fingers, z out of the back). Keys; a left hand is its mi
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -38,7 +39,7 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hhsim.arrays import FloatArray, IntArray
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.palm_mesh import palm_mesh
@@ -107,6 +108,9 @@ FLEXION_DEGREES = (
     ((-20.0, 90.0), (0.0, 100.0), (-30.0, 90.0)),
 )
 ABDUCTION_DEGREES = ((-20.0, 45.0), (-15.0, 42.0), (-8.0, 35.0), (-14.0, 20.0), (-40.0, 30.0))
+
+FILE_DIGITS = 6
+"""Decimals of a length [m] in a hand file: a micrometre."""
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
 """Factors from a right hand to a left one, palm frame."""
@@ -208,12 +212,10 @@ class HandModel:
         hand_breadth: float | None = None,
         palm_level: int = 2,
     ) -> "HandModel":
-        """Return the hand of the published shares.
+        """Return the hand of the published shares and these sizes [m], in x the mirror of a right one if it is left.
 
         Args:
-            side: Right or left; a left hand is the mirror in x.
-            hand_length: Wrist crease to middle fingertip [m].
-            hand_breadth: Across the knuckles [m]; None: in proportion to the length.
+            hand_breadth: None: in proportion to the length.
             palm_level: Level of the palm's sphere tree.
 
         Raises:
@@ -257,8 +259,15 @@ class HandModel:
         for k in range(3):
             for i in range(k + 1):
                 lever[:, k, i] = self.length[:, i : k + 1].sum(axis=1)
-        center = np.ascontiguousarray(self.palm_tree.leaf_center, dtype=np.float64)
-        group, group_start = _palm_groups(self.palm_tree)
+        tree = self.palm_tree
+        center = np.ascontiguousarray(tree.leaf_center, dtype=np.float64)
+        # Two points that move by d at most move by 2 d at most against each other. The palm's rotation is that of two
+        # sides of the box around its centres: its square is at most the sum of theirs.
+        palm = 1.0 / np.sqrt(np.sum(1.0 / np.maximum(np.sort(np.ptp(center, axis=0))[1:], 1e-9) ** 2))
+        # The spheres above the leaves, as rows x, y, z, radius, and the first leaf of each, and the end.
+        leaves = np.flatnonzero(tree.level == tree.depth)
+        parent, first = np.unique(tree.parent[leaves], return_index=True)
+        nodes = np.maximum(parent, 0)
         own = ("base", "distal", "dorsal", "length", "radius", "flexion_min", "flexion_max")
         return HandArrays(
             **{name: getattr(self, name).copy() for name in own},
@@ -267,13 +276,11 @@ class HandModel:
             inverse_length=np.ascontiguousarray(slope[:, :, 1]),
             reach=np.linalg.norm(self.base, axis=1)[:, None] + np.cumsum(self.length, axis=1),
             lever=lever,
-            turning_lever=_turning_levers(self.length, center),
-            palm_x=np.ascontiguousarray(center[:, 0]),
-            palm_y=np.ascontiguousarray(center[:, 1]),
-            palm_z=np.ascontiguousarray(center[:, 2]),
-            palm_radius=np.ascontiguousarray(self.palm_tree.leaf_radius, dtype=np.float64),
-            palm_group=group,
-            palm_group_start=group_start,
+            turning_lever=np.maximum(0.5 * np.append(self.length.ravel(), palm), 1e-9),
+            **{f"palm_{axis}": np.ascontiguousarray(column) for axis, column in zip("xyz", center.T)},
+            palm_radius=np.ascontiguousarray(tree.leaf_radius, dtype=np.float64),
+            palm_group=np.ascontiguousarray(np.concatenate([tree.center[nodes].T, tree.radius[None, nodes]])),
+            palm_group_start=np.append(first, len(leaves)).astype(np.int64),
             palm_box=np.array(list(product(*np.stack([center.min(axis=0), center.max(axis=0)]).T))),
             palm_reach=np.array([np.linalg.norm(center, axis=1).max()]),
         )
@@ -287,11 +294,7 @@ class HandModel:
     ) -> FloatArray:
         """Compute the three joints and the tip sphere's centre of each finger [m], world, shape (5, 4, 3).
 
-        Args:
-            position: Palm origin [m], shape (3,), world.
-            orientation: Unit quaternion (w, x, y, z), palm to world, shape (4,).
-            flexion: [rad], shape (5, 3).
-            abduction: [rad], shape (5,).
+        Arguments as a single `hhsim.hand.configuration.HandConfiguration`.
 
         Raises:
             InputError: An array of another shape.
@@ -314,10 +317,8 @@ class HandModel:
 def default_fingers(hand_length: float, hand_breadth: float) -> dict[str, FloatArray]:
     """Return the finger arrays of `HandModel` for a right hand of these sizes [m]."""
     thickness = np.array(THICKNESS_SHARES)
-    radius = np.empty((5, 4))
-    radius[:, 0] = thickness[:, 0, 0]
-    radius[:, 1:3] = 0.5 * (thickness[:, :2, 1] + thickness[:, 1:, 0])
-    radius[:, 3] = thickness[:, 2, 1]
+    between = 0.5 * (thickness[:, :2, 1] + thickness[:, 1:, 0])
+    radius = np.column_stack([thickness[:, 0, 0], between, thickness[:, 2, 1]])
     # A round cone of the paper narrows towards the tip: a slight bulge is levelled.
     radius = 0.5 * hand_breadth * np.minimum.accumulate(radius, axis=1)
     length = hand_length * np.array(LENGTH_SHARES)
@@ -333,13 +334,10 @@ def default_fingers(hand_length: float, hand_breadth: float) -> dict[str, FloatA
     base[:, 1] -= PALM_CENTER[0] * hand_length
     base[:, 2] = np.array(BASE_HEIGHT) * hand_breadth
 
-    distal, dorsal = np.empty((5, 3)), np.empty((5, 3))
-    distal[0], dorsal[0] = THUMB_DISTAL, THUMB_DORSAL
-    fan, roll = np.radians(FAN), np.radians(ROLL)
-    (sine, cosine), none = sine_and_cosine(fan), np.zeros(4)
-    distal[1:] = np.stack([-sine, cosine, none], axis=1)
-    sine, cosine = sine_and_cosine(roll)
-    dorsal[1:] = np.stack([-sine, none, cosine], axis=1)
+    (sine, cosine), none = sine_and_cosine(np.radians(FAN)), np.zeros(4)
+    distal = np.vstack([THUMB_DISTAL, np.stack([-sine, cosine, none], axis=1)])
+    sine, cosine = sine_and_cosine(np.radians(ROLL))
+    dorsal = np.vstack([THUMB_DORSAL, np.stack([-sine, none, cosine], axis=1)])
     flexion, abduction = np.radians(FLEXION_DEGREES), np.radians(ABDUCTION_DEGREES)
     return {
         "base": base,
@@ -360,7 +358,15 @@ def _model(sizes: HandTable, side: Side, where: str) -> HandModel:
     hand_length, hand_breadth = sizes.hand_length, sizes.breadth
     arrays = default_fingers(hand_length, hand_breadth)
     for index, finger in enumerate(FINGERS):
-        _replace_finger(arrays, index, getattr(sizes, finger), f"{where}: {finger}")
+        given: FingerTable = getattr(sizes, finger)
+        for key in given.__struct_fields__:
+            if getattr(given, key) is not None:
+                arrays[key][index] = getattr(given, key)
+        for kind in ("flexion", "abduction"):
+            low, high = arrays[f"{kind}_min"][index], arrays[f"{kind}_max"][index]
+            if not np.all(low < high):
+                span = f"{kind}_min {_text(low)} must lie below {kind}_max {_text(high)} [rad]"
+                raise InputError(f"{where}: {finger}.{span}")
     arrays["distal"], arrays["dorsal"] = _frames(arrays["distal"], arrays["dorsal"], where)
     try:
         mesh = palm_mesh(hand_length, hand_breadth, arrays["base"][1:], arrays["radius"][1:, 0])
@@ -382,25 +388,6 @@ def _model(sizes: HandTable, side: Side, where: str) -> HandModel:
     )
 
 
-def _turning_levers(length: FloatArray, center: FloatArray) -> FloatArray:
-    """`HandArrays.turning_lever`: two points that move by d at most move by 2 d at most against each other.
-
-    The palm's rotation is that of two sides of the box around its centres: its square is at most the sum of theirs.
-    """
-    sides = np.sort(np.ptp(center, axis=0))[1:]
-    palm = 1.0 / np.sqrt(np.sum(1.0 / np.maximum(sides, 1e-9) ** 2))
-    return np.maximum(0.5 * np.append(length.ravel(), palm), 1e-9)
-
-
-def _palm_groups(tree: SphereTree) -> tuple[FloatArray, IntArray]:
-    # The spheres above the leaves, as rows x, y, z, radius, and the first leaf of each, and the end.
-    leaves = np.flatnonzero(tree.level == tree.depth)
-    parent, first = np.unique(tree.parent[leaves], return_index=True)
-    nodes = np.maximum(parent, 0)
-    group = np.concatenate([tree.center[nodes].T, tree.radius[None, nodes]])
-    return np.ascontiguousarray(group), np.append(first, len(leaves)).astype(np.int64)
-
-
 def _left_palm(right: Mesh, options: TreeOptions) -> tuple[Mesh, SphereTree]:
     source = f"{right.source}, left"
     mesh = Mesh(right.vertices * MIRROR, right.faces[:, ::-1], name=f"left-{right.name}", source=source)
@@ -410,16 +397,6 @@ def _left_palm(right: Mesh, options: TreeOptions) -> tuple[Mesh, SphereTree]:
 
         tree = proved_anew(cached_sphere_tree(right, options).transformed(np.diag(MIRROR), np.zeros(3)), mesh)
     return mesh, tree
-
-
-def _replace_finger(arrays: dict[str, FloatArray], index: int, sizes: FingerTable, where: str) -> None:
-    for key in sizes.__struct_fields__:
-        if getattr(sizes, key) is not None:
-            arrays[key][index] = getattr(sizes, key)
-    for kind in ("flexion", "abduction"):
-        low, high = arrays[f"{kind}_min"][index], arrays[f"{kind}_max"][index]
-        if not np.all(low < high):
-            raise InputError(f"{where}.{kind}_min {_text(low)} must lie below {kind}_max {_text(high)} [rad]")
 
 
 def _frames(distal: FloatArray, dorsal: FloatArray, where: str) -> tuple[FloatArray, FloatArray]:
@@ -449,3 +426,26 @@ def _array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
 def _text(value: ArrayLike) -> str:
     array = np.asarray(value) + 0.0  # no -0 in messages
     return f"{float(array):g}" if array.ndim == 0 else f"[{', '.join(f'{x:g}' for x in array.ravel())}]"
+
+
+def format_hand_file(
+    hand_length: float, hand_breadth: float, fingers: Mapping[str, Mapping[str, ArrayLike]], remark: str = ""
+) -> str:
+    """Return the text of a hand file, with a remark in the first line; lengths in m.
+
+    `fingers` has the non-default sizes of each finger by the keys of a hand file, in a right hand's palm frame.
+    """
+    lines = [f"# {' '.join(remark.split())}"] if remark else []
+    lines += [f"hand_length = {_decimal(hand_length)}", f"hand_breadth = {_decimal(hand_breadth)}"]
+    for finger, sizes in fingers.items():
+        lines += ["", f"[{finger}]"]
+        for key, value in sizes.items():
+            array = np.asarray(value, dtype=np.float64)
+            numbers = ", ".join(_decimal(x) for x in array.ravel())
+            lines.append(f"{key} = [{numbers}]" if array.ndim else f"{key} = {numbers}")
+    return "\n".join(lines) + "\n"
+
+
+def _decimal(value: float) -> str:
+    # No negative zero, and always a point: an integer is read as well, but looks like a count.
+    return repr(round(float(value), FILE_DIGITS) + 0.0)

@@ -26,8 +26,7 @@ def rotation_vector(quaternions: ArrayLike) -> FloatArray:
     sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
     small = sine < 1e-12
     scale = np.where(small, 2.0, 2.0 * arc_tangent(sine, q[..., :1]) / np.where(small, 1.0, sine))
-    vector: FloatArray = scale * q[..., 1:]
-    return vector
+    return np.asarray(scale * q[..., 1:])
 
 
 def quaternion_product(first: ArrayLike, second: ArrayLike) -> FloatArray:
@@ -47,8 +46,7 @@ def quaternion_product(first: ArrayLike, second: ArrayLike) -> FloatArray:
 
 def conjugate(quaternions: ArrayLike) -> FloatArray:
     """Return the inverse of unit quaternions, shape (..., 4)."""
-    turned: FloatArray = np.asarray(quaternions, np.float64) * [1.0, -1.0, -1.0, -1.0]
-    return turned
+    return np.asarray(np.asarray(quaternions, np.float64) * [1.0, -1.0, -1.0, -1.0])
 
 
 def rotation_matrix(quaternions: ArrayLike) -> FloatArray:

@@ -107,13 +107,10 @@ def resolve_object(
     thickness: float | None = None,
     solid: bool = True,
 ) -> tuple["Mesh", int]:
-    """Return the mesh that a word on the command line means, and its default sphere-tree level.
+    """Return the mesh that a catalogue name or a mesh file means, and its default sphere-tree level.
 
     Args:
-        name_or_path: Catalogue name, or a mesh file.
-        unit: Length unit of a mesh file: m, cm, mm or inch; None is m.
-        size: Longest extent that a mesh file gets [m], whatever its unit.
-        thickness: Thickness of the sheets that the open parts of a mesh file become [m]; None closes them.
+        unit, size, thickness: Of a mesh file [m], as for `hhsim.mesh.mesh.load_mesh`; a unit of None is m.
         solid: False takes the triangles of a mesh file as they are, unless sheets are asked for.
 
     Raises:

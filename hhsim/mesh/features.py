@@ -3,10 +3,8 @@
 Any triangles will do: open, loose, three at an edge, on top of each other. Vertices at the same place are merged, and
 so are those that rounding has separated; of several triangles on the same corners one is kept. A triangle without
 area is touched as a line or point. The proved boundary of a solid is touched from outside alone: concave edges, and
-    vertices that only an inside could touch, are then no features. Any other mesh is touched from both sides.
+vertices that only an inside could touch, are then no features. Any other mesh is touched from both sides.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 
@@ -88,22 +86,32 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
     wide = high[side // 3]
     wing_order = np.flatnonzero(wide)[np.argsort(edge[wide], kind="stable")]
     wing_face = side[wing_order] // 3
-    wing, wing_start = _wings(place, normal[wing_face], ends[wing_order], edge[wing_order], len(first))
+    # The unit vector in the face, across the side and inward; and where the sides of each edge begin.
+    wing = np.ascontiguousarray(np.cross(normal[wing_face], place[ends[wing_order, 1]] - place[ends[wing_order, 0]]))
+    wing /= np.linalg.norm(wing, axis=1)[:, None]
+    wing_start = _starts(edge[wing_order], len(first))
+    two = np.diff(wing_start) == 2
     one_sided = (
         closed
         and repeated == 0
-        and bool(high.all() and (np.diff(wing_start) == 2).all())
+        and bool(high.all() and two.all())
         and not touches_itself(spheres, corner, face, corners, line, edge_ends)
         and _has_solid_behind(place, corners)
     )
-    flat = _is_flat(wing, wing_start, slack[wing_face])
+    # Flat where the gap between the two faces, as high as anything is felt, is no wider than what they reach beyond it.
+    left = wing_start[:-1][two]
+    gap = np.linalg.norm(wing[left] + wing[left + 1], axis=1)
+    reach = np.minimum(slack[wing_face[left]], slack[wing_face[left + 1]])
+    flat = np.zeros(len(first), dtype=bool)
+    flat[two] = (gap < FLAT) & (HIGHEST * gap <= reach)
     bent = ~flat
     outward = pseudonormals(place, corners) if one_sided else np.zeros((0, 7, 3))
     if one_sided:
-        bent &= _is_convex(wing, wing_start, normal[wing_face])
+        # Convex as seen from outside, as is what is not an edge of two faces.
+        bent[two] &= dot(wing[left], normal[wing_face[left + 1]]) < 0.0
 
     both = np.zeros(len(first), dtype=np.int64)
-    both[flat] = wing_face[wing_start[:-1][flat]] + wing_face[wing_start[:-1][flat] + 1]
+    both[two] = wing_face[left] + wing_face[left + 1]
     face_across = np.full(3 * len(corners), -1, dtype=np.int64)
     face_across[side] = np.where(flat[edge], both[edge] - side // 3, -1)
 
@@ -113,7 +121,7 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
     origin, along = np.concatenate([edge_ends[:, 0], edge_ends[:, 1]]), line[:, 3:6]
     order = np.argsort(origin, kind="stable")
     spoke = np.ascontiguousarray(np.concatenate([along, -along])[order])
-    spoke_start = np.concatenate([[0], np.cumsum(np.bincount(origin, minlength=len(place)))]).astype(np.int64)
+    spoke_start = _starts(origin, len(place))
 
     normal_at = np.zeros((len(place) if one_sided else 0, 3))
     if one_sided:
@@ -262,27 +270,9 @@ def _least_half_sine(triangle: FloatArray) -> FloatArray:
     return sine_and_cosine(0.5 * least)[0]
 
 
-class _Edges(NamedTuple):
-    """Edges of triangles: of S sides of triangles that have two ends, and of E edges.
-
-    Attributes:
-        side: Number of each side, 3 · triangle + corner, shape (S,).
-        ends: Its corners, shape (S, 2).
-        edge: Its edge, shape (S,).
-        first: The first side of each edge, among the S, shape (E,).
-        edge_ends: Corners of each edge, the lower one first, shape (E, 2).
-        line: Fields of each edge, shape (E, EDGE_FIELDS).
-    """
-
-    side: IntArray
-    ends: IntArray
-    edge: IntArray
-    first: IntArray
-    edge_ends: IntArray
-    line: FloatArray
-
-
-def _edges(place: FloatArray, corners: IntArray) -> _Edges:
+def _edges(place: FloatArray, corners: IntArray) -> tuple[IntArray, IntArray, IntArray, IntArray, IntArray, FloatArray]:
+    # Of the S sides of triangles that have two ends: number, 3 · triangle + corner, (S,), corners (S, 2), edge (S,). Of
+    # the E edges: the first side among the S (E,), corners, the lower one first (E, 2), fields (E, EDGE_FIELDS).
     ends = directed_edges(corners)
     side = np.flatnonzero(ends[:, 0] != ends[:, 1])
     ends = ends[side]
@@ -292,37 +282,12 @@ def _edges(place: FloatArray, corners: IntArray) -> _Edges:
     start, along = place[edge_ends[:, 0]], place[edge_ends[:, 1]] - place[edge_ends[:, 0]]
     length = np.linalg.norm(along, axis=1)[:, None]
     line = np.ascontiguousarray(np.concatenate([start, along / length, length], axis=1)).reshape(-1, EDGE_FIELDS)
-    return _Edges(side, ends, edge.reshape(-1), first, edge_ends, line)
+    return side, ends, edge.reshape(-1), first, edge_ends, line
 
 
-def _wings(
-    place: FloatArray, normal: FloatArray, ends: IntArray, edge: IntArray, edges: int
-) -> tuple[FloatArray, IntArray]:
-    # Of sides in the order of their edges the unit vector in the face, across the side and inward; and where the sides
-    # of each edge begin.
-    inward = np.cross(normal, place[ends[:, 1]] - place[ends[:, 0]])
-    inward /= np.linalg.norm(inward, axis=1)[:, None]
-    start = np.concatenate([[0], np.cumsum(np.bincount(edge, minlength=edges))]).astype(np.int64)
-    return np.ascontiguousarray(inward), start
-
-
-def _is_flat(wing: FloatArray, start: IntArray, slack: FloatArray) -> BoolArray:
-    # Where the gap between the two faces, as high as anything is felt, is no wider than what they reach beyond it.
-    two = np.diff(start) == 2
-    flat = np.zeros(len(two), dtype=bool)
-    first = start[:-1][two]
-    bend = np.linalg.norm(wing[first] + wing[first + 1], axis=1)
-    flat[two] = (bend < FLAT) & (HIGHEST * bend <= np.minimum(slack[first], slack[first + 1]))
-    return flat
-
-
-def _is_convex(wing: FloatArray, start: IntArray, normal: FloatArray) -> BoolArray:
-    # Seen from outside; what is not an edge of two faces counts as convex. The normals are of the wings' faces.
-    convex = np.ones(len(start) - 1, dtype=bool)
-    two = np.diff(start) == 2
-    first = start[:-1][two]
-    convex[two] = dot(wing[first], normal[first + 1]) < 0.0
-    return convex
+def _starts(group: IntArray, groups: int) -> IntArray:
+    # Where the members of each group begin, in the order of the groups, and the end.
+    return np.concatenate([[0], np.cumsum(np.bincount(group, minlength=groups))]).astype(np.int64)
 
 
 def _has_solid_behind(place: FloatArray, corners: IntArray) -> bool:

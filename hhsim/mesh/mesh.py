@@ -106,10 +106,8 @@ class Mesh:
 
     def transformed(self, rotation: ArrayLike, translation: ArrayLike) -> "Mesh":
         """Return the mesh moved by `rotation @ vertex + translation`; shapes (3, 3) and (3,) [m]."""
-        moved = matmul(self.vertices, np.asarray(rotation, dtype=np.float64).T) + np.asarray(
-            translation, dtype=np.float64
-        )
-        return replace(self, vertices=moved)
+        turned = matmul(self.vertices, np.asarray(rotation, dtype=np.float64).T)
+        return replace(self, vertices=turned + np.asarray(translation, dtype=np.float64))
 
 
 def require_usable_arrays(vertices: FloatArray, faces: IntArray, name: str) -> None:
@@ -178,23 +176,18 @@ def load_mesh(
         hint = "is --size wrong?" if size is not None else size_hint(longest * unit_length, unit)
         expected = f"expected {SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g} m for a hand; {hint}"
         raise MeshError(f"{path}: longest extent {longest * unit_length:.3g} m: {expected}")
-    if not solid:
-        mesh = replace(mesh, vertices=mesh.vertices * unit_length)
-        return replace(mesh, warnings=size_warnings(mesh, unit) if size is None else ())
-    thick = None if thickness is None else thickness / unit_length
-    surface = solid_surface(mesh.vertices, mesh.faces, str(path), unit_length, thick)
-    vertices, repairs = surface.vertices * unit_length, (*surface.merged, *surface.repairs)
-    mesh = replace(mesh, vertices=vertices, faces=surface.faces, repairs=repairs)
-    return replace(mesh, warnings=(*(size_warnings(mesh, unit) if size is None else ()), *surface.warnings))
-
-
-def size_warnings(mesh: Mesh, unit: str) -> tuple[str, ...]:
-    """Return a warning for a mesh that is too large or too small for a hand, most often by a wrong unit."""
+    warnings: tuple[str, ...] = ()
+    if solid:
+        thick = None if thickness is None else thickness / unit_length
+        surface = solid_surface(mesh.vertices, mesh.faces, str(path), unit_length, thick)
+        repairs, warnings = (*surface.merged, *surface.repairs), tuple(surface.warnings)
+        mesh = replace(mesh, vertices=surface.vertices, faces=surface.faces, repairs=repairs)
+    mesh = mesh.scaled(unit_length)
     longest = float(mesh.extent.max())
-    if SMALLEST_USUAL_EXTENT <= longest <= LARGEST_USUAL_EXTENT:
-        return ()
-    shown = f"{longest:.3g} m" if longest > 1.0 else f"{1000.0 * longest:.3g} mm"
-    return (f"longest extent {shown}: {size_hint(longest, unit)}",)
+    if size is None and not SMALLEST_USUAL_EXTENT <= longest <= LARGEST_USUAL_EXTENT:
+        shown = f"{longest:.3g} m" if longest > 1.0 else f"{1000.0 * longest:.3g} mm"
+        warnings = (f"longest extent {shown}: {size_hint(longest, unit)}", *warnings)
+    return replace(mesh, warnings=warnings)
 
 
 def size_hint(longest: float, unit: str) -> str:

@@ -103,11 +103,7 @@ def percent(share: float) -> str:
 def closed_surface(vertices: FloatArray, faces: IntArray, name: str, unit_length: float = 1.0) -> MeshInRepair:
     """Check a mesh and repair it to a closed surface, wound outward, whose winding number is 0 or 1.
 
-    Args:
-        vertices: Finite corners [unit of the source, as the surface that is returned], shape (V, 3).
-        faces: Valid indices, shape (F, 3), F > 0.
-        name: Name of the mesh in messages.
-        unit_length: Length of the unit [m].
+    Arguments as the fields of `MeshInRepair`: finite corners, and valid indices, F > 0.
 
     Raises:
         MeshError: No safe repair gives the mesh an inside.
@@ -115,7 +111,11 @@ def closed_surface(vertices: FloatArray, faces: IntArray, name: str, unit_length
     surface = MeshInRepair(vertices, faces, name, unit_length)
     merge_and_clean(surface)
     _drop_fragments(surface)
-    _wind_alike(surface)
+    surface.faces, turned, one_sided = alike_wound(surface.faces)
+    if one_sided:
+        raise surface.error("one-sided like a Möbius strip, so it has no inside")
+    if turned:
+        surface.repairs.append(f"turned {counted(turned, 'triangle')} wound against the neighbours")
     _close_holes(surface)
     _require_closed(surface)
     turn_outward(surface)
@@ -138,8 +138,7 @@ def merge_and_clean(surface: MeshInRepair) -> None:
 
 def _drop_useless_faces(surface: MeshInRepair) -> None:
     faces = surface.faces
-    a, b, c = faces.T
-    degenerate = (a == b) | (b == c) | (c == a)
+    degenerate = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     if degenerate.any():
         surface.repairs.append(f"removed {counted(int(degenerate.sum()), 'degenerate triangle')}")
         faces = faces[~degenerate]
@@ -156,7 +155,7 @@ def _once(faces: IntArray) -> BoolArray:
     """Mark the faces to keep so that none occurs twice, shape (F,).
 
     A face and its reverse cancel, unless most faces have their reverse: such a file holds both sides of one surface,
-        and one of each is kept.
+    and one of each is kept.
     """
     first = np.argmin(faces, axis=1)
     turned = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
@@ -165,13 +164,9 @@ def _once(faces: IntArray) -> BoolArray:
     count = np.bincount(group)
     net = np.bincount(group, weights=sign)
     both_sides = np.abs(net) < count
-    if 2 * np.count_nonzero(both_sides) > len(count):
-        wanted = np.ones(len(faces), dtype=bool)
-    else:
-        wanted = np.sign(net[group]) == sign
+    wanted = (np.sign(net[group]) == sign) | (2 * np.count_nonzero(both_sides) > len(count))
     keep = np.zeros(len(faces), dtype=bool)
-    candidates = np.flatnonzero(wanted)
-    keep[candidates[np.unique(group[wanted], return_index=True)[1]]] = True
+    keep[np.flatnonzero(wanted)[np.unique(group[wanted], return_index=True)[1]]] = True
     return keep
 
 
@@ -185,8 +180,7 @@ def _merge_near_vertices(surface: MeshInRepair) -> None:
         return
     distance = NEAR_VERTEX * surface.size
     vertices, faces = merged_vertices(surface.vertices, surface.faces, distance)
-    a, b, c = faces.T
-    faces = faces[(a != b) & (b != c) & (c != a)]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     if len(faces) and _open_edges(faces) < before:
         merged = len(surface.vertices) - len(vertices)
         surface.repairs.append(
@@ -215,14 +209,6 @@ def _drop_fragments(surface: MeshInRepair) -> None:
     surface.repairs.append(
         f"dropped {counted(int(small.sum()), 'loose open fragment')}, {100.0 * share:.2g} % of the surface"
     )
-
-
-def _wind_alike(surface: MeshInRepair) -> None:
-    surface.faces, turned, one_sided = alike_wound(surface.faces)
-    if one_sided:
-        raise surface.error("one-sided like a Möbius strip, so it has no inside")
-    if turned:
-        surface.repairs.append(f"turned {counted(turned, 'triangle')} wound against the neighbours")
 
 
 def _close_holes(surface: MeshInRepair) -> None:
@@ -263,8 +249,7 @@ def _require_closed(surface: MeshInRepair) -> None:
     _, count, balance = undirected_edges(surface.faces)
     if not np.any(balance):
         return
-    fanned = int(np.count_nonzero(count > 2))
-    open_edges = int(np.count_nonzero(count == 1))
+    fanned, open_edges = int(np.count_nonzero(count > 2)), int(np.count_nonzero(count == 1))
     faults = [f"{counted(fanned, 'edge')} shared by more than two triangles"] if fanned else []
     what = " and ".join(faults + ([counted(open_edges, "open edge")] if open_edges else []))
     raise surface.error(f"not watertight: {what or 'neighbours wound against each other'}; no safe repair")
@@ -340,11 +325,10 @@ def turn_outward(surface: MeshInRepair) -> None:
 def resolve_overlaps(surface: MeshInRepair) -> None:
     """Join parts that overlap, so that the winding number is 0 or 1; MeshError if a part crosses itself."""
     found = winding_faults(surface.vertices, surface.faces)
-    if found[0] and part_labels(surface.faces).max() > 0:
+    if found[0] and (parts := int(part_labels(surface.faces).max()) + 1) > 1:
         _require_sound_parts(surface)
         joined = _union_of_parts(surface)
         if joined is not None:
-            parts = int(part_labels(surface.faces).max()) + 1
             surface.vertices, surface.faces = joined
             left = int(part_labels(surface.faces).max()) + 1
             surface.repairs.append(f"joined {parts} overlapping parts into {left}")

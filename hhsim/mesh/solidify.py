@@ -112,9 +112,7 @@ def _solid(vertices: FloatArray, faces: IntArray, name: str, unit_length: float)
     if surface.repairs:
         source = np.ascontiguousarray(vertices[faces])
         share, distance = _assumed(surface, source, TOLERANCE * surface.size)
-        if share > _LEAST_REPORTED:
-            surface.repairs.append(_assumption(surface, share, distance))
-        _tell_outside(surface, source)
+        _tell_assumed(surface, source, share, distance)
     return surface
 
 
@@ -136,8 +134,7 @@ class _Border(NamedTuple):
     """Points (n, 3) on triangles (n,), the area of each, and the solid beside them.
 
     `front` and `back` mark points with the solid in front of the triangle and behind it; `turns` is the mean winding
-    number
-    of both sides: 1/2 between inside and outside, 0 where nothing is enclosed.
+    number of both sides: 1/2 between inside and outside, 0 where nothing is enclosed.
     """
 
     point: FloatArray
@@ -193,12 +190,14 @@ def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
     share, reach = _assumed(surface, source, max(TOLERANCE * size, out))
     if share > CAP_AREA / (1.0 + CAP_AREA):
         raise surface.error(f"{refusal}; and {100.0 * share:.0f} % of its surface would have to be assumed; {THICKEN}")
+    _tell_assumed(surface, source, share, reach)
+
+
+def _tell_assumed(surface: MeshInRepair, source: FloatArray, share: float, distance: float) -> None:
+    """Report the share of the surface that is assumed, and what of the file's surface lies outside of it."""
     if share > _LEAST_REPORTED:
-        surface.repairs.append(_assumption(surface, share, reach))
-    _tell_outside(surface, source)
-
-
-def _tell_outside(surface: MeshInRepair, source: FloatArray) -> None:
+        assumed = f"{100.0 * share:.2g} % of the surface is assumed"
+        surface.repairs.append(f"{assumed}, up to {surface.millimetres(distance)} from any triangle")
     bare, farthest = outside_solid(surface, source)
     if bare > _LEAST_REPORTED:
         surface.repairs.append(
@@ -263,12 +262,8 @@ def turned_outward(vertices: FloatArray, faces: IntArray, start: float) -> tuple
     After Takayama, Jacobson, Kavan and Sorkine-Hornung, "A simple method for correcting facet orientations in polygon
     meshes based on ray-casting" (2014): rays from both sides of each part; those that meet nothing count. A part that
     sees hardly anything from either side keeps its winding: it may be a cavity or a solid within a solid, and only the
-    author of the file knows.
-
-    Args:
-        vertices: Corners, shape (V, 3).
-        faces: Indices, shape (F, 3), wound in any way.
-        start: Distance of a ray's start from its triangle [unit of the vertices].
+    author of the file knows. Rays begin at a distance `start` from the triangle [unit of the vertices]; the faces are
+    wound in any way, shape (F, 3).
     """
     result = alike_wound(faces)[0].copy()
     label = part_labels(result)
@@ -280,7 +275,14 @@ def turned_outward(vertices: FloatArray, faces: IntArray, start: float) -> tuple
     part_area = np.bincount(label, weights=area, minlength=parts)
     number = np.maximum(LEAST_RAYS, np.ceil(RAYS * part_area / max(part_area.sum(), np.finfo(np.float64).tiny)))
     rng = np.random.default_rng(RAY_SEED)
-    face = _faces_by_area(area, label, number.astype(np.int64), rng)
+    # Random faces, by area within each part.
+    order = np.argsort(label, kind="stable")
+    reached = np.cumsum(area[order])
+    end = reached[np.searchsorted(label[order], np.arange(parts), side="right") - 1]
+    begin = np.concatenate([[0.0], end[:-1]])
+    part = np.repeat(np.arange(parts), number.astype(np.int64))
+    at = np.searchsorted(reached, begin[part] + rng.random(len(part)) * (end - begin)[part], side="right")
+    face = order[np.clip(at, 0, len(order) - 1)]
     place = random_points(vertices[result[face]], rng)
     direction = rng.normal(size=(len(face), 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
@@ -300,30 +302,14 @@ def turned_outward(vertices: FloatArray, faces: IntArray, start: float) -> tuple
     return result, int(np.count_nonzero((result != faces).any(axis=1)))
 
 
-def _faces_by_area(area: FloatArray, label: IntArray, number: IntArray, rng: np.random.Generator) -> IntArray:
-    """Random faces, by area within each part, as many for each part as `number` says."""
-    order = np.argsort(label, kind="stable")
-    reached = np.cumsum(area[order])
-    last = np.searchsorted(label[order], np.arange(len(number)), side="right") - 1
-    end = reached[last]
-    begin = np.concatenate([[0.0], end[:-1]])
-    part = np.repeat(np.arange(len(number)), number)
-    at = np.searchsorted(reached, begin[part] + rng.random(len(part)) * (end - begin)[part], side="right")
-    return np.asarray(order[np.clip(at, 0, len(order) - 1)])
-
-
 def slab_union(
     vertices: FloatArray, faces: IntArray, half: float, closed: IntArray, tolerance: float
 ) -> tuple[FloatArray, IntArray] | None:
     """Compute the surface of all within a distance of faces, joined with closed parts; None if these are no manifold.
 
-    Along the faces the distance is exact; around rims and creases it is up to 15 % less, where hulls replace spheres.
-
-    Args:
-        faces: Faces of the sheets, shape (F, 3).
-        half: Distance.
-        closed: Faces of closed parts, wound outward, shape (G, 3); G may be 0.
-        tolerance: Tolerance of the simplification.
+    Along the faces (F, 3) of the sheets the distance, `half`, is exact; around rims and creases it is up to 15 % less,
+    where hulls replace spheres. The `closed` parts (G, 3), G may be 0, are wound outward; the result is simplified to a
+    tolerance.
     """
     from manifold3d import Error, Manifold, Mesh64, OpType
 
@@ -412,7 +398,3 @@ def _assumed(surface: MeshInRepair, source: FloatArray, tolerance: float) -> tup
     distance = np.abs(mesh_signed_distance(bvh, point))
     far = distance > 2.0 * tolerance
     return float(area[far].sum() / area.sum()), float(distance.max())
-
-
-def _assumption(surface: MeshInRepair, share: float, distance: float) -> str:
-    return f"{100.0 * share:.2g} % of the surface is assumed, up to {surface.millimetres(distance)} from any triangle"

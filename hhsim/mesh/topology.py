@@ -189,16 +189,19 @@ def hole_caps(vertices: FloatArray, faces: IntArray) -> HoleCaps:
         # The plane of least squares: the first two right singular vectors span it, the third is its normal.
         axes = np.linalg.svd(offset, full_matrices=False)[2]
         flat = offset @ axes[:2].T
+        following = np.roll(flat, -1, axis=0)
+        turn = flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0]
         widths.append(float(np.ptp(flat[:, 0])))
         bends.append(float(np.abs(offset @ axes[2]).max()))
         if len(loop) == 3:
             caps.append(loop[::-1][None])
-        elif _sees_all(flat):
+        elif (turn > 0.0).all() or (turn < 0.0).all():
+            # The centroid sees each edge from the same side.
             index = len(vertices) + len(centers)
             caps.append(np.stack([np.full(len(loop), index), np.roll(loop, -1), loop], axis=1))
             centers.append(center)
         else:
-            caps.append(_ears(loop, flat))
+            caps.append(_ears(loop, flat, float(turn.sum()) > 0.0))
     return HoleCaps(
         np.concatenate([vertices, np.array(centers).reshape(-1, 3)]),
         np.concatenate([np.empty((0, 3), dtype=np.int64), *caps]),
@@ -207,19 +210,10 @@ def hole_caps(vertices: FloatArray, faces: IntArray) -> HoleCaps:
     )
 
 
-def _sees_all(flat: FloatArray) -> bool:
-    """True if the centroid of a polygon about the origin, shape (n, 2), sees each edge from the same side."""
-    following = np.roll(flat, -1, axis=0)
-    turn = flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0]
-    return bool((turn > 0.0).all() or (turn < 0.0).all())
-
-
-def _ears(loop: IntArray, flat: FloatArray) -> IntArray:
-    """Triangles between a loop's own vertices, wound against the loop."""
+def _ears(loop: IntArray, flat: FloatArray, forward: bool) -> IntArray:
+    """Triangles between a loop's own vertices, wound against the loop, which turns forward in its plane or not."""
     from manifold3d import triangulate
 
-    following = np.roll(flat, -1, axis=0)
-    forward = float((flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0]).sum()) > 0.0
     order = np.arange(len(loop)) if forward else np.arange(len(loop))[::-1]
     triangles = loop[order][np.asarray(triangulate([np.ascontiguousarray(flat[order])]), dtype=np.int64)]
     return triangles[:, ::-1] if forward else triangles

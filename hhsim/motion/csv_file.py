@@ -155,24 +155,18 @@ def _phases(names: Sequence[str], time: FloatArray) -> tuple[Phase, ...]:
 
     A run ends at the stamp after it, the last one at the last stamp.
     """
-    found = []
-    start = 0
-    for index in range(1, len(names) + 1):
-        if index == len(names) or names[index] != names[start]:
-            if names[start]:
-                found.append(Phase(names[start], float(time[start]), float(time[min(index, len(names) - 1)])))
-            start = index
-    return tuple(found)
+    starts = [k for k in range(len(names)) if k == 0 or names[k] != names[k - 1]]
+    runs = zip(starts, [*starts[1:], len(names) - 1])
+    return tuple(Phase(names[k], float(time[k]), float(time[end])) for k, end in runs if names[k])
 
 
 def _phase_names(trajectory: Trajectory) -> list[str]:
     """Return the phase of each sample, "" if there is none."""
     names = [""] * trajectory.sample_count
-    last = trajectory.phases[-1]
     for phase in trajectory.phases:
         first = int(np.searchsorted(trajectory.time, phase.start_time, side="left"))
         end = int(np.searchsorted(trajectory.time, phase.end_time, side="left"))
-        if phase is last and phase.end_time >= trajectory.time[-1]:
+        if phase is trajectory.phases[-1] and phase.end_time >= trajectory.time[-1]:
             end = trajectory.sample_count
         names[first:end] = [phase.name] * (end - first)
     return names

@@ -175,7 +175,11 @@ def _fields(file: h5py.File) -> dict[str, Any]:
         fields["flags"] = _get(file, "flags")
     rows = zip(*columns.values(), strict=True)
     fields["phases"] = tuple(Phase(str(name), float(start), float(end)) for name, start, end in rows)
-    fields["raw"] = tuple(_raw_channel(file, key) for key in file.get("raw", ()))
+    told = ((key, file[f"raw/{key}"].attrs) for key in file.get("raw", ()))
+    fields["raw"] = tuple(
+        RawChannel(key, _get(file, f"raw/{key}"), *(str(said.get(name, "")) for name in ("units", "long_name")))
+        for key, said in told
+    )
     return fields
 
 
@@ -188,9 +192,3 @@ def _get(file: h5py.File, key: str) -> Any:
         return dataset.asstr()[()] if h5py.check_string_dtype(dataset.dtype) else dataset[()]
     except OSError as error:
         raise TrajectoryError(f"dataset {key} is damaged: {str(error).splitlines()[0]}") from None
-
-
-def _raw_channel(file: h5py.File, key: str) -> RawChannel:
-    attributes = file[f"raw/{key}"].attrs
-    words = (str(attributes.get(name, "")) for name in ("units", "long_name"))
-    return RawChannel(key, _get(file, f"raw/{key}"), *words)

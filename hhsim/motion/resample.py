@@ -39,14 +39,10 @@ def on_stamp(time: FloatArray, ticks: FloatArray, newest: IntArray) -> BoolArray
 
 
 def monotone_slopes(time: FloatArray, values: FloatArray) -> FloatArray:
-    """Compute the slopes of the shape-preserving cubic at the samples [1/s], shape (T, C).
+    """Compute the slopes [1/s] of the shape-preserving cubic at samples (T, C) of increasing stamps (T,) [s], T >= 2.
 
     They are zero at every local extremum, else the weighted harmonic mean of the neighbouring secants, which keeps
     every interval monotone.
-
-    Args:
-        time: Increasing stamps [s], shape (T,), T >= 2.
-        values: Samples, shape (T, C).
     """
     step = np.diff(time)[:, None]
     secant = np.diff(values, axis=0) / step
@@ -54,20 +50,16 @@ def monotone_slopes(time: FloatArray, values: FloatArray) -> FloatArray:
         return np.repeat(secant, 2, axis=0)
     slopes = np.zeros_like(values)
     before, after = secant[:-1], secant[1:]
-    weight_before = 2.0 * step[1:] + step[:-1]
-    weight_after = step[1:] + 2.0 * step[:-1]
+    weight_before, weight_after = 2.0 * step[1:] + step[:-1], step[1:] + 2.0 * step[:-1]
     # Signs, not the product: the product of two tiny secants underflows to zero.
     turning = np.sign(before) * np.sign(after) <= 0.0
-    first = np.where(turning, 1.0, before)
-    second = np.where(turning, 1.0, after)
-    total = weight_before + weight_after
-    # In ratio form the mean cannot overflow when the secants are tiny.
-    ratio = np.minimum(np.abs(first), np.abs(second)) / np.maximum(np.abs(first), np.abs(second))
+    first, second = np.where(turning, 1.0, before), np.where(turning, 1.0, after)
     swapped = np.abs(first) > np.abs(second)
-    small = np.where(swapped, second, first)
-    weight_small = np.where(swapped, weight_after, weight_before)
-    weight_large = total - weight_small
-    slopes[1:-1] = np.where(turning, 0.0, small * total / (weight_small + weight_large * ratio))
+    small, large = np.where(swapped, second, first), np.where(swapped, first, second)
+    total, weight = weight_before + weight_after, np.where(swapped, weight_after, weight_before)
+    # In ratio form the mean cannot overflow when the secants are tiny.
+    harmonic = small * total / (weight + (total - weight) * (np.abs(small) / np.abs(large)))
+    slopes[1:-1] = np.where(turning, 0.0, harmonic)
     slopes[0] = _end_slope(step[0], step[1], secant[0], secant[1])
     slopes[-1] = _end_slope(step[-1], step[-2], secant[-1], secant[-2])
     return slopes
@@ -82,12 +74,9 @@ def _end_slope(step: FloatArray, next_step: FloatArray, secant: FloatArray, next
 
 
 def interpolate_monotone(time: FloatArray, values: FloatArray, ticks: FloatArray) -> FloatArray:
-    """Evaluate the shape-preserving cubic through the samples, shape (N, …), each within its two neighbours' range.
+    """Evaluate the shape-preserving cubic through samples (T, …) at ticks (N,) [s], each within its neighbours' range.
 
-    Args:
-        time: Increasing stamps [s], shape (T,).
-        values: Samples, shape (T, …), any unit.
-        ticks: Times [s], shape (N,); those after the last stamp take the last sample.
+    The stamps (T,) [s] increase; ticks after the last one take the last sample.
     """
     flat = values.reshape(values.shape[0], -1)
     newest = newest_sample(time, ticks)
@@ -107,12 +96,9 @@ def interpolate_monotone(time: FloatArray, values: FloatArray, ticks: FloatArray
 
 
 def interpolate_orientation(time: FloatArray, quaternions: FloatArray, ticks: FloatArray) -> FloatArray:
-    """Interpolate between neighbouring samples along the shorter great arc (slerp), unit quaternions of shape (N, 4).
+    """Interpolate unit quaternions (T, 4), w x y z, along the shorter great arc (slerp) at ticks (N,) [s]; (N, 4).
 
-    Args:
-        time: Increasing stamps [s], shape (T,).
-        quaternions: Unit, (w, x, y, z), shape (T, 4).
-        ticks: Times [s], shape (N,).
+    The stamps (T,) [s] increase.
     """
     newest = newest_sample(time, ticks)
     out = quaternions[newest]

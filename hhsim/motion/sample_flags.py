@@ -59,8 +59,7 @@ MENDED = (
 
 def marked(flags: NDArray[np.uint32], flag: SampleFlag) -> BoolArray:
     """Return True where any bit of `flag` is set, shape (T,)."""
-    found: BoolArray = (flags & np.uint32(flag.value)) != 0
-    return found
+    return np.asarray((flags & np.uint32(flag.value)) != 0)
 
 
 def mark(flags: NDArray[np.uint32], where: BoolArray, flag: SampleFlag) -> None:

@@ -6,7 +6,7 @@ distal. Positive flexion curls towards the palm, positive abduction turns a fing
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple, Self, get_args
+from typing import Any, Literal, NamedTuple, Self, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +27,7 @@ from hhsim.system.counted import counted
 HandSide = Literal["", "right", "left"]
 Checksums = Literal["", "held", "missing"]
 ResampleMode = Literal["interpolate", "hold"]
+_Motion = TypeVar("_Motion", "TickInput", "Trajectory")
 
 UNCHECKED = "not every number of the recording has a checksum: damage may pass as motion"
 """Warning for a recording whose `checksums` are missing."""
@@ -125,12 +126,7 @@ class TickInput:
 
     def seen_from_object(self) -> "TickInput":
         """Return the hand in the frame that moves with the object, and is the world's at the first tick."""
-        carrier = self.object_motion
-        if carrier is None:
-            return self
-        moved = carrier.since(carrier.position[0], carrier.orientation[0])
-        seen = moved.seen_points(self.position), moved.seen_orientations(self.orientation)
-        return replace(self, position=seen[0], orientation=seen[1], object_motion=None)
+        return _seen_from_object(self)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -290,12 +286,7 @@ class Trajectory:
         return TickInput(ticks, newest, position, orientation, flexion, abduction, phases, float(rate), carrier)
 
     def placed(self, object_position: ArrayLike, object_orientation: ArrayLike) -> Self:
-        """Return the same motion beside an object that stands still at another pose.
-
-        Args:
-            object_position: Position [m], shape (3,), world.
-            object_orientation: Quaternion (w, x, y, z), shape (4,).
-        """
+        """Return it beside an object that stands still elsewhere: world, [m], shape (3,), (w, x, y, z), shape (4,)."""
         return replace(
             self,
             object_position=as_numbers("object_position", object_position),
@@ -303,13 +294,18 @@ class Trajectory:
             object_motion=None,
         )
 
-    def seen_from_object(self) -> Self:
+    def seen_from_object(self) -> "Trajectory":
         """Return the motion in the frame that moves with the object, and is the world's at the first sample."""
-        if self.object_motion is None:
-            return self
-        moved = self.object_motion.since(self.object_position, self.object_orientation)
-        seen = moved.seen_points(self.position), moved.seen_orientations(self.orientation)
-        return replace(self, position=seen[0], orientation=seen[1], object_motion=None)
+        return _seen_from_object(self)
+
+
+def _seen_from_object(motion: _Motion) -> _Motion:
+    carrier = motion.object_motion
+    if carrier is None:
+        return motion
+    moved = carrier.since(carrier.position[0], carrier.orientation[0])
+    seen = moved.seen_points(motion.position), moved.seen_orientations(motion.orientation)
+    return replace(motion, position=seen[0], orientation=seen[1], object_motion=None)
 
 
 def _rows(label: str, given: ArrayLike, time: FloatArray, tail: tuple[int, ...]) -> FloatArray:

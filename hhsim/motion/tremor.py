@@ -47,11 +47,7 @@ class Disturbance:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Disturb position, orientation and flexion; those without a disturbance are the given arrays.
 
-        Args:
-            time: Stamps [s], shape (T,).
-            position: Palm origin [m], shape (T, 3), world.
-            orientation: Unit (w, x, y, z), shape (T, 4).
-            flexion: Joint angles [rad], shape (T, 5, 3).
+        All but the seed are as in `hhsim.motion.trajectory.Trajectory`.
         """
         # One stream for each part, so that switching one on leaves the others as they were.
         streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)]
@@ -77,8 +73,7 @@ class Disturbance:
         # The longer half axis: the largest singular value.
         square = 0.5 * (dot(a, a) + dot(b, b) + norm([dot(a, a) - dot(b, b), 2.0 * dot(a, b)]))
         axes *= amplitude / np.sqrt(square)
-        phase = 2.0 * math.pi * self.tremor_frequency * time
-        sine, cosine = sine_and_cosine(phase)
+        sine, cosine = sine_and_cosine(2.0 * math.pi * self.tremor_frequency * time)
         return np.asarray(sine[:, None] * axes[:, 0] + cosine[:, None] * axes[:, 1])
 
     @property

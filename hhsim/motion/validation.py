@@ -14,11 +14,7 @@ UNIT_TOLERANCE = 4.0 * float(np.finfo(np.float64).eps)
 
 
 def as_numbers(label: str, given: ArrayLike, shape: tuple[int, ...] | None = None, expected: str = "") -> FloatArray:
-    """Return a float64 copy, C-contiguous.
-
-    Args:
-        shape: Shape of the array; None for any.
-        expected: Text about the shape that would be right, for the message.
+    """Return a float64 copy, C-contiguous, of any shape by default; messages may name the right one as `expected`.
 
     Raises:
         TrajectoryError: No array of numbers, or one of another shape.

@@ -205,11 +205,7 @@ def read_column_map(path: Path) -> ColumnMap:
 
 
 def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
-    """Make the recording of a table by its mapping.
-
-    Args:
-        name: Name of the recording if the mapping has none.
-        form: Name of the format.
+    """Make the recording of a table by its mapping; `name` is its name if the mapping has none, `form` its format's.
 
     Raises:
         TrajectoryError: A column holds no numbers.
@@ -230,10 +226,10 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     else:
         time = np.arange(count) / (columns.rate or 1.0)
         findings.append(note(f"no column of stamps: made from the rate, {columns.rate:g} Hz"))
-    position = np.zeros((count, 3))
     if columns.position is not None:
         position = numbers(columns.position.columns, LENGTH_UNITS[columns.position.unit or "m"])
     else:
+        position = np.zeros((count, 3))
         findings.append(note(NO_PLACE))
     orientation = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
     if columns.orientation is not None:

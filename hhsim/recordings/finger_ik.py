@@ -23,7 +23,6 @@ def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatA
     Args:
         bones: Directions of the three bones of each finger from base to tip (thumb: metacarpal first), palm frame, any
             length, NaN where missing, shape (T, 5, 3, 3).
-        side: Side of the hand; a left hand is the mirror.
 
     Returns:
         Flexion [rad], shape (T, 5, 3); abduction [rad], shape (T, 5); angle between each bone and its fit [rad], shape
@@ -71,11 +70,8 @@ def finger_joints(
 ) -> FloatArray:
     """Compute joints and tips of fingers of any size in a posture [m], palm frame, shape (T, 5, 4, 3).
 
-    Args:
-        base: First joint of each finger [m], palm frame, shape (5, 3).
-        length: Lengths of its bones [m], shape (5, 3).
-        flexion: Joint angles [rad], shape (T, 5, 3).
-        abduction: Joint angles [rad], shape (T, 5).
+    `base` has the fingers' first joints and `length` their bones' lengths [m], shape (5, 3) each; the angles [rad] have
+    the shapes (T, 5, 3) and (T, 5).
     """
     distal, dorsal, across = finger_axes(side)
     turn = abduction[..., None]
@@ -94,9 +90,7 @@ def _within_turn(angle: FloatArray) -> FloatArray:
 def palm_rotation(fingers: FloatArray, back: FloatArray) -> FloatArray:
     """Compute the palm frame from two directions, as quaternions (w, x, y, z), shape (T, 4); NaN where one is missing.
 
-    Args:
-        fingers: Direction to the fingers, any length, shape (T, 3).
-        back: Direction out of the back of the hand, roughly normal to it, shape (T, 3).
+    They point to the fingers, and out of the back, roughly normal to that; any length, shape (T, 3).
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         y = fingers / np.linalg.norm(fingers, axis=1, keepdims=True)
@@ -111,9 +105,7 @@ def palm_rotation(fingers: FloatArray, back: FloatArray) -> FloatArray:
 def palm_from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) -> FloatArray:
     """Compute the palm frame from wrist and knuckles, as quaternions (w, x, y, z), shape (T, 4).
 
-    Args:
-        knuckles: First joints of index to little finger, any unit, shape (T, 4, 3).
-        wrist: Centre of the wrist, shape (T, 3).
+    The knuckles, of index to little finger, have shape (T, 4, 3), the wrist's centre (T, 3), both any unit.
     """
     return quaternion_product(_from_knuckles(knuckles, wrist, side), palm_in_knuckles(side))
 
@@ -137,9 +129,7 @@ def _from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) -> F
 def palm_origin(knuckles: FloatArray, orientation: FloatArray, side: HandSide) -> FloatArray:
     """Compute the palm origin that puts the centre of the model's knuckles at that of recorded ones [m], shape (T, 3).
 
-    Args:
-        knuckles: First joints of index to little finger [m], shape (T, 4, 3).
-        orientation: Palm frame in the same frame, unit (w, x, y, z), shape (T, 4).
+    These are of index to little finger, shape (T, 4, 3); the palm's orientation is a unit (w, x, y, z), shape (T, 4).
     """
     return np.asarray(knuckles.mean(axis=1) - turned(orientation, middle_of_knuckles(side)))
 

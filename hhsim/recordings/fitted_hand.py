@@ -6,7 +6,6 @@ import numpy as np
 
 from hhsim.errors import OutputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.hand_file import format_hand_file
 from hhsim.hand.model import (
     BREADTH_PER_LENGTH,
     DEFAULT_HAND_LENGTH,
@@ -14,6 +13,7 @@ from hhsim.hand.model import (
     MIRROR,
     HandModel,
     default_fingers,
+    format_hand_file,
 )
 from hhsim.recordings.finger_ik import usual_fingers
 from hhsim.recordings.frames import turned
@@ -30,12 +30,9 @@ SHORTEST = 0.004
 def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
     """Fit a hand to the joint centres of a recording: its bones, and its radii or radii in proportion to it.
 
-    Args:
-        source: Name of the recording, for the first line of the hand file.
-
     Returns:
         The recording with its palm moved so that the hand's knuckles are the recorded ones, and the text of a hand file
-        with a right hand, or the mirror of a left one.
+        with a right hand, or the mirror of a left one, whose first line names the source.
 
     Raises:
         TrajectoryError: No joint centres, or bones that are no hand's.

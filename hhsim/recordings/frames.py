@@ -20,9 +20,7 @@ WORLD_UP = ("x", "y", "z", "-x", "-y", "-z")
 def axes_matrix(axes: Sequence[str], where: str = "palm axes") -> FloatArray:
     """Return the rotation from our frame to the recording's, shape (3, 3): its columns are our axes in the recording's.
 
-    Args:
-        axes: Our x, y, z, each as one of x, y, z, -x, -y, -z of the recording.
-        where: Name of the axes in messages.
+    `axes` are our x, y, z, each as one of x, y, z, -x, -y, -z of the recording; messages name them as `where` says.
 
     Raises:
         InputError: Not three perpendicular axes, or a left-handed frame.
@@ -100,13 +98,8 @@ def quaternions_of(matrix: FloatArray) -> FloatArray:
 def posed_tree(parents: Sequence[int], rest: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Compute the motion x ↦ rotation · x + shift of each joint of a tree; it turns all that follows it about itself.
 
-    Args:
-        parents: Parent of each joint, -1 for none; parents come before their children.
-        rest: Positions at rest, shape (J, 3).
-        turns: Rotation of each joint about its position, a matrix, shape (T, J, 3, 3).
-
-    Returns:
-        Rotations, shape (T, J, 3, 3), and shifts in the unit of `rest`, shape (T, J, 3).
+    Parents come before their children, -1 is none. `rest` has the positions at rest, shape (J, 3), `turns` and the
+    result rotation matrices, shape (T, J, 3, 3); the shifts, shape (T, J, 3), have the unit of `rest`.
     """
     rotation, shift = np.empty_like(turns), np.empty(turns.shape[:3])
     for joint, parent in enumerate(parents):

@@ -28,8 +28,7 @@ UNITY = np.array([1.0, 1.0, -1.0])
 def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[HandSide, list[Finding]]:
     """Return the wanted hand, else the one of more samples (of equals the right one), and findings about it.
 
-    Args:
-        samples: Number of samples of each hand in the file; "" is a hand of no stated side.
+    `samples` has the number of samples of each hand in the file; "" is a hand of no stated side.
 
     Raises:
         TrajectoryError: The wanted hand is not in the file.
@@ -46,10 +45,7 @@ def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[Hand
 def frames_with_hand(
     frames: Sequence[Collection[HandSide]], wanted: HandSide
 ) -> tuple[HandSide, list[int], list[Finding]]:
-    """Return a hand as `chosen_side`, the indices of the frames that show it, and findings about both.
-
-    Args:
-        frames: Sides of the hands in each frame.
+    """Return a hand as `chosen_side`, the indices of the frames, by their hands, that show it, and findings about both.
 
     Raises:
         TrajectoryError: The wanted hand is in no frame, or no frame has a hand.
@@ -67,8 +63,7 @@ def frames_with_hand(
 def known_side(points: FloatArray, hand: HandSide, findings: list[Finding]) -> HandSide:
     """Return the side of the hand, as stated or by the bend of its fingers; add what is doubtful to `findings`."""
     if not hand:
-        side = bends_as(points)
-        if not side:
+        if not (side := bends_as(points)):
             raise TrajectoryError("the file names no hand, and its fingers are too straight to tell: say --hand")
         text = f"the file does not say which hand it is: a {side} one by the bend of its fingers; else say --hand"
         findings.append(note(text))
@@ -84,8 +79,7 @@ def known_side(points: FloatArray, hand: HandSide, findings: list[Finding]) -> H
 def bends_as(points: FloatArray) -> HandSide:
     """Return the side of a hand in a right-handed world by the bend of its fingers; "" if they are too straight.
 
-    Args:
-        points: Joints in the order of `KEYPOINTS`, any unit, shape (T, 21, 3).
+    The points are joints in the order of `KEYPOINTS`, any unit, shape (T, 21, 3).
     """
     bend = {side: _bend(points, side) for side in SIDES}
     side = max(SIDES, key=lambda each: bend[each])
@@ -94,8 +88,7 @@ def bends_as(points: FloatArray) -> HandSide:
 
 def looks_as(points: FloatArray) -> HandSide:
     """Return the side of a hand by the bend of its fingers, else by its thumb; arguments as of `bends_as`."""
-    side = bends_as(points)
-    if side:
+    if side := bends_as(points):
         return side
     above = {side: _thumb_above(points, side) for side in SIDES}
     side = min(SIDES, key=lambda each: above[each])
@@ -111,19 +104,18 @@ def in_right_handed_world(points: FloatArray, hand: HandSide, findings: list[Fin
     seen = looks_as(points)
     if not hand or seen == hand:
         return points
-    if not seen:
+    if seen:
+        text = (
+            f"the {hand} hand of the file is the mirror of one: its coordinates are left-handed, as Unity's, and z is "
+            "turned round; if it is the other hand, say --mirror"
+        )
+    else:
         text = (
             "its fingers are too straight, and its thumb too level with them, to tell whether its coordinates are "
             "left-handed, as Unity's: taken for right-handed"
         )
-        findings.append(note(text))
-        return points
-    text = (
-        f"the {hand} hand of the file is the mirror of one: its coordinates are left-handed, as Unity's, and z is "
-        "turned round; if it is the other hand, say --mirror"
-    )
     findings.append(note(text))
-    return np.asarray(points * UNITY)
+    return np.asarray(points * UNITY) if seen else points
 
 
 def _bend(points: FloatArray, side: HandSide) -> float:
@@ -131,9 +123,7 @@ def _bend(points: FloatArray, side: HandSide) -> float:
     fingers = points[:, 5:].reshape(-1, 4, 4, 3)
     orientation = palm_from_knuckles(fingers[:, :, 0], points[:, 0], side)
     chains = np.concatenate([fingers[:, :1], fingers], axis=1)
-    flexion, _, _ = finger_angles(in_palm(np.diff(chains, axis=2), orientation), side)
-    values = flexion[:, 1:][np.isfinite(flexion[:, 1:])]
-    return float(values.mean()) if values.size else 0.0
+    return _mean(finger_angles(in_palm(np.diff(chains, axis=2), orientation), side)[0][:, 1:])
 
 
 def _thumb_above(points: FloatArray, side: HandSide) -> float:
@@ -142,5 +132,10 @@ def _thumb_above(points: FloatArray, side: HandSide) -> float:
     from_wrist = in_palm(points - points[:, :1], orientation)
     with np.errstate(invalid="ignore", divide="ignore"):
         above = from_wrist[:, 2:5, 2] / np.linalg.norm(from_wrist[:, 9:10], axis=2)
-    values = above[np.isfinite(above)]
-    return float(values.mean()) if values.size else 0.0
+    return _mean(above)
+
+
+def _mean(values: FloatArray) -> float:
+    """Return the mean of the finite values, 0 without any."""
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else 0.0

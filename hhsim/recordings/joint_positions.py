@@ -118,12 +118,16 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
         text = "no world frame: the wrist stands still and level; if there is one, say its up axis with --world-up"
         # Where the palm is missing it stays so: that sample says nothing of the fingers either.
         lost = np.isnan(posture.orientation).any(axis=1, keepdims=True)
-        position = np.where(lost, np.nan, np.zeros(3))
-        orientation = np.where(lost, np.nan, np.array([1.0, 0.0, 0.0, 0.0]))
+        position, orientation = (np.where(lost, np.nan, still) for still in ([0.0] * 3, [1.0, 0.0, 0.0, 0.0]))
     else:
         text = f"world {up} up; the palm follows from the wrist and the knuckles"
         position, orientation = to_our_world(posture.position, posture.orientation, up)
-    findings += [note(text), *_held(joints.position)]
+    findings.append(note(text))
+    same = (joints.position[1:] == joints.position[:-1]).all(axis=(1, 2))
+    if same.size and same.mean() > MOST_REPEATED:
+        device = f"the device gives {100 * (1 - same.mean()):.0f} of 100 anew and holds the others"
+        held = f"{int(same.sum())} of {len(joints.position)} samples repeat the one before: {device}; left as they are"
+        findings.append(note(held))
     recording = Recording(
         time=time,
         position=position,
@@ -214,12 +218,3 @@ def _scale(joints: JointPositions, options: ReadOptions, findings: list[Finding]
     )
     findings.append(note(text))
     return wanted / length
-
-
-def _held(position: FloatArray) -> list[Finding]:
-    """Return a finding about samples that repeat the one before."""
-    same = (position[1:] == position[:-1]).all(axis=(1, 2))
-    if not same.size or same.mean() <= MOST_REPEATED:
-        return []
-    device = f"the device gives {100 * (1 - same.mean()):.0f} of 100 anew and holds the others"
-    return [note(f"{int(same.sum())} of {len(position)} samples repeat the one before: {device}; left as they are")]

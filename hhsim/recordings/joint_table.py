@@ -40,10 +40,7 @@ def located(joints: Mapping[str, Mapping[str, str]]) -> set[str]:
 def joints_of_table(
     table: Table, names: Mapping[str, JointName], form: str, options: ReadOptions, *, may_be_mirrored: bool = False
 ) -> JointPositions:
-    """Return the joint centres of the hand of the options, else of the one with more columns.
-
-    Args:
-        names: Meaning of each column of a joint.
+    """Return the joint centres of the hand of the options, else of the one with more columns, whose meanings are given.
 
     Raises:
         TrajectoryError: No joints, no such hand, or one of the 21 joints is missing.

@@ -74,11 +74,8 @@ class ManoModel:
     ) -> FloatArray:
         """Compute the 21 joints of poses [m] in the order of `hhsim.recordings.joint_names.KEYPOINTS`, (T, 21, 3).
 
-        Args:
-            rotation: Rotation vector of the wrist [rad], shape (T, 3).
-            pose: Rotation vectors of the 15 joints from the flat hand [rad], shape (T, 45).
-            translation: Translation [m], shape (T, 3).
-            betas: Coefficients of the shape, at most 10.
+        The rotation vectors [rad] are of the wrist, shape (T, 3), and, in `pose`, of the 15 joints from the flat hand,
+        shape (T, 45); the translation [m] has shape (T, 3), `betas` at most 10 coefficients of the shape.
         """
         shape = np.zeros(SHAPES)
         shape[: len(betas)] = betas

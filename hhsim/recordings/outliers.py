@@ -66,10 +66,7 @@ FROZEN_RUN = 5
 
 
 def repair_glitches(recording: Recording) -> Recording:
-    """Replace outliers by NaN, and flag jumps and suspect samples.
-
-    Args:
-        recording: Recording with increasing stamps, in SI units.
+    """Replace outliers by NaN, and flag jumps and suspect samples, in a recording with increasing stamps, SI units.
 
     Raises:
         TrajectoryError: Jumps all over: the rows are no motion.
@@ -102,7 +99,7 @@ def _without_outliers(recording: Recording, kind: Kind) -> Recording:
         valid = np.isfinite(part).all(axis=1)
         if kind is ORIENTATION:
             valid &= np.linalg.norm(np.nan_to_num(part), axis=1) > 0.0
-        vector = partial(_turn_between if kind is ORIENTATION else _difference, part)
+        vector = partial(_way, part, kind)
         outliers, jumps, most = impossible(recording.time, np.flatnonzero(valid), vector, kind)
         bad[:, first : first + width] = outliers[:, None]
         jump |= jumps
@@ -112,24 +109,16 @@ def _without_outliers(recording: Recording, kind: Kind) -> Recording:
     return _judged(recording, kind, np.asarray(bad.any(axis=1)), jump, worst, changed)
 
 
-def _difference(values: FloatArray, a: IntArray, b: IntArray) -> FloatArray:
-    """Return the vectors from samples a to samples b of values, shape (T, C)."""
-    return np.asarray(values[b] - values[a])
-
-
-def _turn_between(quaternions: FloatArray, a: IntArray, b: IntArray) -> FloatArray:
-    """Return the rotation vectors from samples a to samples b [rad] of quaternions, shape (T, 4)."""
-    return turn(quaternions[a], quaternions[b])
+def _way(values: FloatArray, kind: Kind, a: IntArray, b: IntArray) -> FloatArray:
+    """Return the vectors from samples a to samples b of values, shape (T, C); of quaternions rotation vectors [rad]."""
+    return turn(values[a], values[b]) if kind is ORIENTATION else np.asarray(values[b] - values[a])
 
 
 def impossible(time: FloatArray, index: IntArray, vector: Vectors, kind: Kind) -> tuple[BoolArray, BoolArray, float]:
     """Return masks of outliers and of samples after a jump, and the largest deviation of an outlier.
 
-    Args:
-        time: Stamps [s], increasing, shape (T,).
-        index: Samples that have a value.
-        vector: Function of two arrays of sample indices: the vectors between them, shape (N, C).
-        kind: Limits of a hand's motion.
+    The stamps [s], shape (T,), increase; the samples of `index` have a value; `vector` gives the vectors (N, C) between
+    those of two arrays of indices.
     """
     bad, jump = np.zeros(time.shape[0], dtype=bool), np.zeros(time.shape[0], dtype=bool)
     worst = 0.0
@@ -146,13 +135,7 @@ def impossible(time: FloatArray, index: IntArray, vector: Vectors, kind: Kind) -
 
 
 def _runs(
-    time: FloatArray,
-    index: IntArray,
-    vector: Vectors,
-    kind: Kind,
-    fast: BoolArray,
-    bad: BoolArray,
-    jump: BoolArray,
+    time: FloatArray, index: IntArray, vector: Vectors, kind: Kind, fast: BoolArray, bad: BoolArray, jump: BoolArray
 ) -> float:
     """Mark runs that the main motion cannot reach, or jumps where they are too long to be outliers."""
     edges = [0, *(np.flatnonzero(fast) + 1).tolist(), index.size]
@@ -256,10 +239,7 @@ def _local_disorder(recording: Recording) -> BoolArray:
     index = np.arange(recording.sample_count)
     one = change(recording, index[:-1], index[1:])
     two = change(recording, index[:-2], index[2:])
-    width = 2 * WINDOW
-    kernel = np.ones(width)
-    ways = np.convolve(one[:-1], kernel, "same") / width
-    wide = np.convolve(two, kernel, "same") / width
+    ways, wide = (np.convolve(way, np.ones(2 * WINDOW), "same") / (2 * WINDOW) for way in (one[:-1], two))
     found = np.zeros(recording.sample_count, dtype=bool)
     found[1:-1] = (ways > SUSPECT_FLOOR) & (ways > MOST_DISORDER * wide)
     return found

@@ -53,11 +53,7 @@ class PoseLines:
 
 
 def read_pose_lines(text: str, key: str, wanted: HandSide) -> PoseLines:
-    """Read the poses of the wanted hand, else of the one in more lines (of equals the right one).
-
-    Args:
-        key: "joint_angles" or "pose".
-        wanted: Side that the user states; "" for none.
+    """Read the poses, under a key, of the wanted hand, or for "" of the one in more lines (of equals the right one).
 
     Raises:
         TrajectoryError: Other content, or no such hand in it.
@@ -114,9 +110,7 @@ def object_beside(
 ) -> tuple[ObjectMotion | None, Finding | None]:
     """Read the motion of an object from the table beside a recording, and the finding about it.
 
-    Args:
-        stamps: Stamps of the hand's samples [ns], shape (T,).
-        wanted: Uid of the object; None takes the only one, and of several none.
+    It is at the stamps of the hand's samples [ns], shape (T,). Without a wanted uid it is the only object's.
 
     Raises:
         InputError: There is no such object.

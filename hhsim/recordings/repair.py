@@ -203,33 +203,27 @@ def _holes_filled(
     lost = np.asarray(np.isnan(values).any(axis=1))
     if not lost.any():
         return values, lost
-    _check_holes(time, lost, max_gap, what)
-    good = np.flatnonzero(~lost)
-    if turns:
-        inside = np.clip(time, time[good[0]], time[good[-1]])
-        sound = continuous_orientation(values[good], time[good])
-        made = interpolate_orientation(time[good] - time[0], sound, inside - time[0])
-    else:
-        made = np.stack([np.interp(time, time[good], column[good]) for column in values.T], axis=1)
-    return np.where(lost[:, None], made, values), lost
-
-
-def _check_holes(time: FloatArray, lost: BoolArray, max_gap: float, what: str) -> None:
     if lost.all():
         raise TrajectoryError(f"{what} is missing in every sample; if there is none, leave it out of the mapping")
     if lost.mean() > MOST_FILLED:
         raise TrajectoryError(f"{what} is missing in {int(lost.sum())} of {lost.size} samples; too many to make up")
     good = np.flatnonzero(~lost)
-    holes = np.diff(time[good])
-    within = np.diff(good) > 1
-    ends = [(float(time[good[0]] - time[0]), float(time[0])), (float(time[-1] - time[good[-1]]), float(time[good[-1]]))]
-    inside = [(float(h), float(t)) for h, t in zip(holes[within], time[good[:-1]][within])]
-    length, place = max([*ends, *inside])
+    first, last = good[0], good[-1]
+    ends = [(time[first] - time[0], time[0]), (time[-1] - time[last], time[last])]
+    inside = np.flatnonzero(np.diff(good) > 1)
+    length, place = max(*ends, *zip(np.diff(time[good])[inside], time[good][inside]))
     if length > max_gap:
         raise TrajectoryError(
             f"{what} is missing for {length:.3g} s after {place:.6g} s: too long to bridge; cut a part out with --from "
             "and --to, or allow it with --max-gap"
         )
+    if turns:
+        within = np.clip(time, time[first], time[last])
+        sound = continuous_orientation(values[good], time[good])
+        made = interpolate_orientation(time[good] - time[0], sound, within - time[0])
+    else:
+        made = np.stack([np.interp(time, time[good], column[good]) for column in values.T], axis=1)
+    return np.where(lost[:, None], made, values), lost
 
 
 def _steady_signs(recording: Recording) -> Recording:

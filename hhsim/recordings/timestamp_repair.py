@@ -32,11 +32,7 @@ NOISE = 2e-3
 
 
 def repair_stamps(recording: Recording, max_gap: float) -> Recording:
-    """Return samples with strictly increasing stamps.
-
-    Args:
-        recording: Recording with stamps in seconds, in any state.
-        max_gap: Longest time without samples that may be bridged [s].
+    """Return samples with strictly increasing stamps, of stamps [s] in any state with gaps up to `max_gap` [s].
 
     Raises:
         TrajectoryError: Too many stamps are missing, repeat or contradict the motion, or a gap is too long.

@@ -159,7 +159,13 @@ class _Search(Closer):
         self.abduction = np.zeros(len(FINGERS))
         self.open = np.ascontiguousarray(OPEN_SHARE * np.minimum(hand.flexion_min, 0.0))
         self.fist = self.open + FIST_SHARE * (hand.flexion_max - self.open)
-        self.gap = self._gaps()
+        # What each body keeps while the open hand advances [m].
+        touches = script.palm_depth > 0.0
+        self.gap = np.full(BODY_COUNT, script.clearance + MARGIN)
+        for finger in self.fingers:
+            self.gap[3 * finger : 3 * finger + 3] = 0.0 if touches else MARGIN
+        if script.contact:
+            self.gap[PALM_BODY] = 0.0 if touches else max(script.palm_gap, script.clearance)
         self.aims = self._aims(hand.hand_length / DEFAULT_HAND_LENGTH)
 
     def best(self) -> FingerClosure:
@@ -190,17 +196,6 @@ class _Search(Closer):
             self._distances(closure.position, closure.rotation, flexion)
             tips.append(self.work.joints[self.fingers, 3].mean(axis=0))
         return level(tips[1] - tips[0], -closure.back)
-
-    def _gaps(self) -> FloatArray:
-        """Distance that each body keeps [m] while the open hand advances, shape (16,)."""
-        script = self.script
-        gap = np.full(BODY_COUNT, script.clearance + MARGIN)
-        touches = script.palm_depth > 0.0
-        for finger in self.fingers:
-            gap[3 * finger : 3 * finger + 3] = 0.0 if touches else MARGIN
-        if script.contact:
-            gap[PALM_BODY] = 0.0 if touches else max(script.palm_gap, script.clearance)
-        return gap
 
     def _aims(self, scale: float) -> list[FloatArray]:
         """Points of the palm plane that may come over the object's middle [m], palm frame, shape (3,) each."""
@@ -253,7 +248,13 @@ class _Search(Closer):
         palm_excess = float(at_contact[PALM_BODY] - self.gap[PALM_BODY])
         if self.script.palm_depth > 0.0:
             score -= min(40.0, palm_excess / 2e-4)
-            score += 6.0 * self._bearing(closure)
+            centers = np.column_stack([self.hand.palm_x, self.hand.palm_y, self.hand.palm_z])
+            places = [closure.position + matmul(closure.rotation, center) for center in centers]
+            near = [
+                kernel.sphere_distance(self.tree, place, radius, BEARING, self.work) < BEARING
+                for place, radius in zip(places, self.hand.palm_radius)
+            ]
+            score += 6.0 * float(np.mean(near))
         else:
             score -= min(10.0, palm_excess / 0.005)
         before = self.work.joints.copy()
@@ -310,18 +311,6 @@ class _Search(Closer):
         mean = [np.mean(side, axis=0) for side in sides]
         return float(norm(0.5 * (mean[0] + mean[1])))
 
-    def _bearing(self, closure: FingerClosure) -> float:
-        """Share of the palm's spheres that lie within `BEARING` of the object where the palm touches it."""
-        centers = np.column_stack([self.hand.palm_x, self.hand.palm_y, self.hand.palm_z])
-        near = [
-            kernel.sphere_distance(
-                self.tree, closure.position + matmul(closure.rotation, center), radius, BEARING, self.work
-            )
-            < BEARING
-            for center, radius in zip(centers, self.hand.palm_radius)
-        ]
-        return float(np.mean(near))
-
 
 def best_slide(script: Script, closure: FingerClosure, hand: HandArrays, tree: TreeArrays) -> tuple[FloatArray, float]:
     """Find the unit direction along the palm (3,), world, in which the fingers keep hold best, and its score.
@@ -355,8 +344,7 @@ def best_slide(script: Script, closure: FingerClosure, hand: HandArrays, tree: T
 
 def _finger_depth(distance: FloatArray) -> FloatArray:
     """Depth [m] of each finger in the object, negative outside, from body distances (16,); shape (5,)."""
-    depth: FloatArray = -distance[:PALM_BODY].reshape(len(FINGERS), 3).min(axis=1)
-    return depth
+    return np.asarray(-distance[:PALM_BODY].reshape(len(FINGERS), 3).min(axis=1))
 
 
 def level(direction: FloatArray, otherwise: FloatArray) -> FloatArray:

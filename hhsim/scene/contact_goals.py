@@ -84,10 +84,7 @@ class Shape(Settings, frozen=True):
         return np.asarray(inside != self.outside)
 
 
-Shapes = Annotated[tuple[Shape, ...], a_list("[{ box = [[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]] }]")]
-
-
-Region = tuple[Shape, ...]
+Region = Annotated[tuple[Shape, ...], a_list("[{ box = [[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]] }]")]
 """Region of an object: the intersection of its shapes."""
 
 
@@ -99,7 +96,7 @@ def holds(region: Region, points: FloatArray) -> BoolArray:
 @cache
 def object_regions(name: str) -> dict[str, Region]:
     """Return the regions of a catalogue object by name; most have none. InputError for an invalid description."""
-    return typed(object_description(name).get("regions", {}), dict[str, Shapes], f"objects/{name}.toml: regions")
+    return typed(object_description(name).get("regions", {}), dict[str, Region], f"objects/{name}.toml: regions")
 
 
 def object_region(name: str, region: str) -> Region:

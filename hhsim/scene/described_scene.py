@@ -108,13 +108,7 @@ def described_scene(
 ) -> PlacedScene:
     """Make a scene with its description, and place the object of a recording that is in no world.
 
-    Keypoints of a camera are such a recording.
-
-    Args:
-        mesh: Object [m], in its own frame.
-        tree: Its sphere tree, in the same frame.
-        motion: Motion of the hand; only a recording is placed.
-        fingers: Fingers that the scene uses.
+    Keypoints of a camera are such a recording. Mesh [m] and tree are in the object's own frame; `fingers` are used.
 
     Raises:
         TrajectoryError: The motion cannot be done on this object, or cannot be placed as demanded.

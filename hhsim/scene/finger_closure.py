@@ -198,12 +198,10 @@ class PlacedCloser(Closer):
         object_rotation: FloatArray | None = None,
         clear: Callable[[FloatArray, FloatArray, FloatArray], bool] | None = None,
     ) -> FingerClosure:
-        """Close the fingers with the palm at a place on the object.
+        """Close the fingers with the palm at a place on the object, which is at the origin and upright by default.
 
-        Args:
-            object_position: [m], shape (3,), world; None: the origin.
-            object_rotation: Object to world, shape (3, 3); None: upright.
-            clear: If it refuses position, rotation and open flexion of a place, the fingers stay open.
+        Its position [m] has shape (3,), world, its rotation to the world (3, 3). If `clear` refuses position, rotation
+        and open flexion of a place, the fingers stay open.
         """
         turn = np.eye(3) if object_rotation is None else object_rotation
         rotation = matmul(turn, rotation_matrix(placement.orientation))

@@ -117,9 +117,14 @@ def find_grasp(motion: Trajectory) -> Grasp:
     """Find the sample at which a recorded hand has closed furthest while its palm is slow."""
     stamps = motion.time - motion.time[0]
     bend = motion.flexion.sum(axis=2)
-    rise = bend - _least_before(bend, stamps)
-    slowness = 1.0 / (1.0 + _palm_speed(motion.position, stamps) / SLOW)
-    sample = int(np.argmax(rise.sum(axis=1) * slowness))
+    first = np.searchsorted(stamps, stamps - WINDOW)
+    rise = bend - np.stack([bend[a : t + 1].min(axis=0) for t, a in enumerate(first.tolist())])
+    # The palm's speed over a tenth of a second around each sample.
+    before = np.searchsorted(stamps, stamps - 0.05)
+    after = np.minimum(np.searchsorted(stamps, stamps + 0.05), len(stamps) - 1)
+    span = np.maximum(stamps[after] - stamps[before], 1e-3)
+    speed = np.linalg.norm(motion.position[after] - motion.position[before], axis=1) / span
+    sample = int(np.argmax(rise.sum(axis=1) * (1.0 / (1.0 + speed / SLOW))))
     most = float(rise[sample].max())
     if rise[sample, 1:].max() < CLOSED:
         return Grasp(int(np.argmax(bend.sum(axis=1))), tuple(range(len(FINGERS))), False)
@@ -146,21 +151,6 @@ def place_at_grasp(motion: Trajectory, hand: HandModel, tree: SphereTree) -> Gra
         depth=float(max(0.0, depth.max())),
         start_gap=float(distance[0].min()),
     )
-
-
-def _least_before(bend: FloatArray, stamps: FloatArray) -> FloatArray:
-    """Least value of each column over the `WINDOW` up to each sample."""
-    first = np.searchsorted(stamps, stamps - WINDOW)
-    return np.stack([bend[a : t + 1].min(axis=0) for t, a in enumerate(first.tolist())])
-
-
-def _palm_speed(position: FloatArray, stamps: FloatArray) -> FloatArray:
-    """Speed of the palm over a tenth of a second around each sample [m/s]."""
-    first = np.searchsorted(stamps, stamps - 0.05)
-    last = np.minimum(np.searchsorted(stamps, stamps + 0.05), len(stamps) - 1)
-    span = np.maximum(stamps[last] - stamps[first], 1e-3)
-    speed: FloatArray = np.linalg.norm(position[last] - position[first], axis=1) / span
-    return speed
 
 
 class _Candidate(NamedTuple):

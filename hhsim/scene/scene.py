@@ -146,8 +146,7 @@ def open_scene(
     Args:
         object_: A name (`hhsim objects`), a mesh file, or a mesh [m].
         motion: A name (`hhsim trajectories`), a script (.toml), a recording, a result, or a loaded motion.
-        unit: Length unit of a mesh file: m, cm, mm or inch; None is m.
-        size: Longest extent that a mesh file gets [m], whatever its unit.
+        unit, size: Of a mesh file, as for `hhsim.mesh.mesh.load_mesh`: m, cm, mm or inch, and [m]; None is m.
         solid: False takes the triangles of a mesh file as they are, for `SolverOptions(surface="mesh")`.
         level: Level of the tree's leaves, 1 to 5; None is the object's own, 3 or 4.
         hand: A model, or right or left for the default hand of that side; None is the motion's side.

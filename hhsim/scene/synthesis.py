@@ -25,7 +25,6 @@ from hhsim.trees.sphere_tree import SphereTree
 RELEASE_OPENING = 0.6
 """A release opens the fingers in this first share of its duration and retreats in the last share of the same length."""
 
-
 END = 1e-9
 """A sample this near to the end of a phase, as a share of its duration, is at the end."""
 
@@ -82,11 +81,8 @@ def taken_along(script: Script, time: FloatArray, rotation: FloatArray, middle: 
     """Compute the motion of the hand in the lifts, shakes and turns of a script; None without any.
 
     A lift goes straight up, a shake goes across the palm, and a turn is about the direction of the fingers through the
-    object's middle; the last two directions are made level.
-
-    Args:
-        rotation: Closed hand, palm to world, shape (3, 3).
-        middle: Middle of the object at rest [m], shape (3,).
+    middle [m], shape (3,), of the object at rest; the last two directions are made level. `rotation` is of the closed
+    hand, palm to world, shape (3, 3).
     """
     if not script.has(*TAKE_ALONG):
         return None
@@ -123,10 +119,9 @@ def synthesize(
 
     Args:
         seed: Seed of tremor and sensor noise; the motion itself is the same for every seed.
-        disturbance: Replaces the script's own.
-        placement: Replaces the script's own, or a search.
-        object_position: Recorded with the motion [m], shape (3,); `tree` is already there.
-        object_orientation: Recorded with the motion (w, x, y, z), shape (4,).
+        disturbance, placement: Replace the script's own, the latter also a search.
+        object_position, object_orientation: Recorded with the motion [m], shape (3,), and (w, x, y, z), shape (4,);
+            `tree` is already there.
 
     Raises:
         TrajectoryError: The script cannot be done on this object.
@@ -137,8 +132,7 @@ def synthesize(
     position = closure.position + course.retreat[:, None] * closure.back + course.slide[:, None] * closure.slide
     command = closure.command + course.ease[:, None, None] * (closure.contact - closure.command)
     flexion = closure.open + course.closure[:, :, None] * (command - closure.open)
-    orientation = np.tile(quaternion_from_matrix(closure.rotation), (time.shape[0], 1))
-    abduction = np.tile(closure.abduction, (time.shape[0], 1))
+    orientation = np.tile(quaternion_from_matrix(closure.rotation), (len(time), 1))
     noise = disturbance if disturbance is not None else script.disturbance
     position, orientation, flexion = noise.apply(seed, time, position, orientation, flexion)
     taken = taken_along(script, time, closure.rotation, tree.bounds.mean(axis=0))
@@ -148,15 +142,15 @@ def synthesize(
     object_motion = None
     if moved is not None:
         position, orientation = moved.points(position), moved.orientations(orientation)
-        places = (np.tile(values, (time.shape[0], 1)) for values in (object_position, object_orientation))
-        object_motion = ObjectMotion(moved.points(next(places)), moved.orientations(next(places)))
+        place, turn = (np.tile(values, (len(time), 1)) for values in (object_position, object_orientation))
+        object_motion = ObjectMotion(moved.points(place), moved.orientations(turn))
     return Trajectory(
         time=time,
         position=position,
         orientation=orientation,
         object_motion=object_motion,
         flexion=flexion,
-        abduction=abduction,
+        abduction=np.tile(closure.abduction, (len(time), 1)),
         phases=course.phases,
         object_position=np.asarray(object_position, dtype=np.float64),
         object_orientation=np.asarray(object_orientation, dtype=np.float64),
@@ -201,11 +195,9 @@ class _Course:
     """Retreat, slide, closure and easing of the hand at each sample, and the phases."""
 
     def __init__(self, script: Script, time: FloatArray) -> None:
-        count = time.shape[0]
-        self.retreat = np.full(count, script.start_distance)
-        self.slide = np.zeros(count)
-        self.closure = np.zeros((count, len(FINGERS)))
-        self.ease = np.zeros(count)
+        self.retreat = np.full(len(time), script.start_distance)
+        self.slide, self.ease = np.zeros(len(time)), np.zeros(len(time))
+        self.closure = np.zeros((len(time), len(FINGERS)))
         self.phases: tuple[Phase, ...] = ()
         for phase, start, share in phase_shares(script, time):
             self._play(script, phase, share)

@@ -13,8 +13,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
-from hhsim.hand.hand_file import format_hand_file
-from hhsim.hand.model import HandModel, Side, default_fingers
+from hhsim.hand.model import HandModel, Side, default_fingers, format_hand_file
 from hhsim.kernels.hand import kinematics
 from hhsim.kernels.hand.kinematics import BODY_COUNT
 from hhsim.kernels.round_cone_distance import cone_slope

@@ -15,7 +15,7 @@ from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.metrics.brute_force_distance import round_cone_contact, round_cone_distance, sphere_contact
 from hhsim.scene.contact_goals import (
-    Shapes,
+    Region,
     Touch,
     TouchTable,
     holds,
@@ -131,7 +131,7 @@ NAMED = [(name, region) for name in object_names() for region in object_regions(
 
 
 def held(*shapes: object) -> np.ndarray:
-    return holds(typed(list(shapes), Shapes, "x.toml"), POINTS)
+    return holds(typed(list(shapes), Region, "x.toml"), POINTS)
 
 
 def test_a_box_holds_what_is_between_its_corners() -> None:
@@ -170,7 +170,7 @@ def test_a_region_is_what_all_of_its_shapes_hold() -> None:
 )
 def test_what_is_no_region_is_refused(shapes: object, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        typed(shapes, Shapes, "x.toml")
+        typed(shapes, Region, "x.toml")
 
 
 @pytest.mark.parametrize(("name", "region"), NAMED)

@@ -125,17 +125,14 @@ def unpack(text: str) -> str:
     # Codes 0 to 2 are no words.
     words: list[str] = ["", "", "", word]
     out = [word]
-    width, left, length = 3, 4, 1
+    length = 1
     while True:
-        code = number(width)
+        code = number(len(words).bit_length())
         if code == 2:
             return "".join(out)
         if code < 2:
             words.append(chr(number(8 if code == 0 else 16)))
             code = len(words) - 1
-            left -= 1
-            if left == 0:
-                left, width = 1 << width, width + 1
         if code > len(words):
             raise TrajectoryError(f"damaged LZ-string text: code {code} of {len(words)} words")
         entry = words[code] if code < len(words) else word + word[0]
@@ -145,9 +142,6 @@ def unpack(text: str) -> str:
             raise TrajectoryError("damaged LZ-string text: it grows beyond 250 million letters")
         words.append(word + entry[0])
         word = entry
-        left -= 1
-        if left == 0:
-            left, width = 1 << width, width + 1
 
 
 def _frames(document: Any) -> Iterator[Mapping[str, Any]]:
@@ -156,17 +150,15 @@ def _frames(document: Any) -> Iterator[Mapping[str, Any]]:
     if not isinstance(frames, list):
         raise TrajectoryError(f"JSON without frames, {keys_of(document)}; {EXPECTED}")
     if frames and isinstance(frames[0], list):
-        structure = frames[0]
         for number, packed in enumerate(frames[1:], start=1):
-            yield _unpacked(structure, packed, f"frame {number}")
+            yield _unpacked(frames[0], packed, f"frame {number}")
         return
     for number, frame in enumerate(frames, start=1):
-        if isinstance(frame, dict):
-            # Skip the service's greeting and events.
-            if "hands" in frame or "timestamp" in frame:
-                yield frame
-        else:
+        if not isinstance(frame, dict):
             raise TrajectoryError(f"frame {number} is {str(frame)[:40]!r}; expected an object")
+        # Skip the service's greeting and events.
+        if "hands" in frame or "timestamp" in frame:
+            yield frame
 
 
 def _unpacked(structure: Any, packed: Any, where: str, depth: int = 0) -> Any:

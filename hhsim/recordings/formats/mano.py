@@ -5,8 +5,8 @@
 | .npz | `poses` (T, 48) or (T, 3 + n), or with `global_orient`; `trans` (T, 3), `betas`, `fps` or stamps, `hand` |
 | .jsonl | HOT3D's lines: a wrist's pose and n coefficients |
 
-The same 48 numbers have four meanings (`READINGS`) that the file does not tell
-apart: DexYCB's are coefficients, those of other sets are angles. So `--mano-pose` says it.
+The same 48 numbers have four meanings (`READINGS`) that the file does not tell apart: DexYCB's are coefficients, those
+of other sets are angles. So `--mano-pose` says it.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from hhsim.hand.quaternion import rotation_vector
 from hhsim.motion.npz_arrays import array_names, numbers, read_npz
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.mano_model import ManoModel, read_mano_model
+from hhsim.recordings.mano_model import read_mano_model
 from hhsim.recordings.pose_lines import read_pose_lines
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
@@ -71,8 +71,11 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if poses.translation is None:
         findings.append(note("no translation: the hand turns on the spot"))
     translation = np.zeros((len(poses.pose), 3)) if poses.translation is None else poses.translation
+    # Rotation vectors of the joints from the flat hand [rad], shape (T, 45).
+    angles = poses.pose @ model.components[:count] if reading.startswith("pca") else poses.pose
+    angles = angles + model.mean if reading in ("pca", "axis-angle-mean") else angles
     joints = JointPositions(
-        position=model.keypoints(poses.rotation, _angles(poses.pose, reading, model), translation, poses.betas),
+        position=model.keypoints(poses.rotation, angles, translation, poses.betas),
         form="mano",
         what=f"{count} numbers a pose: {READINGS[reading]} ({reading}); model {name.lower()}",
         time=poses.time,
@@ -96,12 +99,6 @@ def _reading(count: int, options: ReadOptions) -> str:
         return wanted
     choices = ", ".join(reading for reading in READINGS if count == ANGLES or reading.startswith("pca"))
     raise TrajectoryError(f"{count} numbers a pose can be read in several ways; say which: --mano-pose {choices}")
-
-
-def _angles(pose: FloatArray, reading: str, model: ManoModel) -> FloatArray:
-    """Return rotation vectors of the joints from the flat hand [rad], shape (T, 45)."""
-    angles = pose @ model.components[: pose.shape[1]] if reading.startswith("pca") else pose
-    return np.asarray(angles + model.mean if reading in ("pca", "axis-angle-mean") else angles)
 
 
 def _from_lines(content: Content, options: ReadOptions) -> _Poses:

@@ -79,8 +79,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     places = [OPENXR_JOINTS.index(joint) for joint in KEYPOINTS]
     valid = joints["valid"][:, places] != 0
     with np.errstate(invalid="ignore"):
-        position = joints["position"][:, places].astype(np.float64)
-        radius = joints["radius"][:, places].astype(np.float64)
+        position, radius = (joints[key][:, places].astype(np.float64) for key in ("position", "radius"))
     position[~valid & (position == 0.0).all(axis=2)] = np.nan
     known = bool((np.nan_to_num(radius) > 0.0).any(axis=0).all())
     positions = JointPositions(
@@ -210,10 +209,7 @@ def _sample(log_time: int, data: bytes) -> _Sample:
     (root,) = _unpack("<I", data, 0)
     stamp, hand = _field(data, root, 1), _field(data, root, 0)
     stamps = _unpack("<qqq", data, stamp) if stamp else (log_time,)
-    if not hand:
-        return _Sample(stamps, None)
-    (offset,) = _unpack("<I", data, hand)
-    joints = _field(data, hand + offset, 0)
+    joints = hand and _field(data, hand + _unpack("<I", data, hand)[0], 0)
     if not joints:
         return _Sample(stamps, None)
     if joints + len(OPENXR_JOINTS) * JOINT.itemsize > len(data):
