@@ -57,8 +57,6 @@ from hhsim.verify.mesh_distance import HandReferee
 
 OURS: tuple[tuple[str, str], ...] = (("coupled", "mesh"), ("coupled", "spheres"), ("penalty", "spheres"))
 """Our methods, and the surfaces that they touch."""
-OUR_PACKAGE = "hhsim"
-"""Package whose entry points are run if no method is named."""
 LONG = 5.0
 """CPU time of all ticks above which a run is not repeated [s]."""
 PUSHED = 1e-2
@@ -91,9 +89,7 @@ class PeersOptions:
         """Fill in the methods; raise InputError for unknown names, empty lists and numbers out of range."""
         check_fields(self)
         if self.methods is None:
-            declared = (
-                name for name, entry in declared_methods().items() if entry.dist and entry.dist.name == OUR_PACKAGE
-            )
+            declared = (name for name, entry in declared_methods().items() if entry.dist and entry.dist.name == "hhsim")
             object.__setattr__(self, "methods", (*dict.fromkeys(name for name, _ in OURS), *sorted(declared)))
         check_scenes(self.objects, self.motions)
         for name in self.methods or ():
@@ -211,15 +207,14 @@ def measure(options: PeersOptions, progress: Progress = silent) -> list[PeerRun]
         warm_up(hand, SolverOptions(method=peer.method, surface=peer.surface))
     scenes = list(_scenes(hand, options, progress))
     work = [(scene, PeerRun(scene.object_name, scene.motion, peer)) for scene in scenes for peer in peers]
-    done, total = 0, len(work) * options.repetitions
+    total = len(work) * options.repetitions
     with interruptible_between() as check_interrupt:
         for repetition in range(options.repetitions):
-            for scene, run in work if repetition % 2 == 0 else reversed(work):
-                what = f"{run.peer.method}, {scene.object_name}, {scene.motion}"
-                progress(f"{what}, repetition {repetition + 1} of {options.repetitions}", done, total)
+            for number, (scene, run) in enumerate(work if repetition % 2 == 0 else reversed(work)):
+                what = f"{run.peer.method}, {scene.object_name}, {scene.motion}, repetition {repetition + 1}"
+                progress(f"{what} of {options.repetitions}", repetition * len(work) + number, total)
                 if not run.failure and run.seconds <= LONG:
                     _repeat(hand, scene, run, options)
-                done += 1
                 check_interrupt()
     return [run for _, run in work]
 

@@ -135,8 +135,7 @@ class MeshReferee:
         depth = np.full(len(first), np.nan)
         # 0 - x and not -x: a free hand has depth 0, not minus 0.
         depth[measured] = 0.0 - self._depths.clearances(shape, some.at(first[measured]), 0.0).min(axis=1)
-        found: FloatArray = depth[hand][np.isin(hand, measured)]
-        return found
+        return np.asarray(depth[hand][np.isin(hand, measured)])
 
 
 NEAR = 1e-3
@@ -225,14 +224,13 @@ def error_scene(
     Raises:
         HhsimError: The optimum on this mesh has more candidate pairs than the solver holds.
     """
-    best = best_hands(hand, surface, options, HandConfiguration.of(haptic))
     placed = forward_kinematics(hand, *HandConfiguration.of(haptic))
     return ErrorScene(
         hand=hand,
         referee=referee,
         haptic=haptic,
         haptic_placed=placed,
-        optimum=placed_of(best),
+        optimum=placed_of(best_hands(hand, surface, options, HandConfiguration.of(haptic))),
         contact=hand_clearance(hand, surface, placed, NEAR) < NEAR,
         seed=seed,
     )

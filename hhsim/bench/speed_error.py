@@ -46,8 +46,6 @@ from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.verify.coal_distance import require_coal
 
-Level = Annotated[int, between(1, MOST_LEVEL)]
-
 DEFAULT_LEVEL = 4
 NO_LEVEL = 0
 """Level of a configuration that touches the mesh itself."""
@@ -81,7 +79,7 @@ class SpeedErrorOptions:
     motions: Names = ("grasp", "pinch", "whole-hand", "slide")
     methods: Names | None = None
     surfaces: Names = ("spheres", "mesh")
-    levels: Annotated[tuple[Level, ...], a_list("2, 3")] = (2, 3, 4, 5)
+    levels: Annotated[tuple[Annotated[int, between(1, MOST_LEVEL)], ...], a_list("2, 3")] = (2, 3, 4, 5)
     linearisations: Annotated[tuple[Count, ...], a_list("1, 12")] | None = None
     backends: tuple[str, ...] | None = None
     repetitions: Count = 3
@@ -175,11 +173,6 @@ class _Scene:
     surfaces: dict[tuple[str, int], Any]
     """Arrays by the surface and the level of a configuration."""
 
-    def stretch(self) -> slice:
-        """Return the ticks that QP solvers are compared on."""
-        begin = self.errors.holds[0].start if self.errors.holds else 0
-        return slice(max(0, begin - STRETCH[0]), min(len(self.errors.contact), begin + STRETCH[1]))
-
 
 def usual_linearisations(method: str) -> int:
     """Return the method's default limit of the linearisations in a tick."""
@@ -263,7 +256,10 @@ def _scenes(hand: HandModel, options: SpeedErrorOptions, progress: Progress) -> 
 
 def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
     configuration, haptic = run.configuration, scene.errors.haptic
-    window = scene.stretch() if configuration.stretch else slice(0, haptic.tick_count)
+    window = slice(0, haptic.tick_count)
+    if configuration.stretch:
+        begin = scene.errors.holds[0].start if scene.errors.holds else 0
+        window = slice(max(0, begin - STRETCH[0]), min(haptic.tick_count, begin + STRETCH[1]))
     surface, options = scene.surfaces[configuration.surface, configuration.level], configuration.solver_options()
     contact = scene.errors.contact[window]
     try:

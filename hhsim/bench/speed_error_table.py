@@ -111,11 +111,11 @@ def remarks(runs: Sequence[Run]) -> list[str]:
     different = sorted({one.method if one.qp == ACTIVE_SET else f"{one.method} with {one.qp}" for one in changing})
     if different:
         found.append(f"the poses of {', '.join(different)} differ between repetitions: they are not deterministic")
-    return [*found, *failure_remark(runs, _named)]
 
+    def named(run: Run) -> str:
+        return f"{run.configuration.method}, {touched(run.configuration.surface, run.configuration.level)}"
 
-def _named(run: Run) -> str:
-    return f"{run.configuration.method}, {touched(run.configuration.surface, run.configuration.level)}"
+    return [*found, *failure_remark(runs, named)]
 
 
 def failure_remark(runs: Sequence[Any], name: Callable[[Any], str]) -> list[str]:

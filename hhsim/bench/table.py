@@ -203,10 +203,8 @@ def _array(name: str, values: Sequence[Any]) -> AnyArray:
     missing = None in plain
     if kinds == {str}:
         return np.array(["" if value is None else value for value in plain], dtype=object)
-    if kinds == {bool} and not missing:
-        return np.array(plain, dtype=bool)
-    if kinds == {int} and not missing:
-        return np.array(plain, dtype=np.int64)
+    if kinds in ({bool}, {int}) and not missing:
+        return np.array(plain, dtype=bool if kinds == {bool} else np.int64)
     if kinds <= {int, float}:
         return np.array([np.nan if value is None else value for value in plain], dtype=np.float64)
     mixed = sorted(kind.__name__ for kind in kinds | ({type(None)} if missing else set()))

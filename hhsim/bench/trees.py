@@ -101,14 +101,13 @@ def measure(options: TreesOptions, progress: Progress = silent) -> list[Row]:
     # Compiles or loads every kernel, so that no tree is timed with it.
     build_sphere_tree(comparison_object("cube", EXTENT), TreeOptions(leaves=BRANCHING**2))
     rows: list[Row] = []
-    total = len(options.objects) * len(options.spheres)
-    done = 0
-    for name in options.objects:
+    each = len(options.spheres)
+    total = len(options.objects) * each
+    for number, name in enumerate(options.objects):
         mesh = comparison_object(name, options.size)
-        for spheres in sorted(options.spheres):
-            progress(f"{name}, {spheres:,} spheres", done, total)
+        for i, spheres in enumerate(sorted(options.spheres)):
+            progress(f"{name}, {spheres:,} spheres", number * each + i, total)
             rows.append(_row(mesh, spheres, options))
-            done += 1
         rows += _references(name, options.size)
     progress("done", total, total)
     return rows

@@ -6,8 +6,8 @@ Search", ACM Transactions on Graphics 41(4), 2022.
 
 import hashlib
 import io
+from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
 
@@ -58,9 +58,7 @@ Part = Ball | Box | Hull
 def convex_parts(mesh: Mesh, concavity: float = COARSE) -> list[Part]:
     """Return the parts of a mesh [m], world; one if it is convex, else those of CoACD's threshold `concavity`."""
     simple = _simple(mesh)
-    if simple is not None:
-        return [simple]
-    return [Hull(points) for points in _decomposition(mesh, concavity)]
+    return [simple] if simple is not None else [Hull(points) for points in _decomposition(mesh, concavity)]
 
 
 def _simple(mesh: Mesh) -> Part | None:
@@ -82,21 +80,17 @@ def _simple(mesh: Mesh) -> Part | None:
 
 
 def _decomposition(mesh: Mesh, concavity: float) -> list[FloatArray]:
-    path = _cache_path(mesh, concavity)
-    try:
-        with np.load(path) as kept:
-            return [kept[name] for name in kept.files]
-    except (OSError, ValueError, BadZipFile):
-        pass
+    digest = hashlib.sha256(f"{mesh.sha256} {concavity} {_preparation(mesh)} {SEED}".encode()).hexdigest()
+    path = cache_root() / "convex-parts" / f"{digest[:32]}.npz"
+    with suppress(OSError, ValueError, BadZipFile), np.load(path) as kept:
+        return [kept[name] for name in kept.files]
     parts = _decompose(mesh, concavity)
     image = io.BytesIO()
     kept_parts: dict[str, Any] = {f"part{i:04d}": part for i, part in enumerate(parts)}
     np.savez(image, **kept_parts)
-    try:
+    with suppress(OSError, OutputError):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, image.getvalue())
-    except (OSError, OutputError):
-        pass
     return parts
 
 
@@ -113,8 +107,3 @@ def _decompose(mesh: Mesh, concavity: float) -> list[FloatArray]:
 def _preparation(mesh: Mesh) -> str:
     """CoACD's preprocessing: by default it remeshes a mesh whose triangles touch, 0.6 mm too large."""
     return "off" if is_closed(mesh.faces) else "auto"
-
-
-def _cache_path(mesh: Mesh, concavity: float) -> Path:
-    digest = hashlib.sha256(f"{mesh.sha256} {concavity} {_preparation(mesh)} {SEED}".encode()).hexdigest()
-    return cache_root() / "convex-parts" / f"{digest[:32]}.npz"

@@ -41,7 +41,6 @@ class Drake:
     concavity: ClassVar[float] = COARSE
 
     def __init__(self, scene: MethodScene) -> None:
-        """Build plant and scene."""
         # Drake's Python objects form cycles, which hold 0.5 GB of an earlier hydroelastic scene.
         gc.collect()
         from pydrake import geometry, math
@@ -75,9 +74,8 @@ class Drake:
             [item for body in self._bodies for item in plant.GetCollisionGeometriesForBody(body)]
         )
         graph.collision_filter_manager().Apply(geometry.CollisionFilterDeclaration().ExcludeWithin(inside))
-        diagram = builder.Build()
-        self._diagram = diagram
-        self._simulator: Any = Simulator(diagram)
+        self._diagram = builder.Build()
+        self._simulator: Any = Simulator(self._diagram)
         self._root = self._simulator.get_mutable_context()
         self._context = plant.GetMyMutableContextFromRoot(self._root)
         self._pull = multibody.ExternallyAppliedSpatialForce()
@@ -94,10 +92,13 @@ class Drake:
 
     def begin(self, pose: HandConfiguration) -> None:
         """Put the hand there, at rest."""
+        from pydrake.common.eigen_geometry import Quaternion
+
         plant, context = self._plant, self._context
         self._root.SetTime(0.0)
         plant.SetVelocities(context, np.zeros(plant.num_velocities()))
-        turn = self._math.RotationMatrix(_quaternion(pose.orientation))
+        kind: Any = Quaternion
+        turn = self._math.RotationMatrix(kind(pose.orientation / np.sqrt(pose.orientation @ pose.orientation)))
         plant.SetFloatingBaseBodyPoseInWorldFrame(
             context, self._bodies[PALM], self._math.RigidTransform(turn, pose.position)
         )
@@ -260,10 +261,3 @@ class DrakeHydroelastic(Drake):
         self._plant.RegisterCollisionGeometry(
             self._plant.world_body(), self._math.RigidTransform(), shape, "object", self._touching(hand=False)
         )
-
-
-def _quaternion(values: FloatArray) -> Any:
-    from pydrake.common.eigen_geometry import Quaternion
-
-    kind: Any = Quaternion
-    return kind(values / np.sqrt(values @ values))

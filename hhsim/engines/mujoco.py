@@ -79,14 +79,17 @@ class MuJoCo:
     concavity: ClassVar[float] = COARSE
 
     def __init__(self, scene: MethodScene) -> None:
-        """Build and compile the model."""
         import mujoco
 
         self._mujoco: Any = mujoco
         self._scene = scene
         self._hand = RigidHand.of(scene.hand, scene.options.stiffness, self.tuning.response)
         spec = mujoco.MjSpec()
-        self._set_options(spec)
+        spec.compiler.degree = False
+        spec.option.timestep = scene.period / self.tuning.steps
+        spec.option.gravity = [0.0, 0.0, 0.0]
+        spec.option.integrator = getattr(mujoco.mjtIntegrator, self.tuning.integrator)
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_REFSAFE if self.tuning.solref else 0
         self._add_object(spec, scene)
         self._add_hand(spec)
         self._model = spec.compile()
@@ -176,14 +179,6 @@ class MuJoCo:
             np.add.at(found, body[:, 1], force)
             np.subtract.at(found, body[:, 0], force)
         return found
-
-    def _set_options(self, spec: Any) -> None:
-        mujoco, tuning = self._mujoco, self.tuning
-        spec.compiler.degree = False
-        spec.option.timestep = self._scene.period / tuning.steps
-        spec.option.gravity = [0.0, 0.0, 0.0]
-        spec.option.integrator = getattr(mujoco.mjtIntegrator, tuning.integrator)
-        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_REFSAFE if tuning.solref else 0
 
     def _touching(self) -> dict[str, Any]:
         """Attributes of every geom: no friction, and the tuning."""

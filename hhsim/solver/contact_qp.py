@@ -29,19 +29,25 @@ def coupled_problem(state: Any) -> tuple[QpProblem, IntArray]:
     `state` is a tick's after `hhsim.kernels.tick.linearisation.build_program` has found contacts.
     """
     problem, start = state.problem, state.contacts.start
-    rows = [np.arange(start[0], start[1])]
-    matrix = [np.zeros((start[1] - start[0], DOF))]
-    matrix[0][:, :6] = problem.common[:, rows[0]].T
-    for finger in range(FINGER_COUNT):
-        own = finger_rows(state, finger)
-        part = np.zeros((own.size, DOF))
-        part[:, :6] = problem.common[:, own].T
-        first = 6 + PHALANX_COUNT * finger
-        part[:, first : first + PHALANX_COUNT] = problem.block[:, own].T
-        rows.append(own)
-        matrix.append(part)
+    rows = [np.arange(start[0], start[1]), *(finger_rows(state, finger) for finger in range(FINGER_COUNT))]
+    firsts = [-1, *range(6, DOF, PHALANX_COUNT)]
+    index, matrix = _stacked(rows, firsts, DOF, problem.common, problem.block)
+    return _unscaled(state, matrix, problem.rhs[index], problem.target, slice(0, DOF)), index
+
+
+def _stacked(
+    rows: list[IntArray], firsts: list[int], width: int, common: FloatArray, block: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Rows of groups as one index, and their matrix; a group's block begins at its first column, if that is not -1."""
     index = np.concatenate(rows)
-    return _unscaled(state, np.concatenate(matrix), problem.rhs[index], problem.target, slice(0, DOF)), index
+    matrix = np.zeros((index.size, width))
+    matrix[:, :6] = common[:, index].T
+    stop = 0
+    for own, first in zip(rows, firsts):
+        begin, stop = stop, stop + own.size
+        if first >= 0:
+            matrix[begin:stop, first : first + PHALANX_COUNT] = block[:, own].T
+    return index, matrix
 
 
 def palm_problem(state: Any) -> tuple[QpProblem, IntArray]:
@@ -52,33 +58,14 @@ def palm_problem(state: Any) -> tuple[QpProblem, IntArray]:
     problem, work = state.problem, state.progressive
     count = int(work.variables)
     weight = np.concatenate([problem.inverse_root[:6], np.zeros(count - 6)])
-    rows, matrix = [], []
-    for group in range(len(work.palm_start)):
-        own = np.arange(work.palm_start[group], work.palm_stop[group])
-        part = np.zeros((own.size, count))
-        part[:, :6] = problem.common[:, own].T
-        first = int(work.palm_block[group])
+    for finger, first in enumerate(work.yields.tolist()):
         if first >= 0:
-            part[:, first : first + PHALANX_COUNT] = work.block[:, own].T
-        rows.append(own)
-        matrix.append(part)
-    for finger in range(FINGER_COUNT):
-        first, own_first = int(work.yields[finger]), 6 + PHALANX_COUNT * finger
-        if first >= 0:
-            weight[first : first + PHALANX_COUNT] = (
-                YIELD_SCALE * problem.inverse_root[own_first : own_first + PHALANX_COUNT]
-            )
-    index = np.concatenate(rows)
-    stacked = np.concatenate(matrix)
-    return (
-        QpProblem(
-            stiffness=1.0 / (weight * weight),
-            matrix=stacked / weight,
-            rhs=np.array(problem.rhs[index]),
-            target=work.palm_target[:count] * weight,
-        ),
-        index,
-    )
+            own = 6 + PHALANX_COUNT * finger
+            weight[first : first + PHALANX_COUNT] = YIELD_SCALE * problem.inverse_root[own : own + PHALANX_COUNT]
+    rows = [np.arange(start, stop) for start, stop in zip(work.palm_start, work.palm_stop)]
+    index, matrix = _stacked(rows, work.palm_block.tolist(), count, problem.common, work.block)
+    target = work.palm_target[:count] * weight
+    return QpProblem(1.0 / (weight * weight), matrix / weight, np.array(problem.rhs[index]), target), index
 
 
 def finger_problem(state: Any, finger: int, palm_step: FloatArray) -> tuple[QpProblem, IntArray]:

@@ -1,10 +1,10 @@
 """Engine of `coupled` with a free object: hand and object in one program, with friction and a table."""
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import Support
@@ -17,7 +17,6 @@ from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
-from hhsim.mesh.mesh import Mesh
 from hhsim.reproducible import matmul, principal_axes
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
@@ -42,27 +41,21 @@ def require_free(options: SolverOptions) -> None:
 
 def support_of(workspace: TickWorkspace) -> Support:
     """Return the points that can stand on a plane: the corners of the mesh's convex hull; spheres without a mesh."""
-    surface = workspace.surface
-    if workspace.mesh is not None:
-        points = hull_corners(workspace.mesh)
+    surface, mesh = workspace.surface, workspace.mesh
+    if mesh is not None:
+        from scipy.spatial import ConvexHull, QhullError
+
+        points = mesh.vertices[np.unique(mesh.faces)]
+        # All of its vertices where it is flat.
+        with suppress(QhullError):
+            points = points[np.sort(ConvexHull(points).vertices)]
     elif isinstance(surface, TreeArrays):
         leaves = slice(surface.leaf_start, None)
         points = np.stack([surface.x[leaves], surface.y[leaves], surface.z[leaves]], axis=1)
         return Support(points, np.array(surface.radius[leaves]))
     else:
         points = surface.vertex
-    return Support(points, np.zeros(len(points)))
-
-
-def hull_corners(mesh: Mesh) -> FloatArray:
-    """Return the corners of a mesh's convex hull [m], shape (S, 3); all its vertices where it is flat."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    points = mesh.vertices[np.unique(mesh.faces)]
-    try:
-        return np.ascontiguousarray(points[np.sort(ConvexHull(points).vertices)])
-    except QhullError:
-        return np.ascontiguousarray(points)
+    return Support(np.ascontiguousarray(points), np.zeros(len(points)))
 
 
 class FreeEngine:

@@ -76,11 +76,8 @@ class HandSolver:
             HhsimError: More pairs were near than the arrays hold.
         """
         haptic = HapticBlock(*(as_argument(values) for values in (position, orientation, flexion, abduction)))
-        ticks = len(haptic.position)
-        record = tick_record(ticks)
-        if ticks == 0:
-            return record
-        if self.tick(haptic, record) & STATUS_CAPACITY_EXCEEDED:
+        record = tick_record(len(haptic.position))
+        if len(haptic.position) and self.tick(haptic, record) & STATUS_CAPACITY_EXCEEDED:
             raise self.workspace.full()
         return record
 
@@ -161,15 +158,13 @@ class HandSolver:
             Address of the machine code and its arguments; the address is 0 where Python takes part in every tick.
         """
         options, workspace = self.options, self.workspace
-        if JIT_ENABLED and options.qp == "active-set" and self.method.compiled:
-            engine: Any = self.engine
-            compiled: Any = run_block
-            if object_ticks is None:
-                block = workspace.block(engine.method, haptic, record)
-            else:
-                block = engine.block(haptic, record, object_ticks)
-            return compiled.address(*block), block
-        return 0, workspace.block(Coupled(workspace.tick_options), haptic, record)
+        if not (JIT_ENABLED and options.qp == "active-set" and self.method.compiled):
+            return 0, workspace.block(Coupled(workspace.tick_options), haptic, record)
+        engine: Any = self.engine
+        compiled: Any = run_block
+        own = object_ticks is not None
+        block = engine.block(haptic, record, object_ticks) if own else workspace.block(engine.method, haptic, record)
+        return compiled.address(*block), block
 
     def place(self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray) -> None:
         """Place the graphic hand at a configuration, shapes (3,), (4,), (5, 3), (5,), that does not penetrate.
@@ -177,11 +172,8 @@ class HandSolver:
         Method `paper` takes any.
         """
         state = self.workspace.states[0]
-        pose = state.pose
-        pose.position[:] = position
-        pose.orientation[:] = orientation
-        pose.flexion[:] = flexion
-        pose.abduction[:] = abduction
+        for name, values in zip(HapticBlock._fields, (position, orientation, flexion, abduction)):
+            state.pose[name][:] = values
         state.warm.count = 0
         state.decoupling.is_suspended = False
         self.engine.begin()

@@ -31,7 +31,12 @@ def find_method(name: str) -> Method:
             "poses that were computed elsewhere", partial(_no_engine, name), gives=frozenset(), compiled=False
         )
     if name.startswith(ISOLATED):
-        return _isolated(name.removeprefix(ISOLATED))
+        from hhsim.solver.isolated_method import isolated_engine, isolated_facts
+
+        plain = name.removeprefix(ISOLATED)
+        isolated_name(plain)
+        facts = isolated_facts(plain)
+        return _method(facts, partial(isolated_engine, plain, facts["forces"]))
     found = outside_class(name)
     if isinstance(found, Method):
         return replace(found, source=found.source or source_of(found.engine))
@@ -76,11 +81,3 @@ def _engine(name: str, made: Callable[[Any], Any], forces: bool, workspace: Any)
     from hhsim.solver.outside_method import MethodHere, OutsideEngine
 
     return OutsideEngine(partial(MethodHere, name, made, forces), forces, workspace)
-
-
-def _isolated(name: str) -> Method:
-    from hhsim.solver.isolated_method import isolated_engine, isolated_facts
-
-    isolated_name(name)
-    facts = isolated_facts(name)
-    return _method(facts, partial(isolated_engine, name, facts["forces"]))

@@ -202,12 +202,13 @@ class OutsideEngine:
 
     def run(self, haptic: "HapticBlock", record: "TickRecord") -> int:
         """See `Engine.run`; InputError if the method fails, or its answer is no hand."""
-        for i in range(len(haptic.position)):
-            self._tick(HandConfiguration(*(values[i] for values in haptic)), i, record)
+        for i, sample in enumerate(zip(*haptic)):
+            self._tick(HandConfiguration(*sample), i, record)
         return len(haptic.position)
 
     def _tick(self, sample: HandConfiguration, i: int, record: "TickRecord") -> None:
         from hhsim.kernels.hand.pose import is_finite_configuration
+        from hhsim.kernels.tick.shown_hand import look_at
         from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, WORK_UNITS
 
         good = is_finite_configuration(*sample)
@@ -219,7 +220,8 @@ class OutsideEngine:
         answer, wall, cpu = self.runner.tick(HandConfiguration(*(values.copy() for values in self.haptic.values())))
         for name, values in answer.pose._asdict().items():
             self.pose[name][:] = values
-        full = self._look()
+        workspace = self.workspace
+        full = look_at(workspace.hand, workspace.surface, workspace.tick_options, workspace.states)
         for field, values in self.pose.items():
             getattr(record, field)[i] = values
         record.palm_wrench[i] = self.palm_wrench
@@ -237,9 +239,3 @@ class OutsideEngine:
             record.total[i] = record.phalanx[i].sum(axis=(0, 1)) + answer.palm_force
         else:
             record.phalanx[i] = record.total[i] = np.nan
-
-    def _look(self) -> int:
-        from hhsim.kernels.tick.shown_hand import look_at
-
-        workspace = self.workspace
-        return int(look_at(workspace.hand, workspace.surface, workspace.tick_options, workspace.states))

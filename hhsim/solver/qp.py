@@ -7,10 +7,8 @@ Lengths along x [√J] then mean the same for palm and fingers, and a solver's t
 """
 
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -172,8 +170,7 @@ def solve_active_set(problem: QpProblem, relaxation: float = 0.0) -> QpSolution:
     target = np.pad(root * problem.target, (0, width - n))
     status = active_set.solve(width, rows, target, TOLERANCE, relaxation, guess, 0, work)
     if status == active_set.INFEASIBLE:
-        message = "the rows contradict each other"
-        return _without_solution(problem, ACTIVE_SET, QpStatus.INFEASIBLE, message)
+        return _without_solution(problem, ACTIVE_SET, QpStatus.INFEASIBLE, "the rows contradict each other")
     if status != active_set.OPTIMAL:
         return _without_solution(problem, ACTIVE_SET, QpStatus.FAILED, f"kernel status {status}")
     multiplier = np.zeros(m)
@@ -182,29 +179,22 @@ def solve_active_set(problem: QpProblem, relaxation: float = 0.0) -> QpSolution:
     return QpSolution(work.x[:n] / root, multiplier / norm, QpStatus.OPTIMAL, ACTIVE_SET)
 
 
-def qpsolvers_call(backend: str, rows: FloatArray, most: FloatArray) -> Callable[[], Any]:
-    """Return a backend's call that minimises ½ |y|² subject to rows · y <= most."""
+def _solve_by_qpsolvers(problem: QpProblem, backend: str) -> QpSolution:
     import qpsolvers
     from scipy.sparse import csc_matrix
 
-    identity: Any = np.eye(rows.shape[1])
-    matrix: Any = rows
-    if backend not in qpsolvers.dense_solvers:
-        identity, matrix = csc_matrix(identity), csc_matrix(matrix)
-    problem = qpsolvers.Problem(identity, np.zeros(rows.shape[1]), matrix, most)
-    return partial(qpsolvers.solve_problem, problem, backend, **BACKEND_OPTIONS.get(backend, {}))
-
-
-def _solve_by_qpsolvers(problem: QpProblem, backend: str) -> QpSolution:
     root, unit, norm = problem.conditioned()
     target, rhs = root * problem.target, problem.rhs / norm
+    kind: Any = np.asarray if backend in qpsolvers.dense_solvers else csc_matrix
+    identity, rows, zero = kind(np.eye(target.size)), kind(-unit), np.zeros(target.size)
     # The target's largest violation is about how far away the solution is: as the unit, it makes tolerances relative.
-    length = float(np.max(rhs - unit @ target))
-    length = length if length > 0.0 else 1.0
+    farthest = float(np.max(rhs - unit @ target))
+    length = farthest if farthest > 0.0 else 1.0
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            solution = qpsolvers_call(backend, -unit, (unit @ target - rhs) / length)()
+            scaled = qpsolvers.Problem(identity, zero, rows, (unit @ target - rhs) / length)
+            solution = qpsolvers.solve_problem(scaled, backend, **BACKEND_OPTIONS.get(backend, {}))
         message = "; ".join(str(warning.message) for warning in caught)
     except Exception as error:  # whatever a foreign solver raises is its answer
         return _refused(problem, backend, f"{type(error).__name__}: {error}")
@@ -221,8 +211,7 @@ def _checked(problem: QpProblem, solution: QpSolution) -> QpSolution:
     residual = problem.kkt_residual(solution.x, solution.multiplier)
     if residual <= RESIDUAL_LIMIT:
         return solution
-    message = f"KKT residual {residual:.1e}"
-    return QpSolution(solution.x, solution.multiplier, QpStatus.INACCURATE, solution.backend, message)
+    return replace(solution, status=QpStatus.INACCURATE, message=f"KKT residual {residual:.1e}")
 
 
 def _refused(problem: QpProblem, backend: str, message: str) -> QpSolution:

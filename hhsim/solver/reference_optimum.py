@@ -1,5 +1,6 @@
 """Reference optimum of a method's tracking: `coupled`, converged."""
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -69,12 +70,10 @@ def reference_excess(
     best = found.copy()
     for i in range(len(ticks)):
         block = None
-        try:
+        # So deep inside that there are more pairs than the solver holds.
+        with suppress(HhsimError):
             solver.place(*found.at(i))
             block = solver.run(*wanted.part(i, i + 1)._replace(abduction=found.abduction[i : i + 1]))
-        except HhsimError:
-            # So deep inside that there are more pairs than the solver holds.
-            pass
         if block is None or block.status[0] & STATUS_STUCK:
             best.position[i] = np.nan
             continue

@@ -72,11 +72,10 @@ class TickWorkspace:
 
     def __init__(self, model: HandModel, surface: Any, options: SolverOptions) -> None:
         made_of = surface if isinstance(surface, ContactSurface) else ContactSurface(surface)
-        surface = made_of.arrays
+        self.surface = surface = made_of.arrays
         self.model = model
         self.mesh, self.tree = made_of.mesh, made_of.tree
         self.hand = model.arrays()
-        self.surface = surface
         self.options = options
         self.tick_options = tick_options(options)
         kind = surface_of(surface)

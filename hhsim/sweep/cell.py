@@ -105,13 +105,6 @@ class Cell:
         stated = {name: value for name, value in self.options.items() if name in OF_THE_SCENE}
         return typed({**names, **shape, **stated, "ticks": self.ticks, "seed": self.seed}, SceneWords, self.label)
 
-    def _effective_options(self) -> dict[str, Any]:
-        """Return all options of its run, so that stating a default makes no other cell."""
-        usual = {**USUAL_SCENE, "level": usual_level(self.object.word), "hand_file": self.options.get("hand_file")}
-        scene = {name: value for name, value in self.options.items() if name in OF_THE_SCENE}
-        told = {name: value for name, value in scene.items() if name not in usual or value != usual[name]}
-        return {**self.solver_options().to_json(), **told}
-
     def digest(self, folder: Path) -> str:
         """Return a digest of inputs, options and hhsim's sources; `folder` is the plan's.
 
@@ -120,6 +113,10 @@ class Cell:
         """
         shape = self.object
         hand = self.options.get("hand_file")
+        # Of those of the scene only what is not a default: stating one makes no other cell.
+        usual = {**USUAL_SCENE, "level": usual_level(shape.word), "hand_file": hand}
+        scene = {name: value for name, value in self.options.items() if name in OF_THE_SCENE}
+        told = {name: value for name, value in scene.items() if name not in usual or value != usual[name]}
         stated = {
             "object": [_content(folder, shape.word, names_a_file(shape.word)), shape.unit, shape.size_mm],
             "thickness_mm": shape.thickness_mm,
@@ -127,7 +124,7 @@ class Cell:
             "hand": None if hand is None else _content(folder, hand, True),
             "method": [self.method, find_method(self.method).source],
             "surface": self.surface,
-            "options": self._effective_options(),
+            "options": {**self.solver_options().to_json(), **told},
             "seed": self.seed,
             "ticks": self.ticks,
             "hhsim": [__version__, source_digest()],

@@ -98,7 +98,11 @@ def _run(task: CellTask) -> tuple[int, float]:
     cell, folder = task.cell, Path(task.folder)
     partial = folder / f".{task.digest}-{uuid.uuid4().hex[:8]}{PARTIAL}"
     is_new = not _scene.cache_info().misses
-    scene = open_cell(cell, Path(task.plan_folder))
+    plan_folder = Path(task.plan_folder)
+    files = [word for word in (cell.object.word, cell.motion.word) if (plan_folder / word).is_file()]
+    of_scene = {name: value for name, value in cell.options.items() if name in (*OF_THE_SCENE, "fingers")}
+    what = [cell.object, cell.motion, cell.surface == "mesh", of_scene, cell.seed, cell.ticks]
+    scene = _scene(_SceneKey(repr([what, [file_digest(plan_folder / word) for word in files]]), cell), plan_folder)
     if is_new:
         # Most of that time the process loaded code, which says nothing of the cells after this one.
         began = time.perf_counter()
@@ -136,14 +140,6 @@ def _run(task: CellTask) -> tuple[int, float]:
     }
     write_row(folder / f"{task.digest}.json", cell, task.digest, row)
     return sum(summary.ticks for summary in runs), seconds
-
-
-def open_cell(cell: Cell, plan_folder: Path) -> Scene:
-    """Make the scene of a cell; raise HhsimError for a part that is missing or does not fit."""
-    files = [word for word in (cell.object.word, cell.motion.word) if (plan_folder / word).is_file()]
-    of_scene = {name: value for name, value in cell.options.items() if name in (*OF_THE_SCENE, "fingers")}
-    what = [cell.object, cell.motion, cell.surface == "mesh", of_scene, cell.seed, cell.ticks]
-    return _scene(_SceneKey(repr([what, [file_digest(plan_folder / word) for word in files]]), cell), plan_folder)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Estimate of a sweep's duration from cells that ran on this machine: those in its folder, or trials."""
 
 import tempfile
-from collections import Counter
+from collections import Counter, defaultdict
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -75,9 +75,9 @@ def estimate(plan: SweepPlan, folder: SweepFolder, progress: Progress = silent) 
 
 def _trials(cells: list[PlannedCell]) -> list[PlannedCell]:
     """Return some cells of each kind, spread over its list: ticks differ between objects and motions."""
-    kinds: dict[tuple[str, ...], list[PlannedCell]] = {}
+    kinds: dict[tuple[str, ...], list[PlannedCell]] = defaultdict(list)
     for planned in cells:
-        kinds.setdefault(kind(planned.cell), []).append(planned)
+        kinds[kind(planned.cell)].append(planned)
     each = max(1, TRIALS // max(1, len(kinds)))
     return [planned for mine in kinds.values() for planned in mine[:: -(-len(mine) // each)]]
 
@@ -101,9 +101,7 @@ def _tried(planned: PlannedCell, plan_folder: Path, sharing: int) -> CellEnd:
             options = {**cell.options, "rate": rate / step}
             tried = replace(cell, repeat=1, ticks=min(planned.ticks, ticks), options=options)
             where = str(plan_folder.resolve()), scratch
-            known = source_digest()
-            task = CellTask(tried, planned.digest, *where, keeps_result=False, wants_core=False, sources=known)
-            return run_cell(task)
+            return run_cell(CellTask(tried, planned.digest, *where, False, False, source_digest()))
 
         first = run(FEW)
         # The lesser of two runs: a disturbance of so few ticks would be extrapolated.

@@ -21,7 +21,7 @@ Files are relative to the plan's folder. Options are named as a result states th
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from glob import glob
 from itertools import product
@@ -116,8 +116,12 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
     objects = _unique(where, "objects", [_object(where, folder, entry) for entry in plan.objects])
     motions = _unique(where, "motions", [found for entry in plan.motions for found in _motions(where, folder, entry)])
     for called, given in plan.options.items():
-        _check_scene_options(f"{where}: options.{called}", folder, given)
-    left_out: dict[str, int] = {}
+        # Those of the solver are checked for each method.
+        stated = {name: value for name, value in given.items() if name in OF_THE_SCENE}
+        words = typed({"object": "", "trajectory": "", **stated}, SceneWords, f"{where}: options.{called}")
+        if words.hand_file is not None:
+            _require_file(f"{where}: options.{called}", folder, words.hand_file)
+    left_out: Counter[str] = Counter()
     cells: dict[str, PlannedCell] = {}
     durations = {motion.word: _Motion.read(folder, motion) for motion in motions}
     checked: set[tuple[str, str, str]] = set()
@@ -126,7 +130,7 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
     ):
         why = _impossible(shape, durations[motion.word], motion, method, surface)
         if why:
-            left_out[why] = left_out.get(why, 0) + 1
+            left_out[why] += 1
             continue
         cell = Cell(shape, motion, method, surface, called, given, seed, plan.ticks, plan.repeat)
         if (method, surface, called) not in checked:
@@ -184,10 +188,8 @@ class _Motion:
 def _impossible(shape: SweptObject, motion: _Motion, swept: SweptMotion, method: str, surface: str) -> str:
     if motion.objects and shape.word not in motion.objects:
         return f"motion {swept.name} is made for {', '.join(motion.objects)}"
-    refuses = find_method(method).refuses_surfaces
-    if surface != "spheres" and refuses:
-        return f"method {method} takes no surface {surface}"
-    return ""
+    refuses = surface != "spheres" and find_method(method).refuses_surfaces
+    return f"method {method} takes no surface {surface}" if refuses else ""
 
 
 def _object(where: str, folder: Path, entry: str | SweptObject) -> SweptObject:
@@ -229,11 +231,3 @@ def _unique(where: str, key: str, entries: list[Any]) -> list[Any]:
     if twice:
         raise InputError(f"{where}: {key}: two are called {twice[0]}; give one another name: {{ file = …, name = … }}")
     return entries
-
-
-def _check_scene_options(where: str, folder: Path, given: Mapping[str, Any]) -> None:
-    """Check those options of a set that are of the scene; those of the solver are checked for each method."""
-    stated = {name: value for name, value in given.items() if name in OF_THE_SCENE}
-    words = typed({"object": "", "trajectory": "", **stated}, SceneWords, where)
-    if words.hand_file is not None:
-        _require_file(where, folder, words.hand_file)

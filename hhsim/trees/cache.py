@@ -6,6 +6,7 @@ The builder and its kernels are imported only where a tree is built.
 import hashlib
 import json
 import math
+from contextlib import suppress
 from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -65,18 +66,14 @@ def kept_sphere_tree(mesh: Mesh, options: TreeOptions, progress: Progress = sile
     """
     path = cache_path(mesh, options)
     if path.is_file():
-        try:
+        with suppress(InputError):
             return load_tree(path)
-        except InputError:
-            pass
     from hhsim.trees.builder import build_sphere_tree
 
     tree = build_sphere_tree(mesh, options, progress, threads)
-    try:
+    with suppress(OSError, OutputError):
         path.parent.mkdir(parents=True, exist_ok=True)
         save_tree(tree, path)
-    except (OSError, OutputError):
-        pass
     return tree
 
 

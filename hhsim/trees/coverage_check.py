@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
 from hhsim.kernels.cover.check_certificate import (
     CORNER_OUTSIDE,
     HOLDS,
@@ -45,22 +44,16 @@ def faults(mesh: Mesh, covers: "tuple[LevelCover, ...]") -> tuple[str, ...]:
     bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
     found = []
     for level, cover in enumerate(covers):
-        fault = _cover_fault(corner, cover)
-        if fault:
-            found.append(f"level {level}: {fault}")
         size = max(float(np.abs(corner).max()), float(np.abs(cover.center).max()))
+        grown = cover.radius + cover.gap
+        if not cover.proved:
+            found.append(f"level {level}: no proof that it covers the mesh")
+        else:
+            what, face, code = check_proof(corner, cover.center, grown, _ROUNDING * size, cover.proof)
+            if what != HOLDS:
+                found.append(f"level {level}: the proof {_WRONG[what]}, face {face}, code {code}")
         short = cover.depth + mesh_signed_distance(bvh, cover.center)
         if not short.max() <= _DEPTH_ROUNDING * size:
             sphere = int(np.argmax(short))
             found.append(f"level {level}: the centre of sphere {sphere} is {short[sphere]:.3g} m less deep than stated")
     return tuple(found)
-
-
-def _cover_fault(corner: FloatArray, cover: "LevelCover") -> str:
-    if not cover.proved:
-        return "no proof that it covers the mesh"
-    size = max(float(np.abs(corner).max()), float(np.abs(cover.center).max()))
-    what, face, code = check_proof(corner, cover.center, cover.radius + cover.gap, _ROUNDING * size, cover.proof)
-    if what == HOLDS:
-        return ""
-    return f"the proof {_WRONG[what]}, face {face}, code {code}"

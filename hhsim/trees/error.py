@@ -103,20 +103,15 @@ def measure_levels(
     errors = []
     for level in range(tree.depth + 1):
         rng = np.random.default_rng([seed, 1 + level])
-        errors.append(_measure(surface, bvh, level, *tree.spheres(level), rng, workers))
+        errors.append(_measure(surface, bvh, tree, level, rng, workers))
         progress("measure", level + 1, tree.depth + 1)
     return tuple(errors)
 
 
 def _measure(
-    surface: FloatArray,
-    bvh: MeshBvh,
-    level: int,
-    center: FloatArray,
-    radius: FloatArray,
-    rng: np.random.Generator,
-    workers: Workers,
+    surface: FloatArray, bvh: MeshBvh, tree: SphereTree, level: int, rng: np.random.Generator, workers: Workers
 ) -> LevelError:
+    center, radius = tree.spheres(level)
     x, y, z = (np.ascontiguousarray(center[:, k]) for k in range(3))
     gap = np.empty(len(surface))
     workers.each(
@@ -133,7 +128,12 @@ def _measure(
     parts = workers.each(lambda begin, end: mesh_signed_distance(bvh, points[begin:end]), ranges(len(points), _PARTS))
     height = np.concatenate(parts)
     height, area = height[height > 0.0], area[height > 0.0]
-    mean, p99 = _mean_and_p99(height, area)
+    mean, p99, total = 0.0, 0.0, float(area.sum())
+    if total > 0.0:
+        order = np.argsort(height, kind="stable")
+        reached = np.cumsum(area[order])
+        row = min(int(np.searchsorted(reached, 0.99 * reached[-1])), len(order) - 1)
+        mean, p99 = float((height * area).sum() / total), float(height[order[row]])
     return LevelError(
         level=level,
         spheres=len(radius),
@@ -145,13 +145,3 @@ def _measure(
         protrusion_p99=p99,
         bound=protrusion_bound(bvh, center, radius),
     )
-
-
-def _mean_and_p99(height: FloatArray, area: FloatArray) -> tuple[float, float]:
-    total = float(area.sum())
-    if total <= 0.0:
-        return 0.0, 0.0
-    order = np.argsort(height, kind="stable")
-    reached = np.cumsum(area[order])
-    row = min(int(np.searchsorted(reached, 0.99 * reached[-1])), len(order) - 1)
-    return float((height * area).sum() / total), float(height[order[row]])

@@ -113,6 +113,9 @@ def _read(file: h5py.File) -> SphereTree:
     errors = tuple(LevelError(*(columns[name][row].item() for name in names)) for row in range(len(columns["level"])))
     if not all(np.isfinite(list(asdict(error).values())).all() for error in errors):
         raise InputError("an error of a level is not finite")
+    covers = file["covers"]
+    if set(covers) != {str(level) for level in range(len(covers))}:
+        raise InputError(f"covers of the levels {', '.join(covers)}; expected one for each level from 0 on")
     return SphereTree(
         center=read_numbers(file["center"]),
         radius=read_numbers(file["radius"]),
@@ -121,17 +124,8 @@ def _read(file: h5py.File) -> SphereTree:
         errors=errors,
         mesh_sha256=str(file.attrs["mesh_sha256"]),
         options=dict(json.loads(file.attrs["options"])),
-        covers=_read_covers(file["covers"]),
-    )
-
-
-def _read_covers(group: h5py.Group) -> tuple[LevelCover, ...]:
-    if set(group) != {str(level) for level in range(len(group))}:
-        raise InputError(f"covers of the levels {', '.join(group)}; expected one for each level from 0 on")
-    covers = []
-    for level in range(len(group)):
-        data = group[str(level)]
-        covers.append(
+        covers=tuple(
             LevelCover(**{name: read_numbers(data[name]) for name in _COVER_DATASETS}, gap=float(data.attrs["gap"]))
-        )
-    return tuple(covers)
+            for data in (covers[str(level)] for level in range(len(covers)))
+        ),
+    )

@@ -1,8 +1,7 @@
 """Sphere trees of other programs, brought into the mesh's frame and measured against the mesh.
 
 A `.sph` file has neither unit nor frame. Its centres count from the centre of the mesh's bounding box or from the
-mesh's
-own origin: whichever leaves less of the mesh outside.
+mesh's own origin: whichever leaves less of the mesh outside.
 """
 
 from dataclasses import replace
@@ -84,7 +83,14 @@ def import_tree(
     else:
         tree, chosen, placement_notes = _placed(source, mesh, unit_length, frame)
         notes += placement_notes
-    _require_near(source, mesh, tree)
+    spheres, extent = float(np.ptp(tree.bounds, axis=0).max()), float(mesh.extent.max())
+    gap = _mean_gap(sample_mesh(mesh.vertices, mesh.faces, _SAMPLES, np.random.default_rng(0)), tree)
+    if not extent / _OFF_SIZE <= spheres <= extent * _OFF_SIZE:
+        spans = f"its spheres span {1e3 * spheres:.4g} mm, but {mesh.name} {1e3 * extent:.4g} mm"
+        raise InputError(f"{source}: {spans}: is it in another unit, or of another mesh?")
+    if gap > _OFF_PLACE * extent:
+        off = f"its spheres are {1e3 * gap:.4g} mm off {mesh.name} in the mean"
+        raise InputError(f"{source}: {off}: is it in another frame, or of another mesh?")
     bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
     unproved = prove_cover(mesh.vertices, mesh.faces, tree.leaf_center, tree.leaf_radius)[0].size
     errors = measure_levels(mesh.vertices, mesh.faces, bvh, tree, seed, progress)
@@ -147,16 +153,3 @@ def _mean_gap(points: FloatArray, tree: SphereTree) -> float:
     gap = np.empty(len(points))
     union_distance(points, x, y, z, np.ascontiguousarray(tree.leaf_radius), gap)
     return float(gap.mean())
-
-
-def _require_near(source: Path, mesh: Mesh, tree: SphereTree) -> None:
-    """Raise an InputError for spheres of another size than the mesh, or elsewhere: another unit, or another mesh."""
-    spheres, extent = float(np.ptp(tree.bounds, axis=0).max()), float(mesh.extent.max())
-    points = sample_mesh(mesh.vertices, mesh.faces, _SAMPLES, np.random.default_rng(0))
-    gap = _mean_gap(points, tree)
-    if not extent / _OFF_SIZE <= spheres <= extent * _OFF_SIZE:
-        spans = f"its spheres span {1e3 * spheres:.4g} mm, but {mesh.name} {1e3 * extent:.4g} mm"
-        raise InputError(f"{source}: {spans}: is it in another unit, or of another mesh?")
-    if gap > _OFF_PLACE * extent:
-        off = f"its spheres are {1e3 * gap:.4g} mm off {mesh.name} in the mean"
-        raise InputError(f"{source}: {off}: is it in another frame, or of another mesh?")

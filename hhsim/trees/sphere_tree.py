@@ -157,16 +157,17 @@ class SphereTree:
         for name, kind in (("center", np.float64), ("radius", np.float64), ("level", np.int64), ("parent", np.int64)):
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=kind, order="C"))
         self._require_tree()
-        sticking_out, node = self._worst_enclosure()
+        ancestor, sticking_out, node = np.arange(self.leaf_start, len(self.radius)), -np.inf, 0
+        for _ in range(self.depth):
+            ancestor = self.parent[ancestor]
+            distance = np.linalg.norm(self.leaf_center - self.center[ancestor], axis=1)
+            excess = distance + self.leaf_radius - self.radius[ancestor]
+            if excess.max() > sticking_out:
+                sticking_out, node = float(excess.max()), int(ancestor[np.argmax(excess)])
         if sticking_out > ENCLOSING_TOLERANCE * max(float(self.radius[0]), np.finfo(np.float64).tiny):
             raise InputError(f"sphere tree: a leaf sticks {sticking_out:.3g} m out of its ancestor, node {node}")
-        if self.covers:
-            self._require_covers()
-
-    def __repr__(self) -> str:
-        return f"SphereTree({len(self.radius):,} spheres, level {self.depth}: {self.leaf_count:,} leaves)"
-
-    def _require_covers(self) -> None:
+        if not self.covers:
+            return
         if len(self.covers) != self.depth + 1:
             raise InputError(
                 f"sphere tree: {len(self.covers)} covers, expected one for each of {self.depth + 1} levels"
@@ -174,6 +175,9 @@ class SphereTree:
         last = self.covers[-1]
         if not (np.array_equal(last.center, self.leaf_center) and np.array_equal(last.radius, self.leaf_radius)):
             raise InputError("sphere tree: the cover of the last level must be the leaves")
+
+    def __repr__(self) -> str:
+        return f"SphereTree({len(self.radius):,} spheres, level {self.depth}: {self.leaf_count:,} leaves)"
 
     def _require_tree(self) -> None:
         count, rest = len(self.radius), self.parent[1:]
@@ -195,18 +199,6 @@ class SphereTree:
         else:
             return
         raise InputError(f"sphere tree: {fault}")
-
-    def _worst_enclosure(self) -> tuple[float, int]:
-        """Largest excess of a leaf over an ancestor [m], and the ancestor."""
-        ancestor = np.arange(self.leaf_start, len(self.radius))
-        worst, node = -np.inf, 0
-        for _ in range(self.depth):
-            ancestor = self.parent[ancestor]
-            distance = np.linalg.norm(self.leaf_center - self.center[ancestor], axis=1)
-            excess = distance + self.leaf_radius - self.radius[ancestor]
-            if excess.max() > worst:
-                worst, node = float(excess.max()), int(ancestor[np.argmax(excess)])
-        return worst, node
 
     @property
     def depth(self) -> int:

@@ -174,20 +174,6 @@ class _Cover:
             if len(self.depth) > spheres:
                 self.assign()
 
-    def drop_unused(self) -> int:
-        """Remove the spheres that are nobody's best; return the number left."""
-        used = np.bincount(self.owner, minlength=len(self.depth)) > 0
-        if not used.all():
-            self.drop(used)
-        return len(self.depth)
-
-    def handicap(self) -> None:
-        """Assign so that costly spheres have less to cover, and cheap ones more."""
-        own = self._largest(self.cost)
-        most = float(own.max())
-        deeper = self.depth + _HANDICAP * np.clip(most - own, 0.0, _SLACK * most)
-        self.assign(deeper)
-
     def relax(self, rounds: int) -> None:
         for turn in range(rounds):
             self.move(afresh=turn == 0)
@@ -198,7 +184,10 @@ class _Cover:
         self.remove(self.spheres - spheres)
         self.relax(_ROUNDS[0])
         self.fill()
-        self.handicap()
+        own = self._largest(self.cost)
+        most = float(own.max())
+        # So that costly spheres have less to cover, and cheap ones more.
+        self.assign(self.depth + _HANDICAP * np.clip(most - own, 0.0, _SLACK * most))
         self.relax(_ROUNDS[1])
 
 
@@ -236,8 +225,7 @@ def canonical_frame(vertices: FloatArray) -> CanonicalFrame:
     """Compute the frame of vertices [m], shape (V, 3).
 
     Its axes lead to the farthest vertex and to the one that is then farthest off the axis. Of those equally far the
-    first
-    counts: a symmetric mesh, whose principal axes would be arbitrary, has a frame too.
+    first counts: a symmetric mesh, whose principal axes would be arbitrary, has a frame too.
     """
     origin = vertices.mean(axis=0)
     arm = vertices - origin
@@ -274,7 +262,13 @@ class MeshInFrame(NamedTuple):
 def in_own_frame(vertices: FloatArray, faces: IntArray) -> MeshInFrame:
     """Prepare a mesh, (V, 3) [m] and (F, 3) wound outward, for covers; MeshError if it encloses no volume."""
     corner = np.ascontiguousarray(vertices[faces], np.float64).reshape(-1, 9)
-    require_inside(corner, float(np.ptp(corner.reshape(-1, 3), axis=0).max()))
+    a, b, c = (corner[:, k : k + 3] - corner[0, :3] for k in (0, 3, 6))
+    normal = np.cross(b - a, c - a)
+    volume = float(dot(a, normal).sum()) / 6.0
+    area = 0.5 * float(np.linalg.norm(normal, axis=1).sum())
+    # A sheet has a volume too, by rounding.
+    if not volume > _THINNEST * area * float(np.ptp(corner.reshape(-1, 3), axis=0).max()):
+        raise MeshError(f"the mesh has no inside: its volume is {volume:.3g} m³; expected it closed and wound outward")
     frame = canonical_frame(vertices[np.unique(faces)])
     inside = frame.into(vertices)
     return MeshInFrame(inside, faces, build_mesh_bvh(inside, faces), frame, float(np.abs(corner).max()))
@@ -316,7 +310,8 @@ def cover_of(
         cover.refine(_TRIM_FROM)
         cover.assign()
     for _ in range(_REPLACEMENTS):
-        if cover.drop_unused() == spheres:
+        cover.drop(np.bincount(cover.owner, minlength=len(cover.depth)) > 0)
+        if len(cover.depth) == spheres:
             break
         cover.fill()
         cover.assign()
@@ -329,13 +324,3 @@ def cover_of(
     size = max(mesh.reach, float(np.abs(center).max()))
     # A vertex was moved by at most half a step of the grid along each axis.
     return center, radius + GRID * mesh.frame.size + ROUNDING * (radius + size)
-
-
-def require_inside(corner: FloatArray, extent: float) -> None:
-    """Raise a MeshError unless faces, shape (F, 9) [m], enclose a volume that is not that of a sheet."""
-    a, b, c = (corner[:, k : k + 3] - corner[0, :3] for k in (0, 3, 6))
-    normal = np.cross(b - a, c - a)
-    volume = float(dot(a, normal).sum()) / 6.0
-    area = 0.5 * float(np.linalg.norm(normal, axis=1).sum())
-    if not volume > _THINNEST * area * extent:
-        raise MeshError(f"the mesh has no inside: its volume is {volume:.3g} m³; expected it closed and wound outward")

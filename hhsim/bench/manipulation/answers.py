@@ -45,6 +45,8 @@ from hhsim.table.table import Column, Table
 
 GRAVITY = 9.81
 SLOPE = math.radians(30.0)
+DOWN = (GRAVITY * math.sin(SLOPE), 0.0, -GRAVITY * math.cos(SLOPE))
+"""Gravity on a slope, in the frame of its surface."""
 WITHIN = 0.01
 """Allowed relative error of a figure that is not 0."""
 SLIPS = 1e-7
@@ -111,11 +113,6 @@ def _way(acceleration: float, ticks: int) -> float:
     return acceleration * (ticks * (ticks + 1) / 2 - 1) / RATE**2
 
 
-def _down() -> tuple[float, float, float]:
-    """Gravity on a slope, in the frame of its surface."""
-    return (GRAVITY * math.sin(SLOPE), 0.0, -GRAVITY * math.cos(SLOPE))
-
-
 def _alone(free: FreeObject, size: tuple[float, float, float], ticks: int) -> Played:
     return play(free, touched(block(size)), gripper(0.05, TIP_RADIUS), gripper_options(), away(ticks))
 
@@ -123,7 +120,7 @@ def _alone(free: FreeObject, size: tuple[float, float, float], ticks: int) -> Pl
 def slope(options: ManipulationOptions) -> list[Answer]:
     """Answer for a block on a slope of 30° that slides, and one that sticks."""
     size, ticks = (0.06, 0.06, 0.04), 300
-    free = FreeObject.of_mesh(block(size), mass=0.1, friction=0.3, table=-0.02, gravity=_down())
+    free = FreeObject.of_mesh(block(size), mass=0.1, friction=0.3, table=-0.02, gravity=DOWN)
     slides, sticks = _alone(free, size, ticks), _alone(replace(free, friction=0.6), size, 10 * ticks)
     pull = GRAVITY * (math.sin(SLOPE) - 0.3 * math.cos(SLOPE))
     creep = float(np.linalg.norm(sticks.center - sticks.center[0], axis=1).max())
@@ -144,7 +141,7 @@ def rolling(options: ManipulationOptions) -> list[Answer]:
     rows = ((inertia, 0.0, 0.0), (0.0, inertia, 0.0), (0.0, 0.0, inertia))
     found = []
     for friction in (0.6, 0.1):
-        free = FreeObject(mass, (0.0, 0.0, 0.0), rows, friction=friction, table=-radius, gravity=_down())
+        free = FreeObject(mass, (0.0, 0.0, 0.0), rows, friction=friction, table=-radius, gravity=DOWN)
         solver = SolverOptions(method="coupled", surface="spheres", fingers=("thumb", "index"))
         played = play(free, ball(radius), gripper(0.05, TIP_RADIUS), solver, away(ticks))
         rolls = friction > 2.0 / 7.0 * math.tan(SLOPE)

@@ -31,8 +31,6 @@ from hhsim.trees.sphere_tree import SphereTree
 
 BLOCK = 1000
 """Ticks that are run together."""
-AWAY = np.array([0.0, 0.0, 5.0])
-"""Place of a hand that touches nothing [m]."""
 TABLE = -1
 """Body number of the table."""
 
@@ -133,7 +131,7 @@ def _blocks(solver: HandSolver, haptic: HandConfiguration) -> Iterator[dict[str,
 
 def away(ticks: int) -> HandConfiguration:
     """Return a hand that touches nothing."""
-    return still(AWAY, ticks=ticks)
+    return still((0.0, 0.0, 5.0), ticks=ticks)
 
 
 def block(size: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:

@@ -27,9 +27,7 @@ from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 CONTACTS = {"TF": 131.0, "WH": 250.0}
-"""Numbers of contacts for which the paper states a time, by case of Fig. 15."""
-CONTACTS_OBJECT = "bunny"
-"""Object of those times."""
+"""Numbers of contacts with the bunny for which the paper states a time, by case of Fig. 15."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,7 +160,7 @@ def _at_contacts(options: PaperOptions, stages: Sequence[Stage], progress: Progr
     found = []
     for case, wanted in CONTACTS.items():
         for stage in stages:
-            if (stage.scenario.case, stage.scenario.object_name) != (case, CONTACTS_OBJECT):
+            if (stage.scenario.case, stage.scenario.object_name) != (case, "bunny"):
                 continue
             for number, method in enumerate(options.methods):
                 progress(f"{wanted:.0f} contacts", number, len(options.methods))

@@ -127,12 +127,14 @@ def make_stage(scenario: Scenario, hand: HandModel, tree: SphereTree, instances:
         HhsimError: No place was found for an instance.
     """
     script = load_script(scenario.motion)
-    count = min(instances, scenario.instances)
     if scenario.instances == 1:
         motions = [synthesize(script, hand, tree, seed).resampled(RATE)]
     else:
-        script = _short(script)
+        durations = [SHORT_PHASES.get(phase.name, SHORT_CLOSING) for phase in script.phases]
+        phases = tuple(replace(phase, duration=time) for phase, time in zip(script.phases, durations) if time > 0.0)
+        script = replace(script, phases=phases, start_distance=SHORT_WAY)
         places = _places(scenario, script, hand, tree, seed)
+        count = min(instances, scenario.instances)
         motions = [_instance(scenario, script, hand, tree, places) for _ in range(count)]
     return Stage(scenario, script, hand, tree, tuple(motions))
 
@@ -173,13 +175,6 @@ def check_holds(
     return hold_distances(script, object_name, hand, tree, ticks, record)
 
 
-def _short(script: Script) -> Script:
-    """Quicker motion of a script: it comes from nearby, closes and holds."""
-    durations = [SHORT_PHASES.get(phase.name, SHORT_CLOSING) for phase in script.phases]
-    phases = tuple(replace(phase, duration=time) for phase, time in zip(script.phases, durations) if time > 0.0)
-    return replace(script, phases=phases, start_distance=SHORT_WAY)
-
-
 def _instance(
     scenario: Scenario, script: Script, hand: HandModel, tree: SphereTree, places: Iterator[Placement]
 ) -> TickInput:
@@ -200,7 +195,9 @@ def _places(scenario: Scenario, script: Script, hand: HandModel, tree: SphereTre
     best = planned(script, hand, tree)
     closer = PlacedCloser(script, hand, tree)
     random = np.random.default_rng([seed, *scenario.name.encode()])
-    opened = _opening(closer, best)
+    zero = Placement("", np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+    # Flexion of the open fingers' first joints beyond the widest opening [rad].
+    opened = np.asarray((best.open - closer.opened(zero))[:, 0] / closer.rates[:, 0])
     while True:
         for _ in range(TRIES):
             angle = TURN * random.standard_normal(3)
@@ -214,12 +211,6 @@ def _places(scenario: Scenario, script: Script, hand: HandModel, tree: SphereTre
         else:
             raise HhsimError(f"{scenario.name}: no place found for an instance in {TRIES} tries")
         yield place
-
-
-def _opening(closer: PlacedCloser, closure: FingerClosure) -> FloatArray:
-    """Flexion of the open fingers' first joints beyond the widest opening [rad], shape (5,)."""
-    zero = Placement("", np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
-    return np.asarray((closure.open - closer.opened(zero))[:, 0] / closer.rates[:, 0])
 
 
 def _clear(closer: PlacedCloser, closure: FingerClosure) -> bool:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -187,8 +186,9 @@ def _all_scenes(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
         parts = np.array([run.variation[noise].component for run in played])
         for number, (paper, spread) in enumerate(VARIATION):
             values = sizes if number == 0 else parts[:, number - 1]
-            middle = [float(value) for value in _median(values)]
-            count = int(np.isfinite(values[:, 0]).sum())
+            known = values[np.isfinite(values[:, 0])]
+            count = len(known)
+            middle = np.median(known, axis=0).tolist() if count else [math.nan, math.nan]
             part = "size" if number == 0 else "xyz"[number - 1]
             above = int((values[:, 0] > paper).sum())
             defined = np.where(np.isfinite(values[:, 0]), values[:, 0], -1.0)
@@ -220,11 +220,6 @@ def _pooled_mean(runs: Sequence[SceneRun]) -> float:
 
 def _deepest(runs: Sequence[SceneRun]) -> float:
     return max(float(run.depth.max(initial=0.0)) for run in runs)
-
-
-def _median(values: Any) -> Any:
-    defined = values[np.isfinite(values[:, 0])]
-    return np.median(defined, axis=0) if len(defined) else np.full(values.shape[1], np.nan)
 
 
 SCENE_COLUMNS = (

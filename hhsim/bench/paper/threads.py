@@ -11,7 +11,6 @@ from typing import Annotated, Any
 import numpy as np
 
 from hhsim.bench.paper.bench import make_stages, play_in_turns
-from hhsim.bench.paper.run import SceneRun
 from hhsim.bench.paper.scene import Scenario, paper_scenarios
 from hhsim.bench.paper.table import mean_of_parts
 from hhsim.bench.table import mean
@@ -101,12 +100,7 @@ def measure(options: ThreadsOptions, progress: Progress = silent) -> list[dict[s
         warm_up(hand, solver)
     scenarios = [scenario for scenario in figure_15() if scenario.object_name in options.objects]
     stages = make_stages(scenarios, hand, options.level, options.instances, options.seed, progress)
-    return with_speedups(play_in_turns(stages, solvers, options.rounds, progress))
-
-
-def with_speedups(runs: Sequence[SceneRun]) -> list[dict[str, Any]]:
-    """Return the rows of runs, each with its speedup over the last run of one thread before it."""
-    rows = Table(COLUMNS, runs).records
+    rows = Table(COLUMNS, play_in_turns(stages, solvers, options.rounds, progress)).records
     alone = float("nan")
     for row in rows:
         alone = row["total"] if row["threads"] == 1 else alone

@@ -29,15 +29,9 @@ from hhsim.bench.robustness.postures import (
     tip_at,
 )
 from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of
-from hhsim.bench.robustness.triangle_objects import (
-    ball_mesh,
-    box_mesh,
-    joined_mesh,
-    ring_mesh,
-    roof_mesh,
-)
+from hhsim.bench.robustness.triangle_objects import ball_mesh, box_mesh, joined_mesh, ring_mesh, roof_mesh
 from hhsim.bench.run_errors import hand_clearance, placed_of
-from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.hand.configuration import sequence
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
@@ -92,7 +86,12 @@ def _judge_handle(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
 
 def _opposed(seed: int) -> Sequence[HardRun]:
     random = np.random.default_rng([seed, 11])
-    runs = [HardRun("wedge", _wedge_motion(), *_wedge())]
+    tip = still(tip_at(np.zeros(3)), flexion=POINTING)
+    start, deep = shifted(tip, 0.0, -0.1, 0.0), shifted(tip, 0.0, 0.06, 0.0)
+    motion = start.hold(4).line(deep, 200).hold(100)
+    for side in (0.03, -0.03):
+        motion = motion.line(shifted(deep, 0.0, 0.0, side), 100).hold(50)
+    runs = [HardRun("wedge", motion.line(start, 200).hold(20), *_wedge())]
     down = quaternion(np.array([-0.5 * np.pi, 0.0, 0.0]))
     # A fingertip fits between the bunny's ears, and a finger between the cup's wall and its handle, with 2 to 3 mm.
     for name, title, point, orientation, direction in (
@@ -127,24 +126,12 @@ def _wedge() -> tuple[SphereTree, Mesh]:
     return tree_of(np.concatenate(spheres), 2.3e-3), joined_mesh(walls)
 
 
-def _wedge_motion() -> HandConfiguration:
-    tip = still(tip_at(np.zeros(3)), flexion=POINTING)
-    start, deep = shifted(tip, 0.0, -0.1, 0.0), shifted(tip, 0.0, 0.06, 0.0)
-    motion = start.hold(4).line(deep, 200).hold(100)
-    for side in (0.03, -0.03):
-        motion = motion.line(shifted(deep, 0.0, 0.0, side), 100).hold(50)
-    return motion.line(start, 200).hold(20)
-
-
 def _judge_released(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     return [distance_left(outcomes, "distance left after pulling the finger out")]
 
 
 def _inside(seed: int) -> Sequence[HardRun]:
-    usual, wall = (
-        (ball(4000), ball_mesh()),
-        (tree_of(plate(0.3, 0.3, 3e-3, 0.0), 2.3e-3), box_mesh(0.3, 0.3, 4.6e-3)),
-    )
+    usual, wall = ((ball(4000), ball_mesh()), (tree_of(plate(0.3, 0.3, 3e-3, 0.0), 2.3e-3), box_mesh(0.3, 0.3, 4.6e-3)))
     runs = []
     for name, start, item in (
         ("palm in the middle", still((0.0, 0.0, 0.0), flexion=HALF), usual),

@@ -77,14 +77,14 @@ def way_out(
     clipped = target * min(1.0, options.margin / longest)
     near = 4.0 * options.margin
     pairs, posed = pieces.near(hand, graphic, near)
-    distance, limits = pairs.distance, _limit_rows(hand, here)
+    distance, limits = pairs.distance, np.concatenate([np.zeros((15, 6)), np.eye(15)], axis=1)
+    bounds = np.concatenate([(hand.flexion_min - here[2]).ravel(), (here[2] - hand.flexion_max).ravel()])
+    # A little clear of what touches: the second order of a short step then cannot take it in.
+    closer = np.minimum(options.offset, np.maximum(distance, 0.0) + 0.1 * options.offset) - distance
     problem = QpProblem(
         stiffness=stiffness,
-        matrix=np.concatenate([distance_rows(pairs, posed), limits[0]]),
-        # A little clear of what touches: the second order of a short step then cannot take it in.
-        rhs=np.concatenate(
-            [np.minimum(options.offset, np.maximum(distance, 0.0) + 0.1 * options.offset) - distance, limits[1]]
-        ),
+        matrix=np.concatenate([distance_rows(pairs, posed), limits, -limits]),
+        rhs=np.concatenate([closer, np.minimum(bounds, 0.0)]),
         target=clipped,
     )
     solution = solve(problem)
@@ -136,10 +136,3 @@ def _moved(here: Pose, step: FloatArray) -> Pose:
     orientation = np.array(here[1])
     rotate_quaternion(orientation, step[3], step[4], step[5], orientation)
     return here[0] + step[:3], orientation, here[2] + step[6:].reshape(5, 3), here[3]
-
-
-def _limit_rows(hand: HandModel, here: Pose) -> tuple[FloatArray, FloatArray]:
-    rows = np.concatenate([np.eye(15), -np.eye(15)])
-    matrix = np.concatenate([np.zeros((30, 6)), rows], axis=1)
-    bounds = np.concatenate([(hand.flexion_min - here[2]).ravel(), (here[2] - hand.flexion_max).ravel()])
-    return matrix, np.minimum(bounds, 0.0)

@@ -65,8 +65,7 @@ def tip_at(
     point: ArrayLike, orientation: ArrayLike = UPRIGHT, flexion: ArrayLike = POINTING, finger: int = INDEX
 ) -> FloatArray:
     """Return the palm position [m] that puts a fingertip's centre at `point` [m], shapes (3,)."""
-    place: FloatArray = np.asarray(point, np.float64) - joints_at_origin(flexion, orientation)[finger, 3]
-    return place
+    return np.asarray(np.asarray(point) - joints_at_origin(flexion, orientation)[finger, 3], np.float64)
 
 
 def poke() -> HandConfiguration:
@@ -105,5 +104,4 @@ def threaded(joints: FloatArray, center: FloatArray, axis: FloatArray, radius: f
         share = before / (before - after)
         where = joints[:, :-1] + share[..., None] * (joints[:, 1:] - joints[:, :-1]) - center
         inside = (before * after <= 0.0) & (np.linalg.norm(where, axis=-1) < radius)
-    through: BoolArray = inside.sum(axis=1) % 2 == 1
-    return through
+    return np.asarray(inside.sum(axis=1) % 2 == 1)

@@ -142,9 +142,8 @@ class RandomTargets:
             bend = (self._lever * np.abs(change[2])).sum(axis=1) + self._lever[:, 0] * np.abs(change[3])
             way += self._reach * float(np.linalg.norm(turn)) + float(bend.max())
         ticks = np.arange(1, self.options.hold + 1)
-        share = np.minimum(1.0, ticks * (self.options.longest_step / way)) if way > 0.0 else np.ones(len(ticks))
-        if jump:
-            share = np.ones(len(ticks))
+        straight = way > 0.0 and not jump
+        share = np.minimum(1.0, ticks * (self.options.longest_step / way)) if straight else np.ones(len(ticks))
         orientation = _product(quaternion(share[:, None] * turn), start[1])
         motion = HandConfiguration(
             start[0] + share[:, None] * change[0],

@@ -102,9 +102,6 @@ def totals(rows: Sequence[RecordedFigures]) -> list[RecordedFigures]:
     return found
 
 
-Placing = Literal["auto", "recorded"]
-
-
 @dataclass(frozen=True, eq=False)
 class BenchObject:
     """An object by its name or file."""
@@ -127,7 +124,7 @@ class RecordedOptions:
 
     rate: float = 1000.0
     mode: ResampleMode = "interpolate"
-    place: Placing = "auto"
+    place: Literal["auto", "recorded"] = "auto"
     ticks: int | None = None
 
 

@@ -14,6 +14,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.hierarchy import build_hierarchy
+from hhsim.trees.options import needed_level
 from hhsim.trees.sphere_tree import SphereTree
 
 BRANCHING = 8
@@ -31,10 +32,7 @@ def tree_of(center: ArrayLike, radius: ArrayLike) -> SphereTree:
     """Return a tree over these leaf spheres, shapes (n, 3) and (n,), or one radius for all [m]."""
     points = np.asarray(center, np.float64).reshape(-1, 3)
     radii = np.broadcast_to(np.asarray(radius, np.float64), len(points))
-    level = 1
-    while BRANCHING**level < len(points):
-        level += 1
-    return build_hierarchy(points, radii, level, BRANCHING)
+    return build_hierarchy(points, radii, needed_level(len(points), BRANCHING), BRANCHING)
 
 
 @cache

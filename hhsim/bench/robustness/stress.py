@@ -152,8 +152,7 @@ def coupling_force(case: StressCase, haptic: HandConfiguration, record: TickReco
     joint = case.solver.stiffness.flexion * np.abs(bend) / case.hand.length
     reach = float(case.hand.arrays().reach.max())
     force, torque = (np.linalg.norm(part, axis=1) for part in (record.palm_wrench[:, :3], record.palm_wrench[:, 3:]))
-    whole: FloatArray = force + torque / reach + joint.sum(axis=(1, 2))
-    return whole
+    return np.asarray(force + torque / reach + joint.sum(axis=(1, 2)), np.float64)
 
 
 class StressMeasure:
