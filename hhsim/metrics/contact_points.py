@@ -32,7 +32,6 @@ def find_contact_points(
 
     Args:
         surface: Surface of the object, world.
-        shape: Sizes of the hand.
         placed: Hands [m], world.
         touch: [m]; `SolverOptions.touch` for what contacts/touching of a result counts.
         chosen: Ticks to examine, in order; None for all.
@@ -51,7 +50,7 @@ def find_contact_points(
             columns = [np.empty((capacity, 3)) for _ in range(2)]
             pairs = ContactPoints(np.empty(capacity, np.int64), np.empty(capacity, np.int64), *columns)
             count = find_contact_pairs(shape, surface, some, *placed, counted, float(touch), pairs)
-        return ContactPoints(*(column[:count] for column in pairs))
+        return ContactPoints._make(column[:count] for column in pairs)
 
     with Workers(threads) as workers:
         parts = workers.each(found, ranges(len(ticks), threads))

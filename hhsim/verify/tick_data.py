@@ -145,16 +145,15 @@ class JudgedTicks:
         return np.where(late, self.bearing, np.clip(settled, self.touch, self.bearing))
 
     def bearing_at(self, i: int) -> Pairs:
-        """Pairs that can bear a force at the chosen tick of index i."""
+        """Pairs that can bear a force at the chosen tick of index i.
+
+        On a mesh, those of a tick that lags and lean little from the normal of the triangle whose border they are at
+        are there along that normal too: the program pushes along it, and the contact slides on over the border.
+        """
         pairs = self.pairs.of(i)
         pairs = pairs.at(np.flatnonzero(pairs.distance <= self.bearing_within[i, pairs.body]))
-        return self._with_sides(pairs) if self.on_mesh and self.status[self.chosen[i]] & LAG else pairs
-
-    def _with_sides(self, pairs: Pairs) -> Pairs:
-        """Add the pairs at a triangle's border that lean little from its normal again, along that normal.
-
-        The program pushes along it: the contact slides on over the border.
-        """
+        if not self.on_mesh or not self.status[self.chosen[i]] & LAG:
+            return pairs
         across = self._triangles.normal.T[pairs.leaf]
         side = np.sign((across * pairs.normal).sum(axis=1))
         lean = np.linalg.norm(np.cross(across, pairs.normal), axis=1)
