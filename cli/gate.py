@@ -85,7 +85,8 @@ def command(target: Path | None, comparison: Comparison, output: GateOutput) -> 
       hhsim gate results/after.h5 --baseline results/before.h5
       hhsim gate session.h5 --suite hhsim-gate.toml
     """
-    from hhsim.gate.gate import refused_report
+    from hhsim.gate.gate import GateReport
+    from hhsim.gate.verdict import failed_run
     from hhsim.system.output_path import check_output_path
 
     summary = os.environ.get(STEP_SUMMARY) if output.step_summary else None
@@ -109,7 +110,8 @@ def command(target: Path | None, comparison: Comparison, output: GateOutput) -> 
     try:
         report = judge()
     except HhsimError as error:
-        _write(refused_report("hhsim gate" if target is None else str(target), str(error)), *files)
+        source = "hhsim gate" if target is None else str(target)
+        _write(GateReport(source, "", (failed_run(source, str(error), refused=True),)), *files)
         raise
     _write(report, *files)
     written = comparison.write_baseline

@@ -60,7 +60,6 @@ class FileSettings(OptionGroup, heading="Recording"):
         type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
         help="Axis of the recording's world that points up. Default: what the file says, else z.",
     )
-
     rate: float | None = option(
         type=Number(0.1, 100_000.0),
         metavar="HZ",

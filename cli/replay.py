@@ -24,8 +24,6 @@ from .console import announce_compilation, print_json, print_line, print_notes, 
 from .run_again import names_a_result, run_again
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from hhsim.replay.summary import ReplaySummary
     from hhsim.scene.described_scene import SceneWords
     from hhsim.scene.motion_catalogue import Motion
@@ -251,8 +249,10 @@ def command(
     """
     if names_a_result(object_):
         return run_again(click.get_current_context(), Path(object_), as_json=output.as_json, quiet=output.quiet)
+    from hhsim.replay.repeated_times import repeated_document, repeated_times
     from hhsim.replay.replay import replay_scene as run
     from hhsim.result.reader import check_result_path
+    from hhsim.result.writer import state
     from hhsim.scene.described_scene import described_scene
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.scene.scene import hand_of
@@ -293,7 +293,10 @@ def command(
             for _ in range(output.repeat)
         ]
         summary = runs[-1]
-        repeated = _state_repeats(runs) if output.repeat > 1 else {}
+        repeated: dict[str, Any] = {}
+        if output.repeat > 1:
+            repeated = {"repeated": repeated_document(runs)}
+            state(output_path, "repeated", repeated["repeated"])
         if viewer is not None:
             viewer.show(output_path, report)
     if output.as_json:
@@ -303,7 +306,9 @@ def command(
     elif not output.quiet:
         _print(summary, whole=output.whole)
         if output.repeat > 1:
-            _print_times(runs)
+            print()
+            columns = words("", "row.label"), number("mean ± σ", "shown"), words("unit", "row.unit")
+            print_table(Table(columns, repeated_times(runs), f"times of {len(runs)} runs"))
         for note in (*remarks, *chosen.notes, *summary.notes):
             if note not in mesh.warnings:
                 print_line(f"note: {note}")
@@ -328,24 +333,3 @@ def _print(summary: "ReplaySummary", *, whole: bool) -> None:
     print_table(figure_table(rows, promises=summary.promises), optional=("paper",))
     if not whole:
         print_line(f"{len(rows)} of {len(whole_table(summary.rows))} figures: --all prints all")
-
-
-def _state_repeats(runs: "Sequence[ReplaySummary]") -> dict[str, Any]:
-    """Store the times over several runs in the file of the last one, and return them for the JSON document."""
-    from hhsim.replay.repeated_times import repeated_document
-    from hhsim.result.writer import state
-
-    repeated = repeated_document(runs)
-    path = runs[-1].path
-    assert path is not None
-    state(path, "repeated", repeated)
-    return {"repeated": repeated}
-
-
-def _print_times(runs: "Sequence[ReplaySummary]") -> None:
-    """Print times over several runs: mean ± standard deviation."""
-    from hhsim.replay.repeated_times import repeated_times
-
-    print()
-    columns = words("", "row.label"), number("mean ± σ", "shown"), words("unit", "row.unit")
-    print_table(Table(columns, repeated_times(runs), f"times of {len(runs)} runs"))

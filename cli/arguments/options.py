@@ -144,8 +144,6 @@ picture = click.option(
     metavar="FILE",
     help="Picture file. Default: beside the table, as .png.",
 )
-
-
 isolate = click.option(
     "--isolate",
     is_flag=True,
@@ -180,14 +178,6 @@ class Output(OptionGroup, heading="Output"):
         from hhsim.system.output_path import dated_output_path
 
         return self.out or dated_output_path(stem)
-
-    def table_path(self, suite: str) -> Path:
-        """Return the path of a suite's table; raise OutputError if it cannot be written."""
-        from hhsim.bench.table import check_table_path
-
-        path = self.path(f"bench-{suite}")
-        check_table_path(path)
-        return path
 
 
 class SolverChoice(OptionGroup, heading="Solver"):

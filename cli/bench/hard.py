@@ -54,7 +54,8 @@ def command(
       hhsim bench hard endurance --ticks 600000 --out endurance.h5
       hhsim bench hard --surface mesh --method coupled,progressive
     """
-    from hhsim.bench.robustness.hard import hard_cases
+    from hhsim.bench.robustness.hard import COLUMNS, bench_hard, hard_cases, missed, table_rows
+    from hhsim.solver.method import METHODS
 
     chosen = hard_cases(cases, ticks, solvers.surfaces or ("spheres",))
     if only_list:
@@ -63,10 +64,6 @@ def command(
         else:
             print_table(Table((words("case", "name"), words("what it is", "description")), chosen))
         return 0
-
-    from hhsim.bench.robustness.hard import COLUMNS, bench_hard, missed, table_rows
-    from hhsim.solver.method import METHODS
-
     named = solvers.options(tuple(METHODS))
     settings = {
         "cases": [case.name for case in chosen],
@@ -103,10 +100,6 @@ def _print(results: "list[CaseResult]", failed: "list[CaseResult]") -> None:
         print(f"missed by a method that promises to pass: {', '.join(f'{r.case} ({r.method})' for r in failed)}")
 
 
-def _verdict(result: "CaseResult") -> str:
-    return ("refuses, as it may" if result.refused else "pass") if result.passed else "FAIL"
-
-
 def _value(figure: "Figure") -> str:
     return _shown(figure.value, figure.unit)
 
@@ -126,7 +119,9 @@ SHOWN = (
     words("case"),
     words("method"),
     words("surface"),
-    words("verdict", _verdict),
+    words(
+        "verdict", lambda result: "FAIL" if not result.passed else "refuses, as it may" if result.refused else "pass"
+    ),
     number("penetration", "penetration", "µm", 3, missing=""),
     words("nearest to its bar", lambda result: result.deciding.name if result.deciding else ""),
     number("value", lambda result: _value(result.deciding) if result.deciding else ""),

@@ -68,7 +68,7 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
       hhsim bench speed-error --out tradeoff.h5 --plot tradeoff.png
     """
     from hhsim.bench.speed_error import SpeedErrorOptions, measure
-    from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows
+    from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows, touched
     from hhsim.bench.table import rows_of
     from hhsim.report.bench_trade_off import draw_trade_off
     from hhsim.system.output_path import picture_beside
@@ -90,7 +90,9 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
         _print(f"Nothing is both faster and better ({where})", [r for r in summed if _frontier(r)], SHOWN)
         _print("Methods as they come, and on the mesh", [row for row in summed if _as_it_comes(row)], SHOWN)
         if solvers:
-            _print_solvers(solvers)
+            how = f"{solvers[0]['method']}, {touched(solvers[0]['surface'], solvers[0]['level'])}"
+            title = f"QP solvers, {how}, on a stretch; all but ours are driven from Python"
+            _print(title, solvers, SOLVERS_SHOWN)
         print_notes(notes)
         table.print_paths()
 
@@ -101,15 +103,6 @@ def _as_it_comes(row: Row) -> bool:
 
     on_mesh = row["surface"] == "mesh" and row["linearisations"] == usual_linearisations(row["method"])
     return bool(row["is_default"] or on_mesh)
-
-
-def _print_solvers(rows: Sequence[Row]) -> None:
-    from hhsim.bench.speed_error_table import touched
-
-    first = rows[0]
-    how = f"{first['method']}, {touched(first['surface'], first['level'])}"
-    title = f"QP solvers, {how}, on a stretch; all but ours are driven from Python"
-    _print(title, rows, SOLVERS_SHOWN)
 
 
 def _print(title: str, rows: Sequence[Row], columns: Sequence[Column]) -> None:

@@ -17,7 +17,6 @@ from .suite import Solvers, SuiteTable, measuring
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hhsim.bench.robustness.random_targets import StressOptions
     from hhsim.bench.robustness.stress import StressFigures
 
 SHOWN = (
@@ -58,12 +57,6 @@ class Targets(OptionGroup, heading="Targets"):
         default="palm",
         help="What --step bounds: the palm's way, that of every point of the hand, or nothing, so that the hand jumps.",
     )
-
-    def options(self) -> "StressOptions":
-        """Return the options of the library."""
-        from hhsim.bench.robustness.random_targets import StressOptions
-
-        return StressOptions(hold=self.hold, longest_step=1e-3 * self.step, bound=self.bound, wild=self.wild)
 
 
 @click.command(cls=GroupedCommand)
@@ -107,6 +100,7 @@ def command(
       hhsim bench stress --method paper --keep failures
       hhsim bench stress bunny --surface spheres,mesh --method coupled
     """
+    from hhsim.bench.robustness.random_targets import StressOptions
     from hhsim.bench.robustness.stress import COLUMNS, StressCase, run_stress
     from hhsim.hand.model import HandModel
     from hhsim.mesh.catalogue import object_names
@@ -119,7 +113,8 @@ def command(
     if linearising.margin is not None:
         changed["margin"] = 1e-3 * linearising.margin
     chosen = solvers.options(tuple(METHODS), **changed)
-    stress = targets.options()
+    longest = 1e-3 * targets.step
+    stress = StressOptions(hold=targets.hold, longest_step=longest, bound=targets.bound, wild=targets.wild)
     by_name = (("--level", level), ("--unit", mesh_size.unit), ("--size", mesh_size.size))
     shown = {name: f"{value:g}" if isinstance(value, float) else value for name, value in by_name if value is not None}
     meshes = {name: mesh_size.read(name) for name in objects or object_names()}

@@ -58,13 +58,20 @@ def measuring(output: Output, *, lines: bool = False) -> "Iterator[Progress]":
 
 
 class SuiteTable:
-    """Table of a suite, at the path that the output names; its picture, if any, is set later."""
+    """Table of a suite, at the path that the output names; its picture, if any, is set later.
+
+    Raises:
+        OutputError: It cannot be written there.
+    """
 
     picture: Path | None = None
 
     def __init__(self, output: Output, suite: str, columns: "Sequence[Column]", options: dict[str, Any]) -> None:
-        self.path, self.suite, self.columns, self.options = output.table_path(suite), suite, columns, options
+        from hhsim.bench.table import check_table_path
+
+        self.path, self.suite, self.columns, self.options = output.path(f"bench-{suite}"), suite, columns, options
         self._output = output
+        check_table_path(self.path)
 
     def write(self, rows: Sequence[Any]) -> None:
         """Write the rows as HDF5 and CSV."""

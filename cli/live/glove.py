@@ -24,10 +24,7 @@ from .session import run_session
 from .summary import print_summary, summary_json
 
 if TYPE_CHECKING:
-    from hhsim.hand.model import HandModel
     from hhsim.live.devices.registry import GloveConfig, Hand
-    from hhsim.live.real_time import RealTimeWishes
-
 
 USUAL_MOTION, USUAL_FREE_MOTION = "grasp", "lift"
 """Motions of a glove that plays one, beside a fixed object and a free one."""
@@ -80,12 +77,8 @@ class HandChoice(OptionGroup, heading="Hand"):
     def inputs(self, glove: GloveChoice, seed: int, usual_motion: str) -> "tuple[GloveConfig, PoseConfig, Any]":
         """Return the glove, the source of the palm's pose, and the motion that either of them plays, or None.
 
-        Args:
-            seed: Seed of the glove's noise.
-            usual_motion: Motion if none is named.
-
-        Raises:
-            click.UsageError: Options that contradict each other.
+        `seed` is of the glove's noise, `usual_motion` played if none is named. Raises click.UsageError for options that
+        contradict each other.
         """
         from hhsim.live.devices.registry import configure
         from hhsim.scene.motion_catalogue import resolve_trajectory
@@ -127,12 +120,6 @@ class HandChoice(OptionGroup, heading="Hand"):
         a, b, c, d = self.palm_turn or (1.0, 0.0, 0.0, 0.0)
         config = PoseConfig(pose, (x, y, z), (a, b, c, d), host=self.pose_host, port=self.pose_port)
         return configure(glove.device, hand=side, seed=seed, **settings), config, motion
-
-    def model(self, side: "Hand") -> "HandModel":
-        """Return the hand of this side; raises HhsimError if its file cannot be read, or holds no hand."""
-        from hhsim.hand.model import HandModel
-
-        return HandModel.default(side) if self.hand_file is None else HandModel.from_toml(self.hand_file, side)
 
 
 class Feedback(OptionGroup, heading="Forces"):
@@ -201,23 +188,6 @@ class SessionSettings(OptionGroup, heading="Session"):
     as_json: bool = shared(options.json)
     quiet: bool = shared(options.quiet)
 
-    def record_path(self, stem: str) -> Path | None:
-        """Return the path of the recording, None for none; raises HhsimError if it cannot be written there."""
-        from hhsim.result.reader import check_result_path
-        from hhsim.system.output_path import dated_output_path
-
-        if self.no_record:
-            return None
-        path = self.record or dated_output_path(stem)
-        check_result_path(path)
-        return path
-
-    def wishes(self) -> "RealTimeWishes":
-        """Return the loop's requests to the system."""
-        from hhsim.live.real_time import RealTimeWishes
-
-        return RealTimeWishes.none() if self.no_realtime else RealTimeWishes(cpu=self.cpu)
-
 
 @click.command(cls=GroupedCommand)
 @click.argument("object_", metavar="[OBJECT]", default="bunny", shell_complete=complete_object)
@@ -259,13 +229,17 @@ def command(
       hhsim live glove cube --free --mass 0.1 --friction 0.8 --torsion 5
       hhsim live glove --device replay --trajectory session.h5 --duration 10
     """
+    from hhsim.hand.model import HandModel
     from hhsim.live.devices.registry import open_device
     from hhsim.live.doctor import quick_warning
     from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
+    from hhsim.live.real_time import RealTimeWishes
     from hhsim.live.session.scene import make_live_scene
+    from hhsim.result.reader import check_result_path
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.solver.compile import warm_up
     from hhsim.solver.options import SolverOptions
+    from hhsim.system.output_path import dated_output_path
 
     if session.no_record and session.record is not None:
         raise click.UsageError(f"--no-record and --record {session.record} exclude each other")
@@ -274,13 +248,17 @@ def command(
     print_notes(import_remarks(motion, hand.trajectory or ""))
     options = SolverOptions(period=1.0 / session.rate, **solver.given())
     free.require(options, motion)
-    model = hand.model(device.hand)
+    side, sizes = device.hand, hand.hand_file
+    model = HandModel.default(side) if sizes is None else HandModel.from_toml(sizes, side)
     announce_compilation(quiet=session.quiet)
     solid = solver.surface != "mesh"
     mesh, usual_level = mesh_file.read(object_, solid=solid)
     # An error of the mesh comes before its tree is built.
     free.object(mesh, object_)
-    record = session.record_path(f"{mesh.name}-live-{device.kind}")
+    record = None
+    if not session.no_record:
+        record = session.record or dated_output_path(f"{mesh.name}-live-{device.kind}")
+        check_result_path(record)
     print_notes(mesh.warnings, prefix="warning")
     with progress(quiet=session.quiet) as report:
         chosen = tree.choose(mesh, usual_level, report, solid=solid)
@@ -303,7 +281,7 @@ def command(
         rate=session.rate,
         output=OutputLimits() if feedback.stiffness is None else OutputLimits(stiffness=feedback.stiffness),
         safety=SafetyLimits(stale=1e-3 * feedback.stale, after_stall=feedback.after_stall),
-        real_time=session.wishes(),
+        real_time=RealTimeWishes.none() if session.no_realtime else RealTimeWishes(cpu=session.cpu),
         rerun=session.rerun,
         dry_run=feedback.dry_run,
         command=("hhsim", *sys.argv[1:]),
@@ -314,7 +292,7 @@ def command(
             "object": object_,
             "object_mesh": mesh.sha256,
             "level": chosen.tree.depth,
-            "hand_file": str(hand.hand_file) if hand.hand_file else None,
+            "hand_file": str(sizes) if sizes else None,
             "device": device.kind,
             "trajectory": None if motion is None else hand.trajectory or usual,
             "seed": session.seed,

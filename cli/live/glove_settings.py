@@ -77,7 +77,6 @@ def _type(item: Field[Any], setting: Setting) -> Any:
     if setting.choices:
         return click.Choice(setting.choices)
     if setting.least is not None and setting.most is not None:
-        whole = kind is int
         least, most = setting.least, setting.most
-        return click.IntRange(int(least), int(most)) if whole else Number(least, most)
+        return click.IntRange(int(least), int(most)) if kind is int else Number(least, most)
     return click.Path() if setting.metavar == "FILE" else kind

@@ -15,14 +15,9 @@ POLL = 0.02
 
 
 def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[SessionOutcome, str]":
-    """Run a session to its end.
+    """Run a session to its end; return its outcome, and the error in a line, or "".
 
-    Args:
-        heading: Title of the display.
-        quiet: True to show nothing but warnings and faults.
-
-    Returns:
-        The outcome, and the error in a line, "" if there was none.
+    `heading` is the title of the display, which is warnings and faults alone where `quiet` is set.
     """
     from hhsim.errors import HhsimError
     from hhsim.live.pose.keyboard import HELP, PalmKeys, write_keyboard_pose

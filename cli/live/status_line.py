@@ -62,12 +62,9 @@ class LiveStatus:
             print(line, file=sys.stderr, flush=True)
 
     def update(self, status: Any, tally: "LiveTally", recording: str, palm: "PalmKeys | None" = None) -> None:
-        """Update the display if its interval has passed.
+        """Update the display if its interval has passed, by a record of `LIVE_STATUS`.
 
-        Args:
-            status: Record of `LIVE_STATUS`.
-            recording: Path of the recording, "" for none.
-            palm: Palm that keys move; None otherwise.
+        `recording` is a path, or "" for none; `palm` is one that keys move.
         """
         now = time.monotonic()
         if self.quiet or now - self._shown < (PANEL_SECONDS if self.panel else LINE_SECONDS):

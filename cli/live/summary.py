@@ -40,6 +40,7 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
     everything = max(outcome.ticks + outcome.missed, 1)
     counted = session_rows(session_figures(tally, outcome.missed, outcome.missed_by, math.nan, {}))
     above = {"ticks", "missed", "penetration_max"}
+    unused = counters.rejected, counters.malformed, counters.other, counters.dropped
     rows: list[Row] = [
         ("ticks", f"{outcome.ticks:,}", ""),
         ("missed ticks", f"{outcome.missed:,}", ""),
@@ -47,7 +48,7 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
         *((row.label, row.shown, row.unit) for row in counted if row.name not in above),
         ("frames of the glove", f"{counters.frames:,}", ""),
         ("samples of the hand", f"{counters.samples:,}", ""),
-        ("samples rejected, malformed, for others, lost", _several(counters), ""),
+        ("samples rejected, malformed, for others, lost", ", ".join(f"{count:,}" for count in unused), ""),
         ("commands sent, not taken", f"{counters.commands:,}, {counters.commands_refused:,}", ""),
     ]
     if outcome.watchdog_restarts or outcome.watchdog_releases:
@@ -82,10 +83,9 @@ def fault_counts(outcome: "SessionOutcome") -> "FaultCounts":
 
 
 def recording_errors(outcome: "SessionOutcome") -> dict[str, float]:
-    """Return errors over the recording; empty if it is not whole.
+    """Return errors over the recording [m]; empty if it is not whole.
 
-    Returns:
-        `penetration_max` and `contact_error_max` [m], NaN if nothing touched, and of a free object `object_raised` [m].
+    They are `penetration_max` and `contact_error_max`, NaN if nothing touched, and of a free object `object_raised`.
     """
     from hhsim.errors import InputError
     from hhsim.metrics.free_run import result_free_run
@@ -149,7 +149,3 @@ def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
         "watchdog_releases": outcome.watchdog_releases,
         "events": [{"seconds": at, "level": level, "text": text} for at, level, text in outcome.notices],
     }
-
-
-def _several(counters: Any) -> str:
-    return f"{counters.rejected:,}, {counters.malformed:,}, {counters.other:,}, {counters.dropped:,}"

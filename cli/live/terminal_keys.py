@@ -7,16 +7,13 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-ReadKeys = Callable[[], "str | None"]
-"""Returns the keys pressed since the last call, "" for none; None if the terminal is gone."""
-
 
 @contextmanager
-def terminal_keys() -> Iterator[ReadKeys | None]:
+def terminal_keys() -> Iterator[Callable[[], str | None] | None]:
     """Read each key of stdin at once, without echo; yields None if stdin is not our terminal.
 
-    Ctrl-C, Ctrl-Z and Ctrl-backslash stay signals. The settings are restored when the block is left, by whatever error
-    or exit.
+    What it yields returns the keys pressed since the last call, "" for none; None if the terminal is gone. Ctrl-C,
+    Ctrl-Z and Ctrl-backslash stay signals. The settings are restored when the block is left, by whatever error or exit.
     """
     found = _terminal()
     if found is None:
@@ -56,9 +53,5 @@ def _keys(descriptor: int) -> str | None:
                 return None
     except OSError:
         return None
-    return _without_sequences(found.decode("utf-8", "replace"))
-
-
-def _without_sequences(text: str) -> str:
-    """Remove the sequences of arrow and function keys, which begin with Escape."""
-    return re.sub(r"\x1b[\[O][^@-~]*[@-~]?", "", text)
+    # Without the sequences of arrow and function keys, which begin with Escape.
+    return re.sub(r"\x1b[\[O][^@-~]*[@-~]?", "", found.decode("utf-8", "replace"))

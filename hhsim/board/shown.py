@@ -40,7 +40,8 @@ def standing_table(board: Board, standings: Sequence[Standing]) -> Table:
         number("p50", lambda row: _time(row.p50, row.p50_std, row.comparable), "µs"),
         number("p99", lambda row: _time(row.p99, row.p99_std, row.comparable), "µs"),
     )
-    return Table(columns, standings, notes=(LEGEND, *said_of(board)))
+    machines = [f"{label}: {machine_line(json.loads(machine))}" for machine, label in board.machines.items()]
+    return Table(columns, standings, notes=(LEGEND, *machines, *(f"note: {note}" for note in board.notes)))
 
 
 def entry_table(board: Board) -> Table:
@@ -79,12 +80,6 @@ def document_table(board: Board, standings: Sequence[Standing]) -> Table:
     same = "; ".join(filter(None, (f"{column.heading} {cells[column].pop()}".strip() for column in alike)))
     told = [f"the same in every row: {same}"] if same else []
     return replace(whole, columns=[each for each in cells if each not in alike], notes=[*told, *whole.notes])
-
-
-def said_of(board: Board) -> list[str]:
-    """Return the machines by their letters, and the board's notes."""
-    machines = [f"{label}: {machine_line(json.loads(machine))}" for machine, label in board.machines.items()]
-    return [*machines, *(f"note: {note}" for note in board.notes)]
 
 
 def machine_line(machine: Mapping[str, Any]) -> str:

@@ -85,11 +85,6 @@ class GateReport:
         }
 
 
-def refused_report(source: str, reason: str) -> GateReport:
-    """Return the report of a suite or a result that cannot be gated."""
-    return GateReport(source, "", (failed_run(source, reason, refused=True),))
-
-
 def gate_suite(
     suite: GateSuite,
     head: Side,

@@ -5,10 +5,8 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.machine_calibration import ROWS, SPHERES, time_reference
 
-REPEATS = 2_000
 
-
-def reference_p50(repeats: int = REPEATS) -> float:
+def reference_p50(repeats: int = 2_000) -> float:
     """Median CPU time of the workload on this machine now [s]; the first call compiles it, or loads it."""
     center, radius, matrix = reference_input()
     factor = np.zeros_like(matrix)

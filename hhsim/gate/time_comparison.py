@@ -2,8 +2,7 @@
 
 Mean and p99 of identical code differ by whole factors between runs, and even p50 by several percent between processes,
 whose memory layouts differ. The median over processes of the p50 of the CPU time is stable, with base and head run in
-turn
-so that both see the same machine: ratios of two such medians are compared with a limit of 5 %.
+turn so that both see the same machine: ratios of two such medians are compared with a limit of 5 %.
 """
 
 import math

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hhsim.arrays import BoolArray, IntArray
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.contact.contact_points import find_contact_pairs
 from hhsim.kernels.contact.surface import ContactPoints
@@ -33,7 +32,6 @@ def find_contact_points(
 
     Args:
         surface: Surface of the object, world.
-        shape: Sizes of the hand.
         placed: Hands [m], world.
         touch: [m]; `SolverOptions.touch` for what contacts/touching of a result counts.
         chosen: Ticks to examine, in order; None for all.
@@ -45,20 +43,15 @@ def find_contact_points(
     threads = usual_threads() if len(ticks) > TICKS_A_THREAD else 1
 
     def found(first: int, end: int) -> ContactPoints:
-        return _contact_points(surface, shape, placed, touch, np.ascontiguousarray(ticks[first:end]), counted)
+        some, count = np.ascontiguousarray(ticks[first:end]), -1
+        capacity = max(CAPACITY, 4 * len(some))
+        while count < 0:
+            capacity *= 4
+            columns = [np.empty((capacity, 3)) for _ in range(2)]
+            pairs = ContactPoints(np.empty(capacity, np.int64), np.empty(capacity, np.int64), *columns)
+            count = find_contact_pairs(shape, surface, some, *placed, counted, float(touch), pairs)
+        return ContactPoints._make(column[:count] for column in pairs)
 
     with Workers(threads) as workers:
         parts = workers.each(found, ranges(len(ticks), threads))
     return parts[0] if len(parts) == 1 else ContactPoints(*(np.concatenate(columns) for columns in zip(*parts)))
-
-
-def _contact_points(
-    surface: Any, shape: HandShape, placed: PlacedHand, touch: float, ticks: IntArray, counted: BoolArray
-) -> ContactPoints:
-    capacity, count = max(CAPACITY, 4 * len(ticks)), -1
-    while count < 0:
-        capacity *= 4
-        columns = [np.empty((capacity, 3)) for _ in range(2)]
-        pairs = ContactPoints(np.empty(capacity, np.int64), np.empty(capacity, np.int64), *columns)
-        count = find_contact_pairs(shape, surface, ticks, *placed, counted, float(touch), pairs)
-    return ContactPoints(pairs.tick[:count], pairs.body[:count], pairs.point[:count], pairs.normal[:count])

@@ -28,14 +28,14 @@ class Datasets(Protocol):
     """Datasets of /tick and of /contact by name."""
 
     def __getitem__(self, name: str, /) -> AnyArray:
-        """Return the dataset, world."""
+        """Return the dataset."""
 
 
 @dataclass(frozen=True, eq=False)
 class FreeRun:
     """Free object of a run, world frame."""
 
-    datasets: Datasets  # datasets of the result
+    datasets: Datasets  # datasets of the result, world
     properties: Mapping[str, Any]  # `FreeObject.to_json` of `hhsim.scene.free_object`
     corners: AnyArray  # corners of the box around the object before the first tick [m], shape (8, 3)
     first: ObjectMotion  # pose of the object then, shapes (3,) and (4,)

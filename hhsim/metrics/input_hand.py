@@ -53,7 +53,6 @@ def input_hand(
     """Measure the user's hand and the shown one of a run.
 
     Args:
-        hand: The hand.
         depths: Depth function of the object, where it stands still.
         haptic: User's hand at each tick, in the object's frame; ticks that are not finite are left out.
         shown: Shown hand, in the same frame.
@@ -90,24 +89,17 @@ Depths = Callable[[PlacedHand], FloatArray]
 
 
 def object_depths(surface: Any, mesh: Mesh, shape: HandShape, fingers: BoolArray) -> Depths:
-    """Depth function of the object's leaf spheres or triangles; `fingers` (5,) selects the modelled fingers."""
-    if isinstance(surface, MeshFeatures) and surface.multiplicity.shape[0] > 0:
-        return _mesh_depths(mesh, shape, fingers)
-    return _surface_depths(surface, shape, fingers)
+    """Depth function of the object's leaf spheres or triangles; `fingers` (5,) selects the modelled fingers.
 
+    In a closed mesh it is the depth of the hand's deepest point, unlike the distance to its nearest triangle.
+    """
+    if not isinstance(surface, MeshFeatures) or surface.multiplicity.shape[0] == 0:
+        # Spheres, or triangles that enclose nothing and count as pierced.
+        def in_pieces(placed: PlacedHand) -> FloatArray:
+            found = penetration(surface, *shape, *placed, fingers)
+            return np.concatenate([np.nan_to_num(found.finger), found.palm[:, None]], axis=1)
 
-def _surface_depths(surface: Any, shape: HandShape, fingers: BoolArray) -> Depths:
-    """Depths in single pieces: spheres, or triangles that enclose nothing and count as pierced."""
-
-    def of(placed: PlacedHand) -> FloatArray:
-        found = penetration(surface, *shape, *placed, fingers)
-        return np.concatenate([np.nan_to_num(found.finger), found.palm[:, None]], axis=1)
-
-    return of
-
-
-def _mesh_depths(mesh: Mesh, shape: HandShape, fingers: BoolArray) -> Depths:
-    """Depths in a closed mesh: of the hand's deepest point, unlike the distance to its nearest triangle."""
+        return in_pieces
     bvh = build_mesh_bvh(*merged_vertices(mesh.vertices, mesh.faces))
     nowhere = np.full((4, 3), AWAY)
     empty = HandShape(shape.phalanx_radius, np.empty((0, 3)), np.empty(0))

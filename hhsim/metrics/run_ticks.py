@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.free_run import FreeRun, result_free_run
+from hhsim.metrics.free_run import Datasets, FreeRun, result_free_run
 from hhsim.metrics.input_hand import InputHand, input_hand, object_depths
 from hhsim.metrics.mesh_penetration import TouchedObject
 from hhsim.motion.trajectory import TickPhase
@@ -32,18 +31,11 @@ PLACED = ("graphic/joints", "graphic/position", "graphic/orientation")
 """Datasets of the shown hand, in the order of `PlacedHand`."""
 
 
-class Columns(Protocol):
-    """Datasets of /tick by name, each with a row a tick."""
-
-    def __getitem__(self, name: str, /) -> AnyArray:
-        """Return the dataset."""
-
-
 @dataclass(frozen=True, eq=False)
 class RunTicks:
     """Data from which the figures of a run are computed."""
 
-    columns: Columns  # datasets of /tick by name, in a moving object's frame; `run["force/total"]` is one of them
+    columns: Datasets  # datasets of /tick by name, in a moving object's frame; `run["force/total"]` is one of them
     ticks: int  # number of ticks
     phases: Sequence[TickPhase]  # phases of the motion
     rate: float  # ticks per second [Hz]
@@ -100,7 +92,7 @@ class RunTicks:
         return np.asarray((self.columns["contacts/touching"] > 0) | forced)
 
 
-def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
+def result_ticks(result: Result, columns: Datasets | None = None) -> RunTicks:
     """Build the ticks of a result; `columns` replaces the file's, in a moving object's frame."""
     static = result.static
     center, radius, levels, parent = (static[f"object/tree/{name}"] for name in ("center", "radius", "level", "parent"))
@@ -116,7 +108,7 @@ def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
     return replace(ticks_alone(result, columns), touched=touched)
 
 
-def ticks_alone(result: Result, columns: Columns | None = None) -> RunTicks:
+def ticks_alone(result: Result, columns: Datasets | None = None) -> RunTicks:
     """Build the ticks of a result without its object: figures of contacts and of the user's hand are NaN."""
     static = result.static
     level = static["object/tree/level"]

@@ -19,7 +19,7 @@ from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import FORCES
 from hhsim.solver.options import SolverOptions
 from hhsim.system.counted import counted
-from hhsim.trees.contact_surface import contact_surface
+from hhsim.trees.contact_surface import ContactSurface, contact_surface
 
 OBJECT, MOTION = "sphere", "grasp"
 """Scene: a ball has no edge that could be blamed."""
@@ -56,7 +56,8 @@ def check_method(name: str) -> Iterator[Finding]:
     ticks = next(phase.first_tick for phase in scene.ticks.phases if phase.name == "hold") + 200
     haptic = haptic.part(0, ticks)
     try:
-        record, again = (_run(scene, options, haptic) for _ in range(2))
+        surface = contact_surface(options.surface, scene.mesh, scene.tree)
+        record, again = (HandSolver(scene.hand, surface, options).run(*haptic) for _ in range(2))
     except HhsimError as error:
         yield Finding("run", WRONG, str(error))
         return
@@ -65,16 +66,11 @@ def check_method(name: str) -> Iterator[Finding]:
     yield _free(record, haptic)
     yield _bends(scene, HandConfiguration.of(record))
     yield _rest(record)
-    yield _depth(scene, options, record, promised=method.never_penetrates)
+    yield _depth(scene, surface, record, promised=method.never_penetrates)
     yield _touches(record)
     if FORCES in method.gives:
         yield _push(record)
     yield from _times(record)
-
-
-def _run(scene: Scene, options: SolverOptions, haptic: HandConfiguration) -> TickRecord:
-    surface = contact_surface(options.surface, scene.mesh, scene.tree)
-    return HandSolver(scene.hand, surface, options).run(*haptic)
 
 
 def _same(record: TickRecord, again: TickRecord) -> Finding:
@@ -94,16 +90,10 @@ def _free(record: TickRecord, haptic: HandConfiguration) -> Finding:
     worst = float(np.linalg.norm(shown - wanted, axis=1).max())
     if worst <= FOLLOWS:
         return Finding("free space", OK, f"the shown palm follows the user's to {1e3 * worst:.3g} mm")
-    return Finding("free space", WRONG, f"{_suspicion(shown, wanted)} (free of contact)")
-
-
-def _suspicion(shown: FloatArray, wanted: FloatArray) -> str:
-    """Likely reason of the difference of two palms."""
-    off = float(np.linalg.norm(shown - wanted, axis=1).max())
-    for text, changed in same_but_for(shown):
-        if float(np.linalg.norm(changed - wanted, axis=1).max()) < 0.1 * off:
-            return f"the shown palm is up to {1e3 * off:.3g} mm off the user's: {text}?"
-    return f"the shown palm is up to {1e3 * off:.3g} mm off the user's"
+    off = ((text, float(np.linalg.norm(changed - wanted, axis=1).max())) for text, changed in same_but_for(shown))
+    why = next((f": {text}?" for text, rest in off if rest < 0.1 * worst), "")
+    says = f"the shown palm is up to {1e3 * worst:.3g} mm off the user's{why} (free of contact)"
+    return Finding("free space", WRONG, says)
 
 
 def same_but_for(position: FloatArray) -> Iterator[tuple[str, FloatArray]]:
@@ -139,8 +129,7 @@ def _rest(record: TickRecord) -> Finding:
     return Finding("rest", NOTE, f"after 200 ticks of rest the shown hand still moves by {1e6 * moved:.3g} µm a tick")
 
 
-def _depth(scene: Scene, options: SolverOptions, record: TickRecord, *, promised: bool) -> Finding:
-    surface = contact_surface(options.surface, scene.mesh, scene.tree)
+def _depth(scene: Scene, surface: ContactSurface, record: TickRecord, *, promised: bool) -> Finding:
     placed = PlacedHand(record.joints, record.position, record.orientation)
     found = penetration(surface.arrays, *hand_shape(scene.hand), *placed)
     deepest = float(np.nanmax(found.depth))

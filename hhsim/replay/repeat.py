@@ -1,6 +1,6 @@
 """Second run of a result's ticks, from nothing but the file, and comparison of every array: bits, and rounding."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,10 +14,11 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.replay.moving_object import FreeFrame, MovingFrame, StillFrame
-from hhsim.replay.stored_scene import require_whole, stored_free, stored_hand, stored_options, stored_surface
+from hhsim.replay.stored_scene import require_whole, stored_hand, stored_options, stored_surface
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.reader import Result
 from hhsim.result.schema import CONTACT, CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS, TICK_COLUMNS, Column
+from hhsim.scene.free_object import FreeObject
 from hhsim.solver.compile import warm_up
 from hhsim.solver.free_engine import object_record, of_tick
 from hhsim.solver.hand_solver import HandSolver
@@ -26,8 +27,7 @@ from hhsim.solver.method import METHODS
 from hhsim.solver.workspace import tick_record
 from hhsim.system import environment as info
 from hhsim.system.deferred_sigint import interruptible_between
-
-Progress = Callable[[str, int, int], None]
+from hhsim.system.progress import Progress, silent
 
 TIMINGS = "duration/"
 GIVEN = ("time", "input_seq", "haptic/")
@@ -192,11 +192,12 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     Raises:
         InputError: An object, a tree or a hand that is not the one of the run; no ticks.
     """
+    report = progress or silent
     require_whole(result)
     if result.ticks == 0:
         raise InputError(f"{result.path} holds no ticks: there is nothing to run again")
     hand, options = stored_hand(result), stored_options(result)
-    surface, free = stored_surface(result), stored_free(result)
+    surface, free = stored_surface(result), FreeObject.from_json(result.scene["free"]) if result.free else None
     warm_up(hand, options, free)
     solver = HandSolver(hand, surface, options, free)
     columns = TickColumns(surface.arrays, hand, options)
@@ -208,8 +209,7 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     with interruptible_between() as check_interrupt:
         done = 0
         for stored in result.blocks([column.name for column in (*TICK_COLUMNS, *moving)]):
-            if progress is not None:
-                progress("ticks", done, total)
+            report("ticks", done, total)
             stored = {name: values[: total - done] for name, values in stored.items()}
             here = slice(done, done + len(stored["time"]))
             haptic = HandConfiguration(*(stored[f"haptic/{name}"] for name in HandConfiguration._fields))
@@ -227,8 +227,7 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
             check_interrupt()
             if done == total:
                 break
-    if progress is not None:
-        progress("ticks", total, total)
+    report("ticks", total, total)
     arrays = (*ticks_arrays, *contacts)
     counts = [f"{a.name} at {a.ticks:,}" for a in arrays if a.ticks and a.name.startswith(COUNTERS)]
     if counts and not any(array.word == DIFFERENT for array in arrays):

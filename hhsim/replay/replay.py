@@ -4,6 +4,7 @@ The ticks run in compiled blocks; each is measured and written before the next o
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,10 @@ import numpy as np
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.metrics.run.registry import needed_columns
 from hhsim.replay.moving_object import scene_frames
 from hhsim.replay.stored_scene import describe_scene, static_arrays
-from hhsim.replay.summary import ReplaySummary, summarise, summarised_columns
+from hhsim.replay.summary import GRAPHIC_HAND, ReplaySummary, summarise
 from hhsim.replay.tick_columns import KeptColumns, TickColumns
 from hhsim.result.reader import CHUNK_TICKS
 from hhsim.result.schema import CONTACT, CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS
@@ -25,9 +27,9 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS, Method
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import contact_surface
 
-Progress = Callable[[str, int, int], None]
 OF_FREE_OBJECT = (
     *(column.name for column in (*OBJECT_COLUMNS, *FREE_COLUMNS)),
     *(f"{CONTACT}/{column.name}" for column in CONTACT_COLUMNS),
@@ -48,8 +50,6 @@ def replay_scene(
     """Replay the scene's motion, write a result file, and return the figures of the table.
 
     Args:
-        scene: Object, hand and motion.
-        options: Solver's options.
         output_path: Result file; an existing one is replaced when the new one is complete.
         description: Further description of the scene as plain values, over the scene's own.
         command: Command line that makes the result, for the file to record; empty in a program.
@@ -63,8 +63,7 @@ def replay_scene(
     """
     if not isinstance(options, SolverOptions):
         raise InputError(f"options: expected SolverOptions, found {options!r}")
-    options = options.at_rate(scene.ticks.rate)
-    free = scene.free
+    options, free, report = options.at_rate(scene.ticks.rate), scene.free, progress or silent
     prepared = warm_up(scene.hand, options, free)
     surface = contact_surface(options.surface, scene.mesh, scene.tree)
     solver = HandSolver(scene.hand, surface, options, free)
@@ -80,7 +79,7 @@ def replay_scene(
         **_of_outside_method(options.method, solver.method),
         **describe_scene(scene.mesh, scene.tree, scene.hand, options, static, free),
     }
-    series, kept = KeptColumns(summarised_columns()), KeptColumns(OF_FREE_OBJECT if free else ())
+    series, kept = KeptColumns((*needed_columns(), *GRAPHIC_HAND)), KeptColumns(OF_FREE_OBJECT if free else ())
     columns = TickColumns(surface.arrays, scene.hand, options)
     frame_of = scene_frames(scene, solver)
     moves: dict[str, Any] = {"driven": scene.driven is not None, "free": free is not None}
@@ -91,8 +90,7 @@ def replay_scene(
             before_ticks()
         with interruptible_between() as check_interrupt:
             for first in range(0, total, CHUNK_TICKS):
-                if progress is not None:
-                    progress("ticks", first, total)
+                report("ticks", first, total)
                 part = slice(first, min(first + CHUNK_TICKS, total))
                 record = solver.run(*HandConfiguration.of(ticks).at(part))
                 if not np.isfinite(record.joints).all():
@@ -104,11 +102,10 @@ def replay_scene(
                 kept.keep(whole | {f"{CONTACT}/{name}": rows for name, rows in contacts.items()})
                 series.keep(block)
                 check_interrupt()
-        if progress is not None:
-            progress("ticks", total, total)
+        report("ticks", total, total)
         summary = summarise(scene, surface, options, series, prepared, kept, of_paper=of_the_paper(described))
         path = writer.finish(summary.attributes())
-    return summary.at(path)
+    return replace(summary, path=path)
 
 
 def _of_outside_method(name: str, method: Method) -> dict[str, Any]:

@@ -125,11 +125,6 @@ def stored_hand(result: Result) -> HandModel:
     return result_hand(result)
 
 
-def stored_free(result: Result) -> FreeObject | None:
-    """Return the properties of a free object; None for another object."""
-    return FreeObject.from_json(result.scene["free"]) if result.free else None
-
-
 def stored_options(result: Result) -> SolverOptions:
     """Return the solver's options; InputError if hhsim has no such options."""
     try:

@@ -1,7 +1,7 @@
 """Table that `hhsim replay` prints: our figures beside the paper's."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from hhsim.metrics import metrics
 from hhsim.metrics.free_run import Datasets, FreeRun
 from hhsim.metrics.mesh_penetration import MOST_CONTACT_ERROR, TouchedObject
 from hhsim.metrics.run.force import TREMBLING
-from hhsim.metrics.run.registry import known_figures, needed_columns, tick_figures
+from hhsim.metrics.run.registry import known_figures, tick_figures
 from hhsim.metrics.run_ticks import RunTicks
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.replay.summary_table import SummaryRow, figure_table, short_table, summary_rows
@@ -40,11 +40,6 @@ REFERENCE_TICKS = 16
 
 GRAPHIC_HAND = ("graphic/position", "graphic/orientation", "graphic/flexion", "graphic/abduction")
 """Datasets from which figures of further runs start."""
-
-
-def summarised_columns() -> tuple[str, ...]:
-    """Return the names of the datasets of /tick that the table needs."""
-    return tuple(dict.fromkeys((*needed_columns(), *GRAPHIC_HAND)))
 
 
 @dataclass(frozen=True, repr=False)
@@ -92,10 +87,6 @@ class ReplaySummary:
     def attributes(self) -> dict[str, float | int]:
         """Return the table as attributes of the result file: figures and timings by name."""
         return {"ticks": self.ticks, **{row.name: row.value for row in self.rows}}
-
-    def at(self, path: Path) -> "ReplaySummary":
-        """Return the summary with the file's path."""
-        return replace(self, path=path)
 
     def to_json(self) -> dict[str, Any]:
         """Return the summary as plain values, SI."""

@@ -63,7 +63,8 @@ def option_words(result: Result) -> dict[str, str]:
         if name not in ("method", "fingers", "stiffness"):
             words[name] = f"{name.replace('_', ' ')} {option_value(name, value)}"
     if scene.get("placement"):
-        words["scene placement"] = _placed(scene["placement"])
+        time, depth = (float(scene["placement"][name]) for name in ("time", "depth"))
+        words["scene placement"] = f"placed at {time:.2f} s, {1e3 * depth:.1f} mm deep"
     for name in ("max_error", "tremor_mm_deg", "samples", "size_mm", "thickness_mm", "seed"):
         if scene.get(name) is not None:
             words[f"scene {name}"] = cut(f"{name.partition('_mm')[0].replace('_', ' ')} {scene[name]}")
@@ -104,8 +105,3 @@ def _telling(options: Sequence[dict[str, str]]) -> list[list[str]]:
             if one.get(name) and one[name] != usual:
                 words.append(one[name])
     return [words[:MOST_WORDS] for words in found]
-
-
-def _placed(placement: Mapping[str, Any]) -> str:
-    """Return in words where the object of a recording was put."""
-    return f"placed at {float(placement['time']):.2f} s, {1e3 * float(placement['depth']):.1f} mm deep"

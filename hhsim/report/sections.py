@@ -80,19 +80,16 @@ def result_tables(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) 
         "all_figures": all_figures(runs, comparisons),
         "settings": facts_table("What was run", runs, run_facts),
         "typed": [shlex.join(run.result.command) for run in runs if run.result.command],
-        "again": [line for run in runs for line in looking_again(run.result)],
+        # Commands that show a result, check it, and run it again.
+        "again": [
+            f"hhsim {verb} {shlex.quote(run.result.path.name)}" for run in runs for verb in ("view", "verify", "replay")
+        ],
         "phase_table": lambda run: phase_table(run, of_run("Phases of the motion", run)),
         "finger_table": lambda run: Table(FINGER_COLUMNS, run.fingers, of_run("Forces on each finger", run)),
         "machine": facts_table("Machine and versions", runs, machine_facts),
         "origin": facts_table("Files and checksums", runs, origin_facts),
         "solver_options": facts_table("Every option of the solver, SI units", runs, option_facts),
     }
-
-
-def looking_again(result: Result) -> list[str]:
-    """Return commands that show a result, check it, and run it again."""
-    name = shlex.quote(result.path.name)
-    return [f"hhsim view {name}", f"hhsim verify {name}", f"hhsim replay {name}"]
 
 
 def facts_table(caption: str, runs: Sequence[ReportRun], facts: Callable[[Result], Mapping[str, str]]) -> Table:

@@ -49,21 +49,12 @@ class SpeedError:
     of_paper: bool = False
 
 
-@dataclass(frozen=True)
-class Axis:
-    """One panel: field of `SpeedError`, title with unit, scale to that unit, and a tenth of the lowest decade shown."""
-
-    field: str
-    title: str
-    scale: float
-    least: float
-
-
 AXES = (
-    Axis("depth", "deep in what is touched [µm]", 1e6, 1e-3),
-    Axis("mesh", "off the true mesh [mm]", 1e3, 1e-2),
-    Axis("excess", "over the optimum [%]", 1.0, 1e-3),
+    ("depth", "deep in what is touched [µm]", 1e6, 1e-3),
+    ("mesh", "off the true mesh [mm]", 1e3, 1e-2),
+    ("excess", "over the optimum [%]", 1.0, 1e-3),
 )
+"""Panels: field of `SpeedError`, title with unit, scale to that unit, and a tenth of the lowest decade shown."""
 
 
 def speed_error_figure(results: Mapping[str, Result]) -> ReportFigure:
@@ -73,15 +64,12 @@ def speed_error_figure(results: Mapping[str, Result]) -> ReportFigure:
     of_paper = any(point.of_paper for point in points)
     panels = [
         TradeOff(
-            axis.title,
-            [
-                Mark(point.p50, axis.scale * getattr(point, axis.field), *style, point.p99)
-                for point, style in zip(points, styles)
-            ],
-            axis.least,
-            paper=axis.scale * PAPER_DEPTH if axis.field == "depth" and of_paper else None,
+            title,
+            [Mark(point.p50, scale * getattr(point, field), *style, point.p99) for point, style in zip(points, styles)],
+            least,
+            paper=scale * PAPER_DEPTH if field == "depth" and of_paper else None,
         )
-        for axis in AXES
+        for field, title, scale, least in AXES
     ]
     names = dict(zip((point.label for point in points), styles))
     drawing = trade_off_drawing(panels, names, PANEL)

@@ -369,7 +369,6 @@ def _draw_marks(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
                 linewidth=0.9, clip_on=False,
             )  # fmt: skip
         # From the end on: the last word says most.
-
         for at, word in reversed(run.marks):
             if named - at < 2.0 * word_width:
                 continue

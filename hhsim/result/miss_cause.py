@@ -21,8 +21,6 @@ WORDS = {
     MissCause.HOST: "taken by the host",
     MissCause.DEVICE: "device late",
 }
-
-
 CAUSES = tuple(WORDS)
 """Causes in the order of counts by cause."""
 

@@ -2,8 +2,7 @@
 
 Each block is flushed, so that a killed run leaves a readable file with `complete` = 0; it becomes 1 right before the
 file is sealed (`hhsim.system.checksummed_file`). A new result grows as NAME.partial.h5 beside an older one and replaces
-it
-when complete. The space of each block is claimed before HDF5 writes, since HDF5 cannot even close a file after a
+it when complete. The space of each block is claimed before HDF5 writes, since HDF5 cannot even close a file after a
 failed write.
 """
 
@@ -53,8 +52,7 @@ class ResultWriter:
     """Writes a result file block by block in a `with`; call `finish` last.
 
     Leaving the `with` by an exception keeps the blocks with complete = 0, and notes their place on the exception; a
-    file
-    without any tick is removed.
+    file without any tick is removed.
 
     Args:
         path: Result; an existing one is replaced when the new one is complete.

@@ -15,7 +15,6 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.csv_file import format_csv
-from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.scene import Scene
 from hhsim.submissions.pose_file import Submission, format_poses
 from hhsim.submissions.scene_file import scene_content, scene_digest, scene_names, scene_title, tick_trajectory
@@ -58,12 +57,14 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
     lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in scene.mesh.vertices.tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (scene.mesh.faces + 1).tolist()]
     spheres = np.column_stack([scene.tree.leaf_center, scene.tree.leaf_radius])
+    names = ("object_position", "object_orientation", "name", "source")
+    about = {name: getattr(scene.trajectory, name) for name in names}
     files: dict[str, str | bytes] = {
         SCENE_FILE: scene_content(scene),
         "scene.json": json.dumps(description, indent=2) + "\n",
         "object.obj": "\n".join(lines) + "\n",
         "spheres.csv": Table.of_cells(("x [m]", "y [m]", "z [m]", "radius [m]"), spheres.tolist()).csv(),
-        "motion.csv": format_csv(_motion(scene)),
+        "motion.csv": format_csv(tick_trajectory(ticks, hand=hand.side, **about)),
         "hand.json": json.dumps(_numbers(hand), indent=1) + "\n",
         "hand.urdf": hand_urdf(hand),
         "hand.xml": hand_mjcf(hand),
@@ -96,12 +97,6 @@ def example_submission(scene: Scene) -> Submission:
         made_by=scene_names(scene),
         hand=scene.hand.side,
     )
-
-
-def _motion(scene: Scene) -> Trajectory:
-    about = ("object_position", "object_orientation", "name", "source")
-    given = {name: getattr(scene.trajectory, name) for name in about}
-    return tick_trajectory(scene.ticks, hand=scene.hand.side, **given)
 
 
 def _numbers(hand: HandModel) -> dict[str, Any]:

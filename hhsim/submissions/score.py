@@ -60,13 +60,6 @@ class PoseErrors(NamedTuple):
     off_best_max: float
 
 
-def pose_errors(scene: Scene, options: SolverOptions, poses: HandConfiguration) -> PoseErrors:
-    """Measure poses, one a tick of the scene; `options` give the stiffness of the coupling energy."""
-    placed = forward_kinematics(scene.hand, *poses)
-    mean, most = _off_best(scene, options, placed)
-    return PoseErrors(_mesh_depth(scene, placed), mean, most)
-
-
 def _mesh_depth(scene: Scene, placed: PlacedHand) -> float:
     if not encloses(scene.mesh):
         return np.nan
@@ -197,11 +190,12 @@ def score(
     with known_for_now(name, method):
         options = SolverOptions(method=name, surface=surface)
         file = submission.path.name if submission.path else ""
-        stated = {"method": submission.method, "file": file, "scene": digest, "suspicions": list(doubts)}
-        more = {"submission": stated}
-        summary = replay_scene(scene, options, output_path, description=more, command=command, progress=progress)
+        said = {"method": submission.method, "file": file, "scene": digest, "suspicions": list(doubts)}
+        more: dict[str, Any] = {"description": {"submission": said}, "command": command, "progress": progress}
+        summary = replay_scene(scene, options, output_path, **more)
         progress("the best poses", 0, 1)
-        errors = pose_errors(scene, options.at_rate(scene.ticks.rate), submission.poses)
+        placed = forward_kinematics(scene.hand, *submission.poses)
+        errors = PoseErrors(_mesh_depth(scene, placed), *_off_best(scene, options.at_rate(scene.ticks.rate), placed))
     assert summary.path is not None
     known = {key: value for key, value in errors._asdict().items() if np.isfinite(value)}
     state(summary.path, "score", known)

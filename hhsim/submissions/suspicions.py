@@ -20,8 +20,6 @@ from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.scene_file import scene_digest, scene_names, scene_title
 from hhsim.system.counted import counted
 
-Mended = Iterator[tuple[str, FloatArray]]
-
 FREE_DISTANCE = 2e-3
 """Distance of the user's hand from the object [m] beyond which the shown hand is the user's."""
 LEAST_FREE_TICKS = 20
@@ -190,7 +188,7 @@ def _orientation(shown: FloatArray, user: FloatArray) -> Iterator[str]:
     yield from _named(f"the palm is turned by {off:.3g} rad", off, ANGLE_TOLERANCE, mended, "another frame")
 
 
-def _turned(shown: FloatArray) -> Mended:
+def _turned(shown: FloatArray) -> Iterator[tuple[str, FloatArray]]:
     """Yield the mistakes in orientations, and the orientations without each."""
     yield "quaternion x y z w", shown[:, [3, 0, 1, 2]]
     yield "quaternion of the world in the palm's frame", conjugate(shown)

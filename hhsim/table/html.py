@@ -39,13 +39,9 @@ def environment() -> "Environment":
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     made.filters |= {"base64": _base64, "png_size": _png_size, "sha256": _sha256}
-    made.tests["long"] = is_long
+    # A word of such a cell, as a checksum is, has to be broken to fit a page.
+    made.tests["long"] = lambda cell: max(map(len, cell.split()), default=0) > LONGEST_WORD
     return made
-
-
-def is_long(cell: str) -> bool:
-    """Return whether a word of a cell, such as a checksum, has to be broken to fit a page."""
-    return max(map(len, cell.split()), default=0) > LONGEST_WORD
 
 
 def _legal(value: Any) -> Any:

@@ -15,8 +15,6 @@ LONGEST_WORD = 28
 """Most letters of a word, such as a path, that keep a column as wide."""
 MOST_LINES = 4
 """Most lines of a row; longer rows are cards."""
-
-
 PIPE_WIDTH = 1_000
 """Letters of a line without a terminal: nothing is folded, so that lines can be searched."""
 

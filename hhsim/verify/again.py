@@ -101,22 +101,20 @@ def _motion(result: Result) -> Claim:
     off[:count] = np.maximum(off[:count], np.abs(np.asarray(result["input_seq"])[:count] - ticks.input_seq[:count]))
     if result.complete and (ticks.tick_count > count or ticks.phases != result.phases):
         off[-1] = np.inf
-    note = "" if str(result.scene.get("trajectory")) in trajectory_names() else f"as {_word(result)} is now"
+    note = (
+        "" if str(result.scene.get("trajectory")) in trajectory_names() else f"as {result.scene['trajectory']} is now"
+    )
     why = "rounding on another machine"
     return judged(name, says, off, SAME_MOTION, "m, rad", why, ticks=np.arange(result.ticks), note=note)
-
-
-def _word(result: Result) -> str:
-    word = result.scene.get("trajectory")
-    if not word:
-        raise InputError("the file does not say which motion it was")
-    return str(word)
 
 
 def _made_again(result: Result) -> TickInput:
     """Make the input of the ticks as the command of the file did; raise HhsimError if motion or tree are missing."""
     scene = result.scene
-    motion = resolve_trajectory(_word(result))
+    if not scene.get("trajectory"):
+        raise InputError("the file does not say which motion it was")
+    motion = resolve_trajectory(str(scene["trajectory"]))
+    mode = scene.get("samples", "interpolate")
     if isinstance(motion, Script) and scene.get("tremor_mm_deg"):
         motion = motion.shaken(scene["tremor_mm_deg"])
     if scene.get("object_pose") == "fixed" and isinstance(motion, Trajectory):
@@ -124,18 +122,10 @@ def _made_again(result: Result) -> TickInput:
     hand, mesh = stored_hand(result), own_object(result, True)
     tree = None if mesh is None else own_tree(result, mesh, True)
     if isinstance(motion, Trajectory) and scene.get("place_object") != "auto":
-        return motion.resampled(result.rate, scene.get("samples", "interpolate"))
+        return motion.resampled(result.rate, mode)
     if mesh is None or tree is None:
         raise InputError("the motion was made for an object and a tree that are not to be had")
     if isinstance(motion, Trajectory):
         motion = place_at_grasp(motion, hand, tree).motion
-    made = make_scene(
-        mesh,
-        tree,
-        hand,
-        motion,
-        rate=result.rate,
-        mode=scene.get("samples", "interpolate"),
-        seed=int(scene.get("seed") or 0),
-    )
+    made = make_scene(mesh, tree, hand, motion, rate=result.rate, mode=mode, seed=int(scene.get("seed") or 0))
     return made.driven or made.ticks

@@ -276,7 +276,13 @@ def _phalanges_on_triangles(
     row, face = near_rows(of.a, of.b, of.thick, places, near)
     row, face = _not_apart(of.a, of.b, of.thick + near, triangles, row, face)
     axis, drop, ready = (of.b - of.a)[row], (of.radius_b - of.radius_a)[row], triangles.at(face)
-    share = nearest_share(of.a[row], axis, drop, ready)
+    start, along = np.ascontiguousarray(of.a[row].T), np.ascontiguousarray(axis.T)
+
+    def falls(share: FloatArray) -> BoolArray:
+        away = away_from_triangles(ready, start + share * along)
+        return np.asarray((away * along).sum(axis=0) < drop * np.sqrt((away * away).sum(axis=0)))
+
+    share = _lowest(len(row), falls)
     found = [
         _with_triangles(row, face, of.a[row] + share[:, None] * axis, of.radius_a[row] + share * drop, ready, near)
     ]
@@ -311,24 +317,6 @@ def _palm_on_triangles(hand: OwnHand, posed: Posed, triangles: ReadyTriangles, p
     row, face = _not_apart(center, center, np.tile(hand.palm_radius, len(posed.palm)) + near, triangles, row, face)
     pairs = _with_triangles(row, face, center[row], hand.palm_radius[row % count], triangles.at(face), near)
     return pairs._replace(tick=pairs.tick // count, body=np.full(len(pairs.tick), PALM))
-
-
-def nearest_share(a: FloatArray, axis: FloatArray, drop: FloatArray, triangles: ReadyTriangles) -> FloatArray:
-    """Share [0 to 1] of its axis at which each round cone is nearest to its triangle, shape (N,).
-
-    Args:
-        a: Start of the axes [m], shape (N, 3).
-        axis: Vectors to their ends [m], shape (N, 3).
-        drop: Radius at the end minus radius at the start [m], shape (N,).
-        triangles: N of them.
-    """
-    start, along = np.ascontiguousarray(a.T), np.ascontiguousarray(axis.T)
-
-    def falls(share: FloatArray) -> BoolArray:
-        away = away_from_triangles(triangles, start + share * along)
-        return np.asarray((away * along).sum(axis=0) < drop * np.sqrt((away * away).sum(axis=0)))
-
-    return _lowest(len(a), falls)
 
 
 def _with_triangles(

@@ -116,8 +116,7 @@ class FreeMotion:
     @property
     def coefficient(self) -> FloatArray:
         """Friction coefficient μ of each contact, shape (C,)."""
-        table = self.free["table_friction"]
-        of_hand = self.free["friction"]
+        table, of_hand = self.free["table_friction"], self.free["friction"]
         return np.asarray(np.where(self.of_table, of_hand if table is None else table, of_hand))
 
 
@@ -238,10 +237,9 @@ def _balance(motion: FreeMotion) -> list[Claim]:
 def _gyrated(inertia: FloatArray, spin: FloatArray, period: float) -> FloatArray:
     """Angular velocities at the end of a tick without moments, body axes, shape (T, 3), by fixed-point iteration."""
     momentum = spin @ inertia.T
-    after = spin.copy()
     for _ in range(50):
-        after = np.asarray(np.linalg.solve(inertia, (momentum - period * np.cross(after, after @ inertia.T)).T).T)
-    return after
+        spin = np.asarray(np.linalg.solve(inertia, (momentum - period * np.cross(spin, spin @ inertia.T)).T).T)
+    return spin
 
 
 def _wrenches(motion: FreeMotion) -> list[Claim]:
@@ -354,11 +352,9 @@ def _slip_and_spin(motion: FreeMotion) -> tuple[FloatArray, FloatArray]:
     before = center[:-1][tick] + step[tick].apply(point - center[1:][tick])
     of_object = point - before
     slid = np.where(motion.of_table[:, None], of_object, -of_object)
-    hand = own_hand(motion.result)
-    posed = pose(hand, configurations(motion.result, "graphic"))
-    frames = _frames(posed, rotations(configurations(motion.result, "graphic").orientation)[0].as_matrix())
+    shown = configurations(motion.result, "graphic")
+    origin, axes = _frames(pose(own_hand(motion.result), shown), rotations(shown.orientation)[0].as_matrix())
     chosen = np.flatnonzero(~motion.of_table & (tick > 0))
-    origin, axes = frames
     t, b = tick[chosen], motion.body[chosen]
     local = np.einsum("cji,cj->ci", axes[t, b], point[chosen] - origin[t, b])
     was = origin[t - 1, b] + np.einsum("cij,cj->ci", axes[t - 1, b], local)
@@ -392,8 +388,7 @@ def _frames(posed: Posed, palm: FloatArray) -> tuple[FloatArray, FloatArray]:
 def free_hand_claim(judge: JudgedTicks) -> Claim:
     """Judge a free object's hand, world: contacts, friction and joint limits balance the coupling."""
     motion = FreeMotion(judge.result)
-    good = judge.status[judge.chosen] & (STUCK | LAG | CAPACITY_EXCEEDED) == 0
-    places = np.flatnonzero(good)
+    places = np.flatnonzero(judge.status[judge.chosen] & (STUCK | LAG | CAPACITY_EXCEEDED) == 0)
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
     off = np.empty(len(places))
     for n, i in enumerate(places):
@@ -402,12 +397,10 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
         rows = np.arange(*np.searchsorted(motion.tick, [tick, tick + 1]))
         for row in rows[motion.body[rows] != ON_TABLE]:
             borne += _on_hand(judge.chosen_posed, int(i), motion, int(row))
-        flexion = judge.chosen_shown.flexion[i]
+        flexion, unit = judge.chosen_shown.flexion[i], np.eye(21)[6:]
         low, high = flexion - judge.hand.flexion_min <= AT_LIMIT, judge.hand.flexion_max - flexion <= AT_LIMIT
-        unit = np.eye(21)[6:]
         limits = np.concatenate([unit[low.ravel()], -unit[high.ravel()]]) * judge.scale
-        left = (judge.pull[tick] - borne) * judge.scale
-        off[n] = residual(limits.T, left)
+        off[n] = residual(limits.T, (judge.pull[tick] - borne) * judge.scale)
     says = "the coupling of a settled tick is borne by its contacts, friction and all, and by joints at their limits"
     tolerance = force_slack(judge, size, judge.chosen)[places]
     return judged("hand's balance", says, off, tolerance, "N", WHY_SLACK, ticks=judge.chosen[places])
@@ -452,14 +445,11 @@ def _on_hand(posed: Posed, i: int, motion: FreeMotion, row: int) -> FloatArray:
 
 
 def _table(motion: FreeMotion) -> Claim:
-    says = "the object's lowest point is above the table, as high as the file says"
-    height = motion.free["table"]
+    says, height = "the object's lowest point is above the table, as high as the file says", motion.free["table"]
     stored = np.asarray(motion.result["object/table_distance"])
     if height is None:
         return all_true("table", says, np.isfinite(stored), ticks=motion.ticks, note="there is none")
-    corners = motion.result.static["object/vertices"]
-    matrix = motion.turned[1:].as_matrix()[:, 2]
-    start = np.array(motion.free["center"])
-    lowest = motion.center[1:, 2] + ((corners - start) @ matrix.T).min(axis=0) - height
+    corners = motion.result.static["object/vertices"] - np.array(motion.free["center"])
+    lowest = motion.center[1:, 2] + (corners @ motion.turned[1:].as_matrix()[:, 2].T).min(axis=0) - height
     off = np.maximum(np.abs(lowest - stored), -lowest)
     return judged("table", says, off, LENGTH, "m", "a nanometre", ticks=motion.ticks)

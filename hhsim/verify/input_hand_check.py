@@ -70,24 +70,17 @@ def _depth(judge: JudgedTicks) -> Claim:
     name, says = "input depth", "the user's hand is as deep as the summary says, and in no tick deeper"
     if judge.on_mesh:
         return Claim(name, says, NOT_JUDGED, unit="m", note="inside a mesh the referee has no depth of its own")
-    deepest = search_deepest(_moved(judge)[:, None], lambda ticks: _depths(judge, ticks)[:, None])
-    off = abs(deepest - as_number(judge.result.summary.get(DEPTH)))
-    return judged(name, says, [off], SEARCHED, "m", "as near as it is searched for")
-
-
-def _depths(judge: JudgedTicks, ticks: IntArray) -> FloatArray:
-    """Depth of the user's hand in the leaf spheres at some ticks [m], shape (len(ticks),)."""
-    posed = judge.wanted_posed.at(ticks)
-    pairs = near_pairs(judge.hand, posed, judge.pieces, judge.fingers, 0.0)
-    return np.asarray(np.maximum(0.0, -pairs.nearest(len(ticks)).min(axis=1)))
-
-
-def _moved(judge: JudgedTicks) -> FloatArray:
-    """Travel of the farthest joint or palm sphere of the user's hand to the next tick [m], shape (T - 1,)."""
     posed = judge.wanted_posed
+    # Travel of the farthest joint or palm sphere to the next tick [m].
     joints = np.linalg.norm(np.diff(posed.joints, axis=0), axis=3).max(axis=(1, 2))
-    palm = np.linalg.norm(np.diff(posed.palm, axis=0), axis=2).max(axis=1)
-    return np.asarray(np.maximum(joints, palm))
+    moved = np.maximum(joints, np.linalg.norm(np.diff(posed.palm, axis=0), axis=2).max(axis=1))
+
+    def depths(ticks: IntArray) -> FloatArray:
+        pairs = near_pairs(judge.hand, posed.at(ticks), judge.pieces, judge.fingers, 0.0)
+        return np.asarray(np.maximum(0.0, -pairs.nearest(len(ticks)).min(axis=1, keepdims=True)))
+
+    off = abs(search_deepest(moved[:, None], depths) - as_number(judge.result.summary.get(DEPTH)))
+    return judged(name, says, [off], SEARCHED, "m", "as near as it is searched for")
 
 
 def _correction(judge: JudgedTicks) -> Claim:
@@ -99,9 +92,7 @@ def _correction(judge: JudgedTicks) -> Claim:
         touch &= np.isfinite(given).all(axis=tuple(range(1, given.ndim)))
     palm = np.sqrt(((shown.position - wanted.position)[touch] ** 2).sum(axis=1))
     joints = np.sqrt(((shown.joints - wanted.joints)[touch] ** 2).sum(axis=3)).reshape(len(palm), 20)
-    found = np.full(4, np.nan)
-    if len(palm):
-        found = np.array([palm.mean(), palm.max(), joints.mean(), joints.max()])
+    found = np.array([palm.mean(), palm.max(), joints.mean(), joints.max()] if len(palm) else [np.nan] * 4)
     stated = np.array([as_number(result.summary.get(name, np.inf)) for name in CORRECTION])
     # Without contact there is no such figure.
     off = np.where(np.isnan(stated) & np.isnan(found), 0.0, np.abs(stated - found))

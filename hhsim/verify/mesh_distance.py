@@ -100,8 +100,13 @@ class HandReferee:
             first, last = (1.0 - low) * a + low * b, (1.0 - high) * a + high * b
             axis = last - first
             squared = float(axis @ axis)
-            distance, point = self._segment(first, last, math.sqrt(squared))
-            along = float((point - first) @ axis) / max(squared, 1e-300)
+            self._answer.clear()
+            segment = self._coal.Capsule(0.0, math.sqrt(squared))
+            place = self._coal.Transform3s(frame_along(axis), 0.5 * (first + last))
+            arguments = self.surface.model, self._still, segment, place, self._request, self._answer
+            # 0 where the axis passes through the mesh.
+            distance = max(0.0, float(self._coal.distance(*arguments)))
+            along = float((self._answer.getNearestPoint2() - first) @ axis) / max(squared, 1e-300)
             where = low + (high - low) * min(max(along, 0.0), 1.0)
             reached = radius(where)
             return distance - max(radius(low), radius(high), reached), distance - reached, distance
@@ -122,12 +127,3 @@ class HandReferee:
                 best = min(best, reached)
                 heapq.heappush(pieces, (lower, *half))
         return best
-
-    def _segment(self, first: FloatArray, last: FloatArray, length: float) -> tuple[float, FloatArray]:
-        """Distance [m] of a segment to the mesh, 0 where it passes through, and the segment's nearest point."""
-        self._answer.clear()
-        segment = self._coal.Capsule(0.0, length)
-        place = self._coal.Transform3s(frame_along(last - first), 0.5 * (first + last))
-        arguments = self.surface.model, self._still, segment, place, self._request, self._answer
-        distance = self._coal.distance(*arguments)
-        return max(0.0, float(distance)), np.array(self._answer.getNearestPoint2())

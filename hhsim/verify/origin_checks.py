@@ -11,7 +11,7 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, names_a_file, object_names, resolve_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
-from hhsim.result.stored_hand import HAND_ARRAYS
+from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS
 from hhsim.trees.cache import cached_sphere_tree, shipped_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
@@ -24,7 +24,6 @@ from hhsim.verify.kinematics import rotations
 SAME_PLACE = 1e-12
 """Tolerance of places [m]: rounding of a rotated mesh."""
 WHY_SAME_PLACE = "rounding of a world frame"
-TREE_ARRAYS = ("center", "radius", "level", "parent")
 
 
 def origin_claims(result: Result, again: bool = False) -> list[Claim]:

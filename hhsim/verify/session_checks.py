@@ -274,7 +274,9 @@ def _figures(rows: SessionRows) -> list[Claim]:
         off.append(apart if name in stored else math.inf)
         if not apart <= 1.0 or name not in stored:
             wrong.append("{} is stored as {}, the rows give {}".format(name, *told_apart(given, value)))
-    least, most = _missed_between(rows)
+    # A loop that was killed had counted its last tick's or not. The most are all periods that have no row.
+    least = int(rows.missed.sum()) - (int(rows.missed[-1]) if rows.live["ended"] == LOOP_DIED else 0)
+    most = int(rows.period[-1]) + 1 - len(rows.period)
     missed = int(stored.get("missed", -1))
     off.append(0.0 if least <= missed <= most else math.inf)
     if off[-1]:
@@ -306,15 +308,6 @@ def _causes_off(rows: SessionRows, stored: Mapping[str, Any], missed: int) -> li
     if total != missed and not (died and total <= missed):
         found.append(f"the causes are {total:,} missed periods together, missed is stored as {missed:,}")
     return found
-
-
-def _missed_between(rows: SessionRows) -> tuple[int, int]:
-    """Least and most periods without a tick: those of the rows, and those in no row."""
-    least = int(rows.missed.sum())
-    # A loop that was killed had counted its last tick's or not.
-    if rows.live["ended"] == LOOP_DIED:
-        return least - int(rows.missed[-1]), int(rows.period[-1]) + 1 - len(rows.period)
-    return least, int(rows.period[-1]) + 1 - len(rows.period)
 
 
 def _counts(rows: SessionRows) -> dict[str, float]:

@@ -21,7 +21,6 @@ MOST_READ = 64
 """Most samples taken by one tick."""
 HANDED_OVER = 20_000_000
 """Longest time from a sample's bytes to its record [ns], for the last sample."""
-
 QUIET = 1_000_000_000
 """Time in which the log does not repeat a line [ns]."""
 LOOP_DIED = "the loop failed or was killed"

@@ -67,6 +67,11 @@ class JudgedTicks:
         chosen_shown, chosen_posed: Graphic hand of the chosen ticks, and its posture.
         diagonal: Stiffness of the coupling: palm 3 [N/m] and 3 [N·m/rad], flexion 15 [N·m/rad].
         scale: Factors of the same 21 rows, to N.
+        safe: True if the method promises that nothing penetrates.
+        on_mesh: True if the hand touched the triangles of the mesh, not spheres.
+        touch, margin: Largest distances of a touching and of a candidate pair [m].
+        bearing: Largest distance of a pair that bears a force in a tick that lags [m]: its last step was not the last.
+        surely: Distance up to which pairs are certainly listed [m]: of triangles, the reach of a tick's final step.
     """
 
     def __init__(self, result: Result, chosen: IntArray, asked: IntArray | None = None) -> None:
@@ -86,21 +91,11 @@ class JudgedTicks:
         g = self.options["stiffness"]
         self.diagonal = np.repeat([g["translation"], g["rotation"], g["flexion"]], [3, 3, 15]).astype(np.float64)
         self.scale = np.sqrt(g["translation"] / self.diagonal)
-
-    @property
-    def safe(self) -> bool:
-        """True if the method promises that nothing penetrates."""
-        return never_penetrates(self.options["method"])
-
-    @property
-    def on_mesh(self) -> bool:
-        """True if the hand touched the triangles of the mesh, not spheres."""
-        return self.result.surface == "mesh"
-
-    @property
-    def touch(self) -> float:
-        """Largest distance of a touching pair [m]."""
-        return float(self.options["touch"])
+        self.safe, self.on_mesh = never_penetrates(self.options["method"]), result.surface == "mesh"
+        self.touch, self.margin = float(self.options["touch"]), float(self.options["margin"])
+        self.bearing = max(self.touch, ON_THE_WAY * float(self.options["offset"]))
+        self.surely = min(self.margin, 2.0 * float(self.options["step_tolerance"])) if self.on_mesh else self.margin
+        self._listed = max(2.0 * self.bearing, self.margin + 2.0 * LENGTH if self.safe else 0.0)
 
     @cached_property
     def stuck(self) -> IntArray:
@@ -136,11 +131,6 @@ class JudgedTicks:
         """Least radius at which hand and object roll on each other [m]."""
         return self._least_leaf + float(min(self.hand.radius.min(), self.hand.palm_radius.min()))
 
-    @property
-    def bearing(self) -> float:
-        """Largest distance of a pair that bears a force in a tick that lags [m]: its last step was not the last."""
-        return max(self.touch, ON_THE_WAY * float(self.options["offset"]))
-
     @cached_property
     def bearing_within(self) -> FloatArray:
         """Largest distance of a pair that bears a force [m], of each body at the chosen ticks, shape (n, 16).
@@ -155,16 +145,15 @@ class JudgedTicks:
         return np.where(late, self.bearing, np.clip(settled, self.touch, self.bearing))
 
     def bearing_at(self, i: int) -> Pairs:
-        """Pairs that can bear a force at the chosen tick of index i."""
+        """Pairs that can bear a force at the chosen tick of index i.
+
+        On a mesh, those of a tick that lags and lean little from the normal of the triangle whose border they are at
+        are there along that normal too: the program pushes along it, and the contact slides on over the border.
+        """
         pairs = self.pairs.of(i)
         pairs = pairs.at(np.flatnonzero(pairs.distance <= self.bearing_within[i, pairs.body]))
-        return self._with_sides(pairs) if self.on_mesh and self.status[self.chosen[i]] & LAG else pairs
-
-    def _with_sides(self, pairs: Pairs) -> Pairs:
-        """Add the pairs at a triangle's border that lean little from its normal again, along that normal.
-
-        The program pushes along it: the contact slides on over the border.
-        """
+        if not self.on_mesh or not self.status[self.chosen[i]] & LAG:
+            return pairs
         across = self._triangles.normal.T[pairs.leaf]
         side = np.sign((across * pairs.normal).sum(axis=1))
         lean = np.linalg.norm(np.cross(across, pairs.normal), axis=1)
@@ -208,20 +197,6 @@ class JudgedTicks:
     def listed(self) -> Nearness:
         """Near pairs where a library is asked, as far as contacts are listed."""
         return self.near if len(self.asked) == len(self.chosen) else self._nearness(self.asked, self._listed)
-
-    @property
-    def _listed(self) -> float:
-        return max(2.0 * self.bearing, self.margin + 2.0 * LENGTH if self.safe else 0.0)
-
-    @property
-    def margin(self) -> float:
-        """Largest distance of a candidate pair [m]."""
-        return float(self.options["margin"])
-
-    @property
-    def surely(self) -> float:
-        """Distance up to which pairs are certainly listed [m]: of triangles, the reach of a tick's final step."""
-        return min(self.margin, 2.0 * float(self.options["step_tolerance"])) if self.on_mesh else self.margin
 
     @property
     def pairs(self) -> Pairs:

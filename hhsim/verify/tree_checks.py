@@ -4,9 +4,9 @@ Distances to the mesh are coal's, the spheres near a point come from scipy's k-d
 samples; each search refines its worst samples on their triangle or sphere.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,9 +15,6 @@ from hhsim.errors import MeshError
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.coal_distance import coal_model, require_coal
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 MESH_POINTS = 200_000
 SPHERE_POINTS = 200_000
@@ -101,7 +98,10 @@ class TrueSurface:
         require_coal()
         self._as_found = open_too
         if open_too:
-            mesh = _without_needles(mesh)
+            a, b, c = mesh.triangles.transpose(1, 0, 2)
+            longest = np.linalg.norm(np.stack([b - a, c - b, a - c]), axis=2).max(axis=0)
+            high = np.linalg.norm(np.cross(b - a, c - a), axis=1) > NEEDLE * longest
+            mesh = replace(mesh, faces=mesh.faces[high]) if high.any() and not high.all() else mesh
         self.triangles = mesh.triangles
         self.model = coal_model(mesh.vertices, mesh.faces)
         self._faces = mesh.faces
@@ -154,13 +154,6 @@ class TrueSurface:
         return found
 
 
-def _without_needles(mesh: Mesh) -> Mesh:
-    a, b, c = mesh.triangles.transpose(1, 0, 2)
-    longest = np.linalg.norm(np.stack([b - a, c - b, a - c]), axis=2).max(axis=0)
-    high = np.linalg.norm(np.cross(b - a, c - a), axis=1) > NEEDLE * longest
-    return mesh if high.all() or not high.any() else replace(mesh, faces=mesh.faces[high])
-
-
 def nearest_on(model: Any, points: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
     """Distances [m] (n,) of points (n, 3) to coal's model of a mesh, its nearest points (n, 3), their faces (n,)."""
     import coal
@@ -186,7 +179,7 @@ def winding_number(corners: FloatArray, point: FloatArray) -> float:
     return float(np.arctan2(volume, rest).sum() / (2.0 * np.pi))
 
 
-def depth_in_spheres(center: FloatArray, radius: FloatArray) -> "Callable[[FloatArray], FloatArray]":
+def depth_in_spheres(center: FloatArray, radius: FloatArray) -> Callable[[FloatArray], FloatArray]:
     """Return a function from points (n, 3) to their greatest depth in spheres [m], (n,), exact where it is negative."""
     from scipy.spatial import cKDTree
     from scipy.spatial.distance import cdist
@@ -236,7 +229,7 @@ class _Spheres:
 
 
 def _least_slack(
-    mesh: Mesh, depth_of: "Callable[[FloatArray], FloatArray]", count: int, rng: np.random.Generator
+    mesh: Mesh, depth_of: Callable[[FloatArray], FloatArray], count: int, rng: np.random.Generator
 ) -> float:
     """Minimum depth of the mesh inside the spheres [m]."""
     triangles = mesh.triangles
@@ -295,8 +288,8 @@ def _search(
     key: IntArray,
     place: FloatArray,
     found: FloatArray,
-    value: "Callable[[IntArray, FloatArray], FloatArray]",
-    moved: "Callable[[FloatArray, float], FloatArray]",
+    value: Callable[[IntArray, FloatArray], FloatArray],
+    moved: Callable[[FloatArray, float], FloatArray],
 ) -> float:
     """Maximum of `value`, which is `found` at some places, refined around the best of them."""
     step = FIRST_STEP

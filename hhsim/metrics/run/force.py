@@ -18,11 +18,6 @@ def _variation(run: RunTicks) -> Statistics:
     return statistics(run[VARIATION], run.hold)
 
 
-def _ripple(run: RunTicks) -> float:
-    # The worst hold of those that are long enough.
-    return statistics([force_ripple(run[TOTAL][part], run.rate) for part in run.holds]).max
-
-
 def _in_contact(run: RunTicks) -> Statistics:
     return statistics(np.linalg.norm(run[TOTAL], axis=1), run.touch)
 
@@ -120,7 +115,8 @@ METRICS = IN_CONTACT + placed(
     RunMetric(
         *("force_ripple_hold", "force ripple in the hold, 50 to 400 Hz", 5, "N"),
         needs=(TOTAL,),
-        compute=_ripple,
+        # The worst hold of those that are long enough.
+        compute=lambda run: statistics([force_ripple(run[TOTAL][part], run.rate) for part in run.holds]).max,
         judged=Judged(rounding=1e-9, limit=1e-3),
     ),
     RunMetric(
