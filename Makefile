@@ -47,6 +47,7 @@ check-dist: .venv/release.stamp
 
 platforms: .venv/test.stamp
 	$(BIN)/mypy --platform darwin --follow-imports silent --exclude $(LINUX_ONLY) hhsim cli
+	$(BIN)/mypy --platform win32 --follow-imports silent --exclude $(LINUX_ONLY) hhsim cli
 
 checks: .venv/test.stamp
 	$(BIN)/ruff check .

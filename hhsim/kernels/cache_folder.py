@@ -46,7 +46,7 @@ def _candidates() -> Iterator[Path]:
 
 
 def _user() -> int:
-    return 0 if sys.platform == "win32" else os.getuid()
+    return int(getattr(os, "getuid", int)())
 
 
 def _fault(root: Path) -> str:

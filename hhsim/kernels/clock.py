@@ -10,8 +10,8 @@ from numba.core import cgutils
 
 from hhsim.kernels.jit import as_int64, jit, lowered
 
-CLOCK_MONOTONIC = 0 if sys.platform == "win32" else time.CLOCK_MONOTONIC
-CLOCK_THREAD_CPU = 0 if sys.platform == "win32" else time.CLOCK_THREAD_CPUTIME_ID
+CLOCK_MONOTONIC: int = getattr(time, "CLOCK_MONOTONIC", 0)
+CLOCK_THREAD_CPU: int = getattr(time, "CLOCK_THREAD_CPUTIME_ID", 0)
 """Numbers of the system's clocks. Windows has one that is fine enough: there CPU times are wall times."""
 _COUNTS_TO_NS = 100
 """Period of Windows' performance counter [ns]: it counts at 10 MHz since Windows 10."""
@@ -104,7 +104,9 @@ def _write_event(typing: Any, descriptor: Any) -> Any:
 
 @lowered(_clock_gettime)
 def _read(clock: int) -> int:
-    return time.perf_counter_ns() if sys.platform == "win32" else time.clock_gettime_ns(clock)
+    if sys.platform == "win32":
+        return time.perf_counter_ns()
+    return time.clock_gettime_ns(clock)
 
 
 @lowered(_clock_nanosleep)

@@ -141,7 +141,7 @@ class Stored(CompileResultCacheImpl):  # type: ignore[misc]
     def __init__(self, function: Callable[..., Any], folder: Path) -> None:
         self._locator = _Folder(folder, function)
         self._lineno = function.__code__.co_firstlineno
-        self._filename_base = self.prefix + self.get_filename_base(function.__qualname__, sys.abiflags)
+        self._filename_base = self.prefix + self.get_filename_base(function.__qualname__, getattr(sys, "abiflags", ""))
 
     def reduce(self, data: Any) -> Any:
         """Return what is written: machine code alone, since its bitcode serves callers, which take the callee's."""

@@ -1,7 +1,7 @@
 """A scene: one object with its sphere tree, one hand, one motion, in the world frame.
 
-An object that moves as recorded stands still in a scene: all is in the frame that moves with it, which is the world's
-at the first tick. `Scene.driven` has the motion in the world.
+An object that moves as recorded stands still in a scene: object and `ticks` are in the frame that moves with it, which
+is the world's at the first tick. `Scene.trajectory` and `Scene.driven` have the motion in the world.
 """
 
 from collections.abc import Mapping
@@ -70,7 +70,7 @@ class Scene:
 def all_pairs(hand: HandModel, tree: SphereTree) -> int:
     """Return the number of pairs that a model without trees tests every tick.
 
-    A pair is a hand body (phalanx or palm sphere) and an object sphere.
+    A pair is a phalanx or a sphere of the palm, and an object sphere.
     """
     return (hand.radius[:, 1:].size + hand.palm_tree.leaf_count) * tree.leaf_count
 
@@ -96,7 +96,7 @@ def make_scene(
     seed: int = 0,
     description: Mapping[str, Any] | None = None,
 ) -> Scene:
-    """Put object and tree, both in the object's own frame, hand and motion together.
+    """Make a scene of hand, motion, object and tree; the last two are given in the object's own frame.
 
     Args:
         motion: A recording, which holds the object's pose; a script, which closes on the object where it is; or a

@@ -24,7 +24,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record
 
 START_LINEARISATIONS = 4000
-"""Budget of linearisations from a free place back to an object that the haptic hand is inside of at the first tick."""
+"""Most linearisations of the approach from a free place to the object, where the haptic hand starts inside it."""
 
 
 class HandSolver:
@@ -35,8 +35,8 @@ class HandSolver:
         surface: Object's surface, world frame, of the kind that the options name: a
             `hhsim.trees.contact_surface.ContactSurface`, or its arrays alone. A method from outside may need the mesh.
         options: Method, stiffness and lengths.
-        free: Physical properties of a free object; the surface is then where it is at first, ticks are given in the
-            world and come out as the object sees them, and its own motion is in `object_ticks`.
+        free: Physical properties of a free object. `surface` is then its place at the start; ticks are given in the
+            world and returned as seen from the object, whose own motion is in `object_ticks`.
 
     Raises:
         InputError: A method that lacks what it needs, arrays of another surface than the options name, or options that
@@ -82,7 +82,7 @@ class HandSolver:
         return record
 
     def tick(self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None) -> int:
-        """Run one tick for each haptic configuration in allocated memory, for a loop that must not wait for any.
+        """Run one tick for each haptic configuration with records that the caller allocated, for a loop in real time.
 
         It gives the same bytes as `run`, but states in the status, instead of raising, that more pairs were near than
         the arrays hold.
@@ -149,7 +149,7 @@ class HandSolver:
     def compiled_tick(
         self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None
     ) -> tuple[int, TickBlock]:
-        """Return `tick` after `begin` as machine code, for a loop in compiled code.
+        """Return the machine code of a `tick` that has begun, and its arguments, for a loop in compiled code.
 
         Args:
             haptic, record, object_ticks: As in `tick`; each tick reads and writes these very arrays.
@@ -159,6 +159,7 @@ class HandSolver:
         """
         options, workspace = self.options, self.workspace
         if not (JIT_ENABLED and options.qp == "active-set" and self.method.compiled):
+            # The loop is compiled for the types of a block; with address 0 it leaves the tick to Python.
             return 0, workspace.block(Coupled(workspace.tick_options), haptic, record)
         engine: Any = self.engine
         compiled: Any = run_block

@@ -14,7 +14,7 @@ V3 = "x86-64-v3"
 
 @pytest.fixture(autouse=True)
 def unset(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(target.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr("platform.machine", lambda: "x86_64")
     monkeypatch.setattr(binding, "get_host_cpu_features", lambda: dict.fromkeys(target.NEEDED[V3], True))
 
 

@@ -3,11 +3,11 @@
 *Gathering* walks the object's hierarchy for a body with a margin plus a skin and copies what it finds into contiguous
 arrays. *Evaluation* computes the signed distances of all gathered pairs on the vector unit, every time the hand moves.
 
-No pair is missed. When a body is gathered, every other piece is at least `clearance` away. No point of the body then
-moves farther than an end of its axis, or a corner of a box around the palm: points between are means of them. So every
-other piece is still at least slack = clearance - that distance away. A body is gathered anew before its slack falls
-below what the next step needs, less an allowed deficit; a step that is longer than the slack gathers it first, or is
-cut short.
+No pair is missed. When a body is gathered, every piece that is not listed is at least `gathered_slack` away. From there
+no point of the body moves farther than an end of its axis, or a corner of a box around the palm: points between are
+means of them. So these pieces are still at least slack = gathered_slack - that distance away. A body is gathered anew
+before its slack falls below what the next step needs, less an allowed deficit; a step that is longer than the slack
+gathers it first, or is cut short.
 """
 
 import math
@@ -54,7 +54,7 @@ CONTACTS = np.dtype(
 
 
 FAR = 4.0
-"""Multiple of the reach of a walk beyond which a body has no lists that another walk would discard."""
+"""Multiple of a walk's reach: a body with more slack when gathered has no lists that another walk would discard."""
 
 
 @jit_inline
@@ -100,20 +100,20 @@ def _set_anchor(hand: HandArrays, pose: Record, body: int, candidates: Record) -
 
 
 AHEAD = 0.5
-"""Share of the skin, or of its slack beyond what is needed, within which a body may be gathered ahead of need."""
+"""A body may be gathered ahead once slack - needed is below this share of the skin, and of its slack when gathered."""
 LONG = 128.0
 STALE = 0.5
 LASTS = 50.0
-"""A body may also be gathered ahead with more than LONG pairs, after a motion by more than STALE of what is needed, if
-it is so slow that this lasts for LASTS evaluations: a list from nearby measures less."""
+"""A body with more than LONG measured pairs may also be gathered ahead once it has moved by STALE of what is needed, if
+it takes more than LASTS evaluations to move as far again: a fresh list has fewer pairs to measure."""
 
 
 @jit_inline
 def choose_gathers(needed: float, margin: float, skin: float, candidates: Record, work: Indices) -> None:
-    """Mark the bodies to gather: those that must be, or if none must, the one that will soonest.
+    """Mark the bodies to gather: those that must be; if none must, at most one ahead of need, due soonest or slow.
 
-    Otherwise bodies that move together would be gathered in one tick, which would take many times another. A tick that
-    has gathered already gathers nothing ahead of need.
+    Otherwise bodies that move together would be gathered in one tick, which would take many times as long as others. A
+    tick that has gathered already gathers nothing ahead of need.
     """
     candidates.needed = needed
     must = needed - candidates.allowed_deficit
@@ -152,9 +152,9 @@ def evaluate(
 ) -> int:
     """Compute the distances of all near pairs at `pose`, whose kinematics are up to date; return 0, or FULL.
 
-    Bodies whose slack is used up are gathered. Every pair up to `needed` [m] is known, less the candidates'
-    `allowed_deficit`; `margin` is the most that is ever needed [m], and `skin` [m] is added to it so that lists last
-    for several ticks. Node tests, pair tests and gathers are counted in `work`.
+    Bodies whose slack is used up are gathered. Every pair up to `needed` - `allowed_deficit` [m] is known; `margin` is
+    the most that is ever needed [m], and `skin` [m] is added to it so that lists last for several ticks. Node tests,
+    pair tests and gathers are counted in `work`.
     """
     follow_motion(hand, pose, candidates)
     choose_gathers(needed, margin, skin, candidates, work[:])

@@ -11,9 +11,9 @@ The normals of the active set are kept in factors that near-parallel rows do not
 are normalised, so that the rank test is relative and violations are compared as lengths; `kernels.qp.row_scan` says how
 they are stored.
 
-Rows that contradict each other leave no solution. Between two opposed walls that the hand touches, rounding alone makes
-them contradict: such rows are all moved back by the relaxation, which no longer leaves the corridor empty. Giving up
-single rows instead would leave them unguarded in the rest of the solve.
+Rows that contradict each other leave no solution. Between two opposed walls that the hand touches, rounding alone can
+make them contradict: then all rows are moved back by the relaxation, which opens the corridor. Dropping single rows
+instead would leave them unguarded in the rest of the solve.
 """
 
 import math
@@ -50,10 +50,10 @@ MULTIPLIER_TOLERANCE = 1e-13
 """Entries of the dual step direction up to this size, relative to its largest or to 1, are rounding."""
 
 RESUMES = -1
-"""Number of guessed rows that stands for those active at the end of the last solve, with their factors."""
+"""Value of `guess_count`: start from the active rows of the last solve and their factors."""
 
 DRIFT = 1e-3
-"""Largest violation of active rows by rounding, as a share of the tolerance, at which x is not recomputed."""
+"""At the end x is recomputed where rounding violates active rows by more than this share of the tolerance."""
 
 N_MAX = 24
 CAPACITY = 4160
@@ -98,7 +98,7 @@ def _rest(n: int, rhs: float, scale: float, target: Array, work: Record) -> floa
 
 @jit_inline
 def _drop_negative(n: int, k: int, target: Array, work: Record) -> int:
-    """Drop active rows until no multiplier is negative, each an iteration; return the number left, a valid start."""
+    """Drop the row of the most negative multiplier, each an iteration, until none is negative; return the rows left."""
     while True:
         resolve(n, k, target, work)
         worst, position = 0.0, as_int64(-1)
@@ -114,7 +114,7 @@ def _drop_negative(n: int, k: int, target: Array, work: Record) -> int:
 
 @jit_once
 def _settle(n: int, k: int, target: Array, work: Record) -> float:
-    """Remove the rounding of its steps from x; return the distance that moved it."""
+    """Recompute x from the factors, without the rounding of steps; return how far that moved it."""
     for j in range(n):
         work.direction[j] = work.x[j]
     resolve(n, k, target, work)
@@ -213,7 +213,7 @@ def _add_row(
         independent = length > RANK_TOLERANCE and k < n
         primal_limit = violation / square if independent else np.inf
         if not independent and blocking < 0:
-            # For any x some row of a Farkas certificate y is violated by yᵀb / Σy or more.
+            # violation = yᵀb and total = Σy of Farkas' certificate y: rows moved back by their ratio agree.
             if shift == 0.0 and violation <= relaxation * total:
                 shift = relaxation
                 for j in range(k):
@@ -282,13 +282,13 @@ def solve(
         relaxation: Shift, in units of x, by which all rows are moved back if they contradict each other and that would
             reconcile them; a zero row short by no more than this, in units of b, counts as satisfied.
         guess: Rows expected to be active; duplicates and rows that no group holds are ignored.
-        guess_count: Number of guesses, 0 for a cold start, or RESUMES if the last solve was of the same rows, but for
-            b, and of the same target, and ended OPTIMAL.
+        guess_count: Number of guesses; 0 for a cold start; RESUMES to go on from the last solve, if that ended OPTIMAL
+            and only b has changed since.
 
     Returns:
         OPTIMAL, INFEASIBLE, ITERATION_LIMIT, or NOT_FINITE for NaN in a row or in the target. When INFEASIBLE,
-        work.counts[2] is a row whose normalised normal a equals Σ dual_step_j a_j over the active rows with no
-        positive dual_step: Farkas' certificate is 1 for that row and -dual_step_j for the others.
+        work.counts[2] is a row whose normalised normal a equals Σ dual_step_j a_j over the active rows, where no
+        dual_step_j is positive: Farkas' certificate is 1 for that row and -dual_step_j for the others.
     """
     k, inverse_norm, violations = as_int64(0), work.inverse_norm[:], work.violation[:]
     if guess_count == RESUMES:
@@ -317,7 +317,7 @@ def solve(
                 break
             settled = True
             continue
-        # The first row's step is its equation's solution.
+        # From an empty active set the step solves the row's equation directly: nothing to settle.
         settled = settled and k == 0
         status, k, shift = _add_row(n, k, row, rows, target, relaxation, shift, work)
         if status != OPTIMAL:

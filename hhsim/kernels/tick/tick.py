@@ -7,24 +7,28 @@
      4      δ ← the step of the quadratic program, corrected to second order                    solve_program
      5      if δ exceeds the slack of a list of pairs:  gather it, and do 3 and 4 once more     complete_lists
      6      if t of line 8 is below 0.5 (0.05 where all distances are at least 0.8 ε):          clip_target
-                scale the target by t, to 0 in the last attempt of a tick without a step; do 4  only_restores
-     7      if there is no solution:  waive ε, and solve palm and fingers together;  else
-                pose ← safe, radius ← radius / 4;  else hold the abduction;  else end.  Go to 2 recover
+                scale the target by t;  by 0, whatever t is, in the last attempt, if pose is    only_restores
+                inside, no step was accepted and radius is below the margin;  then do 4
+     7      if there is no solution, do the first of these that is left, and go to 2:           recover
+                waive ε, and solve palm and fingers together;  pose ← safe, radius ← radius / 4
+                unless 1 alone moved pose;  hold the abduction.  Where none is left, end
      8      t ← the largest t ≤ 1 with t · bound_b(δ) ≤ r_b for every body b                    allowed_fraction
-     9      pose ← pose + t δ;  reach ← by the length of t δ                                    advance
+     9      pose ← pose + t δ;  reach ← 4 reach if t < 1 or the target was scaled,              advance
+                else at most twice the length of δ
     10      if no true distance is negative:  safe ← pose;
                 end if t = 1, the target is whole, and δ is short or met no contact             accept
     11      else if no step was accepted since pose was moved on in 1:  pose ← safe             forget_prediction
     12      else linearise at this pose;  the fourth time in a row:  pose ← safe + the free
-                share of the first such step, if it is free;  radius ← radius / 4               take_free_share
+                share of the first such step, where that is free; radius ← radius / 4           take_free_share
     13  if pose is not safe:  pose ← safe, + that share if no step was accepted;  where none
-            was, or only a share:  the next ticks keep radius and flags until nothing lags      finish_tick
+            was, or only a share:  the next ticks go on with radius and flags until none lags   finish_tick
     14  forces ← multipliers of the last accepted step;  where the tick lags, or the palm has
             yielded:  those of a program of the contacts that are near pose                     settle_forces
 
-Flags are: ε waived, palm and fingers together, abduction held. What a body may move (line 8) is the smaller one of the
-slack of its list of pairs, and of ρ where one of its pairs is within ρ, else of its least distance. A pose becomes the
-safe one by its true distances alone, and a tick ends at a safe one: see docs/methods.md.
+Flags are: ε waived, palm and fingers together, abduction held. In line 8 bound_b(δ) bounds the motion of body b; r_b is
+min(slack, ρ) if b has a pair within ρ, else min(slack, its least distance). No pair that is not listed is nearer than
+the slack. A pose becomes the safe one by its true distances alone, and a tick ends at a safe one: see docs/methods.md,
+which also has what a free object changes.
 """
 
 from typing import Any
@@ -87,14 +91,14 @@ TRUST_GROWTH = 2.0
 MOST_FAILED_STEPS = 3
 """Steps in a row that may end inside the object before they are taken back."""
 MOST_IDLE_TICKS = 10
-"""Ticks in a row that may accept no step for want of time before they are stuck."""
+"""Ticks in a row that may accept no step before those that the budget cuts short count as stuck, too."""
 
 
 @jit_once
 def _carry_over_trust(options: TickOptions, state: Record) -> None:
-    """Keep the trust radius and the kind of program of a tick that was not finished, or begin with the whole margin.
+    """Adjust the trust radius of an unfinished tick and keep its flags, or begin with the whole margin.
 
-    A tick whose work ran out before it accepted a step would else begin the next one as it began, for ever.
+    Else ticks whose work runs out before they accept a step could repeat themselves for ever.
     """
     progress, trust, program = state.progress, state.trust, state.program
     if progress.is_unfinished:
@@ -144,7 +148,7 @@ def hand_may_end(method: Any, state: Record) -> bool:
 @solve_linearisation.of(Progressive)
 @jit_inline
 def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork) -> tuple[int, float]:
-    """Solve a program of whole lists of pairs, whose target is near enough for its step."""
+    """Build and solve a program; anew if its step needs longer lists, and with a nearer target if it is cut short."""
     options, work = method.options, state.work
     units, status, full_motion = work[WORK_UNITS], as_int64(OPTIMAL), WHOLE_TARGET
     contacts = as_int64(0)
@@ -156,7 +160,7 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
             status = solve_program(method, state, qp)
         if status != OPTIMAL or attempt == 1 or not complete_lists(hand, surface, options, state):
             break
-        # Of a program that is built anew only what was walked and solved for counts.
+        # Of the discarded program only node tests, pair tests and QP iterations count as work.
         work[WORK_UNITS] = units
         work[WORK_LINEARISATIONS] -= 1
     if state.progress.pairs_overflow:
@@ -191,7 +195,7 @@ def accept(options: TickOptions, fraction: float, longest: float, full_motion: f
     if done:
         progress.lag = 0.0
     elif progress.lag == 0.0:
-        # A whole step, but not a short one: were this the budget's last, up to as much could still be to go.
+        # A whole step, but not a short one: if the budget ended here, up to as much again could be left to go.
         progress.lag = longest
     return done
 
@@ -213,7 +217,7 @@ def update_reach(
     if fraction < 1.0 or full_motion != WHOLE_TARGET:
         trust.reach = min(options.margin, REACH_GROWTH * trust.reach)
     else:
-        # What a whole step leaves to go is of second order: its contacts are near ones.
+        # After a whole step the rest is of second order: only near contacts matter.
         trust.reach = min(trust.reach, foreseen)
 
 
@@ -232,7 +236,7 @@ def advance_hand(method: Any, hand: HandArrays, surface: Any, full_motion: float
     clearance = least_distance(state.candidates)
     fraction, longest = allowed_fraction(hand, options, state)
     move(state.pose, step.delta, state.problem.abduction_step, fraction)
-    # The next step may be the longer one, where contacts change; cut short by the reach, it would make that grow again.
+    # Twice the step: where contacts change, the next one may be longer, and cut short by the reach, make that grow.
     foreseen = REACH_FLOOR * max(options.step_tolerance, longest)
     update_reach(options, fraction, longest, full_motion, foreseen, state)
     done = False
@@ -263,13 +267,13 @@ def tick_status(cut_short: bool, made_part: bool, state: Record) -> int:
     """Judge how far the tick has come; returns status bits.
 
     Args:
-        cut_short: The work budget has ended it.
+        cut_short: The work budget was spent before the last linearisation.
         made_part: It ends at a part of a step.
     """
     progress, status = state.progress, 0
     progress.idle_ticks = 0 if progress.is_accepted else progress.idle_ticks + 1
     if not progress.is_accepted:
-        # A tick that was not given the time to find a step is on its way: the next one goes on. But not for ever.
+        # A tick whose budget ended before it found a step is on its way: the next one goes on. But not for ever.
         status |= STATUS_LAG if cut_short and progress.idle_ticks <= MOST_IDLE_TICKS else STATUS_STUCK
         progress.lag = np.inf
     elif progress.lag > 0.0:
@@ -278,7 +282,7 @@ def tick_status(cut_short: bool, made_part: bool, state: Record) -> int:
     if progress.is_accepted and state.program.holds_abduction:
         status |= STATUS_ABDUCTION_HELD
     if status & (STATUS_STUCK | STATUS_LAG):
-        # A program's step can be longer than any way that is left, where a soft direction is all but free.
+        # Along a soft, almost unconstrained direction a step can be longer than the distance left to the haptic hand.
         progress.lag = min(progress.lag, farthest_joint(state.pose.joints, state.haptic.joints))
     return status
 
@@ -298,7 +302,7 @@ def finish_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
         made_part = take_free_share(hand, surface, options, state)
         pairs_overflow = pairs_overflow or progress.pairs_overflow
     if made_part:
-        # What is not free in one program may be in several.
+        # A step that is not free as a whole may be in several shorter ones.
         state.trust.radius = max(TRUST_DECAY, state.first_step.free_share) * min(state.trust.reach, state.trust.radius)
     status = tick_status(cut_short, made_part, state)
     if progress.is_accepted and status & STATUS_LAG and energy_stalled(method, state):
@@ -330,7 +334,7 @@ def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpW
     for done in range(options.linearisations):
         if done > 0 and may_end(method, state) and spent_units(state) >= options.budget:
             break
-        # With lists that are not whole a program could miss a pair.
+        # With pairs missing from the lists a program could miss a contact.
         solved, full_motion = as_int64(OVERFLOW), WHOLE_TARGET
         if not progress.pairs_overflow:
             solved, full_motion = solve_linearisation(method, hand, surface, done, state, qp)
