@@ -106,8 +106,7 @@ def video_ticks(result: Result, slow: float) -> IntArray:
 def video_frames(result: Result, ticks: IntArray, width: int) -> Iterator[Picture]:
     """Yield pictures, shape (rows, columns, 3), by one camera that sees hands and object near them all the time.
 
-    Raises:
-        InputError: The result's hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
+    InputError for a result whose hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
     """
     scene = shown_scene(result)
     pieces = piece_surfaces(scene.hand)
@@ -140,7 +139,6 @@ def video_frames(result: Result, ticks: IntArray, width: int) -> Iterator[Pictur
 
 
 def _at_tick(surface: Surface, result: Result, tick: int) -> Surface:
-    """Return the object at its place at a tick."""
     motion = result.moved_since_first(tick)
     return moved(surface, rotation_matrix(motion.turn[0]), motion.shift[0])
 
