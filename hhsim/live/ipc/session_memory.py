@@ -106,10 +106,6 @@ class FactPage:
 class SessionMemory:
     """Memory shared by the processes of a session.
 
-    Args:
-        descriptors: Of memory that `create` made.
-        free: True if the object is free.
-
     Attributes:
         status: The one record of `LIVE_STATUS`; `status["heartbeat_ns"]` reads and writes in place.
         ticks: Ring of `LIVE_TICK`, or of `FREE_TICK` if the object is free, written by the loop.

@@ -89,7 +89,10 @@ class UdpPort:
             try:
                 data, sender = self._socket.recvfrom(LONGEST + 1)
             except BlockingIOError:
-                self._forget_who_is_silent()
+                # Only when nothing waits: a delayed reader has not read the newest datagrams yet.
+                if self._kept is not None and time.monotonic_ns() - self._kept_ns > SESSION_SILENCE_NS:
+                    self._kept = None
+                    _C.connect(self._socket.fileno(), _NOBODY, len(_NOBODY))
                 return
             except OSError:
                 # An error of an earlier send, which does not concern what arrives.
@@ -118,12 +121,6 @@ class UdpPort:
             with contextlib.suppress(OSError):
                 self._socket.connect(self._sender)
             self._kept = self._sender
-
-    def _forget_who_is_silent(self) -> None:
-        # Only when nothing waits: a delayed reader has not read the newest datagrams yet.
-        if self._kept is not None and time.monotonic_ns() - self._kept_ns > SESSION_SILENCE_NS:
-            self._kept = None
-            _C.connect(self._socket.fileno(), _NOBODY, len(_NOBODY))
 
     @property
     def descriptor(self) -> int:

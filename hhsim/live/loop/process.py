@@ -62,12 +62,15 @@ class Ending:
 def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver: ChildProcess) -> None:
     """Make everything ready, run the loop until it is stopped, and leave the glove released.
 
-    The loop has its own thread, in which compiled code runs; the calling one logs its notes.
-
-    Raises:
-        HhsimError: The glove or the pose cannot be reached, or the driver has died.
+    The loop has its own thread, in which compiled code runs; the calling one logs its notes. HhsimError if the glove or
+    the pose cannot be reached, or if the driver has died.
     """
-    prepare_kernels(setup, memory)
+    options = loop_options(setup.options, setup.rate)
+    warm_up(setup.hand, options, setup.free)
+    if options.method not in ("coupled", "progressive") or setup.free is not None:
+        # `coupled` brings a hand out that begins inside the object.
+        warm_up(setup.hand, replace(options, method="coupled"))
+    LiveLoop(setup, memory, GloveInfo("", Capability.NONE, ())).prepare()
     memory.status["loop_ready"] = OPEN
     while not (device := memory.device.read()):
         if not driver.running:
@@ -152,16 +155,6 @@ class LoopThread(threading.Thread):
         while not memory.status["driver_begun"] and time.monotonic() < begun:
             time.sleep(0.0005)
         loop.run(mode["cpu"])
-
-
-def prepare_kernels(setup: LiveSetup, memory: SessionMemory) -> None:
-    """Compile, or load from the cache, every kernel that a tick may run."""
-    options = loop_options(setup.options, setup.rate)
-    warm_up(setup.hand, options, setup.free)
-    if options.method not in ("coupled", "progressive") or setup.free is not None:
-        # `coupled` brings a hand out that begins inside the object.
-        warm_up(setup.hand, replace(options, method="coupled"))
-    LiveLoop(setup, memory, GloveInfo("", Capability.NONE, ())).prepare()
 
 
 def start_driver(setup: LiveSetup, memory: SessionMemory) -> ChildProcess:

@@ -202,11 +202,9 @@ def implausible_reading(sample: Any, info: GloveInfo, known: NDArray[np.bool_]) 
 
 
 def interval_hint(usual_ns: float, stale: float) -> str:
-    """Suggest a limit of age for a glove's own rate; "" if one lost sample is not too old for `stale`.
+    """Suggest a limit of age for a glove's own rate; "" if one lost sample is not too old for the limit `stale` [s].
 
-    Args:
-        usual_ns: Running median of the sample intervals [ns], 0 if unknown.
-        stale: Limit of age [s].
+    `usual_ns` is the running median of the sample intervals [ns], 0 if unknown.
     """
     if stale >= (LOST + 1) * 1e-9 * usual_ns:
         return ""
