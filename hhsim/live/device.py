@@ -185,8 +185,7 @@ class FingerRelease(ABC):
     def drain(self) -> None:
         """Discard what has arrived, without waiting, so that the device's buffers do not fill; by default nothing.
 
-        Raises:
-            DeviceError: The device is gone; `reconnect` may bring it back.
+        DeviceError if the device is gone; `reconnect` may bring it back.
         """
         return
 
@@ -198,8 +197,7 @@ class FingerRelease(ABC):
     def reconnect(self) -> bool:
         """Try once, without waiting, to reconnect after a `DeviceError`; True if the device is back.
 
-        Raises:
-            DeviceError: It is not back, and the reason is known better now; at most once for each loss.
+        DeviceError, at most once for each loss, if it is not and the reason is known better now.
         """
 
     @abstractmethod

@@ -28,7 +28,7 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 @dataclass(frozen=True)
 class RealTimeWishes:
-    """Requests of a loop to the system.
+    """Requests of a loop to the system; raises InputError for a priority or a processor out of range.
 
     Attributes:
         punctual: SCHED_FIFO at `priority`, timers that are not coalesced (1 ns instead of 50 µs), and idle processors
@@ -37,9 +37,6 @@ class RealTimeWishes:
         lock_memory: Keep all used pages in memory (mlock).
         cpu: Processor to stay on; None for the last one allowed, -1 for any.
         freeze_gc: Exclude existing objects from garbage collection.
-
-    Raises:
-        InputError: A priority or a processor out of range.
     """
 
     punctual: bool = True
@@ -71,10 +68,7 @@ class RealTimeWishes:
 
 
 def become_real_time(wishes: RealTimeWishes, *, above: int = 0) -> dict[str, Any]:
-    """Apply the requests to the calling thread and its process.
-
-    Args:
-        above: Added to `wishes.priority`.
+    """Apply the requests to the calling thread and its process, with `above` added to the priority.
 
     Returns:
         The achieved mode as plain values: `fifo`, the priority under SCHED_FIFO, 0 for the ordinary scheduler;

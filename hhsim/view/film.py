@@ -90,8 +90,7 @@ def write_video(
 def video_ticks(result: Result, slow: float) -> IntArray:
     """Return the tick that each frame shows, shape (frames,): the newest one at its time, the last tick last.
 
-    Raises:
-        InputError: The result holds no tick, or the film would have more than `MOST_FRAMES` frames.
+    InputError for a result without a tick, or a film of more than `MOST_FRAMES` frames.
     """
     if result.ticks == 0:
         raise InputError(f"{result.path} holds no tick")

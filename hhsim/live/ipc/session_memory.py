@@ -188,8 +188,7 @@ def session_process(name: str, arguments: Sequence[str] | None = None) -> tuple[
 def exit_code(body: Callable[[], object], failed: Callable[[str], object] = lambda text: None) -> int:
     """Run the body of a process and return its exit code: 0, that of an error, or 1 for a fault of hhsim's own.
 
-    Args:
-        failed: Called with the text of an error or fault, which is printed too.
+    `failed` is called with the text of an error or fault, which is printed too.
     """
     try:
         body()

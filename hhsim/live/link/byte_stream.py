@@ -17,11 +17,7 @@ MOST_READ = 16_384
 class ByteLink(ABC):
     """A byte stream to a glove or to its server; a subclass opens, closes, reads and writes it.
 
-    Args:
-        name: Name of the device in messages: "dexmo at 127.0.0.1:55555".
-
-    Attributes:
-        connection: Number of times that the line was opened.
+    `name` is that of the device in messages, "dexmo at 127.0.0.1:55555"; `connection` counts the openings of the line.
     """
 
     MOST_UNSENT: ClassVar[int]

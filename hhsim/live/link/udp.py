@@ -38,21 +38,16 @@ def resolve(host: str) -> str:
 
 
 class UdpPort:
-    """Reads the datagrams of one host without waiting.
+    """Reads the datagrams of one host without waiting; DeviceError for no such host, or a port that is taken.
 
     Once a sender is kept to, the system itself discards those of all others, other programs of the same host included:
     their flood costs the reader nothing. A sender that is silent for `SESSION_SILENCE_NS` is kept to no longer.
-
-    Args:
-        decode: Decodes one, raising `PacketError` if it is malformed; of open packets by default.
+    `decode` raises `PacketError` for a malformed datagram.
 
     Attributes:
         strangers: Number of datagrams from others.
         malformed: Number of datagrams that are no packets.
         hint: Description of the last unusable datagram.
-
-    Raises:
-        DeviceError: No such host, or the port is taken.
     """
 
     def __init__(self, host: str, port: int, decode: Callable[[bytes], Any] = decode_packet) -> None:

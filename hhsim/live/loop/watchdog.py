@@ -33,11 +33,7 @@ LAST_WORDS_NS = 200_000_000
 
 
 class Watchdog:
-    """Watches one session.
-
-    Args:
-        device: The watchdog's own connection to the glove, not yet opened; None sends nothing.
-    """
+    """Watches one session through its own connection to the glove, not yet opened; None sends nothing."""
 
     def __init__(self, setup: WatchdogSetup, device: FingerRelease | None) -> None:
         self._supervisor = setup.supervisor

@@ -51,8 +51,7 @@ def make_live_scene(
         placed: True to begin at the pose of `pose`; otherwise the palm begins where it can grasp.
         seed: Seed of a script's tremor and sensor noise.
 
-    Raises:
-        TrajectoryError: The motion cannot be done on this object.
+    TrajectoryError if the motion cannot be done on this object.
     """
     where = {}
     palm = POSES[pose.kind]

@@ -96,12 +96,7 @@ class SessionOutcome:
 class Supervisor:
     """A live session, as a context manager that ends it in order on every way out.
 
-    Args:
-        say: Receives every event while it happens.
-
-    Attributes:
-        memory: Memory of the session.
-        tally: Counts of its ticks.
+    It counts the session's ticks in `tally`, and calls `say` for every event while it happens.
     """
 
     def __init__(self, setup: LiveSetup, say: Say = lambda text, level: None) -> None:

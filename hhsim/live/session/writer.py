@@ -36,18 +36,13 @@ RINGS = ("ticks", "samples", "events")
 
 
 class SessionWriter:
-    """Takes records as they come out of the rings, and writes them block by block.
+    """Takes records as they come out of the rings, and writes them block by block; OutputError without a file.
 
-    Args:
-        options: Options that the loop solves with.
-        facts: Facts of the session before it ran, `SessionMemory.facts`.
+    `options` are those that the loop solves with, `facts` the `SessionMemory.facts` before the session ran.
 
     Attributes:
         lost: Lost records by ring; kept up to date by the reader of the rings.
         empty: True if neither a tick nor a sample has come.
-
-    Raises:
-        OutputError: The file cannot be made.
     """
 
     def __init__(self, path: Path, setup: LiveSetup, options: SolverOptions, facts: Mapping[str, Any]) -> None:
