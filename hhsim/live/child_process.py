@@ -71,11 +71,7 @@ class ChildProcess:
         return lines[-1].removeprefix("hhsim: ").removeprefix("error: ") if lines else ""
 
     def wait(self, seconds: float, progress: Callable[[], object] = lambda: None) -> bool:
-        """Wait for its end, at most `seconds` after the last change of `progress`; True if it has ended.
-
-        Args:
-            progress: Called at every look; a new value restarts the time.
-        """
+        """Wait for its end, at most `seconds` after the last change of `progress()`; True if it has ended."""
         done, began = progress(), time.monotonic()
         while self.running and (left := began + seconds - time.monotonic()) > 0.0:
             with contextlib.suppress(subprocess.TimeoutExpired):

@@ -180,17 +180,12 @@ class FingerRelease(ABC):
 
     @abstractmethod
     def open_for_release(self, timeout: float = 5.0) -> None:
-        """Connect beside the loop's connection, without taking samples from it, within `timeout` [s].
-
-        Raises:
-            DeviceError: Nothing there.
-        """
+        """Connect beside the loop's connection, taking no samples from it, within `timeout` [s], or DeviceError."""
 
     def drain(self) -> None:
         """Discard what has arrived, without waiting, so that the device's buffers do not fill; by default nothing.
 
-        Raises:
-            DeviceError: The device is gone; `reconnect` may bring it back.
+        DeviceError if the device is gone; `reconnect` may bring it back.
         """
         return
 
@@ -202,8 +197,7 @@ class FingerRelease(ABC):
     def reconnect(self) -> bool:
         """Try once, without waiting, to reconnect after a `DeviceError`; True if the device is back.
 
-        Raises:
-            DeviceError: It is not back, and the reason is known better now; at most once for each loss.
+        DeviceError, at most once for each loss, if it is not and the reason is known better now.
         """
 
     @abstractmethod
@@ -240,11 +234,7 @@ class GloveDevice(FingerRelease):
 
     @abstractmethod
     def open(self, timeout: float = 5.0) -> None:
-        """Connect within `timeout` [s]; sets `info`.
-
-        Raises:
-            DeviceError: Nothing there, or another protocol.
-        """
+        """Connect within `timeout` [s]; sets `info`. DeviceError if nothing is there, or another protocol."""
 
     def open_for_release(self, timeout: float = 5.0) -> None:
         """Connect for release alone; by default the same as `open`."""
@@ -252,16 +242,9 @@ class GloveDevice(FingerRelease):
 
     @abstractmethod
     def read(self, samples_out: NDArray[np.void]) -> int:
-        """Decode all that has arrived; what does not fit waits for the next call.
+        """Decode all that has arrived into `GLOVE_SAMPLE`, oldest first, and return the number of samples.
 
-        Args:
-            samples_out: Of `GLOVE_SAMPLE`, filled from the oldest on.
-
-        Returns:
-            Number of samples.
-
-        Raises:
-            DeviceError: The device is gone; `reconnect` may bring it back.
+        What does not fit waits for the next call. DeviceError if the device is gone; `reconnect` may bring it back.
         """
 
     def descriptors(self) -> tuple[int, ...]:
@@ -300,11 +283,7 @@ class GloveDevice(FingerRelease):
 
     @abstractmethod
     def send(self, command: FingerCommand) -> bool:
-        """Send a command, all of it or nothing; it is never kept to be sent late.
+        """Send a command, all of it or nothing, never late; False if the device takes no more now.
 
-        Returns:
-            False if the device takes no more now.
-
-        Raises:
-            DeviceError: The device is gone.
+        DeviceError if the device is gone.
         """

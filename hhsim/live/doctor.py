@@ -90,8 +90,13 @@ class Diagnosis:
         """Changes that may help, the most telling first; empty if every limit is kept."""
         if self.good:
             return []
-        settings = [fact.advice for fact in self.facts if fact.advice]
-        return [*_of_causes(self.wakeups), *self.wakeups.mode["refused"], *settings]
+        wakeups = self.wakeups
+        found = [HOST_ADVICE] if wakeups.causes[MissCause.HOST] else []
+        if wakeups.causes[MissCause.WOKEN_LATE]:
+            overslept = wakeups.late[wakeups.late >= 1e9 / wakeups.rate].sum()
+            # Half of it: a run delay that explains less is not the reason.
+            found.append(OTHERS_ADVICE if 2 * (wakeups.run_delay or 0) >= overslept else NOBODY_ADVICE)
+        return [*found, *wakeups.mode["refused"], *(fact.advice for fact in self.facts if fact.advice)]
 
     def to_json(self) -> dict[str, Any]:
         """Return all of it as plain values, SI units."""
@@ -143,16 +148,6 @@ def histogram(wakeups: Wakeups) -> list[tuple[float, float | None, int]]:
     last = int(np.flatnonzero(counts).max(initial=0))
     edges = [0.0, *map(float, EDGES_US)]
     return list(zip(edges, [*edges[1:], None], map(int, counts), strict=True))[: last + 1]
-
-
-def _of_causes(wakeups: Wakeups) -> list[str]:
-    """Return the advice that follows from who took the time."""
-    found = [HOST_ADVICE] if wakeups.causes[MissCause.HOST] else []
-    if wakeups.causes[MissCause.WOKEN_LATE]:
-        overslept = wakeups.late[wakeups.late >= 1e9 / wakeups.rate].sum()
-        # Half of it: a run delay that explains less is not the reason.
-        found.append(OTHERS_ADVICE if 2 * (wakeups.run_delay or 0) >= overslept else NOBODY_ADVICE)
-    return found
 
 
 def _missed(wakeups: Wakeups) -> str:

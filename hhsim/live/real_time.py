@@ -28,7 +28,7 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 @dataclass(frozen=True)
 class RealTimeWishes:
-    """Requests of a loop to the system.
+    """Requests of a loop to the system; raises InputError for a priority or a processor out of range.
 
     Attributes:
         punctual: SCHED_FIFO at `priority`, timers that are not coalesced (1 ns instead of 50 µs), and idle processors
@@ -37,9 +37,6 @@ class RealTimeWishes:
         lock_memory: Keep all used pages in memory (mlock).
         cpu: Processor to stay on; None for the last one allowed, -1 for any.
         freeze_gc: Exclude existing objects from garbage collection.
-
-    Raises:
-        InputError: A priority or a processor out of range.
     """
 
     punctual: bool = True
@@ -71,10 +68,7 @@ class RealTimeWishes:
 
 
 def become_real_time(wishes: RealTimeWishes, *, above: int = 0) -> dict[str, Any]:
-    """Apply the requests to the calling thread and its process.
-
-    Args:
-        above: Added to `wishes.priority`.
+    """Apply the requests to the calling thread and its process, with `above` added to the priority.
 
     Returns:
         The achieved mode as plain values: `fifo`, the priority under SCHED_FIFO, 0 for the ordinary scheduler;
@@ -91,7 +85,14 @@ def become_real_time(wishes: RealTimeWishes, *, above: int = 0) -> dict[str, Any
     mode["timer_slack_ns"] = timer_slack()
     if wishes.cpu != -1:
         with _noted(refused, "not kept on one processor"):
-            mode["cpu"] = _stay_on(wishes.cpu)
+            allowed = sorted(os.sched_getaffinity(0))
+            cpu = allowed[-1] if wishes.cpu is None else wishes.cpu
+            if wishes.cpu is None and len(allowed) == 1:
+                raise OSError(errno.EINVAL, f"{cpu} is the only one there is")
+            if cpu not in allowed:
+                raise OSError(errno.EINVAL, f"the process may not use {cpu}, only {', '.join(map(str, allowed))}")
+            os.sched_setaffinity(0, {cpu})
+            mode["cpu"] = cpu
     if wishes.lock_memory:
         with _noted(refused, "memory is not locked", "; raise the limit memlock (ulimit -l)"):
             lock_memory()
@@ -122,12 +123,9 @@ def _noted(refused: list[str], what: str, hint: str = "") -> Iterator[None]:
 
 @contextlib.contextmanager
 def processors_awake(wishes: RealTimeWishes, mode: dict[str, Any]) -> Iterator[None]:
-    """Keep idle processors awake during the block, if that is requested and granted.
+    """Keep idle processors awake during the block, if that is requested and granted, and note it in the `mode`.
 
     An idle processor takes 10 to 100 µs to wake, at each process that a sample passes, and longer under a host.
-
-    Args:
-        mode: As of `become_real_time`; updated.
     """
     with contextlib.ExitStack() as opened:
         if wishes.punctual:
@@ -172,25 +170,10 @@ def described(mode: dict[str, Any]) -> str:
     )
 
 
-def _stay_on(wish: int | None) -> int:
-    allowed = sorted(os.sched_getaffinity(0))
-    if wish is None:
-        if len(allowed) == 1:
-            raise OSError(errno.EINVAL, f"{allowed[0]} is the only one there is")
-        wish = allowed[-1]
-    elif wish not in allowed:
-        raise OSError(errno.EINVAL, f"the process may not use {wish}, only {', '.join(map(str, allowed))}")
-    os.sched_setaffinity(0, {wish})
-    return wish
-
-
 def lock_memory() -> None:
     """Keep the pages that compiled code uses in memory: data, its own code, shared memory and the system's libraries.
 
-    Pages that it never touches take none.
-
-    Raises:
-        OSError: Not allowed, or more than the limit of locked memory.
+    Pages that it never touches take none. OSError if that is not allowed, or beyond the limit of locked memory.
     """
     for line in MAPPINGS.read_text().splitlines():
         span, rights, _, _, inode, *name = line.split(maxsplit=5)
@@ -216,16 +199,9 @@ def timer_slack() -> int:
 
 
 def end_with(parent: int) -> bool:
-    """Request SIGTERM for the end of the parent, more exactly of its thread that started this process.
+    """Request SIGTERM for the end of the process `parent`, more exactly of its thread that started this process.
 
-    Args:
-        parent: Its process id.
-
-    Returns:
-        False if it has ended already: no signal will come.
-
-    Raises:
-        OSError: Not allowed.
+    Returns False if it has ended already: no signal will come. OSError if that is not allowed.
     """
     _check(_libc.prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM), 0, 0, 0))
     return os.getppid() == parent

@@ -38,11 +38,7 @@ class SharedBlock:
 
     @classmethod
     def create(cls, name: str, dtype: np.dtype[Any]) -> Self:
-        """Allocate memory of zeros with an inheritable descriptor; `name` shows in /proc.
-
-        Raises:
-            HhsimError: The system has no memory of this kind.
-        """
+        """Allocate memory of zeros with an inheritable descriptor; HhsimError if the system has none of this kind."""
         if not hasattr(os, "memfd_create"):
             raise HhsimError(f"live sessions need Linux, whose memory needs no file (memfd); this is {sys.platform}")
         descriptor = os.memfd_create(f"hhsim-{name}", 0)
@@ -102,9 +98,7 @@ class RingReader:
     def read(self, most: int) -> tuple[int, AnyArray]:
         """Read the oldest unread records, at most `most`.
 
-        Returns:
-            Number of the first one, counted from the ring's beginning, and copies of the records; numbers that are
-            skipped were lost.
+        Returns the number of the first one, from the ring's beginning, and copies; numbers that are skipped were lost.
         """
         ring = self._ring
         written = ring.written
@@ -127,16 +121,12 @@ def write_setup(*parts: object) -> int:
     return descriptor
 
 
-def read_setup(descriptor: int) -> tuple[Any, ...]:
-    """Return the parts that `write_setup` wrote; any number of processes may do so."""
-    # By position: processes that inherit a descriptor share its offset in the file.
-    parts: tuple[Any, ...] = pickle.loads(os.pread(descriptor, os.fstat(descriptor).st_size, 0))
-    return parts
-
-
 def process_setup(name: str, arguments: Sequence[str] | None) -> tuple[Any, ...]:
-    """Name this process of a session, and read the setup whose descriptor its command line names."""
+    """Name this process of a session, and return the parts that `write_setup` wrote for it."""
     name_process(name)
     parser = argparse.ArgumentParser(prog=f"hhsim-{name}")
     parser.add_argument("--setup", type=int, required=True, metavar="FD")
-    return read_setup(parser.parse_args(arguments).setup)
+    descriptor = parser.parse_args(arguments).setup
+    # By position: processes that inherit a descriptor share its offset in the file.
+    parts: tuple[Any, ...] = pickle.loads(os.pread(descriptor, os.fstat(descriptor).st_size, 0))
+    return parts

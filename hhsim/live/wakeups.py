@@ -54,11 +54,8 @@ class Wakeups:
 def measure_wakeups(rate: float, seconds: float, wishes: RealTimeWishes) -> Wakeups:
     """Measure how late a thread with the requests of a loop wakes for deadlines, at `rate` [Hz] for `seconds`.
 
-    The thread ends with the measurement, and what it was granted with it. The calling thread stays as it was, no memory
-    stays locked, and the garbage collector is left alone.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C; the thread has ended.
+    The thread ends with the measurement, with Ctrl-C too, and what it was granted with it. The calling thread stays as
+    it was, no memory stays locked, and the garbage collector is left alone.
     """
     stopping = threading.Event()
     with ThreadPoolExecutor(1, "hhsim-wakeups") as thread:

@@ -39,22 +39,17 @@ def halo(width: float) -> dict[str, Any]:
     return {"path_effects": [withStroke(linewidth=width, foreground="white")]}
 
 
-VECTOR = {
-    # Journals ask for outlines that a reader of PDF can tell apart as letters.
-    "pdf.fonttype": 42,
-    # Else the names of clipping paths are random.
-    "svg.hashsalt": "hhsim report",
-}
-
-
 def vector_bytes(figure: "Figure", kind: str, title: str) -> bytes:
     """Return a figure as a `pdf` or `svg`, without the date: the same figure gives the same bytes."""
     import matplotlib
 
-    dates: dict[str, Any] = {"CreationDate": None} if kind == "pdf" else {"Date": None}
+    date = "CreationDate" if kind == "pdf" else "Date"
+    about: dict[str, Any] = {"Title": title, "Creator": "hhsim report", date: None}
     buffer = io.BytesIO()
-    with matplotlib.rc_context(cast(Any, VECTOR)):
-        figure.savefig(buffer, format=kind, metadata={"Title": title, "Creator": "hhsim report", **dates})
+    # Journals ask for letters that a reader of PDF can tell apart; without a salt the SVG's clipping paths have random
+    # names.
+    with matplotlib.rc_context(cast(Any, {"pdf.fonttype": 42, "svg.hashsalt": "hhsim report"})):
+        figure.savefig(buffer, format=kind, metadata=about)
     return buffer.getvalue()
 
 
@@ -79,8 +74,7 @@ def save_figure(figure: "Figure", path: Path, title: str = "") -> None:
     """
     kind = path.suffix.lower()[1:]
     if kind in ("pdf", "svg", "png"):
-        content = png_bytes(figure) if kind == "png" else vector_bytes(figure, kind, title or path.stem)
-        write_atomically(path, content)
+        write_atomically(path, png_bytes(figure) if kind == "png" else vector_bytes(figure, kind, title or path.stem))
         return
     try:
         figure.savefig(path)

@@ -46,25 +46,20 @@ def piece_surfaces(hand: HandModel, rings: int = RINGS, sides: int = SIDES) -> t
             length = hand.length[finger, k]
             radius_a, radius_b = hand.radius[finger, k : k + 2]
             tip = np.array([0.0, length, 0.0])
-            surface = round_cone_surface(np.zeros(3), tip, radius_a, radius_b, SKIN, rings=rings, sides=sides)
-            surfaces.append(_with_nail(surface, length) if k == PHALANX_COUNT - 1 else surface)
+            surfaces.append(round_cone_surface(np.zeros(3), tip, radius_a, radius_b, SKIN, rings=rings, sides=sides))
+        # The nail, on the back of the distal phalanx.
+        distal = surfaces[-1]
+        along = (distal.points[:, 1] - length) / (0.55 * length)
+        across = distal.points[:, 0] / (0.4 * length)
+        nail = (np.abs(along + 0.1) ** 3 + np.abs(across) ** 3 < 1.0) & (distal.normals[:, 2] > 0.3)
+        surfaces[-1] = replace(distal, colors=np.where(nail[:, None], NAIL, distal.colors))
     return (*surfaces, mesh_surface(hand.palm_mesh, SKIN))
 
 
-def _with_nail(distal: Surface, length: float) -> Surface:
-    """Colour the nail on the back of a distal phalanx of this length [m], in its own frame."""
-    along = (distal.points[:, 1] - length) / (0.55 * length)
-    across = distal.points[:, 0] / (0.4 * length)
-    nail = (np.abs(along + 0.1) ** 3 + np.abs(across) ** 3 < 1.0) & (distal.normals[:, 2] > 0.3)
-    return replace(distal, colors=np.where(nail[:, None], NAIL, distal.colors))
-
-
 def hand_surface(hand: HandModel, pose: Iterable[ArrayLike], pieces: Sequence[Surface] = ()) -> Surface:
-    """Return the hand's surface in the world frame.
+    """Return the hand's surface in the world frame, of `pieces` as of `piece_surfaces`, or else of fine ones.
 
-    Args:
-        pose: Fields of a `HandConfiguration`: arguments of `HandModel.joints`.
-        pieces: Pieces of `piece_surfaces`; without them the hand is made of fine ones.
+    `pose` has the fields of a `HandConfiguration`, the arguments of `HandModel.joints`.
     """
     position, orientation, flexion, abduction = (np.asarray(values, np.float64)[None] for values in pose)
     poses = piece_poses(hand, position, orientation, flexion, abduction)
@@ -78,11 +73,8 @@ def piece_poses(
 ) -> PiecePoses:
     """Compute the poses of the pieces.
 
-    Args:
-        position: Palm origin [m], world, shape (T, 3).
-        orientation: Palm to world, unit (w, x, y, z), shape (T, 4).
-        flexion: [rad], shape (T, 5, 3).
-        abduction: [rad], shape (T, 5).
+    Palm origins [m], world, have shape (T, 3), palms' unit quaternions (w, x, y, z) to the world (T, 4); flexion [rad]
+    has shape (T, 5, 3), abduction [rad] (T, 5).
     """
     origin, palm = np.asarray(position, np.float64), np.asarray(orientation, np.float64)
     frames = np.stack([np.cross(hand.distal, hand.dorsal), hand.distal, hand.dorsal], axis=-1)

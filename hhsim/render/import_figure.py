@@ -9,7 +9,6 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.recording import turn
 from hhsim.recordings.repair import Repaired
 from hhsim.render.figure import new_figure, save_figure
@@ -45,7 +44,15 @@ def draw_import(repaired: Repaired, path: Path) -> None:
         _panel(rows[2 + f], clocks, came, went, ("first", "second", "third"), f"{finger}\nflexion [°]")
     came, went = np.degrees(given.abduction), np.degrees(motion.abduction)
     _panel(rows[7], clocks, came, went, FINGERS, "abduction [°]")
-    _strip(rows[8], motion)
+    # A row of marks for each group of flags.
+    flags = motion.flags if motion.flags is not None else np.zeros(motion.sample_count, dtype=np.uint32)
+    for row, (_, flag, colour) in enumerate(BANDS):
+        at = motion.time[marked(flags, flag)]
+        rows[8].plot(at, np.full(at.shape, -row), "|", color=colour, markersize=8)
+    names = [f"{name}: {int(marked(flags, flag).sum())}" for name, flag, _ in BANDS]
+    rows[8].set_yticks([-row for row in range(len(BANDS))], names, fontsize=8)
+    rows[8].set_ylim(-len(BANDS) + 0.4, 0.6)
+    rows[8].grid(axis="x", color="0.92")
     rows[0].set_title(f"{motion.name}: grey what came in, coloured what went out", fontsize=13, loc="left")
     rows[8].set_xlabel("time [s]")
     save_figure(figure, path)
@@ -77,18 +84,3 @@ def _panel(
     axes.set_ylabel(label)
     axes.grid(color="0.92")
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
-
-
-def _strip(axes: "Axes", motion: Trajectory) -> None:
-    """Draw a row of marks for each group of flags."""
-    flags = motion.flags if motion.flags is not None else np.zeros(motion.sample_count, dtype=np.uint32)
-    for row, (_, flag, colour) in enumerate(BANDS):
-        at = motion.time[marked(flags, flag)]
-        axes.plot(at, np.full(at.shape, -row), "|", color=colour, markersize=8)
-    axes.set_yticks(
-        [-row for row in range(len(BANDS))],
-        [f"{name}: {int(marked(flags, flag).sum())}" for name, flag, _ in BANDS],
-        fontsize=8,
-    )
-    axes.set_ylim(-len(BANDS) + 0.4, 0.6)
-    axes.grid(axis="x", color="0.92")

@@ -119,7 +119,13 @@ def _forces_over_time(number: str, runs: Sequence[SceneRun]) -> "Figure":
         handles, labels, loc="center left", bbox_to_anchor=(0.13, 0.733), ncols=5, fontsize=8, frameon=False,
         columnspacing=1.0, handlelength=1.4,
     )  # fmt: skip
-    _draw_times(times, runs)
+    longest = [1e6 * run.tick_cpu.max() for run in runs]
+    for axes, run, most in zip(times, runs, longest):
+        axes.plot(1e6 * run.tick_cpu, color="0.25", linewidth=0.6)
+        axes.set_ylim(0.0, 1.08 * float(max(longest)))
+        text = f"longest {most:.0f} µs; the paper: below 1,000 to 1,500 µs"
+        axes.text(0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", fontsize=9, color=BUDGET_COLOR)
+    times[0].set_ylabel("time of a tick, CPU [µs]")
     return figure
 
 
@@ -159,16 +165,6 @@ def _curves_figure(runs: Sequence[SceneRun]) -> "tuple[Figure, Sequence[Axes], S
             if name:
                 top.text(middle, 1.01, name, transform=top.get_xaxis_transform(), fontsize=8, ha="center", color="0.4")
     return figure, forces, times
-
-
-def _draw_times(panels: "Sequence[Axes]", runs: Sequence[SceneRun]) -> None:
-    top = max(float(1e6 * run.tick_cpu.max()) for run in runs)
-    for axes, run in zip(panels, runs):
-        axes.plot(1e6 * run.tick_cpu, color="0.25", linewidth=0.6)
-        axes.set_ylim(0.0, 1.08 * top)
-        text = f"longest {1e6 * run.tick_cpu.max():.0f} µs; the paper: below 1,000 to 1,500 µs"
-        axes.text(0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", fontsize=9, color=BUDGET_COLOR)
-    panels[0].set_ylabel("time of a tick, CPU [µs]")
 
 
 def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
@@ -223,12 +219,10 @@ TIP = 0.012
 def scene_picture(
     run: SceneRun, mesh: Mesh, moment: int = 0, shape: tuple[int, int] = (300, 300), view: View | None = None
 ) -> FloatArray:
-    """Render the hand at a moment of a run of one motion: shape (rows, columns, 3), 0 to 1.
+    """Render the hand and the object's mesh, its own frame, at a moment of a run of one motion.
 
-    Args:
-        mesh: The object's, its own frame.
-        shape: Rows and columns of the picture [pixels].
-        view: The viewer's place; None for `best_view`.
+    The picture has shape (rows, columns, 3), 0 to 1, of rows and columns [pixels]; it is seen from `view`, by default
+    `best_view`.
     """
     shown = run.shown[moment]
     graphic, haptic = (hand_surface(run.stage.hand, pose) for pose in (shown.graphic, shown.haptic))

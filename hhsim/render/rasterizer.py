@@ -112,8 +112,7 @@ def _interpolated(values: Image, corners: Sequence[IntArray], weight: FloatArray
 def see_spheres(center: ArrayLike, radius: ArrayLike, camera: Camera) -> tuple[FloatArray, FloatArray, IntArray]:
     """Render spheres [m], shapes (n, 3), (n,), world, exact at every pixel.
 
-    Returns:
-        Depth and normals as `lit` takes them, and the sphere at each pixel of one, shape (pixels,).
+    Returns depth and normals as `lit` takes them, and the sphere at each pixel of one, shape (pixels,).
     """
     rows, columns = OVERSAMPLING * camera.shape[0], OVERSAMPLING * camera.shape[1]
     scale = rows / camera.height
@@ -130,13 +129,12 @@ def see_spheres(center: ArrayLike, radius: ArrayLike, camera: Camera) -> tuple[F
 
 
 def lit(depth: FloatArray, normals: Image, color: Image, camera: Camera) -> Layer:
-    """Light rendered pixels.
+    """Light rendered pixels of `depth` as in a `Layer`.
 
-    Args:
-        depth: Towards the viewer [m], minus infinity without a surface, shape (rows, columns).
-        normals: Unit normals of the n pixels of the surface, right, up and towards the viewer, shape (n, 3).
-        color: Their colours, shape (n, 3).
+    The n pixels of the surface have unit normals, right, up and towards the viewer, and colours, shapes (n, 3).
     """
+    from scipy.ndimage import uniform_filter
+
     rows, columns = depth.shape
     scale, pixel = rows / camera.height, np.flatnonzero(np.isfinite(depth))
     there = depth.ravel()[pixel]
@@ -146,7 +144,11 @@ def lit(depth: FloatArray, normals: Image, color: Image, camera: Camera) -> Laye
     diffuse = np.clip((normals @ light.astype(kind) + 0.25) / 1.25, 0.0, None)
     shine = np.clip(normals @ (half / np.linalg.norm(half)).astype(kind), 0.0, None) ** 30
     # What lies behind its surroundings gets less light: depth against its blur stands in for ambient occlusion.
-    hollow = _blurred(depth, 0.006 * scale).ravel()[pixel] - there
+    # Two boxes have a standard deviation of 6 mm together; no surface is the least depth.
+    solid = np.where(np.isfinite(depth), depth, there.min() if len(there) else 0.0)
+    side = min(round(math.sqrt(6.0 * (0.006 * scale) ** 2 + 1.0)), max(depth.shape))
+    blurred = np.asarray(uniform_filter(uniform_filter(solid, side, mode="nearest"), side, mode="nearest"))
+    hollow = blurred.ravel()[pixel] - there
     shadow = np.clip(1.0 - np.clip(hollow, 0.0, None) / 0.012, 0.45, 1.0).astype(kind)
     strength, gloss = (0.36 + 0.10 * normals[:, 1] + 0.66 * diffuse) * shadow, 0.10 * shine
     picture, facing = np.zeros((3, rows * columns), np.float32), np.zeros(rows * columns, np.float32)
@@ -156,16 +158,6 @@ def lit(depth: FloatArray, normals: Image, color: Image, camera: Camera) -> Laye
         picture[channel, pixel] = np.clip(color[:, channel] * strength + gloss + glow, 0.0, 1.0)
     facing[pixel] = normals[:, 2]
     return Layer(np.moveaxis(picture.reshape(3, rows, columns), 0, 2), depth, facing.reshape(rows, columns))
-
-
-def _blurred(depth: FloatArray, width: float) -> FloatArray:
-    """Smooth depth by two boxes that have the standard deviation `width` [pixels] together; no surface is the least."""
-    from scipy.ndimage import uniform_filter
-
-    there = np.isfinite(depth)
-    solid = np.where(there, depth, depth.min(initial=np.inf, where=there) if there.any() else 0.0)
-    side = min(round(math.sqrt(6.0 * width**2 + 1.0)), max(depth.shape))
-    return np.asarray(uniform_filter(uniform_filter(solid, side, mode="nearest"), side, mode="nearest"))
 
 
 def blend(layers: Sequence[tuple[Layer, FloatArray | float]]) -> FloatArray:
@@ -240,10 +232,7 @@ def rasterise(
 
 
 def _weights(corners: FloatArray) -> FloatArray:
-    """Return barycentric weights as functions of a pixel's column and row, and a constant: shape (m, 3, 3).
-
-    All are 0 for a triangle that is seen edge on.
-    """
+    """Return barycentric weights over column, row and 1 of a pixel, shape (m, 3, 3); all 0 if seen edge on."""
     first, second = corners[:, [1, 2, 0]], corners[:, [2, 0, 1]]
     edge = second - first
     area = edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0]

@@ -5,11 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.render.figure import new_figure, save_figure, tidy
-from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, look_from, see_spheres, shade
+from hhsim.render.rasterizer import blend, frame, lit, look_from, see_spheres, shade
 from hhsim.render.triangle_soup import mesh_surface
 from hhsim.system.output_path import check_picture
 from hhsim.trees.sphere_tree import SphereTree
@@ -52,7 +51,10 @@ def draw_tree(path: Path, mesh: Mesh, tree: SphereTree) -> None:
     )
     camera = frame(reach, VIEW, (PIXELS, PIXELS))
     alone = shade(surface, camera)
-    spheres = _spheres(mesh, center, radius, scale, highest, camera)
+    depth, normals, there = see_spheres(scale * center, scale * radius, camera)
+    points = center[there] + radius[there, None] * (normals @ camera.rotation)
+    height = mesh_signed_distance(build_mesh_bvh(mesh.vertices, mesh.faces), points)
+    spheres = lit(depth, normals, colormaps[COLORS](np.clip(height / highest, 0.0, 1.0))[:, :3], camera)
 
     figure = new_figure(19.2, 6.9)
     grey = "; grey: the mesh outside of them" if last.gap_max > _LEAST else ""
@@ -70,17 +72,6 @@ def draw_tree(path: Path, mesh: Mesh, tree: SphereTree) -> None:
     bar.outline.set_visible(False)
     _draw_errors(figure.add_axes((0.745, 0.14, 0.245, 0.76)), tree)
     save_figure(figure, path)
-
-
-def _spheres(mesh: Mesh, center: FloatArray, radius: FloatArray, scale: float, highest: float, camera: Camera) -> Layer:
-    """Render spheres [m] coloured by their distance outside the mesh, `scale` times as large for the camera."""
-    from matplotlib import colormaps
-
-    depth, normals, there = see_spheres(scale * center, scale * radius, camera)
-    points = center[there] + radius[there, None] * (normals @ camera.rotation)
-    height = mesh_signed_distance(build_mesh_bvh(mesh.vertices, mesh.faces), points)
-    color = colormaps[COLORS](np.clip(height / highest, 0.0, 1.0))[:, :3]
-    return lit(depth, normals, color, camera)
 
 
 def _draw_errors(axes: "Axes", tree: SphereTree) -> None:

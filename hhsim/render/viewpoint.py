@@ -42,8 +42,7 @@ def viewpoint(
     """Return the view that shows most of the marks, then of hand and object, with forces not seen end on.
 
     Args:
-        marks: Points that the object should not hide [m], shape (k, 3); may be none.
-        forces: Vectors, shape (j, 3); may be none.
+        marks, forces: Points that the object should not hide [m], shape (k, 3), and vectors, (j, 3); may be none.
         usual: View of another picture, which only a view better by `GAIN` replaces.
         below: Depth below the hand's surface from which on the hand hides a mark too [m].
     """

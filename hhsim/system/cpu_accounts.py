@@ -18,12 +18,8 @@ class CpuAccounts:
     All are totals; read twice for a difference. The descriptors stay open, so that a reading is one system call: 1 µs
     for `run_delay_ns`, some 20 µs for `steal_ns` on two processors.
 
-    Args:
-        cpu: Processor of the thread; None for all that it may use together.
-        proc: Folder of the accounts.
-
     Attributes:
-        processors: Processors whose steal counts.
+        processors: Processors whose steal counts: `cpu`, or all that the thread may use together.
         schedule, stat: Descriptors of the thread's schedstat and of /proc/stat, -1 if missing.
         stat_bytes: Largest size of the lines of all processors in it [byte].
         steal_step_ns: Resolution of `steal_ns` [ns]: 10 ms on most systems.

@@ -24,15 +24,26 @@ DEVELOPMENT_EXTRAS = frozenset({"test", "lint", "release"})
 
 
 def collect() -> dict[str, Any]:
-    """Describe this process and the machine, as `hhsim info` prints it; `missing` are packages by their extra."""
+    """Describe this process and the machine, as `hhsim info` prints it.
+
+    `kernels` has the folder of the compiled ones, and whether those of exactly these sources are there; `missing` are
+    packages by their extra.
+    """
+    from hhsim.kernels.jit import JIT_ENABLED
+    from hhsim.kernels.kernel_cache import KERNEL_CACHE, is_cached
+
+    missing: dict[str, list[str]] = {}
+    for name, extra in _requirements():
+        if package_version(name) is None:
+            missing.setdefault(extra or "required", []).append(name)
     return {
         "hhsim": __version__,
         "revision": revision(),
         "machine": machine(),
         "clock": _clock(),
-        "kernels": _kernels(),
+        "kernels": {"folder": str(KERNEL_CACHE), "compiled": is_cached(), "jit": JIT_ENABLED},
         "packages": package_versions(),
-        "missing": _missing_packages(),
+        "missing": missing,
     }
 
 
@@ -107,14 +118,6 @@ def _clock() -> dict[str, Any]:
     return {"function": stated.implementation, "resolution": stated.resolution, "step": step, "source": source}
 
 
-def _kernels() -> dict[str, Any]:
-    """Return the folder of the compiled kernels, and whether those of exactly these sources are there."""
-    from hhsim.kernels.jit import JIT_ENABLED
-    from hhsim.kernels.kernel_cache import KERNEL_CACHE, is_cached
-
-    return {"folder": str(KERNEL_CACHE), "compiled": is_cached(), "jit": JIT_ENABLED}
-
-
 def _requirements() -> list[tuple[str, str]]:
     """Return the name of each declared dependency for users, with its extra ("" for none)."""
     try:
@@ -138,11 +141,3 @@ def package_version(package: str) -> str | None:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
         return None
-
-
-def _missing_packages() -> dict[str, list[str]]:
-    missing: dict[str, list[str]] = {}
-    for name, extra in _requirements():
-        if package_version(name) is None:
-            missing.setdefault(extra or "required", []).append(name)
-    return missing

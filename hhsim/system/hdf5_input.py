@@ -87,11 +87,7 @@ def open_hdf5(path: Path, shipped: bool = False) -> h5py.File:
 
 
 def hdf5_format(path: Path) -> str:
-    """Return a file's attribute `format`; "" if there is none, or for no sound HDF5 file.
-
-    Raises:
-        BlockingIOError: Another process is writing it.
-    """
+    """Return a file's attribute `format`; "" without, or for no sound HDF5 file; BlockingIOError while written."""
     try:
         with open_hdf5(path) as file:
             found = file.attrs.get("format")
@@ -114,8 +110,7 @@ def _fault(path: Path) -> str:
     holds = seal_holds(path)
     if holds is False:
         return "a damaged file: its bytes are not those that its checksum is of"
-    if holds:
-        size -= SIZE
+    size -= SIZE if holds else 0
     if not h5py.is_hdf5(path):
         raise OSError("no HDF5 file: its signature is not there")
     end = stated_end(path)
@@ -126,15 +121,9 @@ def _fault(path: Path) -> str:
 
 
 def probe(path: Path, size: int, seconds: int, patience: float) -> str:
-    """Read a file to its end in a child process, and describe its fault; "" for none.
+    """Read a file to its end in a child process, and describe its fault, "" for none; BlockingIOError while written.
 
-    Args:
-        size: Bytes of the file that are HDF5: all but a seal.
-        seconds: Limit of processor time.
-        patience: Limit of wall-clock time [s].
-
-    Raises:
-        BlockingIOError: Another process is writing it.
+    Its first `size` bytes are HDF5, all but a seal; `seconds` limit processor time, `patience` wall-clock time [s].
     """
 
     def read() -> tuple[int, str]:
@@ -158,10 +147,9 @@ def probe(path: Path, size: int, seconds: int, patience: float) -> str:
 
 
 def read_to_end(path: Path, size: int) -> None:
-    """Visit every object, attribute and value of a file of so many bytes, without limits.
+    """Visit every object, attribute and value of a file of so many bytes, without limits; errors of h5py pass.
 
-    Raises:
-        ValueError: It states more than such a file holds, or there are bytes behind its end; errors of h5py pass.
+    ValueError where it states more than such a file holds, or for bytes behind its end.
     """
     left = ALWAYS + PER_BYTE * size
     with h5py.File(path, "r") as file:
@@ -184,7 +172,7 @@ def read_to_end(path: Path, size: int) -> None:
 
 def _pieces(dataset: Any) -> Iterator[Any]:
     """Yield slices of a dataset along its first axis."""
-    if dataset.shape is None or not dataset.shape:
+    if not dataset.shape:
         yield ()
         return
     rows = max(1, PIECE * dataset.shape[0] // max(dataset.nbytes, 1))

@@ -57,11 +57,6 @@ def read_input(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def read_input_text(path: Path, encoding: str = "utf-8", errors: str = "strict", most: int = MOST_BYTES) -> str:
-    """Return the text of an ordinary file with lines that end with a newline.
-
-    Raises:
-        OSError: As `open_input`.
-        UnicodeDecodeError: Another encoding.
-    """
+    """Return the text of an ordinary file, lines ended by a newline; OSError as `open_input`, or UnicodeDecodeError."""
     with io.TextIOWrapper(open_input(path, most), encoding, errors) as file:
         return file.read()

@@ -29,11 +29,9 @@ class LogHistogram:
     def add(self, values: ArrayLike) -> None:
         """Count values of any shape."""
         array = np.asarray(values, dtype=np.float64).ravel()
-        if array.size == 0:
-            return
         place = np.log(np.maximum(array, self.LEAST) / self.LEAST) / np.log(self.RATIO)
         np.add.at(self.counts, np.minimum(place.astype(np.int64), self.BINS - 1), 1)
-        self.largest = float(np.fmax(self.largest, array.max()))
+        self.largest = float(np.fmax.reduce(array, initial=self.largest))
 
     @classmethod
     def sum(cls, parts: Iterable[Self]) -> Self:

@@ -3,6 +3,7 @@
 import os
 import tempfile
 from datetime import datetime
+from itertools import chain, count
 from pathlib import Path
 
 from hhsim.errors import InputError, OutputError
@@ -14,30 +15,23 @@ RESULTS = Path("results")
 def dated_output_path(stem: str, suffix: str = ".h5") -> Path:
     """Return a new path such as results/2026-03-01-142530-bunny-grasp.h5, by local time.
 
-    Args:
-        stem: Subject of the file; characters that do not belong in a file name become "-".
-        suffix: Suffix with its dot.
-
-    Raises:
-        OutputError: The folder cannot be made or written.
+    Characters of `stem` that do not belong in a file name become "-". OutputError if the folder cannot be made or
+    written.
     """
     try:
         RESULTS.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot make the folder {RESULTS}: {error.strerror or error}; name another place") from error
     kept = "".join(letter if letter.isalnum() or letter in "._-" else "-" for letter in stem)
-    name = f"{datetime.now():%Y-%m-%d-%H%M%S}-{kept}"
-    path = free_name(RESULTS / f"{name}{suffix}")
+    path = free_name(RESULTS / f"{datetime.now():%Y-%m-%d-%H%M%S}-{kept}{suffix}")
     check_output_path(path)
     return path
 
 
 def free_name(path: Path) -> Path:
     """Return `path`, or if it exists the first of path-2, path-3, … that does not."""
-    candidate, number = path, 2
-    while os.path.lexists(candidate):
-        candidate, number = path.with_name(f"{path.stem}-{number}{path.suffix}"), number + 1
-    return candidate
+    others = (path.with_name(f"{path.stem}-{number}{path.suffix}") for number in count(2))
+    return next(one for one in chain([path], others) if not os.path.lexists(one))
 
 
 def check_output_path(path: Path) -> None:
@@ -74,9 +68,7 @@ def check_picture(path: Path) -> None:
 def picture_beside(table: Path, named: Path | None) -> Path:
     """Return the path of the picture of a table of `hhsim bench`: as --plot names it, or beside the table, as .png.
 
-    Raises:
-        OutputError: As `check_picture`; or a picture is there that belongs to no table.
-        InputError: As `check_picture`.
+    Errors as `check_picture`; OutputError too for a picture that belongs to no table.
     """
     picture = named or table.with_suffix(".png")
     if named is None and picture.exists() and not table.exists():

@@ -39,8 +39,7 @@ def physical_cores() -> list[int]:
 def on_own_core(work: Callable[[], Answer]) -> tuple[Answer, bool]:
     """Call `work` in a thread pinned to a core of its own; wait for a core while all are claimed.
 
-    Returns:
-        The answer, and True if there was such a core; False if the system cannot pin threads.
+    Returns the answer, and True if there was such a core; False if the system cannot pin threads.
     """
 
     def pinned() -> tuple[Answer, bool]:

@@ -28,9 +28,7 @@ _ANSWER_BYTES = 1000
 
 def user_number() -> int:
     """Return the user's number; 0 where the system has none."""
-    if sys.platform == "win32":
-        return 0
-    return os.getuid()
+    return 0 if sys.platform == "win32" else os.getuid()
 
 
 def own_processors() -> list[int]:
@@ -54,9 +52,7 @@ def pin(processor: int) -> None:
 def lock(descriptor: int) -> None:
     """Lock a file until its descriptor is closed.
 
-    Raises:
-        BlockingIOError: Another process holds the lock.
-        OSError: The file system has no locks.
+    BlockingIOError if another process holds the lock, OSError if the file system has none.
     """
     if sys.platform == "win32":
         import msvcrt
@@ -124,8 +120,8 @@ def limit_as_child(memory_share: float) -> None:
         import resource
         import signal
 
-        set_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
-        ctypes.CDLL(None).prctl(set_death_signal, signal.SIGKILL, 0, 0, 0)
+        # PR_SET_PDEATHSIG of prctl(2) is 1.
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL, 0, 0, 0)
         available = re.search(r"MemAvailable: *([0-9]+) kB", Path("/proc/meminfo").read_text())
         assert available is not None
         most = int(memory_share * 1024 * int(available[1]))

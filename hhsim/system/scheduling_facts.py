@@ -37,13 +37,15 @@ def scheduling_facts(priority: int, root: Path = Path("/")) -> list[SchedulingFa
         priority: Highest priority under SCHED_FIFO that the loop asks for.
         root: Folder of /proc and /sys.
     """
-    capabilities = _capabilities(root) or 0
+    found = re.search(r"^CapEff:\s*([0-9a-f]+)$", _text(root / "proc/self/status"), re.MULTILINE)
+    capabilities = int(found[1], 16) if found else 0
     lock, nice = capabilities >> CAP_IPC_LOCK & 1, capabilities >> CAP_SYS_NICE & 1
     allowed = sorted(os.sched_getaffinity(0))
+    alone = "with one processor the loop shares it with everything else: give it two"
     return [
         _kernel(root),
         _preemption(root),
-        _affinity(allowed),
+        SchedulingFact("processors that may be used", ", ".join(map(str, allowed)), alone if len(allowed) == 1 else ""),
         _isolated(root, allowed),
         SchedulingFact("NUMA nodes", _text(root / "sys/devices/system/node/online")),
         _governor(root, allowed),
@@ -93,11 +95,6 @@ def _configuration(root: Path) -> str:
         return ""
 
 
-def _affinity(allowed: list[int]) -> SchedulingFact:
-    advice = "with one processor the loop shares it with everything else: give it two" if len(allowed) == 1 else ""
-    return SchedulingFact("processors that may be used", ", ".join(map(str, allowed)), advice)
-
-
 def _isolated(root: Path, allowed: list[int]) -> SchedulingFact:
     value = _text(root / "sys/devices/system/cpu/isolated")
     if value == NOT_TOLD:
@@ -128,12 +125,13 @@ def _limit(name: str, which: int, above: str, wanted: float, remedy: str) -> Sch
 def _throttle(root: Path) -> SchedulingFact:
     """Return the share of time that real-time threads may take together."""
     name = "real-time share of a second"
-    used, period = (_number(root / f"proc/sys/kernel/sched_rt_{what}_us") for what in ("runtime", "period"))
-    if used is None or not period:
+    try:
+        used, period = (int(_text(root / f"proc/sys/kernel/sched_rt_{what}_us")) for what in ("runtime", "period"))
+        share = 100.0 * used / period
+    except (ValueError, ZeroDivisionError):
         return SchedulingFact(name, NOT_TOLD)
     if used < 0:
         return SchedulingFact(name, "all of it")
-    share = 100.0 * used / period
     advice = "sysctl kernel.sched_rt_runtime_us=950000" if share < 50.0 else ""
     return SchedulingFact(name, f"{share:g} %", advice)
 
@@ -150,30 +148,12 @@ def _quota(root: Path) -> SchedulingFact:
 
 
 def _virtual(root: Path) -> SchedulingFact:
-    try:
-        flags = (root / "proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-    except OSError:
+    flags = _text(root / "proc/cpuinfo")
+    if flags == NOT_TOLD:
         return SchedulingFact("virtual machine", NOT_TOLD)
     virtual = re.search(r"^flags\s*:.*\bhypervisor\b", flags, re.MULTILINE) is not None
     advice = "a machine of one's own: no setting in here keeps the host from taking the processor" if virtual else ""
     return SchedulingFact("virtual machine", "yes" if virtual else "no", advice)
-
-
-def _capabilities(root: Path) -> int | None:
-    """Return the effective capabilities as bits; None if they are not reported."""
-    try:
-        status = (root / "proc/self/status").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return None
-    found = re.search(r"^CapEff:\s*([0-9a-f]+)$", status, re.MULTILINE)
-    return int(found[1], 16) if found else None
-
-
-def _number(path: Path) -> int | None:
-    try:
-        return int(_text(path))
-    except ValueError:
-        return None
 
 
 def _text(path: Path) -> str:

@@ -80,8 +80,7 @@ Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1, description="at le
 def read_settings(path: Path, kind: type[Content], what: str, error: type[InputError] = InputError) -> Content:
     """Read a TOML file, such as a "calibration" (`what`), as the type `kind` declares it.
 
-    Raises:
-        InputError: No such file, no permission, no TOML, or a fault in the content.
+    InputError for no such file, no permission, no TOML, or a fault in the content.
     """
     return parse_settings(read_toml_text(path, what, error), kind, str(path), error)
 

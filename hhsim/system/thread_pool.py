@@ -24,8 +24,7 @@ def usual_threads() -> int:
 class Workers(AbstractContextManager["Workers"]):
     """Threads that do one part after another, for a with statement; 1 works in the calling thread.
 
-    Raises:
-        InputError: No such number of threads.
+    InputError for less than 1 or more than `MOST_THREADS`.
     """
 
     def __init__(self, threads: int = 1) -> None:

@@ -11,7 +11,7 @@ from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from hhsim.errors import HhsimError, InputError, OutputError
@@ -61,14 +61,12 @@ class ViewAhead:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """End the viewer process; its half-written file goes."""
         if self._channel is None:
             return
         self._channel.close()
-        if error is not None:
+        if kind is not None:
             self._process.terminate()
         self._process.join(LAST_WORD_SECONDS)
         if self._process.is_alive():

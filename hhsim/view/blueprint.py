@@ -30,12 +30,9 @@ def blueprint(
     tops: Mapping[Plot, float] | None = None,
     live: bool = False,
 ) -> "rrb.Blueprint":
-    """Arrange the views.
+    """Arrange the views of a scene of this middle [m], world, shape (3,), and extent [m], plots from top to bottom.
 
     Args:
-        look_at: Middle of the scene [m], world, shape (3,).
-        extent: Extent of the scene [m].
-        plots: From top to bottom.
         hidden: Entities of the scene that are hidden at first.
         tops: Upper end of a plot's axis from 0 at first, instead of its largest value.
         live: Follow the newest tick and show the last `LIVE_WINDOW` seconds, instead of playing a recording.

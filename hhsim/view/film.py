@@ -90,8 +90,7 @@ def write_video(
 def video_ticks(result: Result, slow: float) -> IntArray:
     """Return the tick that each frame shows, shape (frames,): the newest one at its time, the last tick last.
 
-    Raises:
-        InputError: The result holds no tick, or the film would have more than `MOST_FRAMES` frames.
+    InputError for a result without a tick, or a film of more than `MOST_FRAMES` frames.
     """
     if result.ticks == 0:
         raise InputError(f"{result.path} holds no tick")
@@ -106,8 +105,7 @@ def video_ticks(result: Result, slow: float) -> IntArray:
 def video_frames(result: Result, ticks: IntArray, width: int) -> Iterator[Picture]:
     """Yield pictures, shape (rows, columns, 3), by one camera that sees hands and object near them all the time.
 
-    Raises:
-        InputError: The result's hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
+    InputError for a result whose hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
     """
     scene = shown_scene(result)
     pieces = piece_surfaces(scene.hand)
@@ -140,7 +138,6 @@ def video_frames(result: Result, ticks: IntArray, width: int) -> Iterator[Pictur
 
 
 def _at_tick(surface: Surface, result: Result, tick: int) -> Surface:
-    """Return the object at its place at a tick."""
     motion = result.moved_since_first(tick)
     return moved(surface, rotation_matrix(motion.turn[0]), motion.shift[0])
 

@@ -17,21 +17,14 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
 from hhsim.render.triangle_soup import STONE, mesh_surface
 from hhsim.result.reader import Result, load_result
-from hhsim.system.hdf5_input import hdf5_format
+from hhsim.system.hdf5_input import SIGNATURE, hdf5_format
 from hhsim.system.input_file import open_input
 from hhsim.system.media_kind import media_kind_of
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.file import load_tree
 from hhsim.view.blueprint import scene_view, whole_blueprint
 from hhsim.view.plots import RESULT_PLOTS
-from hhsim.view.scene_log import (
-    APPLICATION,
-    STONE_COLOR,
-    RerunScene,
-    rerun_mesh,
-    rerun_poses,
-    rerun_spheres,
-)
+from hhsim.view.scene_log import APPLICATION, STONE_COLOR, RerunScene, rerun_mesh, rerun_poses, rerun_spheres
 from hhsim.view.sink import RerunTarget, rerun_stream
 from hhsim.view.viewer import send_ticks, shown_scene
 
@@ -42,7 +35,6 @@ if TYPE_CHECKING:
 
 Kind: TypeAlias = Literal["result", "motion", "tree", "mesh"]
 
-HDF5_START = b"\x89HDF\r\n\x1a\n"
 FORMATS: dict[str, Kind] = {"hhsim-result": "result", "hhsim-trajectory": "motion", "hhsim-tree": "tree"}
 MESHES = (".stl", ".ply", ".obj", ".off", ".glb", ".gltf")
 """Suffixes of mesh files, some of which are text without a mark of its own."""
@@ -94,8 +86,8 @@ def view_files(
         unit: Unit of meshes, one of `hhsim.mesh.mesh.METRES_PER_UNIT`.
 
     Raises:
-        InputError: A file that is none of these or cannot be read, or a result without a tick.
-        OutputError: As `hhsim.view.sink.rerun_stream`.
+        InputError: A file that is none of these or cannot be read, or a result without a tick; as `rerun_stream`.
+        OutputError: As `rerun_stream`.
     """
     shown = [_read(path, f"file-{number + 1}", unit) for number, path in enumerate(paths)]
     with rerun_stream(target, APPLICATION, _arranged(shown, spheres=spheres)) as stream:
@@ -119,15 +111,6 @@ class _Rooted:
         self._stream.send_columns(f"{self._root}/{path}", *what, **how)
 
 
-def _motion(path: Path) -> Trajectory:
-    try:
-        return load_trajectory(path)
-    except TrajectoryError as error:
-        if path.suffix.lower() != ".csv":
-            raise
-        raise TrajectoryError(f"{error} (hhsim import makes a trajectory of another table)") from None
-
-
 def _read(path: Path, root: str, unit: str) -> Shown:
     kind = file_kind(path)
     if kind == "result":
@@ -138,7 +121,12 @@ def _read(path: Path, root: str, unit: str) -> Shown:
         corners = np.concatenate([result.static["object/vertices"], some])
         return Shown(path, kind, root, result, _bounds(corners), result.ticks)
     if kind == "motion":
-        motion = _motion(path)
+        try:
+            motion = load_trajectory(path)
+        except TrajectoryError as error:
+            if path.suffix.lower() != ".csv":
+                raise
+            raise TrajectoryError(f"{error} (hhsim import makes a trajectory of another table)") from None
         hand = HandModel.default()
         still = slice(None, None, max(1, len(motion.time) // STILLS))
         poses = (motion.position, motion.orientation, motion.flexion, motion.abduction)
@@ -168,24 +156,19 @@ def _send(stream: Any, one: Shown, every: int, *, spheres: bool) -> None:
         return
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     if one.kind == "motion":
-        _send_motion(stream, one.content)
+        motion: Trajectory = one.content
+        hand = HandModel.default()
+        poses = piece_poses(hand, motion.position, motion.orientation, motion.flexion, motion.abduction)
+        since = np.asarray(motion.time, np.float64) - float(motion.time[0])
+        times = [rr.TimeColumn("tick", sequence=np.arange(len(since))), rr.TimeColumn("time", duration=since)]
+        for number, (name, surface) in enumerate(zip(PIECES, piece_surfaces(hand))):
+            stream.log(f"world/hand/{name}", rerun_mesh(surface), static=True)
+            columns = rerun_poses(poses.translation[:, number], poses.quaternion[:, number])
+            stream.send_columns(f"world/hand/{name}", indexes=times, columns=columns, strict=True)
     elif one.kind == "tree":
         stream.log("world/spheres", rerun_spheres(one.content), static=True)
     else:
         stream.log("world/object", rerun_mesh(mesh_surface(one.content, STONE), STONE_COLOR), static=True)
-
-
-def _send_motion(stream: Any, motion: Trajectory) -> None:
-    import rerun as rr
-
-    hand = HandModel.default()
-    poses = piece_poses(hand, motion.position, motion.orientation, motion.flexion, motion.abduction)
-    since = np.asarray(motion.time, np.float64) - float(motion.time[0])
-    times = [rr.TimeColumn("tick", sequence=np.arange(len(since))), rr.TimeColumn("time", duration=since)]
-    for number, (name, surface) in enumerate(zip(PIECES, piece_surfaces(hand))):
-        stream.log(f"world/hand/{name}", rerun_mesh(surface), static=True)
-        columns = rerun_poses(poses.translation[:, number], poses.quaternion[:, number])
-        stream.send_columns(f"world/hand/{name}", indexes=times, columns=columns, strict=True)
 
 
 def _arranged(shown: Sequence[Shown], *, spheres: bool) -> "rrb.Blueprint":
@@ -216,9 +199,8 @@ def file_kind(path: Path) -> Kind:
         raise InputError(f"{path}: no such file; expected {EXPECTED}")
     try:
         with open_input(path) as file:
-            start = file.read(len(HDF5_START))
-        if start != HDF5_START:
-            return _by_name(path)
+            if file.read(len(SIGNATURE)) != SIGNATURE:
+                return _by_name(path)
         name = hdf5_format(path)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error

@@ -143,10 +143,9 @@ def shown_ticks(
     more: Mapping[Plot, FloatArray] | None = None,
     moved: RigidMotion | None = None,
 ) -> ShownTicks:
-    """Return what a viewer gets of N ticks.
+    """Return what a viewer gets of N ticks, of which `column` returns any of `SHOWN_COLUMNS` by its name.
 
     Args:
-        column: Returns one of `SHOWN_COLUMNS` for all these ticks by its name.
         shown: Indices of the ticks that are shown, shape (T,).
         starts: First index of the ticks that each shown one stands for, shape (T,).
         more: Further plots and their values, shape (N, series).

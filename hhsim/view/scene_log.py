@@ -44,8 +44,6 @@ from hhsim.view.plots import Plot, ShownTicks, body_forces, sizes
 if TYPE_CHECKING:
     import rerun as rr
 
-Times = Sequence["rr.TimeColumn"]
-
 APPLICATION = "hhsim"
 
 STONE_COLOR = (204, 204, 199, 200)
@@ -92,8 +90,7 @@ class ShownScene:
     """A scene without what changes with time.
 
     Attributes:
-        mesh: The object [m], world.
-        tree: Its sphere tree, world.
+        mesh, tree: The object and its sphere tree [m], world.
         fingers: True for each finger that the scene uses, shape (5,); the others go through the object.
         touch: Distance [m] below which pairs touch.
         surface: Name of the surface that the hand touches.
@@ -169,8 +166,20 @@ class RerunScene:
             columns = rerun_poses(ticks.moved.shift, ticks.moved.turn)
             for entity in (OBJECT, *([SPHERES] if self.scene.spheres else [])):
                 self._columns(entity, times, columns)
-        contacts = self._log_contacts(ticks, times)
-        self._log_forces(ticks, times, contacts)
+        contacts = contact_points(self.scene, ticks)
+        lengths, places = np.bincount(contacts.tick, minlength=len(ticks.tick)), contacts.point.astype(np.float32)
+        self._columns("world/contacts/points", times, rr.Points3D.columns(positions=places).partition(lengths))
+        normals = rr.Arrows3D.columns(origins=places, vectors=(NORMAL_LENGTH * contacts.normal).astype(np.float32))
+        self._columns("world/contacts/normals", times, normals.partition(lengths))
+        force = body_forces(ticks.phalanx, ticks.total)
+        size = sizes(force)
+        felt = size >= FORCE_FLOOR
+        start = force_places(ticks, contacts, force, self.scene.hand.radius)
+        arrows = rr.Arrows3D.columns(
+            origins=start[felt].astype(np.float32),
+            vectors=(FORCE_LENGTH * force[felt] / np.sqrt(size[felt])[:, None]).astype(np.float32),
+        )
+        self._columns("world/forces", times, arrows.partition(felt.sum(axis=1)))
         for plot, values in ticks.plots.items():
             columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values).ravel())
             self._columns(plot.path, times, columns.partition(np.full(len(values), len(plot.series))))
@@ -190,36 +199,10 @@ class RerunScene:
 
         self._columns("log", [rr.TimeColumn("time", duration=[time])], rr.TextLog.columns(text=[text], level=[level]))
 
-    def _log_contacts(self, ticks: ShownTicks, times: Times) -> ContactPoints:
-        import rerun as rr
-
-        contacts = contact_points(self.scene, ticks)
-        lengths = np.bincount(contacts.tick, minlength=len(ticks.tick))
-        points = rr.Points3D.columns(positions=contacts.point.astype(np.float32))
-        self._columns("world/contacts/points", times, points.partition(lengths))
-        normals = rr.Arrows3D.columns(
-            origins=contacts.point.astype(np.float32), vectors=(NORMAL_LENGTH * contacts.normal).astype(np.float32)
-        )
-        self._columns("world/contacts/normals", times, normals.partition(lengths))
-        return contacts
-
-    def _log_forces(self, ticks: ShownTicks, times: Times, contacts: ContactPoints) -> None:
-        import rerun as rr
-
-        force = body_forces(ticks.phalanx, ticks.total)
-        size = sizes(force)
-        felt = size >= FORCE_FLOOR
-        start = force_places(ticks, contacts, force, self.scene.hand.radius)
-        arrows = rr.Arrows3D.columns(
-            origins=start[felt].astype(np.float32),
-            vectors=(FORCE_LENGTH * force[felt] / np.sqrt(size[felt])[:, None]).astype(np.float32),
-        )
-        self._columns("world/forces", times, arrows.partition(felt.sum(axis=1)))
-
     def _fixed(self, path: str, what: Any) -> None:
         self.stream.log(path, what, static=True, strict=True)
 
-    def _columns(self, path: str, times: Times, columns: Any) -> None:
+    def _columns(self, path: str, times: Sequence["rr.TimeColumn"], columns: Any) -> None:
         self.stream.send_columns(path, indexes=times, columns=columns, strict=True)
 
 

@@ -38,9 +38,7 @@ _opened: list[subprocess.Popen[bytes]] = []
 class RerunTarget:
     """Destination of a recording.
 
-    Attributes:
-        kind: "spawn" opens a viewer, "file" writes one file, "connect" sends to a running viewer, "notebook" shows it
-            in the current cell.
+    "spawn" opens a viewer, "file" writes one, "connect" sends to a running viewer, "notebook" shows it in the cell.
     """
 
     kind: Literal["spawn", "file", "connect", "notebook"]
@@ -55,10 +53,7 @@ NOTEBOOK = RerunTarget("notebook")
 
 
 def parse_target(text: str) -> RerunTarget:
-    """Read `spawn`, `FILE.rrd`, `connect` or `connect=URL`; raise InputError for anything else.
-
-    A URL is as rerun writes it, or HOST:PORT, or a port on this machine.
-    """
+    """Read `spawn`, `FILE.rrd`, `connect` or `connect=URL` (as of rerun, HOST:PORT, or PORT); InputError for others."""
     if text == "spawn":
         return RerunTarget("spawn", url=_url("127.0.0.1", PORT))
     word, _, rest = text.partition("=")

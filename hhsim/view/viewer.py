@@ -1,7 +1,7 @@
 """A result in the rerun viewer."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +31,6 @@ from hhsim.view.plots import (
     SHOWN_COLUMNS,
     TIME,
     Plot,
-    ShownTicks,
     loop_values,
     shown_ticks,
 )
@@ -74,10 +73,9 @@ def view_result(
     spheres: bool = False,
     progress: Progress = silent,
 ) -> Viewed:
-    """Show a result of a replay or a session, complete or not.
+    """Show a result of a replay or a session, complete or not; by default in the notebook whose cell calls this.
 
     Args:
-        target: Destination; the notebook whose cell calls this, unless told otherwise.
         every: Show only every so-manieth tick; plots but for forces show the worst of the ticks between.
         spheres: Show the leaf spheres in place of the object's mesh.
 
@@ -99,17 +97,34 @@ def view_result(
 def send_ticks(viewer: RerunScene, result: Result, every: int, progress: Progress) -> None:
     """Send a result block by block, what is fixed first; `every` as of `view_result`."""
     viewer.log_static(result_plots(result))
-    log_phases(viewer, result, result["time"])
-    log_lane(viewer, "ticks", result["time"], result["status"], status_words)
+    time, changes = result["time"], dict[int, str]()
+    # A gap between two phases has no state.
+    for phase in sorted(result.phases, key=lambda phase: phase.first_tick):
+        changes[phase.first_tick] = phase.name
+        if phase.last_tick + 1 < result.ticks:
+            changes[phase.last_tick + 1] = ""
+    ticks = sorted(changes)
+    viewer.log_states("phase", ticks, [float(time[tick]) for tick in ticks], [changes[tick] for tick in ticks])
+    log_lane(viewer, "ticks", time, result["status"], status_words)
     if result.live is not None:
-        log_session(viewer, result)
+        log_lane(viewer, "fingers", time, result[f"{LIVE_TICK}/safety"], why_free_or_held)
+        begin = float(result[f"{LIVE_TICK}/deadline"][0]) - 1e9 * float(time[0])
+        for time_ns, level, text in zip(*(result[f"{LIVE_EVENT}/{name}"] for name in ("time", "level", "text"))):
+            words = text.decode("utf-8", "replace")
+            viewer.log_event(1e-9 * (float(time_ns) - begin), EVENT_LEVELS[int(level)], words)
     # A block holds whole groups of ticks, so that each shown tick has those that it stands for.
     step = max(1, BLOCK_TICKS // every) * every
     names = (*SHOWN_COLUMNS, *(LIVE_COLUMNS if result.live is not None else ()))
     for number, block in enumerate(result.blocks(names, step)):
-        first = number * step
+        first, count, more = number * step, len(block["time"]), {}
         progress("ticks", first, result.ticks)
-        viewer.log_ticks(_block_ticks(result, block, first, every))
+        if result.live is not None:
+            stiffness, wakeup, latency = (block[name] for name in LIVE_COLUMNS)
+            more = {GLOVE: stiffness, LOOP: loop_values(wakeup, latency)}
+        moved = result.moved_since_first(slice(first, first + count)) if result.driven else None
+        kept = np.arange(0, count, every)
+        numbers = np.arange(first, first + count)
+        viewer.log_ticks(shown_ticks(block.__getitem__, numbers, kept, kept, more, moved))
     progress("ticks", result.ticks, result.ticks)
 
 
@@ -177,38 +192,7 @@ def description(result: Result) -> str:
     return "\n".join([*lines, "", "## Options of the solver", "```json", solver, "```", ""])
 
 
-def _block_ticks(result: Result, block: Mapping[str, AnyArray], first: int, every: int) -> ShownTicks:
-    """Return every so-manieth tick of a block of datasets that begins with the tick `first`."""
-    count, more = len(block["time"]), {}
-    if result.live is not None:
-        stiffness, wakeup, latency = (block[name] for name in LIVE_COLUMNS)
-        more = {GLOVE: stiffness, LOOP: loop_values(wakeup, latency)}
-    moved = result.moved_since_first(slice(first, first + count)) if result.driven else None
-    kept = np.arange(0, count, every)
-    return shown_ticks(block.__getitem__, np.arange(first, first + count), kept, kept, more, moved)
-
-
-def log_phases(viewer: RerunScene, result: Result, time: Any) -> None:
-    """Send the phases of the motion as a lane of the state timeline; a gap between two has no state."""
-    changes: dict[int, str] = {}
-    for phase in sorted(result.phases, key=lambda phase: phase.first_tick):
-        changes[phase.first_tick] = phase.name
-        if phase.last_tick + 1 < result.ticks:
-            changes[phase.last_tick + 1] = ""
-    ticks = sorted(changes)
-    viewer.log_states("phase", ticks, [float(time[tick]) for tick in ticks], [changes[tick] for tick in ticks])
-
-
 def log_lane(viewer: RerunScene, lane: str, time: AnyArray, bits: AnyArray, words: Callable[[int], str]) -> None:
     """Send the bits of the ticks in words as a lane of the state timeline, where they change."""
     change = np.flatnonzero(np.concatenate([[True], bits[1:] != bits[:-1]]))
     viewer.log_states(lane, change.tolist(), time[change].tolist(), [words(int(bits[tick])) for tick in change])
-
-
-def log_session(viewer: RerunScene, result: Result) -> None:
-    """Send a live session's log, and why its fingers were free."""
-    log_lane(viewer, "fingers", result["time"], result[f"{LIVE_TICK}/safety"], why_free_or_held)
-    begin = float(result[f"{LIVE_TICK}/deadline"][0]) - 1e9 * float(result["time"][0])
-    events = (result[f"{LIVE_EVENT}/{name}"] for name in ("time", "level", "text"))
-    for time_ns, level, text in zip(*events):
-        viewer.log_event(1e-9 * (float(time_ns) - begin), EVENT_LEVELS[int(level)], text.decode("utf-8", "replace"))

@@ -119,12 +119,8 @@ class GloveCalibration:
 def glove_calibration(options: ServedOptions, hand: str) -> GloveCalibration:
     """Read the calibration that a glove's settings name, `.json` of the vendor or `.toml` of ours, or the default.
 
-    Args:
-        options: The file, "" for the default, and the profile in the vendor's, "" where the hand has only one.
-        hand: "right" or "left", for the vendor's file, which holds both.
-
-    Raises:
-        InputError: Unreadable or malformed file, or no such hand or profile in it.
+    The vendor's file holds both hands; its profile is "" where `hand`, "right" or "left", has only one. InputError for
+    an unreadable or malformed file, or no such hand or profile in it.
     """
     if not options.calibration:
         return GloveCalibration(DexmoRegression.default())

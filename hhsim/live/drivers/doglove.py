@@ -185,11 +185,9 @@ def servo_zero(text: str) -> FloatArray:
 
 
 def hand_angles(encoders: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute flexion (5, 3) and abduction (5,) [deg] of the hand; the thumb's rotation is not modelled.
+    """Compute flexion (5, 3) and abduction (5,) of the hand; the thumb's rotation is not modelled. All in [deg].
 
-    Args:
-        encoders: Readings of the main board [deg], shape (16,).
-        bend: Servos' angles relative to the flat hand [deg], shape (5,).
+    `encoders` are readings of the main board, shape (16,), `bend` the servos' angles relative to the flat hand, (5,).
     """
     flexion = np.stack([bend, 270.0 - encoders[PIP], encoders[DIP] - 90.0], axis=1)
     abduction = 180.0 - encoders[SPLIT]

@@ -170,9 +170,9 @@ class PacketGlove(GloveDevice):
     def _receive(self, most: int) -> None:
         """Take at most so many samples of what has arrived; each datagram is counted."""
         assert self._port is not None
-        counters, before = self.counters, self._port.malformed
         if most < 1:
             return
+        counters, before = self.counters, self._port.malformed
         for packet, now in self._port.arrived():
             counters.frames += 1
             if packet.kind not in self.SAMPLES or (self._known and packet.kind is not self._kind):

@@ -25,8 +25,7 @@ NO_FORCE = np.zeros((FINGER_COUNT, 3))
 class UdpGlove(PacketGlove):
     """Glove of a bridge that takes a limit for each finger, or a force on each fingertip.
 
-    Raises:
-        InputError: Unknown kind of command, or a largest force that is not positive.
+    InputError for an unknown kind of command, or a largest force that is not positive.
     """
 
     SAMPLES = (Kind.BENDS, Kind.CHANNELS, Kind.JOINTS)

@@ -106,10 +106,6 @@ class FactPage:
 class SessionMemory:
     """Memory shared by the processes of a session.
 
-    Args:
-        descriptors: Of memory that `create` made.
-        free: True if the object is free.
-
     Attributes:
         status: The one record of `LIVE_STATUS`; `status["heartbeat_ns"]` reads and writes in place.
         ticks: Ring of `LIVE_TICK`, or of `FREE_TICK` if the object is free, written by the loop.
@@ -192,8 +188,7 @@ def session_process(name: str, arguments: Sequence[str] | None = None) -> tuple[
 def exit_code(body: Callable[[], object], failed: Callable[[str], object] = lambda text: None) -> int:
     """Run the body of a process and return its exit code: 0, that of an error, or 1 for a fault of hhsim's own.
 
-    Args:
-        failed: Called with the text of an error or fault, which is printed too.
+    `failed` is called with the text of an error or fault, which is printed too.
     """
     try:
         body()

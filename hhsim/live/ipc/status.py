@@ -97,13 +97,12 @@ class LoopProcess:
 
 @dataclass(frozen=True)
 class WatchdogSetup:
-    """Settings of the watchdog, without scene and calibration.
+    """Settings of the watchdog, without scene and calibration; `supervisor` is a process id.
 
     Attributes:
         status: Descriptor of the status block.
         device: The glove; None in a dry run, in which nothing is sent.
         oldest_ns: Age of the loop's heartbeat at which the fingers are freed [ns].
-        supervisor: Process id of the supervisor.
     """
 
     status: int
@@ -115,14 +114,9 @@ class WatchdogSetup:
 
 @dataclass(frozen=True)
 class DriverSetup:
-    """Settings of the driver process, without hand and object.
+    """Settings of the driver process, without hand and object; `parent` is the process id of the loop.
 
-    Attributes:
-        device: The glove.
-        pose: Source of the palm's pose.
-        dry_run: True to send nothing to the glove.
-        oldest_ns: Age of the loop's heartbeat at which its command is void [ns].
-        parent: Process id of the loop.
+    Beyond `oldest_ns` of age of the loop's heartbeat its command is void; a dry run sends nothing to the glove.
     """
 
     device: GloveConfig

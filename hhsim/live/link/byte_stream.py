@@ -17,11 +17,7 @@ MOST_READ = 16_384
 class ByteLink(ABC):
     """A byte stream to a glove or to its server; a subclass opens, closes, reads and writes it.
 
-    Args:
-        name: Name of the device in messages: "dexmo at 127.0.0.1:55555".
-
-    Attributes:
-        connection: Number of times that the line was opened.
+    `name` is that of the device in messages, "dexmo at 127.0.0.1:55555"; `connection` counts the openings of the line.
     """
 
     MOST_UNSENT: ClassVar[int]
@@ -95,16 +91,9 @@ class ByteLink(ABC):
         return data
 
     def send(self, data: bytes, *, urgent: bool = False) -> bool:
-        """Send all of it or nothing, without waiting.
+        """Send all of it or nothing, without waiting; False if the peer takes no more now, DeviceError if it is gone.
 
-        Args:
-            urgent: True to send to a peer with `MOST_UNSENT` bytes too.
-
-        Returns:
-            False if the peer takes no more now.
-
-        Raises:
-            DeviceError: The peer is gone.
+        Urgent data are sent to a peer with more than `MOST_UNSENT` bytes too.
         """
         self._require_open()
         try:
@@ -113,8 +102,10 @@ class ByteLink(ABC):
                 self._rest = self._rest[self._write(self._rest) :]
                 if self._rest:
                     return False
-            if not urgent and self._unsent() > self.MOST_UNSENT:
-                return False
+            if not urgent:
+                unsent = fcntl.ioctl(self.descriptor(), termios.TIOCOUTQ, bytes(4))
+                if int.from_bytes(unsent, sys.byteorder) > self.MOST_UNSENT:
+                    return False
             self._rest = data[self._write(data) :]
         except (BlockingIOError, InterruptedError):
             return False
@@ -161,9 +152,6 @@ class ByteLink(ABC):
     def _gone(self, reason: str) -> DeviceError:
         self._let_go()
         return DeviceError(f"{self.name}: gone: {reason}")
-
-    def _unsent(self) -> int:
-        return int.from_bytes(fcntl.ioctl(self.descriptor(), termios.TIOCOUTQ, bytes(4)), sys.byteorder)
 
 
 def ready(descriptor: int, event: int, timeout: float) -> bool:

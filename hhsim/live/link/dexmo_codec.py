@@ -91,23 +91,17 @@ def decode_frame(payload: bytes) -> list[GloveMessage]:
     """Return the gloves of a frame; raises WireError if it is none."""
     found = []
     for message in parse_message("Frame", payload).messages:
-        device = message.device if message.HasField("device") else None
-        found.append(
-            GloveMessage(
-                message.id,
-                _channels(message.hand) if message.HasField("hand") else None,
-                None if device is None else device.is_right,
-                None if device is None else device.battery_percent,
-            )
-        )
+        channels = _channels(message.hand) if message.HasField("hand") else None
+        told = (message.device.is_right, message.device.battery_percent) if message.HasField("device") else ()
+        found.append(GloveMessage(message.id, channels, *told))
     return found
 
 
 def encode_impedance(device_id: int, stiffness: Sequence[float], set_point: Sequence[float], *, kept: bool) -> bytes:
-    """Encode a command to the fingers of one glove, without its length.
+    """Encode a command to the fingers of one glove, thumb to little finger, without its length.
 
     Args:
-        stiffness: Stiffness of thumb to little finger, 0 (free) to 1.
+        stiffness: 0 (free) to 1.
         set_point: Bend at which a force begins, 0 to 1; positive against closing, negative against opening.
         kept: True if the server may not drop the command for a newer one (has_index).
     """

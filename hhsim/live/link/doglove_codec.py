@@ -89,7 +89,11 @@ class FrameStream:
         found = []
         while len(self._bytes) >= FRAME_BYTES:
             if not self._bytes.startswith(HEADER):
-                self._skip()
+                self.skipped += not self._lost
+                self._lost = True
+                place = self._bytes.find(HEADER)
+                # The end may be the first bytes of a header.
+                self._bytes = self._bytes[place:] if place >= 0 else self._bytes[1 - len(HEADER) :]
                 continue
             try:
                 found.append(decode_frame(self._bytes[:FRAME_BYTES]))
@@ -101,11 +105,3 @@ class FrameStream:
                 continue
             self._bytes, self._lost = self._bytes[FRAME_BYTES:], False
         return found
-
-    def _skip(self) -> None:
-        if not self._lost:
-            self.skipped += 1
-            self._lost = True
-        place = self._bytes.find(HEADER)
-        # The end may be the first bytes of a header.
-        self._bytes = self._bytes[place:] if place >= 0 else self._bytes[1 - len(HEADER) :]

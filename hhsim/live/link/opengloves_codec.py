@@ -42,8 +42,7 @@ class GloveLine(NamedTuple):
 def parse_line(line: bytes) -> GloveLine | None:
     """Parse a line without its end; returns None if it holds no fingers.
 
-    Raises:
-        LineError: Not of the format, a key twice, or only some of the fingers.
+    LineError if it is not of the format, or holds a key twice or only some of the fingers.
     """
     found: dict[str, float] = {}
     place = 0
@@ -79,13 +78,9 @@ def format_limits(limits: Sequence[int]) -> bytes:
 
 
 class LineStream:
-    """Cuts a stream of bytes into lines.
+    """Cuts a stream of bytes into lines; the rest of one at its begin is skipped unless it begins with a `whole` one.
 
-    Args:
-        whole: True if the stream begins with a line; otherwise the rest of one is skipped.
-
-    Attributes:
-        overlong: Number of skipped lines longer than `LONGEST_LINE`.
+    `overlong` is the number of skipped lines longer than `LONGEST_LINE`.
     """
 
     def __init__(self, *, whole: bool) -> None:

@@ -20,16 +20,7 @@ SPEEDS = {
 
 
 class SerialLink(ByteLink):
-    """A serial line, 8 bits, no parity, one stop bit, raw.
-
-    Args:
-        path: Path of the line, such as /dev/ttyUSB0.
-        baud: Bits per second.
-        name: Name of the device in messages.
-
-    Raises:
-        InputError: A baud rate unknown to this system.
-    """
+    """A serial line such as /dev/ttyUSB0, 8 bits, no parity, one stop bit, raw; InputError for an unknown baud rate."""
 
     MOST_UNSENT = 26
     """About 2 ms at 115,200 baud."""
@@ -100,19 +91,16 @@ class SerialLink(ByteLink):
     def _open(self) -> None:
         self._file = os.open(self.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
-            self._make_raw()
+            mode = termios.tcgetattr(self._file)
+            mode[0] = mode[1] = mode[3] = 0
+            # Without HUPCL: closing one of several descriptors must not reset the board.
+            mode[2] = termios.CS8 | termios.CREAD | termios.CLOCAL
+            mode[4] = mode[5] = self._speed
+            # VMIN 1: reading a silent line differs from reading one that is gone.
+            mode[6][termios.VMIN], mode[6][termios.VTIME] = 1, 0
+            termios.tcsetattr(self._file, termios.TCSANOW, mode)
         except termios.error:
             self._let_go()
             raise
         self._rest = b""
         self.connection += 1
-
-    def _make_raw(self) -> None:
-        mode = termios.tcgetattr(self._file)
-        mode[0] = mode[1] = mode[3] = 0
-        # Without HUPCL: closing one of several descriptors must not reset the board.
-        mode[2] = termios.CS8 | termios.CREAD | termios.CLOCAL
-        mode[4] = mode[5] = self._speed
-        # VMIN 1: reading a silent line differs from reading one that is gone.
-        mode[6][termios.VMIN], mode[6][termios.VTIME] = 1, 0
-        termios.tcsetattr(self._file, termios.TCSANOW, mode)

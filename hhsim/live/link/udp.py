@@ -38,21 +38,16 @@ def resolve(host: str) -> str:
 
 
 class UdpPort:
-    """Reads the datagrams of one host without waiting.
+    """Reads the datagrams of one host without waiting; DeviceError for no such host, or a port that is taken.
 
     Once a sender is kept to, the system itself discards those of all others, other programs of the same host included:
     their flood costs the reader nothing. A sender that is silent for `SESSION_SILENCE_NS` is kept to no longer.
-
-    Args:
-        decode: Decodes one, raising `PacketError` if it is malformed; of open packets by default.
+    `decode` raises `PacketError` for a malformed datagram.
 
     Attributes:
         strangers: Number of datagrams from others.
         malformed: Number of datagrams that are no packets.
         hint: Description of the last unusable datagram.
-
-    Raises:
-        DeviceError: No such host, or the port is taken.
     """
 
     def __init__(self, host: str, port: int, decode: Callable[[bytes], Any] = decode_packet) -> None:
@@ -89,7 +84,10 @@ class UdpPort:
             try:
                 data, sender = self._socket.recvfrom(LONGEST + 1)
             except BlockingIOError:
-                self._forget_who_is_silent()
+                # Only when nothing waits: a delayed reader has not read the newest datagrams yet.
+                if self._kept is not None and time.monotonic_ns() - self._kept_ns > SESSION_SILENCE_NS:
+                    self._kept = None
+                    _C.connect(self._socket.fileno(), _NOBODY, len(_NOBODY))
                 return
             except OSError:
                 # An error of an earlier send, which does not concern what arrives.
@@ -118,12 +116,6 @@ class UdpPort:
             with contextlib.suppress(OSError):
                 self._socket.connect(self._sender)
             self._kept = self._sender
-
-    def _forget_who_is_silent(self) -> None:
-        # Only when nothing waits: a delayed reader has not read the newest datagrams yet.
-        if self._kept is not None and time.monotonic_ns() - self._kept_ns > SESSION_SILENCE_NS:
-            self._kept = None
-            _C.connect(self._socket.fileno(), _NOBODY, len(_NOBODY))
 
     @property
     def descriptor(self) -> int:

@@ -231,8 +231,7 @@ def glove_info(facts: dict[str, Any]) -> GloveInfo:
 def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
     """Run a driver below a loop with these wishes, from when the loop is ready until it has ended.
 
-    Raises:
-        HhsimError: The glove or the pose cannot be reached.
+    HhsimError if the glove or the pose cannot be reached.
     """
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, driver.stop)

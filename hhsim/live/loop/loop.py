@@ -167,15 +167,10 @@ class LiveLoop:
             self.at.stop[0] = STOP_SIGNAL
 
     def run(self, cpu: int = -1) -> str:
-        """Run until it is stopped, then free the fingers.
+        """Run until it is stopped, then free the fingers; returns the reason for its end.
 
-        `prepare` has to come before; other threads call `place` and `tell`.
-
-        Args:
-            cpu: Processor that the calling thread stays on; -1 for any.
-
-        Returns:
-            Reason for its end.
+        `prepare` has to come before; other threads call `place` and `tell`. `cpu` is the processor that the calling
+        thread stays on, -1 for any.
         """
         try:
             files = self.begin(CpuAccounts(None if cpu < 0 else cpu))

@@ -20,11 +20,7 @@ takes eight times as long, less than two periods of the ten or more that are mis
 
 
 class MissAccounts:
-    """Accounts of the loop's thread since the tick before.
-
-    Args:
-        deadlines: Record of `DEADLINES`, shape (1,).
-        now: Clock of the loop [ns].
+    """Accounts of the loop's thread since the tick before, by `DEADLINES`, shape (1,), and the loop's clock [ns].
 
     Attributes:
         state: Record of `MISSES`, shape (1,).

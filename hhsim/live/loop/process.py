@@ -62,12 +62,15 @@ class Ending:
 def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver: ChildProcess) -> None:
     """Make everything ready, run the loop until it is stopped, and leave the glove released.
 
-    The loop has its own thread, in which compiled code runs; the calling one logs its notes.
-
-    Raises:
-        HhsimError: The glove or the pose cannot be reached, or the driver has died.
+    The loop has its own thread, in which compiled code runs; the calling one logs its notes. HhsimError if the glove or
+    the pose cannot be reached, or if the driver has died.
     """
-    prepare_kernels(setup, memory)
+    options = loop_options(setup.options, setup.rate)
+    warm_up(setup.hand, options, setup.free)
+    if options.method not in ("coupled", "progressive") or setup.free is not None:
+        # `coupled` brings a hand out that begins inside the object.
+        warm_up(setup.hand, replace(options, method="coupled"))
+    LiveLoop(setup, memory, GloveInfo("", Capability.NONE, ())).prepare()
     memory.status["loop_ready"] = OPEN
     while not (device := memory.device.read()):
         if not driver.running:
@@ -99,14 +102,9 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver:
 
 
 class LoopThread(threading.Thread):
-    """Thread of a loop, with real-time requests of its own.
+    """Thread of a loop, with real-time requests of its own; `device` describes glove and pose as the driver does.
 
-    Args:
-        device: Description of glove and pose by the driver.
-
-    Attributes:
-        facts: Facts of the session when it began.
-        failure: Exception that ended the thread, if any.
+    `facts` are those of the session when it began, `failure` is the exception that ended the thread, if any.
     """
 
     def __init__(self, loop: LiveLoop, device: dict[str, Any]) -> None:
@@ -154,26 +152,6 @@ class LoopThread(threading.Thread):
         loop.run(mode["cpu"])
 
 
-def prepare_kernels(setup: LiveSetup, memory: SessionMemory) -> None:
-    """Compile, or load from the cache, every kernel that a tick may run."""
-    options = loop_options(setup.options, setup.rate)
-    warm_up(setup.hand, options, setup.free)
-    if options.method not in ("coupled", "progressive") or setup.free is not None:
-        # `coupled` brings a hand out that begins inside the object.
-        warm_up(setup.hand, replace(options, method="coupled"))
-    LiveLoop(setup, memory, GloveInfo("", Capability.NONE, ())).prepare()
-
-
-def start_driver(setup: LiveSetup, memory: SessionMemory) -> ChildProcess:
-    """Start the driver process, which waits until the loop is ready."""
-    oldest_ns = setup.oldest_heartbeat_ns
-    given = DriverSetup(setup.device, setup.pose, setup.dry_run, oldest_ns, setup.real_time, os.getpid())
-    descriptor = memory.with_setup(given)
-    child = ChildProcess("driver", "hhsim.live.loop.driver", descriptor, memory.descriptors)
-    os.close(descriptor)
-    return child
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the loop of a session; returns the exit code."""
     setup: LiveSetup
@@ -187,7 +165,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         nonlocal driver
         if not end_with(setup.supervisor):
             raise HhsimError("the loop's supervisor ended before the loop began")
-        driver = start_driver(setup, memory)
+        oldest_ns = setup.oldest_heartbeat_ns
+        given = DriverSetup(setup.device, setup.pose, setup.dry_run, oldest_ns, setup.real_time, os.getpid())
+        descriptor = memory.with_setup(given)
+        # It waits until the loop is ready.
+        driver = ChildProcess("driver", "hhsim.live.loop.driver", descriptor, memory.descriptors)
+        os.close(descriptor)
         run_session(setup, memory, ending, driver)
 
     try:

@@ -29,12 +29,9 @@ def deadline_record(period_ns: int, now_ns: int) -> Any:
 def commander_record(
     limits: OutputLimits, bend_lines: tuple[FloatArray, FloatArray], period: float, *, feels: bool = False
 ) -> Any:
-    """Return the `COMMANDER` of free fingers.
+    """Return the `COMMANDER` of free fingers, with lines as of `Calibration.bend_lines` and the period of a tick [s].
 
-    Args:
-        bend_lines: Joint angles over the bend, as of `Calibration.bend_lines`.
-        period: Period of a tick [s].
-        feels: True if the glove takes forces, or powers that are made of them.
+    `feels` is True if the glove takes forces, or powers that are made of them.
     """
     commander = zeroed(COMMANDER)
     at = commander[0]

@@ -80,14 +80,7 @@ class SafetyLog:
 
 
 class Story:
-    """Writes the log of a session; `tell` is for one thread.
-
-    Args:
-        notes, refused, loop: Records of the loop, `LiveArrays`.
-
-    Attributes:
-        detail: As of `SafetyLog`.
-    """
+    """Writes a session's log from records of `LiveArrays`; `tell` is for one thread, `detail` as of `SafetyLog`."""
 
     def __init__(
         self, setup: LiveSetup, memory: SessionMemory, info: GloveInfo, notes: Any, refused: Any, loop: Any
@@ -182,9 +175,7 @@ def found_in_sample(code: int, place: int, count: int, value: float) -> Line:
 def implausible_reading(sample: Any, info: GloveInfo, known: NDArray[np.bool_]) -> str:
     """Describe the channel of a sample that is no number, or the one farthest beyond any hand; "" if there is none.
 
-    Args:
-        sample: Record with `channels` as the glove sent them.
-        known: Channels that the last usable sample had, shape (n,): a glove may never send some of them.
+    `known` are the channels that the last usable sample had, shape (n,): a glove may never send some of them.
     """
     values = np.abs(sample["channels"][: len(info.channels)])
     most = {"": MOST_READING, "rad": MOST_ANGLE}.get(info.unit, np.inf)
@@ -202,11 +193,9 @@ def implausible_reading(sample: Any, info: GloveInfo, known: NDArray[np.bool_]) 
 
 
 def interval_hint(usual_ns: float, stale: float) -> str:
-    """Suggest a limit of age for a glove's own rate; "" if one lost sample is not too old for `stale`.
+    """Suggest a limit of age for a glove's own rate; "" if one lost sample is not too old for the limit `stale` [s].
 
-    Args:
-        usual_ns: Running median of the sample intervals [ns], 0 if unknown.
-        stale: Limit of age [s].
+    `usual_ns` is the running median of the sample intervals [ns], 0 if unknown.
     """
     if stale >= (LOST + 1) * 1e-9 * usual_ns:
         return ""

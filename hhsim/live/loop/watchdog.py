@@ -33,11 +33,7 @@ LAST_WORDS_NS = 200_000_000
 
 
 class Watchdog:
-    """Watches one session.
-
-    Args:
-        device: The watchdog's own connection to the glove, not yet opened; None sends nothing.
-    """
+    """Watches one session through its own connection to the glove, not yet opened; None sends nothing."""
 
     def __init__(self, setup: WatchdogSetup, device: FingerRelease | None) -> None:
         self._supervisor = setup.supervisor
@@ -111,18 +107,15 @@ class Watchdog:
                 self._status["watchdog_armed"] = 0
         if not self._armed and now - self._tried_ns >= CONNECT_NS:
             self._tried_ns = now
-            self._armed = self._connect(self._device)
+            try:
+                if self._opened:
+                    self._armed = self._device.reconnect()
+                else:
+                    self._device.open_for_release(1.0)
+                    self._opened = self._armed = True
+            except DeviceError:
+                self._armed = False
             self._status["watchdog_armed"] = int(self._armed)
-
-    def _connect(self, device: FingerRelease) -> bool:
-        try:
-            if self._opened:
-                return device.reconnect()
-            device.open_for_release(1.0)
-        except DeviceError:
-            return False
-        self._opened = True
-        return True
 
     def _free_fingers(self) -> bool:
         return self._opened and self._device is not None and self._device.release()

@@ -27,11 +27,7 @@ def checked_pose(position: ArrayLike, orientation: ArrayLike) -> tuple[FloatArra
 class FixedPose(PoseSource):
     """Palm at the pose of its configuration, or where the supervisor's keys have moved it through the status block.
 
-    Args:
-        status: Status block of the session (`LIVE_STATUS`); None for a palm that nothing moves.
-
-    Raises:
-        InputError: Invalid first pose.
+    Without a status block (`LIVE_STATUS`) nothing moves it. InputError for an invalid first pose.
     """
 
     def __init__(self, config: PoseConfig, status: "SharedBlock | None" = None) -> None:

@@ -16,10 +16,8 @@ if TYPE_CHECKING:
 class GlovePose(PoseSource):
     """Palm that begins at the configured position and moves from there as the hand does.
 
-    The orientation is the hand's own: both worlds have the same up.
-
-    Raises:
-        InputError: Invalid pose, or a glove without a `palm`.
+    The orientation is the hand's own: both worlds have the same up. InputError for an invalid pose, or a glove without
+    a `palm`.
     """
 
     name = "pose of the glove"

@@ -106,9 +106,7 @@ def make_pose_source(
 ) -> PoseSource:
     """Make a source, not yet opened, of a session with a status block (`LIVE_STATUS`) and a glove.
 
-    Raises:
-        UnknownNameError: No such kind.
-        InputError: Invalid pose, or a missing motion or glove.
+    UnknownNameError for no such kind, InputError for an invalid pose, or a missing motion or glove.
     """
     if config.kind not in POSES:
         raise UnknownNameError("pose source", config.kind, POSES)

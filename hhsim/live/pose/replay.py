@@ -8,11 +8,7 @@ from hhsim.live.pose.registry import PoseConfig, PoseSource
 
 
 class ReplayPose(PoseSource):
-    """Palm of the configuration's `playback`, which the first read begins; interpolated linearly between samples.
-
-    Raises:
-        InputError: No motion.
-    """
+    """Palm of the configuration's `playback`, begun by the first read, linear between samples; else InputError."""
 
     def __init__(self, config: PoseConfig, status: object = None) -> None:
         if config.playback is None:

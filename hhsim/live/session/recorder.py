@@ -86,7 +86,12 @@ class Recorder:
         while True:
             # Read before the rings: all records before the end are read after it.
             ended = self._end()
-            more = self._take(writer)
+            more = False
+            for ring, reader in self._readers.items():
+                first, records = reader.read(BLOCK_RECORDS)
+                writer.take(ring, first, records)
+                writer.lost[ring] = reader.lost
+                more = more or len(records) == BLOCK_RECORDS
             now = time.monotonic()
             over = not more and (bool(ended) or self._stop)
             if over or writer.waiting_ticks >= CHUNK_TICKS or now - written >= LONGEST_WAIT:
@@ -97,16 +102,6 @@ class Recorder:
                 return ended or CUT_SHORT
             if not more:
                 self._loop.wait(POLL)
-
-    def _take(self, writer: SessionWriter) -> bool:
-        """Take at most `BLOCK_RECORDS` of each ring; True if there may be more."""
-        more = False
-        for ring, reader in self._readers.items():
-            first, records = reader.read(BLOCK_RECORDS)
-            writer.take(ring, first, records)
-            writer.lost[ring] = reader.lost
-            more = more or len(records) == BLOCK_RECORDS
-        return more
 
     def _end(self) -> str:
         """Return the reason why the session has ended, "" while it goes on."""

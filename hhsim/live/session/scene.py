@@ -44,17 +44,14 @@ def make_live_scene(
     placed: bool = False,
     seed: int = 0,
 ) -> LiveScene:
-    """Put object, glove and palm together.
+    """Put the object and its sphere tree [m], in their own frame, glove and palm together.
 
     Args:
-        mesh: The object [m], in its own frame.
-        tree: Its sphere tree, in the same frame.
         motion: Motion of a simulated or replayed glove, or of a replayed palm; None if neither plays one.
         placed: True to begin at the pose of `pose`; otherwise the palm begins where it can grasp.
         seed: Seed of a script's tremor and sensor noise.
 
-    Raises:
-        TrajectoryError: The motion cannot be done on this object.
+    TrajectoryError if the motion cannot be done on this object.
     """
     where = {}
     palm = POSES[pose.kind]
@@ -84,14 +81,9 @@ def make_live_scene(
 
 
 def palm_place(hand: HandModel, tree: SphereTree, back: float = 0.0) -> tuple[FloatArray, FloatArray]:
-    """Compute the palm's pose of the script `grasp` in its hold, or above an object too large for a grasp.
+    """Compute the palm's pose of the script `grasp` in its hold, `back` [m] from it, or above an object too large.
 
-    Args:
-        tree: Object, world frame.
-        back: Distance by which the palm is drawn back from the grasp [m].
-
-    Returns:
-        Palm origin [m], shape (3,), and unit quaternion (w, x, y, z), world frame.
+    Returns palm origin [m], shape (3,), and unit quaternion (w, x, y, z), world frame as of the tree.
     """
     try:
         closure = planned(load_script("grasp"), hand, tree)

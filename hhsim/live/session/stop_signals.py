@@ -20,12 +20,9 @@ NOT_BY_THE_USER = {WORDS[number.name]: int(number) for number in (signal.SIGTERM
 
 @contextmanager
 def stop_signals() -> Iterator[Callable[[], str]]:
-    """Record every signal that ends a session while the block runs.
+    """Record every signal that ends a session while the block runs; yields a function that returns the first in words.
 
-    A signal that is ignored already (nohup) stays ignored. Outside of the main thread nothing is recorded.
-
-    Yields:
-        Function that returns the first signal in words, "" if none has come.
+    A signal that is ignored already (nohup) stays ignored. Outside of the main thread nothing is recorded: "".
     """
     received: list[str] = []
 

@@ -96,12 +96,7 @@ class SessionOutcome:
 class Supervisor:
     """A live session, as a context manager that ends it in order on every way out.
 
-    Args:
-        say: Receives every event while it happens.
-
-    Attributes:
-        memory: Memory of the session.
-        tally: Counts of its ticks.
+    It counts the session's ticks in `tally`, and calls `say` for every event while it happens.
     """
 
     def __init__(self, setup: LiveSetup, say: Say = lambda text, level: None) -> None:
@@ -124,11 +119,7 @@ class Supervisor:
         self._outcome: SessionOutcome | None = None
 
     def __enter__(self) -> Self:
-        """Start all processes.
-
-        Raises:
-            HhsimError: A process cannot be started; none is left running.
-        """
+        """Start all processes; HhsimError if one cannot be started, with none left running."""
         setup = self.setup
         started = {
             RECORDER: setup.record is not None,
@@ -164,11 +155,7 @@ class Supervisor:
         return child.pid if child is not None and child.running else None
 
     def poll(self) -> bool:
-        """Watch the processes, report events and count ticks; to be called about ten times a second.
-
-        Returns:
-            True while the session goes on.
-        """
+        """Watch the processes, report events and count ticks, ten times a second; True while the session goes on."""
         self._read_rings()
         if self.stage == Stage.RUNNING:
             self.tally.note(int(self.memory.status["ticks"]), time.monotonic_ns())
@@ -198,7 +185,11 @@ class Supervisor:
             return self._outcome
         self._reason = self._reason or reason
         self._end_loop()
-        self._end_recorder()
+        if (recorder := self._children.get(RECORDER)) is not None:
+            if not self._end_child(RECORDER, RECORDER_PATIENCE, lambda: "writes the rest"):
+                self._record_failed = self._record_failed or "the recorder did not end"
+            if recorder.code != 0 and not self._record_failed:
+                self._record_failed = recorder.last_line() or recorder.how_it_ended()
         self._end_child(VIEWER, VIEWER_PATIENCE, lambda: "shows the rest")
         self._end_child(WATCHDOG, WATCHDOG_PATIENCE, lambda: "frees the fingers once more")
         self._read_rings()
@@ -212,11 +203,9 @@ class Supervisor:
         return self._outcome
 
     def check(self) -> None:
-        """Raise the failure of the session, after `end`.
+        """Raise the failure of the session after `end`.
 
-        Raises:
-            DeviceError: The glove could not be reached.
-            HhsimError: The loop died, or the recording is not whole.
+        DeviceError if the glove could not be reached, HhsimError if the loop died or the recording is not whole.
         """
         outcome = self.end()
         if self._loop_failed and self._never_ran:
@@ -281,15 +270,6 @@ class Supervisor:
             while self.pid(WATCHDOG) is not None and time.monotonic() < until:
                 time.sleep(0.01)
             status["stage"] = Stage.ENDED
-
-    def _end_recorder(self) -> None:
-        recorder = self._children.get(RECORDER)
-        if recorder is None:
-            return
-        if not self._end_child(RECORDER, RECORDER_PATIENCE, lambda: "writes the rest"):
-            self._record_failed = self._record_failed or "the recorder did not end"
-        if recorder.code != 0 and not self._record_failed:
-            self._record_failed = recorder.last_line() or recorder.how_it_ended()
 
     def _end_child(self, name: str, patience: float, activity: Callable[[], str]) -> bool:
         """Wait for a process that does `activity`, `patience` [s] before SIGTERM; True if it just ends."""

@@ -16,11 +16,7 @@ Columns = dict[str, AnyArray]
 
 
 class SessionColumns:
-    """Builds the columns of /tick, and of /contact if the object is free, block after block of one session.
-
-    Args:
-        options: Options that the session's loop solves with.
-    """
+    """Builds columns of /tick, and of /contact if the object is free, block by block, with the options of the loop."""
 
     def __init__(self, setup: LiveSetup, options: SolverOptions) -> None:
         self._columns = TickColumns(setup.contact_surface().arrays, setup.hand, options)

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhsim.arrays import Records
 from hhsim.errors import OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.live.ipc.config import LiveSetup
@@ -31,7 +30,7 @@ from hhsim.live.session.tick_block import SessionColumns
 from hhsim.live.shared_memory import RingReader
 from hhsim.result.safety import why_free_or_held
 from hhsim.view.blueprint import blueprint
-from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, ShownTicks, loop_values, shown_ticks
+from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, loop_values, shown_ticks
 from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, RerunScene, ShownScene, status_words
 from hhsim.view.sink import parse_target, rerun_stream
 
@@ -103,7 +102,9 @@ class LiveViewer:
             due = time.monotonic()
             while True:
                 # Read before the rings: all ticks before the end are shown after it.
-                over = self._over()
+                # The supervisor of a loop that was killed sets the stage; without a supervisor the loop ends by itself.
+                ended = self._memory.status["stage"] == Stage.ENDED or os.getppid() != self._parent
+                over = self._stop or ended
                 if self._taken(stream):
                     self._show(viewer)
                 self._memory.status["viewer_ns"] = time.monotonic_ns()
@@ -111,10 +112,6 @@ class LiveViewer:
                     return
                 due = max(due + FRAME, time.monotonic())
                 time.sleep(max(0.0, due - time.monotonic()))
-
-    def _over(self) -> bool:
-        # The supervisor of a loop that was killed sets the stage; without a supervisor the loop ends by itself.
-        return self._stop or self._memory.status["stage"] == Stage.ENDED or os.getppid() != self._parent
 
     def _taken(self, stream: "rr.RecordingStream") -> bool:
         """Return True if the viewer has taken all frames; raises ViewerGoneError if it is closed or stalls too long."""
@@ -139,7 +136,12 @@ class LiveViewer:
         if len(records) > 0:
             if self._begin_ns < 0:
                 self._begin_ns = int(records["time_ns"][0])
-            viewer.log_ticks(self._frame(first, records))
+            # The newest tick, with plots of all of them.
+            block = self._columns.block(first, records, self._begin_ns)
+            loop = loop_values(records["wakeup_ns"], records["latency_ns"])
+            more, last = {GLOVE: records["command_stiffness"], LOOP: loop}, [len(records) - 1]
+            moved = self._columns.moved(records)
+            viewer.log_ticks(shown_ticks(block.__getitem__, records["tick"], last, [0], more, moved))
             newest = records[-1]
             tick, seconds = int(newest["tick"]), self._seconds(newest["time_ns"])
             # Over all ticks since the frame before: shorter events show too.
@@ -150,14 +152,6 @@ class LiveViewer:
             for event in events:
                 text = bytes(event["text"]).decode("utf-8", "replace")
                 viewer.log_event(self._seconds(event["time_ns"]), EVENT_LEVELS[int(event["level"])], text)
-
-    def _frame(self, first: int, records: Records) -> ShownTicks:
-        """Return the newest of some ticks, with plots of all of them."""
-        block = self._columns.block(first, records, self._begin_ns)
-        loop = loop_values(records["wakeup_ns"], records["latency_ns"])
-        more = {GLOVE: records["command_stiffness"], LOOP: loop}
-        newest = [len(records) - 1]
-        return shown_ticks(block.__getitem__, records["tick"], newest, [0], more, self._columns.moved(records))
 
     def _lane(self, viewer: RerunScene, lane: str, tick: int, seconds: float, state: str) -> None:
         if self._lanes.get(lane) != state:

@@ -36,18 +36,13 @@ RINGS = ("ticks", "samples", "events")
 
 
 class SessionWriter:
-    """Takes records as they come out of the rings, and writes them block by block.
+    """Takes records as they come out of the rings, and writes them block by block; OutputError without a file.
 
-    Args:
-        options: Options that the loop solves with.
-        facts: Facts of the session before it ran, `SessionMemory.facts`.
+    `options` are those that the loop solves with, `facts` the `SessionMemory.facts` before the session ran.
 
     Attributes:
         lost: Lost records by ring; kept up to date by the reader of the rings.
         empty: True if neither a tick nor a sample has come.
-
-    Raises:
-        OutputError: The file cannot be made.
     """
 
     def __init__(self, path: Path, setup: LiveSetup, options: SolverOptions, facts: Mapping[str, Any]) -> None:
@@ -111,14 +106,19 @@ class SessionWriter:
     def write(self, counters: AnyArray, ended: str = "") -> None:
         """Write the records that were taken, with `counters` of the device and a reason if the recording ends here.
 
-        Raises:
-            OutputError: The disk is full or gone; the ticks before stay readable.
+        OutputError if the disk is full or gone; the ticks before stay readable.
         """
         taken, self._waiting = self._waiting, {ring: [] for ring in RINGS}
         ticks, live, contacts = [], [], []
         row = self._writer.ticks
         for first, records in taken["ticks"]:
-            ticks.append(self._tick_block(first, records))
+            if self._began < 0:
+                self._began = int(records["time_ns"][0])
+            ticks.append(self._columns.block(first, records, self._began))
+            self.tally.count(records)
+            # The depth of a hand that is not finite is NaN.
+            depths = ticks[-1]["penetration_depth"]
+            self.penetration_max = float(np.fmax.reduce(depths, initial=self.penetration_max))
             live.append(_numbered(LIVE_TICK_COLUMNS, first, records))
             contacts.append(self._columns.contacts(row, records))
             row += len(records)
@@ -137,26 +137,13 @@ class SessionWriter:
     def finish(self, ended: str, counters: AnyArray, missed: int, missed_by: Mapping[str, int]) -> Path:
         """Write the records that were taken and the summary, and mark the file complete.
 
-        Args:
-            ended, counters: As in `write`, which raises the same.
-            missed: Periods without a tick since the loop began.
-            missed_by: The same by cause.
+        `ended` and `counters` are as in `write`, which raises the same; the others as of `session_figures`.
         """
         self.write(counters, ended)
         return self._writer.finish(session_figures(self.tally, missed, missed_by, self.penetration_max, self.lost))
 
     def _lost_attributes(self) -> dict[str, int]:
         return {f"lost_{ring}": self.lost[ring] for ring in RINGS}
-
-    def _tick_block(self, first: int, records: Records) -> dict[str, AnyArray]:
-        """Build the rows of /tick."""
-        if self._began < 0:
-            self._began = int(records["time_ns"][0])
-        ticks = self._columns.block(first, records, self._began)
-        self.tally.count(records)
-        # The depth of a hand that is not finite is NaN.
-        self.penetration_max = float(np.fmax.reduce(ticks["penetration_depth"], initial=self.penetration_max))
-        return ticks
 
 
 def _fields(columns: Sequence[Column], records: Records) -> dict[str, AnyArray]:
