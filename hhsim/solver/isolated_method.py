@@ -156,7 +156,7 @@ class IsolatedMethod:
         return process_cpu_ns(self._process.pid)
 
 
-def _end(process: "subprocess.Popen[bytes]", link: Connection) -> None:
+def _end(process: "subprocess.Popen[bytes]", link: Any) -> None:
     link.close()
     process.kill()
     process.wait()

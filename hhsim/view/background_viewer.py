@@ -44,11 +44,11 @@ class ViewAhead:
         """Start to get ready."""
         self._target = target
         self._ready = False
-        self._channel: Connection[Any, Any] | None = None
+        self._channel: Any = None
         if can_fork():
             # Before the fork, so that it is done once.
             start_numba()
-            fork = get_context("fork")
+            fork: Any = get_context("fork")
             self._channel, theirs = fork.Pipe()
             self._process = fork.Process(target=_serve, args=(theirs, self._channel, target), daemon=True)
             with warnings.catch_warnings():
