@@ -28,7 +28,7 @@ _ANSWER_BYTES = 1000
 
 def user_number() -> int:
     """Return the user's number; 0 where the system has none."""
-    return 0 if sys.platform == "win32" else os.getuid()
+    return int(getattr(os, "getuid", int)())
 
 
 def own_processors() -> list[int]:
