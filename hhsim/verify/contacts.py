@@ -59,45 +59,63 @@ class Pairs(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Balls around the pieces of a surface, and a k-d tree of their centres to skip distant ones."""
+    """Balls around the pieces of a surface, and k-d trees of the centres, one for balls of like radius."""
 
-    tree: Any  # scipy's k-d tree of the centres
+    trees: list[tuple[Any, IntArray, float]]  # scipy's k-d tree, the pieces in it, their largest radius [m]
     center: FloatArray  # [m] (L, 3)
     radius: FloatArray  # [m] (L,)
+
+    def within(self, points: FloatArray, reach: FloatArray) -> tuple[IntArray, IntArray]:
+        """Indices of points (N, 3) and of pieces whose balls may come within `reach` [m] (N,) of them."""
+        rows, pieces = [], []
+        for tree, members, largest in self.trees:
+            found = tree.query_ball_point(_finite(points), np.maximum(reach + largest, 0.0), return_sorted=False)
+            rows.append(np.repeat(np.arange(len(points)), [len(some) for some in found]))
+            pieces.append(members[np.fromiter(itertools.chain.from_iterable(found), np.int64, len(rows[-1]))])
+        return np.concatenate(rows), np.concatenate(pieces)
+
+    def counts(self, points: FloatArray, reach: float) -> IntArray:
+        """Numbers of pieces whose balls may come within `reach` [m] of points (N, 3), shape (N,)."""
+        found = (
+            tree.query_ball_point(_finite(points), reach + largest, return_length=True)
+            for tree, _, largest in self.trees
+        )
+        return np.asarray(np.sum(list(found), axis=0))
+
+
+def _finite(points: FloatArray) -> FloatArray:
+    # A k-d tree takes no points whose squares overflow.
+    return np.clip(np.nan_to_num(points), -FARTHEST, FARTHEST)
 
 
 def ball_places(center: FloatArray, radius: FloatArray) -> Places:
     """Sort balls by their places; centres (L, 3), radii (L,) [m]."""
     from scipy.spatial import cKDTree
 
-    return Places(cKDTree(center), center, radius)
+    # The spheres of a tree fill the object: a few of them are a hundred times as large as most.
+    octave = np.frexp(radius)[1]
+    classes = [np.flatnonzero(octave == some) for some in np.unique(octave)]
+    return Places([(cKDTree(center[some]), some, radius[some].max()) for some in classes], center, radius)
 
 
 def near_rows(
     a: FloatArray, b: FloatArray, thick: FloatArray, pieces: Places, near: float
 ) -> tuple[IntArray, IntArray]:
-    """Indices of capsules and pieces whose balls are no more than `near` [m] apart.
+    """Indices of capsules and pieces whose balls are no more than `near` [m] apart, by capsule and piece.
 
     `a`, `b` are the ends of the capsules' axes [m], shape (N, 3), `thick` their radii [m], -inf to leave one out.
     """
     axis = b - a
     square = np.einsum("ni,ni->n", axis, axis)
-    reach = np.maximum(0.5 * np.sqrt(square) + thick + near + pieces.radius.max(), 0.0)
     # A hand that is not finite is near nothing.
     known = np.isfinite(square)
-    found = pieces.tree.query_ball_point(_within_reach(0.5 * (a + b)), np.where(known, reach, 0.0))
-    row = np.repeat(np.arange(len(a)), [len(some) for some in found])
-    piece = np.fromiter(itertools.chain.from_iterable(found), np.int64, len(row))
+    row, piece = pieces.within(0.5 * (a + b), np.where(known, 0.5 * np.sqrt(square) + thick + near, -np.inf))
     away = pieces.center[piece] - a[row]
     along = np.einsum("ni,ni->n", away, axis[row]) / np.where(square > 0.0, square, 1.0)[row]
     away -= np.clip(along, 0.0, 1.0)[:, None] * axis[row]
     kept = np.sqrt(np.einsum("ni,ni->n", away, away)) <= (thick + near)[row] + pieces.radius[piece]
-    return row[kept], piece[kept]
-
-
-def _within_reach(points: FloatArray) -> FloatArray:
-    """Points that a k-d tree can take: its squares overflow beyond `FARTHEST`."""
-    return np.clip(np.nan_to_num(points), -FARTHEST, FARTHEST)
+    order = np.lexsort((piece[kept], row[kept]))
+    return row[kept][order], piece[kept][order]
 
 
 def near_pairs(hand: OwnHand, posed: Posed, spheres: Places, fingers: BoolArray, near: float) -> Pairs:
@@ -173,8 +191,8 @@ def phalanges(hand: OwnHand, posed: Posed, fingers: BoolArray) -> Phalanges:
 def near_palm_rows(hand: OwnHand, posed: Posed, pieces: Places, near: float) -> tuple[IntArray, IntArray]:
     """Indices as of `near_rows` for the palms' spheres; a palm that is far as a whole is skipped."""
     spheres = len(hand.palm_radius)
-    reach = float((np.linalg.norm(hand.palm_center, axis=1) + hand.palm_radius).max()) + near + pieces.radius.max()
-    close = np.flatnonzero(pieces.tree.query_ball_point(_within_reach(posed.position), reach, return_length=True))
+    reach = float((np.linalg.norm(hand.palm_center, axis=1) + hand.palm_radius).max()) + near
+    close = np.flatnonzero(pieces.counts(posed.position, reach))
     center = posed.palm[close].reshape(-1, 3)
     row, piece = near_rows(center, center, np.tile(hand.palm_radius, len(close)), pieces, near)
     return close[row // spheres] * spheres + row % spheres, piece
