@@ -35,6 +35,8 @@ COMMANDS = (
     "replay cube lift --free --mass 0.1 --friction 0.6",
     "replay cube lift --free --surface mesh --mass 0.1 --friction 0.6",
     "replay rock carry --tremor 0.1,0.2",
+    "replay examples/mug.stl grasp --unit mm",
+    "replay examples/mug.stl grasp --unit mm --surface mesh",
 )
 """Runs that scenes and measures take kernels for, which no list of ticks has; each is verified and reported."""
 
@@ -57,6 +59,10 @@ def compile_all(cache: Path) -> str:
             run("-c", MAIN, "verify", result)
             run("-c", MAIN, "report", result, "--out", f"{place}/{number}.html")
         run("-c", MAIN, "compare", f"{place}/0.h5", f"{place}/1.h5")
+        for number, scene in enumerate(("", "cube --free --mass 0.1")):
+            session = f"{place}/session-{number}.h5"
+            run("-c", MAIN, "live", "glove", *scene.split(), "--duration", "1", "--out", session)
+            run("-c", MAIN, "replay", session)
         run("-c", MAIN, "build-tree", "examples/mug.stl", "--unit", "mm", "--level", "3", "--out", f"{place}/mug.h5")
     return run("-c", "from hhsim.kernels.target import TARGET; print(TARGET)")
 

@@ -27,8 +27,7 @@
 
 Flags are: ε waived, palm and fingers together, abduction held. In line 8 bound_b(δ) bounds the motion of body b; r_b is
 min(slack, ρ) if b has a pair within ρ, else min(slack, its least distance). No pair that is not listed is nearer than
-the slack. A pose becomes the safe one by its true distances alone, and a tick ends at a safe one: see docs/methods.md,
-which also has what a free object changes.
+the slack. A pose becomes the safe one by its true distances alone, and a tick ends at a safe one: see docs/methods.md.
 """
 
 from typing import Any
