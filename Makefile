@@ -18,7 +18,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Kernels are compiled as soon as this is there.
 KERNELS_NEED := numpy numba h5py msgspec
 
-# A live session and what tells of its machine need Linux; the rest has types that hold on macOS too.
+# A live session and what tells of its machine need Linux; the rest has types that hold on macOS and Windows too.
 LINUX_ONLY := '/(live|doctor\.py|scheduling_facts\.py|cpu_accounts\.py|wakeups\.py)(/|$$)'
 
 .PHONY: replay test soak wheel sdist check-dist checks platforms kernels gate clean

@@ -66,24 +66,24 @@ class Places(NamedTuple):
     radius: FloatArray  # [m] (L,)
 
     def within(self, points: FloatArray, reach: FloatArray) -> tuple[IntArray, IntArray]:
-        """Indices of points (N, 3) and of pieces whose balls may come within `reach` [m] (N,) of them."""
+        """Return indices of points [m], world, (N, 3), and of pieces whose balls may be within `reach` [m] (N,)."""
         rows, pieces = [], []
         for tree, members, largest in self.trees:
-            found = tree.query_ball_point(_finite(points), np.maximum(reach + largest, 0.0), return_sorted=False)
+            found = tree.query_ball_point(_clipped(points), np.maximum(reach + largest, 0.0), return_sorted=False)
             rows.append(np.repeat(np.arange(len(points)), [len(some) for some in found]))
             pieces.append(members[np.fromiter(itertools.chain.from_iterable(found), np.int64, len(rows[-1]))])
         return np.concatenate(rows), np.concatenate(pieces)
 
     def counts(self, points: FloatArray, reach: float) -> IntArray:
-        """Numbers of pieces whose balls may come within `reach` [m] of points (N, 3), shape (N,)."""
+        """Count the pieces whose balls may be within `reach` [m] of each point [m], world, (N, 3); shape (N,)."""
         found = (
-            tree.query_ball_point(_finite(points), reach + largest, return_length=True)
+            tree.query_ball_point(_clipped(points), reach + largest, return_length=True)
             for tree, _, largest in self.trees
         )
         return np.asarray(np.sum(list(found), axis=0))
 
 
-def _finite(points: FloatArray) -> FloatArray:
+def _clipped(points: FloatArray) -> FloatArray:
     # A k-d tree takes no points whose squares overflow.
     return np.clip(np.nan_to_num(points), -FARTHEST, FARTHEST)
 
@@ -101,7 +101,7 @@ def ball_places(center: FloatArray, radius: FloatArray) -> Places:
 def near_rows(
     a: FloatArray, b: FloatArray, thick: FloatArray, pieces: Places, near: float
 ) -> tuple[IntArray, IntArray]:
-    """Indices of capsules and pieces whose balls are no more than `near` [m] apart, by capsule and piece.
+    """Return indices of capsules and pieces whose balls are at most `near` [m] apart, sorted by capsule and piece.
 
     `a`, `b` are the ends of the capsules' axes [m], shape (N, 3), `thick` their radii [m], -inf to leave one out.
     """
