@@ -6,6 +6,7 @@ to the thumb, so that the frame stays right-handed). Palm axes are given in term
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -108,3 +109,27 @@ def posed_tree(parents: Sequence[int], rest: FloatArray, turns: FloatArray) -> t
         rotation[:, joint] = above @ turns[:, joint]
         shift[:, joint] = place - rotation[:, joint] @ rest[joint]
     return rotation, shift
+
+
+class FileFrame(NamedTuple):
+    """Coordinates of a file: x_world = metre · turn · x_file.
+
+    Attributes:
+        turn: Axes of the file in our world, shape (3, 3); orthogonal, with determinant -1 for a left-handed world.
+        metre: Unit of its lengths [m].
+    """
+
+    turn: FloatArray = np.eye(3)
+    metre: float = 1.0
+
+    def to_world(self, points: FloatArray) -> FloatArray:
+        """Convert points or vectors, shape (…, 3), from the file to our world [m]."""
+        return np.asarray(self.metre * points @ self.turn.T)
+
+    def to_file(self, points: FloatArray) -> FloatArray:
+        """Convert points or vectors, shape (…, 3), from our world [m] to the file."""
+        return np.asarray(points @ self.turn / self.metre)
+
+    def rotation_to_file(self, rotation: FloatArray) -> FloatArray:
+        """Convert rotations of vectors, shape (…, 3, 3), from our world to the file."""
+        return np.asarray(self.turn.T @ rotation @ self.turn)

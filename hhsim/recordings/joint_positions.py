@@ -17,8 +17,8 @@ from hhsim.hand.model import DEFAULT_HAND_LENGTH
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles, palm_origin
-from hhsim.recordings.frames import in_palm, to_our_world
-from hhsim.recordings.hand_side import in_right_handed_world, known_side
+from hhsim.recordings.frames import FileFrame, in_palm, to_our_world, world_matrix
+from hhsim.recordings.hand_side import UNITY, in_right_handed_world, known_side
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.recorded_bones import recorded_bones
 from hhsim.recordings.recording import Finding, Recording, note, readings
@@ -102,8 +102,11 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
         unseen = counted(int((~seen).sum()), "sample")
         findings.append(note(f"{unseen} with all joints at one point: no hand was seen, so missing"))
     side = options.hand or joints.hand
+    frame = FileFrame(np.eye(3), metre)
     if joints.may_be_mirrored:
+        given = points
         points = in_right_handed_world(points, side, findings)
+        frame = frame if points is given else frame._replace(turn=np.diag(UNITY))
     side = known_side(points, side, findings)
     fingers, wrist = points[:, 1:].reshape(-1, len(FINGERS), 4, 3), points[:, 0]
     posture, off = fitted_posture(fingers, palm_from_knuckles(fingers[:, 1:, 0], wrist, side), side)
@@ -113,7 +116,7 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
         long = f"with that of the middle one the hand is {1e3 * bones.hand_length:.0f} mm long"
         findings.append(note(f"fingertips are balls of the recorded radii: {long}"))
     findings.append(off)
-    up = options.world_up or joints.up
+    up = options.world_up or joints.up or options.usual_up
     if up is None:
         text = "no world frame: the wrist stands still and level; if there is one, say its up axis with --world-up"
         # Where the palm is missing it stays so: that sample says nothing of the fingers either.
@@ -122,6 +125,7 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
     else:
         text = f"world {up} up; the palm follows from the wrist and the knuckles"
         position, orientation = to_our_world(posture.position, posture.orientation, up)
+        frame = frame._replace(turn=world_matrix(up) @ frame.turn)
     findings.append(note(text))
     same = (joints.position[1:] == joints.position[:-1]).all(axis=(1, 2))
     if same.size and same.mean() > MOST_REPEATED:
@@ -143,6 +147,8 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
         hand_length=bones.hand_length,
         bones=bones,
         findings=tuple(findings),
+        joints=None if up is None else points @ world_matrix(up).T,
+        file_frame=frame,
     )
     if joints.doubtful is not None:
         text = "not valid or not tracked, says the device: kept where there are numbers"

@@ -20,6 +20,7 @@ from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import Checksums, HandSide, Phase, RawChannel
 from hhsim.motion.validation import as_numbers
+from hhsim.recordings.frames import FileFrame
 from hhsim.recordings.recorded_bones import RecordedBones
 from hhsim.system.counted import counted
 
@@ -95,6 +96,10 @@ class Recording:
         bones: Bones of the recorded hand, with the error of the fit; None without joint centres.
         object_motion: The object's pose at each sample, in the palm's world and units, NaN where missing; None without
             any.
+        joints: Joint centres as recorded, in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], our world, NaN
+            where missing, shape (T, 21, 3); None if the file holds angles.
+        file_frame: Coordinates of the file's joints or palm.
+        rows: Row, line or frame of the file that each sample was read from, shape (T,); empty for all in order.
     """
 
     time: FloatArray
@@ -120,6 +125,9 @@ class Recording:
     findings: tuple[Finding, ...] = ()
     object_motion: ObjectMotion | None = None
     checksums: Checksums = ""
+    joints: FloatArray | None = None
+    file_frame: FileFrame = field(default_factory=FileFrame)
+    rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __post_init__(self) -> None:
         count = len(np.atleast_1d(self.time))
@@ -135,6 +143,10 @@ class Recording:
         for channel in self.raw:
             if np.ndim(channel.values) == 0 or len(channel.values) != count:
                 raise TrajectoryError(f"raw channel '{channel.name}' has not {counted(count, 'row')}, one a stamp")
+        if self.joints is not None:
+            object.__setattr__(self, "joints", readings("joints", self.joints, (count, 21, 3)))
+        rows = self.rows if len(self.rows) else np.arange(count)
+        object.__setattr__(self, "rows", np.asarray(rows, dtype=np.int64))
         flags = np.array(self.flags, dtype=np.uint32) if len(self.flags) else np.zeros(count, dtype=np.uint32)
         if flags.shape != (count,):
             raise TrajectoryError(f"flags has shape {flags.shape}; expected ({count},)")
@@ -147,15 +159,19 @@ class Recording:
 
     def chosen(self, index: AnyArray) -> Self:
         """Return the samples of these indices (or of a mask), in this order."""
-        samples = {key: getattr(self, key)[index] for key in ("time", *MOTION, "flags")}
+        samples = {key: getattr(self, key)[index] for key in ("time", *MOTION, "flags", "rows")}
+        if self.joints is not None:
+            samples["joints"] = self.joints[index]
         raw = tuple(replace(channel, values=channel.values[index]) for channel in self.raw)
         return replace(self, **samples, raw=raw, object_motion=self.object_motion and self.object_motion.at(index))
 
     def resized(self, factor: float) -> Self:
-        """Return it with the positions of palm and object times a factor."""
+        """Return it with the positions of palm, joints and object times a factor."""
         moved = self.object_motion
         moved = moved and moved._replace(position=moved.position * factor)
-        return replace(self, position=self.position * factor, object_motion=moved)
+        joints = None if self.joints is None else self.joints * factor
+        frame = self.file_frame._replace(metre=self.file_frame.metre * factor)
+        return replace(self, position=self.position * factor, object_motion=moved, joints=joints, file_frame=frame)
 
     def changed(self, **fields: Any) -> Self:
         """Return it with these fields replaced."""

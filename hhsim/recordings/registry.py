@@ -14,6 +14,7 @@ from hhsim.errors import InputError, TrajectoryError, UnknownNameError, named
 from hhsim.motion.csv_table import read_header
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import ColumnMap
+from hhsim.recordings.correction import Correction
 from hhsim.recordings.dexmo_regression import DexmoRegression, Poses
 from hhsim.recordings.frames import axes_matrix
 from hhsim.recordings.recording import Recording
@@ -40,6 +41,7 @@ class ReadOptions:
         hand: Side of the hand, if the file does not say it, or says it wrong.
         palm_axes: Our palm's x, y, z in the recording's palm frame, such as ("-y", "x", "z"); None takes the file's.
         world_up: Axis of the recording's world that points up; None takes the file's.
+        usual_up: The same for a file that does not say it; None then holds the wrist still and level.
         length_unit: Unit for a format whose `Recording.scaled` is true; other recordings are converted after reading.
         rate: Samples a second [Hz], of a file without stamps.
         hand_length: Length of the recorded hand [m], if its joints have no scale.
@@ -57,6 +59,7 @@ class ReadOptions:
     hand: HandSide = ""
     palm_axes: Sequence[str] | None = None
     world_up: str | None = None
+    usual_up: str | None = None
     length_unit: str | None = None
     rate: float | None = None
     hand_length: float | None = None
@@ -168,6 +171,8 @@ class RecordingFormat:
             for options that do not fit it, without the file's name.
         rank: Order of detection: formats with a signature (0), any JSON (1), any text (2).
         takes_columns: True if it takes `ReadOptions.columns`.
+        write: Function that returns the content of the file with a recording of it corrected; nothing else in it
+            changes. None for a format that is not written.
     """
 
     name: str
@@ -177,6 +182,7 @@ class RecordingFormat:
     read: Callable[[Content, ReadOptions], Recording]
     rank: int = 0
     takes_columns: bool = False
+    write: Callable[[Content, ReadOptions, Recording, Correction], bytes] | None = None
 
 
 def _decoded(data: bytes) -> str:
