@@ -246,6 +246,13 @@ class HandModel:
         return 1.0 if self.side == "right" else -1.0
 
     @property
+    def wrist(self) -> FloatArray:
+        """Middle of the wrist crease [m], palm frame, shape (3,)."""
+        distal, lateral = PALM_CENTER
+        middle = np.array([lateral * self.hand_breadth, -distal * self.hand_length, 0.0])
+        return middle * MIRROR if self.side == "left" else middle
+
+    @property
     def flexion_axis(self) -> FloatArray:
         """Unit vector in the palm about which a positive angle bends each finger to its pad, shape (5, 3)."""
         return np.cross(self.dorsal, self.distal)

@@ -1,0 +1,142 @@
+"""Scene of a recording that is to be repaired: its frames as they are, the object where it was, and a hand that fits.
+
+A frame of the recording is a tick of the scene. Nothing is resampled, so that the frames that come out are those that
+went in.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hhsim.arrays import FloatArray, IntArray
+from hhsim.errors import TrajectoryError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import forward_kinematics
+from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.mesh.mesh import Mesh
+from hhsim.motion.object_motion import ObjectMotion, RigidMotion
+from hhsim.motion.trajectory import TickInput, Trajectory
+from hhsim.recordings.correction import Correction
+from hhsim.recordings.frames import turned
+from hhsim.recordings.recording import Recording
+from hhsim.scene.scene import Scene
+from hhsim.trees.sphere_tree import SphereTree
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedScene:
+    """Recorded hand beside its object.
+
+    Attributes:
+        scene: Object, hand and frames; a tick is a frame.
+        frames: Samples of the recording with a whole hand and a known object, shape (F,).
+        joints: Recorded joints in these frames as the object sees them [m], shape (F, 21, 3).
+        moved: Motion of the object since the first frame; None if it stands still.
+    """
+
+    scene: Scene
+    frames: IntArray
+    joints: FloatArray
+    moved: RigidMotion | None
+
+    @property
+    def haptic(self) -> HandConfiguration:
+        """Fitted hand of each frame as the object sees it."""
+        return HandConfiguration.of(self.scene.ticks)
+
+    def in_the_world(self, seen: Correction, recording: Recording) -> Correction:
+        """Transform the correction of the frames, as the object sees them, to the whole recording in the world."""
+        count, part = recording.sample_count, self.frames
+        given = HandConfiguration(recording.position, recording.orientation, recording.flexion, recording.abduction)
+        posture, joints, rotation = seen.posture, seen.joints, seen.rotation
+        if self.moved is not None:
+            position, orientation = self.moved.points(posture.position), self.moved.orientations(posture.orientation)
+            posture = posture._replace(position=position, orientation=orientation)
+            joints, turn = self.moved.points(joints), rotation_matrix(self.moved.turn)[:, None]
+            rotation = turn @ rotation @ np.swapaxes(turn, -1, -2)
+        changed = np.zeros(count, dtype=bool)
+        changed[part] = seen.changed
+        moved = given.copy()
+        every = np.full((count, 21, 3), np.nan) if recording.joints is None else recording.joints.copy()
+        turns = np.tile(np.eye(3), (count, 16, 1, 1))
+        # What is not changed is what was read, to the bit.
+        for values, found in zip((*moved, every, turns), (*posture, joints, rotation), strict=True):
+            values[changed] = found[seen.changed]
+        return Correction(given, moved, turns, every, changed)
+
+
+def recorded_scene(
+    recording: Recording, mesh: Mesh, tree: SphereTree, hand: HandModel, objects: ObjectMotion | None, name: str
+) -> RecordedScene:
+    """Put a recording, in our units, beside its object.
+
+    Args:
+        mesh, tree: Object in its own frame.
+        objects: Its pose at each sample, NaN where missing; None for an object in the origin of the world.
+
+    Raises:
+        TrajectoryError: Fewer than two frames have a whole hand and an object, or stamps do not increase.
+    """
+    known = np.isfinite(recording.time) & np.isfinite(recording.angles).all(axis=1)
+    known &= np.isfinite(np.concatenate([recording.position, recording.orientation], axis=1)).all(axis=1)
+    if recording.joints is not None:
+        known &= np.isfinite(recording.joints).all(axis=(1, 2))
+    if objects is not None:
+        known &= np.isfinite(np.concatenate(objects, axis=1)).all(axis=1)
+    part = np.flatnonzero(known)
+    if len(part) < 2:
+        raise TrajectoryError(
+            f"{len(part)} of {known.size} samples have a whole hand and an object; expected 2"
+        )
+    time = recording.time[part]
+    late = np.flatnonzero(np.diff(time) <= 0.0)
+    if late.size:
+        raise TrajectoryError(f"the stamps do not increase at sample {part[late[0] + 1]}; expected one after the other")
+    orientation = recording.orientation[part] / np.linalg.norm(recording.orientation[part], axis=1, keepdims=True)
+    hand_frames = HandConfiguration(
+        recording.position[part], orientation, recording.flexion[part], recording.abduction[part]
+    )
+    motion = None if objects is None else objects.at(part)
+    trajectory = Trajectory(time, *hand_frames, name=name, hand=recording.hand, object_motion=motion)
+    pose = trajectory.object_position, trajectory.object_orientation
+    motion = trajectory.object_motion
+    moved = None if motion is None else motion.since(*pose)
+    given = TickInput(
+        time=time - time[0],
+        input_seq=np.arange(len(part)),
+        **{key: np.array(getattr(trajectory, key)) for key in HandConfiguration._fields},
+        phases=(),
+        rate=1.0 / float(np.median(np.diff(time))),
+        object_motion=motion,
+    )
+    rotation = rotation_matrix(pose[1])
+    scene = Scene(
+        mesh=mesh.transformed(rotation, pose[0]),
+        tree=tree.transformed(rotation, pose[0]),
+        hand=hand,
+        trajectory=trajectory,
+        ticks=given.seen_from_object(),
+        driven=None if motion is None else given,
+    )
+    if recording.joints is None:
+        joints = model_joints(hand, HandConfiguration.of(scene.ticks))
+    else:
+        joints = recording.joints[part]
+        joints = joints if moved is None else moved.seen_points(joints)
+    return RecordedScene(scene, part, joints, moved)
+
+
+def model_joints(hand: HandModel, posture: HandConfiguration) -> FloatArray:
+    """Compute the 21 joints of our hand [m], in the order of `hhsim.recordings.joint_names.KEYPOINTS`, (T, 21, 3)."""
+    joints = forward_kinematics(hand, *posture).joints.reshape(-1, 20, 3)
+    wrist = posture.position + turned(posture.orientation, hand.wrist)
+    return np.concatenate([wrist[:, None], joints], axis=1)
+
+
+def corrected_angles(hand: HandModel, fitted: HandConfiguration, posture: HandConfiguration) -> Correction:
+    """Return the correction of a recording that holds angles alone, whose bones are our hand's."""
+    before, after = model_joints(hand, fitted), model_joints(hand, posture)
+    same = [np.equal(a, b).reshape(len(before), -1).all(axis=1) for a, b in zip(fitted, posture, strict=True)]
+    turns = np.tile(np.eye(3), (len(before), 16, 1, 1))
+    return Correction(fitted, posture, turns, after, ~np.logical_and.reduce(same))
