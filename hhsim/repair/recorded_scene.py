@@ -86,9 +86,7 @@ def recorded_scene(
         known &= np.isfinite(np.concatenate(objects, axis=1)).all(axis=1)
     part = np.flatnonzero(known)
     if len(part) < 2:
-        raise TrajectoryError(
-            f"{len(part)} of {known.size} samples have a whole hand and an object; expected 2"
-        )
+        raise TrajectoryError(f"{len(part)} of {known.size} samples have a whole hand and an object; expected 2")
     time = recording.time[part]
     late = np.flatnonzero(np.diff(time) <= 0.0)
     if late.size:
