@@ -25,11 +25,12 @@ PACKAGES = (
         "hhsim.metrics.field",
         "hhsim.scene",
     ),
-    *("hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.submissions", "hhsim.verify", "hhsim.repair"),
+    *("hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.submissions", "hhsim.verify"),
     *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.qp", "hhsim.bench.manipulation"),
     *("hhsim.gate", "hhsim.render", "hhsim.view"),
     *(f"hhsim.live{part}" for part in ("", ".link", ".devices", ".drivers", ".pose", ".ipc", ".loop", ".session")),
     "hhsim.report",
+    "hhsim.repair",
     *("hhsim.sweep", "hhsim.board", "hhsim.engines"),
 )
 """Every package of the library, lowest first: a module imports from its own package and from those before it."""

@@ -11,13 +11,14 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import forward_kinematics
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.field.hands import FieldHands
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.motion.trajectory import TickInput, Trajectory
-from hhsim.recordings.correction import Correction
+from hhsim.recordings.correction import BONES, Correction, moved_joints
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording
 from hhsim.scene.scene import Scene
@@ -31,7 +32,8 @@ class RecordedScene:
     Attributes:
         scene: Object, hand and frames; a tick is a frame.
         frames: Samples of the recording with a whole hand and a known object, shape (F,).
-        joints: Recorded joints in these frames as the object sees them [m], shape (F, 21, 3).
+        joints: Recorded joints and centres of the fingertips' spheres in these frames as the object sees them [m],
+            shape (F, 21, 3).
         moved: Motion of the object since the first frame; None if it stands still.
     """
 
@@ -47,23 +49,41 @@ class RecordedScene:
 
     def in_the_world(self, seen: Correction, recording: Recording) -> Correction:
         """Transform the correction of the frames, as the object sees them, to the whole recording in the world."""
-        count, part = recording.sample_count, self.frames
+        count, part, changed = recording.sample_count, self.frames, seen.changed
         given = HandConfiguration(recording.position, recording.orientation, recording.flexion, recording.abduction)
-        posture, joints, rotation = seen.posture, seen.joints, seen.rotation
+        posture, rotation = seen.posture, seen.rotation
         if self.moved is not None:
             position, orientation = self.moved.points(posture.position), self.moved.orientations(posture.orientation)
             posture = posture._replace(position=position, orientation=orientation)
-            joints, turn = self.moved.points(joints), rotation_matrix(self.moved.turn)[:, None]
+            turn = rotation_matrix(self.moved.turn)[:, None]
             rotation = turn @ rotation @ np.swapaxes(turn, -1, -2)
-        changed = np.zeros(count, dtype=bool)
-        changed[part] = seen.changed
-        moved = given.copy()
-        every = np.full((count, 21, 3), np.nan) if recording.joints is None else recording.joints.copy()
-        turns = np.tile(np.eye(3), (count, 16, 1, 1))
         # What is not changed is what was read, to the bit.
-        for values, found in zip((*moved, every, turns), (*posture, joints, rotation), strict=True):
-            values[changed] = found[seen.changed]
-        return Correction(given, moved, turns, every, changed)
+        moved, turns = given.copy(), np.tile(np.eye(3), (count, BONES, 1, 1))
+        for values, found in zip((*moved, turns), (*posture, rotation), strict=True):
+            values[part[changed]] = found[changed]
+        joints = np.full((count, 21, 3), np.nan)
+        if recording.joints is not None:
+            joints = recording.joints.copy()
+            some = part[changed]
+            shift = moved.position[some] - given.position[some]
+            joints[some] = moved_joints(joints[some], given.position[some], shift, turns[some])
+        whole = np.zeros(count, dtype=bool)
+        whole[part] = changed
+        return Correction(given, moved, turns, joints, whole)
+
+    def judged(self, seen: Correction) -> tuple[FieldHands, FieldHands]:
+        """Return the recorded and the repaired hand as they are judged: cones and palm around their own joints."""
+        hand, time = self.scene.hand, self.scene.ticks.time
+        world = [joints if self.moved is None else self.moved.points(joints) for joints in (self.joints, seen.joints)]
+        down = np.tile([0.0, 0.0, -1.0], (len(time), 1))
+        down = down if self.moved is None else self.moved.seen_vectors(down)
+        hands = []
+        for joints, posture, place in zip((self.joints, seen.joints), (seen.fitted, seen.posture), world, strict=True):
+            chains = np.ascontiguousarray(joints[:, 1:].reshape(-1, 5, 4, 3))
+            placed = PlacedHand(chains, posture.position, posture.orientation)
+            mesh, shape = self.scene.mesh, hand_shape(hand)
+            hands.append(FieldHands(time, joints, mesh, shape=shape, placed=placed, world=place, down=down))
+        return hands[0], hands[1]
 
 
 def recorded_scene(
@@ -122,7 +142,18 @@ def recorded_scene(
     else:
         joints = recording.joints[part]
         joints = joints if moved is None else moved.seen_points(joints)
+        if recording.bones is not None and recording.bones.tip_on_surface:
+            joints = fingertip_centres(joints, hand.radius[:, 3])
     return RecordedScene(scene, part, joints, moved)
+
+
+def fingertip_centres(joints: FloatArray, radius: FloatArray) -> FloatArray:
+    """Move recorded tips from the skin to the centre of the fingertip's sphere, whose radii [m] have shape (5,)."""
+    chains = joints[:, 1:].reshape(-1, 5, 4, 3).copy()
+    last = chains[:, :, 3] - chains[:, :, 2]
+    length = np.maximum(np.linalg.norm(last, axis=2), 1e-9)
+    chains[:, :, 3] -= last * (np.minimum(radius, length) / length)[..., None]
+    return np.concatenate([joints[:, :1], chains.reshape(-1, 20, 3)], axis=1)
 
 
 def model_joints(hand: HandModel, posture: HandConfiguration) -> FloatArray:

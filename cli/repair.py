@@ -1,0 +1,109 @@
+"""`hhsim repair`."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from .arguments import options
+from .arguments.option_group import GroupedCommand, OptionGroup, option
+from .arguments.options import FILE, JOBS, UNITS, Number, file, metres
+from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
+from .import_ import FileSettings, HandData
+
+if TYPE_CHECKING:
+    pass
+
+
+class ObjectSettings(OptionGroup, heading="Object"):
+    """Object of the recording, and its poses; `size` in [mm]."""
+
+    object: str | None = option(metavar="OBJECT|MESH", help="Name of the catalogue (hhsim objects), or a mesh file.")
+    unit: str | None = option(type=UNITS, help="Unit of a mesh file. Default: m.")
+    size: float | None = option(
+        type=Number(1.0, 20_000.0), metavar="MM", help="Length of the longest side of a mesh file [mm]."
+    )
+    object_poses: Path | None = file(
+        "FILE", "Poses of the object, a row a frame or with stamps (docs/repair.md). Default: those of the recording."
+    )
+
+
+class RepairLimits(OptionGroup, heading="Repair"):
+    """Hand and limits of the repair; `max_correction` in [mm]."""
+
+    hand_file: Path | None = file("TOML", "Hand of a recording of angles. Default: the usual one.")
+    palm: str = option(
+        type=click.Choice(["usual", "none", "thin", "fitted"]), default="usual", help="Palm that stays outside."
+    )
+    max_correction: float = option(
+        type=Number(0.1, 200.0), default=15.0, metavar="MM", help="Largest move of a joint in a repaired frame [mm]."
+    )
+
+
+@click.command(cls=GroupedCommand)
+@click.argument("recording", type=FILE, metavar="RECORDING|MANIFEST")
+@ObjectSettings.argument("thing")
+@RepairLimits.argument("limits")
+@FileSettings.argument("reading")
+@HandData.argument("data")
+@click.option("--out", type=FILE, required=True, metavar="FILE|DIR", help="Repaired recording; of a manifest a folder.")
+@click.option("--workers", type=JOBS, metavar="N", help="Processes that share a manifest. Default: one a core.")
+@options.json
+@options.quiet
+def command(
+    recording: Path,
+    thing: ObjectSettings,
+    limits: RepairLimits,
+    reading: FileSettings,
+    data: HandData,
+    out: Path,
+    workers: int | None,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    """Repair a recording of a hand: the same recording, without penetration in any frame.
+
+    RECORDING is a file of one of the formats of hhsim import (docs/recordings.md). What comes out has the same format,
+    frames and stamps; a frame that needs no repair is as it was. Beside it lie a report (-report.html) and a result
+    (-result.h5) for hhsim view, verify and export. A MANIFEST (.toml, or a .csv with a column recording) names many
+    recordings; it resumes where it was stopped (docs/repair.md).
+
+    \b
+    Examples:
+      hhsim repair grasp.npz --object mug.stl --out repaired.npz
+      hhsim repair hand.csv --object bunny --object-poses bunny.csv --out hand-free.csv
+      hhsim repair seq.npz --mano-model MANO_RIGHT.pkl --mano-pose axis-angle --object box.obj --out free.npz
+      hhsim repair manifest.toml --out repaired
+    """
+    announce_compilation(quiet=quiet)
+    from hhsim.repair.repair import repair_recording
+    from hhsim.repair.request import RepairRequest
+
+    if thing.object is None:
+        raise click.UsageError("--object names the object that the hand holds; a manifest names it in each row")
+    request = RepairRequest(
+        recording=recording,
+        object=thing.object,
+        out=out,
+        object_poses=thing.object_poses,
+        hand_file=limits.hand_file,
+        unit=thing.unit,
+        size=metres(thing.size),
+        max_correction=1e-3 * limits.max_correction,
+        palm=limits.palm,
+        read=reading.options(data.given()),
+    )
+    with progress(quiet=quiet) as report:
+        outcome = repair_recording(request, command=("hhsim", *sys.argv[1:]), progress=report)
+    if as_json:
+        print_json(outcome.to_json())
+    elif not quiet:
+        print_notes(outcome.findings)
+        print_table(outcome.table)
+        print_line(outcome.verdict)
+        if outcome.marked:
+            listed = ", ".join(map(str, outcome.marked[:12])) + (", …" if len(outcome.marked) > 12 else "")
+            print_line(f"{len(outcome.marked)} of {outcome.frames} frames without a repair: {listed}")
+        print_line(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
+    return 0 if outcome.ok else 1

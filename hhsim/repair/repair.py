@@ -1,0 +1,120 @@
+"""Repair of one recording: from its file to the same file without penetration, its result and its figures."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from hhsim.errors import InputError, named
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import resolve_object
+from hhsim.metrics.field.field_table import field_rows, field_table
+from hhsim.metrics.field.field_verdict import field_verdict
+from hhsim.metrics.field.hands import FieldPair
+from hhsim.recordings.fitted_hand import fitted_hand
+from hhsim.recordings.object_poses import read_object_poses
+from hhsim.recordings.recording import Recording
+from hhsim.recordings.registry import read_recording, write_recording
+from hhsim.recordings.unit_detection import repair_units
+from hhsim.repair.offline import OfflineOptions, repair_frames
+from hhsim.repair.page import repair_page
+from hhsim.repair.projection import correct
+from hhsim.repair.recorded_scene import corrected_angles, recorded_scene
+from hhsim.repair.request import RepairOutcome, RepairRequest
+from hhsim.repair.result_file import write_result
+from hhsim.result.reader import load_result
+from hhsim.system.atomic_write import write_atomically
+from hhsim.system.output_path import check_output_path
+from hhsim.system.progress import Progress, silent
+from hhsim.trees.contact_surface import contact_surface
+from hhsim.trees.triangle_tree import tree_of_any
+
+
+def repair_recording(
+    request: RepairRequest, *, command: Sequence[str] = (), progress: Progress = silent
+) -> RepairOutcome:
+    """Repair a recording, and write it, its result and its report.
+
+    Raises:
+        InputError: Options that do not fit the recording or the object.
+        TrajectoryError: A recording, or object poses, that cannot be read.
+        MeshError: A mesh that cannot be used.
+        OutputError: A file cannot be written.
+    """
+    paths = _paths(request)
+    recording = read_recording(request.recording, replace(request.read, usual_up=request.read.usual_up or "z"))
+    with named(request.recording):
+        recording = repair_units(recording)
+    mesh, level = resolve_object(request.object, request.unit, request.size, solid=False)
+    progress("tree", 0, 1)
+    tree = tree_of_any(mesh, level)
+    objects = recording.object_motion
+    if request.object_poses is not None:
+        objects = read_object_poses(request.object_poses, recording, request.read)
+    with named(request.recording):
+        recording, hand = _hand(recording, request)
+        recorded = recorded_scene(recording, mesh, tree, hand, objects, request.recording.stem)
+    scene = recorded.scene
+    began = perf_counter()
+    surface = contact_surface("mesh", scene.mesh, scene.tree)
+    options = OfflineOptions(max_correction=request.max_correction)
+    found = repair_frames(hand, surface, recorded.haptic, options, progress)
+    if recording.joints is None:
+        seen = corrected_angles(hand, recorded.haptic, found.posture)
+        marked = found.marked
+    else:
+        projected = correct(recorded.joints, hand, recorded.haptic, found.posture, scene.mesh)
+        seen, marked = projected.correction, found.marked | projected.marked
+    took = perf_counter() - began
+    correction = recorded.in_the_world(seen, recording)
+    write_recording(request.recording, request.read, recording, correction, paths["recording"])
+    said = {"object": request.object, "trajectory": str(request.recording), "recording": request.recording.name}
+    write_result(scene, seen.posture, marked, paths["result"], description=said, command=command, progress=progress)
+    force = np.linalg.norm(load_result(paths["result"]).read("force/phalanx").sum(axis=2), axis=2)
+    before, after = recorded.judged(seen)
+    rows = field_rows(FieldPair(before, after, force=force))
+    verdict = field_verdict(rows, request.max_correction)
+    frames = tuple(int(frame) for frame in recorded.frames[marked])
+    figures = {f"{row.name}_{when}": getattr(row, when) for row in rows for when in ("before", "after")}
+    figures["time_per_frame"] = took / len(recorded.frames)
+    missed = (*verdict.missed, *(["marked"] if frames else []))
+    outcome = RepairOutcome(
+        figures={name: float(value) for name, value in figures.items() if np.isfinite(value)},
+        table=field_table(rows, f"{request.recording.name} with {scene.mesh.name}"),
+        frames=len(recorded.frames),
+        marked=frames,
+        verdict=verdict.line,
+        missed=missed,
+        findings=tuple(finding.text for finding in recording.findings),
+        paths=paths,
+    )
+    write_atomically(paths["report"], repair_page(outcome, before, after).encode())
+    return outcome
+
+
+def _paths(request: RepairRequest) -> dict[str, Path]:
+    """Return the files to write; InputError for a name that does not fit, OutputError for one that cannot be."""
+    given, out = request.recording, request.out
+    if out.suffix.lower() != given.suffix.lower():
+        raise InputError(f"{out}: the repaired recording has the format of the given one; expected {given.suffix}")
+    if out.exists() and given.exists() and out.samefile(given):
+        raise InputError(f"{out} is the recording itself, so it is not replaced: name another file")
+    paths = {"recording": out, "result": out.with_name(f"{out.stem}-result.h5")}
+    paths |= {"report": out.with_name(f"{out.stem}-report.html")}
+    for path in paths.values():
+        check_output_path(path)
+    return paths
+
+
+def _hand(recording: Recording, request: RepairRequest) -> tuple[Recording, HandModel]:
+    """Return the recording fitted by a hand of its own sizes, and that hand."""
+    side = "left" if recording.hand == "left" else "right"
+    if recording.joints is None:
+        hand = HandModel.default(side) if request.hand_file is None else HandModel.from_toml(request.hand_file, side)
+        return recording, hand
+    if request.hand_file is not None:
+        raise InputError("--hand-file is for recordings of angles; the joints of this one tell the sizes of its hand")
+    fitted, text = fitted_hand(recording, request.recording.name)
+    return fitted, HandModel.of_text(text, "the fitted hand", side)
