@@ -12,7 +12,7 @@ REACH = 6
 """Frames on either side that a low-passed frame depends on."""
 LOW_PASS = np.exp(-0.5 * (np.arange(-REACH, REACH + 1) / 2.0) ** 2)
 LOW_PASS /= LOW_PASS.sum()
-"""Weights of the neighbouring frames: a Gaussian of two frames' width, cut at three widths; symmetric, so zero-phase."""
+"""Weights of neighbouring frames: a Gaussian of two frames' width, cut at three widths; symmetric, so zero-phase."""
 
 
 def change_between(first: HandConfiguration, second: HandConfiguration) -> FloatArray:
@@ -28,7 +28,7 @@ def changed_hand(hand: HandConfiguration, change: FloatArray) -> HandConfigurati
     turned /= np.linalg.norm(turned, axis=1, keepdims=True)
     return HandConfiguration(
         hand.position + change[:, :3],
-        np.where(change[:, 3:6].any(axis=1)[:, None], turned, hand.orientation),
+        np.where((change[:, 3:6] != 0.0).any(axis=1, keepdims=True), turned, hand.orientation),
         hand.flexion + change[:, 6:21].reshape(-1, 5, 3),
         hand.abduction + change[:, 21:],
     )
