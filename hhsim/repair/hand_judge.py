@@ -42,7 +42,7 @@ class HandJudge:
         if self.bvh is not None:
             return mesh_clearance(self.bvh, self.shape, placed, limit)
         palm, finger = hand_clearance(self.surface.arrays, *self.shape, *placed, limit=limit)
-        return np.minimum(palm, finger.min(axis=1))
+        return np.asarray(np.minimum(palm, finger.min(axis=1)))
 
     def points(self, frames: HandConfiguration) -> FloatArray:
         """Return joints, tips and palm origin of each hand [m], shape (T, 21, 3)."""

@@ -233,11 +233,11 @@ class _Search:
         """Return goals, where they are inside the nearest free hands to them, reached from the hands found."""
         made = goals.copy()
         clearance = self.judge.clearance(goals)
-        for t in np.flatnonzero(~(clearance >= 0.0)):
+        for t in np.flatnonzero(~(clearance >= 0.0)).tolist():
             start = found.part(t, t + 1)
             with suppress(HhsimError):
                 self.follower.place(start)
-                put(made, int(t), self.follower.arrive(start, goals.part(t, t + 1)))
+                put(made, t, self.follower.arrive(start, goals.part(t, t + 1)))
         return made
 
     def _reporter(self, stage: str) -> Progress:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hhsim.arrays import FloatArray, IntArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 
 CHANGE_WEIGHT = 20.0
 """Weight of a squared change of the correction from frame to frame, against the squared correction of a frame."""
@@ -10,7 +10,7 @@ NO_HAND = 1.0
 """Cost of a frame without a hand [m²]: above that of any correction of less than a metre."""
 
 
-def choose_tracks(correction: FloatArray, valid: FloatArray) -> IntArray:
+def choose_tracks(correction: FloatArray, valid: BoolArray) -> IntArray:
     """Return the track of each frame with the least sum of squared corrections and of their weighted squared changes.
 
     Args:

@@ -118,9 +118,8 @@ class FrameFollower:
         """
         recorded = self.frames.part(frame, frame + 1)
         straight = np.clip(np.zeros((1, 5, 3)), self.hand.flexion_min, self.hand.flexion_max)
-        directions = [
-            np.array(d, dtype=np.float64) for d in product((-1, 0, 1), repeat=3) if sum(map(abs, d)) in (1, 3)
-        ]
+        cube = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
+        directions = cube[np.isin(np.abs(cube).sum(axis=1), (1.0, 3.0))]
         found: list[Start] = []
         for posture in (recorded._replace(flexion=straight), recorded):
             for direction in (np.zeros(3), *directions):
