@@ -15,8 +15,8 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.repair.hand_change import REACH, change_between, changed_hand, low_pass, mean_acceleration
 from hhsim.repair.hand_judge import HandJudge, farthest
+from hhsim.repair.smoothing import smoothed
 from hhsim.repair.track_choice import choose_tracks
 from hhsim.repair.tracks import FrameFollower, put
 from hhsim.system.progress import Progress, silent
@@ -36,9 +36,6 @@ SAME_HAND = 1e-4
 """Joints of two tracks that are not farther apart [m] go on together."""
 MOST_DEARER = 30
 """Frames in a row that a restarted track is followed on while another one is nearer to the recorded hand."""
-SMOOTHING_ROUNDS = 8
-STEADY = 1.05
-"""Ratio of accelerations, repaired to recorded, at which smoothing ends."""
 
 
 @dataclass(frozen=True)
@@ -203,31 +200,9 @@ class _Search:
         return track
 
     def smoothed(self, found: HandConfiguration) -> HandConfiguration:
-        """Return hands whose correction is low-passed and which are as free as before.
-
-        A smoothed hand that touches the object is the target of another tick from the free hand before; it is accepted
-        if its own clearance shows that it does not penetrate.
-        """
-        recorded = mean_acceleration(self.points)
-        for number in range(SMOOTHING_ROUNDS):
-            change = change_between(self.frames, found)
-            corrected = np.flatnonzero(change.any(axis=1))
-            points = self.judge.points(found)
-            if not corrected.size or (number and mean_acceleration(points) <= STEADY * recorded):
-                break
-            self.progress("smoothing", number, SMOOTHING_ROUNDS)
-            goals = changed_hand(self.frames, low_pass(change))
-            better = self._made_free(found, goals)
-            accepted = (self.judge.clearance(better) >= 0.0) & (self.judge.clearance(found) >= 0.0)
-            # A frame may move as far as its neighbours do: refused one by one, frames would jump.
-            moved = np.pad(farthest(points, self.points), REACH, mode="edge")
-            largest = np.lib.stride_tricks.sliding_window_view(moved, 2 * REACH + 1).max(axis=1)
-            accepted &= farthest(self.judge.points(better), self.points) <= np.maximum(
-                self.options.max_correction, largest
-            )
-            for values, own in zip(found, better, strict=True):
-                values[accepted] = own[accepted]
-        return found
+        """Return the hands with a low-passed correction, made free by further ticks from the hands found."""
+        limit, judge = self.options.max_correction, self.judge
+        return smoothed(self.frames, found, limit, judge.points, judge.clearance, self._made_free, self.progress)
 
     def _made_free(self, found: HandConfiguration, goals: HandConfiguration) -> HandConfiguration:
         """Return goals, where they are inside the nearest free hands to them, reached from the hands found."""
