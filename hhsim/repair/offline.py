@@ -6,7 +6,7 @@ and each hand that is returned has been measured apart from the solver.
 """
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,16 +16,18 @@ from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.repair.hand_judge import HandJudge, farthest
+from hhsim.repair.projection import Projection
 from hhsim.repair.smoothing import smoothed
 from hhsim.repair.track_choice import choose_tracks
 from hhsim.repair.tracks import FrameFollower, put
+from hhsim.repair.written_hand import WrittenHand
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import ContactSurface
 
 AS_RECORDED, FORWARD, BACKWARD, RESTARTED = 0, 1, 2, 3
 """Origins of a frame: the recorded hand itself, a pass, and from 3 on the restarts in the order in which they began."""
-USUAL_CORRECTION = 4e-3
-"""A correction up to this plus twice the depth is that of a hand on its own side of the object [m]."""
+USUAL_CORRECTION = 2e-3
+"""A correction up to this plus 1.5 times the depth is that of a hand on its own side of the object [m]."""
 MOST_RESTARTS = 24
 """Frames at which tracks are begun anew, at most."""
 TRACKS_A_RESTART = 2
@@ -97,7 +99,7 @@ def repair_frames(
     if known.size:
         own = frames.at(known)
         own.orientation[:] /= np.linalg.norm(own.orientation, axis=1, keepdims=True)
-        search = _Search(hand, surface, own, options, progress)
+        search = _Search(_with_recorded_angles(hand, own), surface, own, options, progress)
         search.restart()
         found, chosen = search.chosen()
         if options.smooth:
@@ -110,6 +112,14 @@ def repair_frames(
         correction[known] = farthest(search.judge.points(found), search.points)
         marked[known] = ~(depth[known] == 0.0) | (correction[known] > options.max_correction)
     return RepairedFrames(posture, depth_before, depth, correction, marked, origin)
+
+
+def _with_recorded_angles(hand: HandModel, frames: HandConfiguration) -> HandModel:
+    """Return a hand whose joints may flex as far as the recorded ones do: what was recorded is no fault of an angle."""
+    least, most = frames.flexion.min(axis=0), frames.flexion.max(axis=0)
+    return replace(
+        hand, flexion_min=np.minimum(hand.flexion_min, least), flexion_max=np.maximum(hand.flexion_max, most)
+    )
 
 
 def _depth(clearance: FloatArray) -> FloatArray:
@@ -131,6 +141,8 @@ class _Search:
         self.judge = HandJudge(hand, surface)
         self.follower = FrameFollower(hand, surface, options.surface, frames)
         self.points = self.judge.points(frames)
+        self.written = WrittenHand(np.roll(self.points, 1, axis=1), hand, frames, tip_on_surface=False)
+        self.projection = Projection(self.written, self.judge)
         self.recorded_clearance = self.judge.clearance(frames)
         self.tracks: list[HandConfiguration] = []
         self.off: list[FloatArray] = []
@@ -159,7 +171,7 @@ class _Search:
 
     def restart(self) -> None:
         """Begin further tracks at the frames whose correction is largest beyond what their depth explains."""
-        usual = np.minimum(self.options.max_correction, USUAL_CORRECTION + 2.0 * _depth(self.recorded_clearance))
+        usual = np.minimum(self.options.max_correction, USUAL_CORRECTION + 1.5 * _depth(self.recorded_clearance))
         open_frames = np.ones(self.frames.ticks, bool)
         for number in range(MOST_RESTARTS):
             choice, frames = self._choice(), np.arange(self.frames.ticks)
@@ -172,7 +184,9 @@ class _Search:
             self.progress("restarts", number, MOST_RESTARTS)
             nearest = np.where(valid, (off**2).sum(axis=-1).mean(axis=-1), np.inf)
             open_frames[max(0, worst - RESTART_SPACING) : worst + RESTART_SPACING + 1] = False
-            for start in self.follower.starts(self.judge, worst)[:TRACKS_A_RESTART]:
+            one = self.written.at(worst)
+            seed = self.projection.nearest(one, one.fitted)
+            for start in self.follower.starts(self.judge, worst, seed)[:TRACKS_A_RESTART]:
                 if start.correction**2 < nearest[worst] - SAME_HAND**2:
                     self._add(RESTARTED + number, self._followed_on(worst, start.reached, nearest))
 

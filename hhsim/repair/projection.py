@@ -91,7 +91,7 @@ def correct(
     changed = np.zeros(count, bool)
     if known.size:
         written = WrittenHand(joints[known], hand, fitted.at(known), tip_on_surface)
-        projection = _Projection(written, HandJudge(hand, surface))
+        projection = Projection(written, HandJudge(hand, surface))
         recorded = projection.clearance(written.fitted)
         start = _tapered(written.fitted, posture.at(known), recorded < 0.0)
         found = projection.made_free(start, start, progress)
@@ -129,7 +129,7 @@ def _tapered(fitted: HandConfiguration, posture: HandConfiguration, needed: Bool
     return changed_hand(fitted, share[:, None] * change_between(fitted, posture))
 
 
-class _Projection:
+class Projection:
     """Nearest hands whose written joints are outside of one object."""
 
     def __init__(self, written: WrittenHand, judge: HandJudge) -> None:
@@ -154,15 +154,17 @@ class _Projection:
             progress("written hands", done, len(inside))
             goal = goals.part(frame, frame + 1)
             one = self.written.at(frame)
-            free = self._solved(one, goal) if self.bvh is not None else None
+            free = self.nearest(one, goal)
             put(made, frame, free or self._shifted(one, goal))
         return made
 
     def _clearance_of(self, written: WrittenHand, posture: HandConfiguration) -> float:
         return float(self.judge.placed_clearance(written.placed(posture))[0])
 
-    def _solved(self, written: WrittenHand, goal: HandConfiguration) -> HandConfiguration | None:
+    def nearest(self, written: WrittenHand, goal: HandConfiguration) -> HandConfiguration | None:
         """Return the free hand nearest to a goal, T = 1; None if the programs do not lead to one."""
+        if self.bvh is None:
+            return None
         posture, gap = goal, FIRST_GAP
         for _ in range(PROGRAMS):
             points, radii, motion = written.samples(posture)

@@ -111,22 +111,23 @@ class FrameFollower:
     def _points(self, frames: HandConfiguration) -> FloatArray:
         return forward_kinematics(self.hand, *frames).points
 
-    def starts(self, judge: HandJudge, frame: int) -> list[Start]:
-        """Return where free starts around a frame lead that are all approached from their own side, the nearest first.
+    def starts(self, judge: HandJudge, frame: int, seed: HandConfiguration | None) -> list[Start]:
+        """Return where free starts around a frame lead, each from its own side, the nearest to the recorded hand first.
 
-        They are the recorded hand, and the one with stretched fingers, shifted out in 14 directions and not at all.
+        They are a given seed, and the recorded hand, and the one with stretched fingers, shifted out in 14 directions
+        and not at all.
         """
         recorded = self.frames.part(frame, frame + 1)
         straight = np.clip(np.zeros((1, 5, 3)), self.hand.flexion_min, self.hand.flexion_max)
         cube = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
-        directions = cube[np.isin(np.abs(cube).sum(axis=1), (1.0, 3.0))]
+        directions = cube[np.isin(np.abs(cube).sum(axis=1), (0.0, 1.0, 3.0))]
+        directions /= np.maximum(1.0, np.linalg.norm(directions, axis=1, keepdims=True))
+        postures = recorded._replace(flexion=straight), recorded
+        free = [seed, *(_moved_out(judge, posture, d) for posture in postures for d in directions)]
         found: list[Start] = []
-        for posture in (recorded._replace(flexion=straight), recorded):
-            for direction in (np.zeros(3), *directions):
+        for start in free:
+            if start is not None:
                 with suppress(HhsimError):
-                    start = _moved_out(judge, posture, direction / max(1.0, float(np.linalg.norm(direction))))
-                    if start is None:
-                        continue
                     self.place(start)
                     reached = self.arrive(start, recorded)
                     off = judge.points(reached) - judge.points(recorded)
