@@ -1,0 +1,47 @@
+"""Change from one hand to another at each frame as a vector, its low-pass along the frames, and accelerations."""
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
+
+NUMBERS = 26
+"""Numbers of a change: palm shift [m], palm rotation vector [rad], 15 flexions and 5 abductions [rad]."""
+REACH = 6
+"""Frames on either side that a low-passed frame depends on."""
+LOW_PASS = np.exp(-0.5 * (np.arange(-REACH, REACH + 1) / 2.0) ** 2)
+LOW_PASS /= LOW_PASS.sum()
+"""Weights of neighbouring frames: a Gaussian of two frames' width, cut at three widths; symmetric, so zero-phase."""
+
+
+def change_between(first: HandConfiguration, second: HandConfiguration) -> FloatArray:
+    """Return the changes from the first to the second hands, shape (T, 26), the palm's rotation from the left."""
+    turn = rotation_vector(quaternion_product(second.orientation, conjugate(first.orientation)))
+    flexion = (second.flexion - first.flexion).reshape(len(turn), 15)
+    return np.concatenate([second.position - first.position, turn, flexion, second.abduction - first.abduction], axis=1)
+
+
+def changed_hand(hand: HandConfiguration, change: FloatArray) -> HandConfiguration:
+    """Return hands after these changes, shape (T, 26); a change of exactly zero returns the same numbers."""
+    turned = quaternion_product(quaternion(change[:, 3:6]), hand.orientation)
+    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+    return HandConfiguration(
+        hand.position + change[:, :3],
+        np.where((change[:, 3:6] != 0.0).any(axis=1, keepdims=True), turned, hand.orientation),
+        hand.flexion + change[:, 6:21].reshape(-1, 5, 3),
+        hand.abduction + change[:, 21:],
+    )
+
+
+def low_pass(change: FloatArray) -> FloatArray:
+    """Return changes smoothed along the frames, shape (T, 26); exactly zero where no frame nearby has one."""
+    padded = np.pad(change, ((REACH, REACH), (0, 0)), mode="edge")
+    return np.asarray(sum(weight * padded[k : k + len(change)] for k, weight in enumerate(LOW_PASS)))
+
+
+def mean_acceleration(points: FloatArray) -> float:
+    """Return the mean length of the second differences of points along the frames [m], shape (T, P, 3); 0 below 3."""
+    if len(points) < 3:
+        return 0.0
+    return float(np.linalg.norm(np.diff(points, n=2, axis=0), axis=-1).mean())

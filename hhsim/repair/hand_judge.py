@@ -1,0 +1,54 @@
+"""Independent clearance of hands from an object, and the points by which hands are compared."""
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
+from hhsim.hand.model import HandModel
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh
+from hhsim.metrics.mesh_penetration import FAR, mesh_clearance
+from hhsim.metrics.metrics import hand_clearance
+from hhsim.trees.contact_surface import ContactSurface, encloses
+
+
+class HandJudge:
+    """Clearance of hands by closest points, with nothing of the solver.
+
+    Args:
+        hand: Hand model.
+        surface: Object's surface. A closed mesh has an inside; of other triangles, and of spheres without a mesh, the
+            distance is that of their own surface.
+
+    Attributes:
+        bvh: Hierarchy of the closed mesh; None without one.
+    """
+
+    def __init__(self, hand: HandModel, surface: ContactSurface) -> None:
+        self.hand, self.shape, self.surface = hand, hand_shape(hand), surface
+        # Triangles that cross each other are closed, too, but their normals tell no inside.
+        pseudonormal = getattr(surface.arrays, "pseudonormal", None)
+        signed = surface.mesh is not None and encloses(surface.mesh) and (pseudonormal is None or len(pseudonormal) > 0)
+        self.bvh: MeshBvh | None = None
+        if signed and surface.mesh is not None:
+            self.bvh = build_mesh_bvh(surface.mesh.vertices, surface.mesh.faces)
+
+    def clearance(self, frames: HandConfiguration, limit: float = FAR) -> FloatArray:
+        """Return the least signed distance of each hand [m], shape (T,), at most `limit`; NaN for a hand of NaN."""
+        return self.placed_clearance(forward_kinematics(self.hand, *frames), limit)
+
+    def placed_clearance(self, placed: PlacedHand, limit: float = FAR) -> FloatArray:
+        """Return the same for any joints and palms."""
+        if self.bvh is not None:
+            return mesh_clearance(self.bvh, self.shape, placed, limit)
+        palm, finger = hand_clearance(self.surface.arrays, *self.shape, *placed, limit=limit)
+        return np.asarray(np.minimum(palm, finger.min(axis=1)))
+
+    def points(self, frames: HandConfiguration) -> FloatArray:
+        """Return joints, tips and palm origin of each hand [m], shape (T, 21, 3)."""
+        return forward_kinematics(self.hand, *frames).points
+
+
+def farthest(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the largest distance between corresponding points [m], shapes (T, P, 3); shape (T,)."""
+    return np.asarray(np.linalg.norm(first - second, axis=-1).max(axis=-1))

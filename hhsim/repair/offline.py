@@ -1,0 +1,233 @@
+"""Nearest hand without penetration at every frame of a recording, without a limit of time.
+
+Tracks follow the frames forward and backward; where a correction stays large, further tracks begin at free places
+around that frame. Dynamic programming chooses a track at each frame, a low-pass takes the noise from the correction,
+and each hand that is returned has been measured apart from the solver.
+"""
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.errors import HhsimError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
+from hhsim.repair.hand_judge import HandJudge, farthest
+from hhsim.repair.projection import Projection
+from hhsim.repair.smoothing import smoothed
+from hhsim.repair.track_choice import choose_tracks
+from hhsim.repair.tracks import FrameFollower, put
+from hhsim.repair.written_hand import WrittenHand
+from hhsim.system.progress import Progress, silent
+from hhsim.trees.contact_surface import ContactSurface
+
+AS_RECORDED, FORWARD, BACKWARD, RESTARTED = 0, 1, 2, 3
+"""Origins of a frame: the recorded hand itself, a pass, and from 3 on the restarts in the order in which they began."""
+USUAL_CORRECTION = 2e-3
+"""A correction up to this plus 1.5 times the depth is that of a hand on its own side of the object [m]."""
+MOST_RESTARTS = 24
+"""Frames at which tracks are begun anew, at most."""
+TRACKS_A_RESTART = 2
+"""Starts of a frame that are followed on."""
+RESTART_SPACING = 10
+"""Frames on either side of a restart that get none of their own."""
+SAME_HAND = 1e-4
+"""Joints of two tracks that are not farther apart [m] go on together."""
+MOST_DEARER = 30
+"""Frames in a row that a restarted track is followed on while another one is nearer to the recorded hand."""
+
+
+@dataclass(frozen=True)
+class OfflineOptions:
+    """Options of the offline repair.
+
+    Attributes:
+        max_correction: Largest accepted move of a joint [m]; frames that need more are marked.
+        surface: Surface that the hand must not enter: `mesh` or `spheres`.
+        smooth: True to take the noise from the correction.
+    """
+
+    max_correction: float = 0.015
+    surface: str = "mesh"
+    smooth: bool = True
+
+
+class RepairedFrames(NamedTuple):
+    """Repaired hand of each of T frames.
+
+    Attributes:
+        posture: Hands without penetration; the recorded hand in a frame for which none was found.
+        depth_before, depth: Penetration of the recorded and of the returned hand [m], 0 outside, shape (T,).
+        correction: Largest move of a joint, tip or the palm's origin [m], shape (T,).
+        marked: True where no hand without penetration was found, or the correction exceeds the limit, shape (T,).
+        origin: Track of each frame, see `AS_RECORDED`, shape (T,).
+    """
+
+    posture: HandConfiguration
+    depth_before: FloatArray
+    depth: FloatArray
+    correction: FloatArray
+    marked: BoolArray
+    origin: IntArray
+
+
+def repair_frames(
+    hand: HandModel,
+    surface: ContactSurface,
+    frames: HandConfiguration,
+    options: OfflineOptions | None = None,
+    progress: Progress = silent,
+) -> RepairedFrames:
+    """Compute the nearest hands without penetration.
+
+    Args:
+        hand: Hand model.
+        surface: Object's surface of the kind that the options name, in the frame of the hands.
+        frames: Recorded hands as seen from the object; those that are not finite are marked and returned.
+        progress: Called with the stage, the frames done and their number.
+    """
+    options = options or OfflineOptions()
+    finite = np.isfinite(np.concatenate([values.reshape(frames.ticks, -1) for values in frames], axis=1)).all(axis=1)
+    count = frames.ticks
+    posture = frames.copy()
+    depth_before, depth, correction = (np.full(count, np.nan) for _ in range(3))
+    marked, origin = np.ones(count, bool), np.zeros(count, dtype=np.int64)
+    known = np.flatnonzero(finite)
+    if known.size:
+        own = frames.at(known)
+        own.orientation[:] /= np.linalg.norm(own.orientation, axis=1, keepdims=True)
+        search = _Search(_with_recorded_angles(hand, own), surface, own, options, progress)
+        search.restart()
+        found, chosen = search.chosen()
+        if options.smooth:
+            found = search.smoothed(found)
+        for values, repaired in zip(posture, found, strict=True):
+            values[known] = repaired
+        origin[known] = chosen
+        depth_before[known] = _depth(search.recorded_clearance)
+        depth[known] = _depth(search.judge.clearance(found))
+        correction[known] = farthest(search.judge.points(found), search.points)
+        marked[known] = ~(depth[known] == 0.0) | (correction[known] > options.max_correction)
+    return RepairedFrames(posture, depth_before, depth, correction, marked, origin)
+
+
+def _with_recorded_angles(hand: HandModel, frames: HandConfiguration) -> HandModel:
+    """Return a hand whose joints may flex as far as the recorded ones do: what was recorded is no fault of an angle."""
+    least, most = frames.flexion.min(axis=0), frames.flexion.max(axis=0)
+    return replace(
+        hand, flexion_min=np.minimum(hand.flexion_min, least), flexion_max=np.maximum(hand.flexion_max, most)
+    )
+
+
+def _depth(clearance: FloatArray) -> FloatArray:
+    return np.maximum(0.0, 0.0 - clearance)
+
+
+class _Search:
+    """Tracks of one recording and what was measured of them."""
+
+    def __init__(
+        self,
+        hand: HandModel,
+        surface: ContactSurface,
+        frames: HandConfiguration,
+        options: OfflineOptions,
+        progress: Progress,
+    ) -> None:
+        self.frames, self.options, self.progress = frames, options, progress
+        self.judge = HandJudge(hand, surface)
+        self.follower = FrameFollower(hand, surface, options.surface, frames)
+        self.points = self.judge.points(frames)
+        self.written = WrittenHand(np.roll(self.points, 1, axis=1), hand, frames, tip_on_surface=False)
+        self.projection = Projection(self.written, self.judge)
+        self.recorded_clearance = self.judge.clearance(frames)
+        self.tracks: list[HandConfiguration] = []
+        self.off: list[FloatArray] = []
+        self.valid: list[BoolArray] = []
+        self.origins: list[int] = []
+        self._add(AS_RECORDED, frames)
+        if not self.valid[0].all():
+            self._add(FORWARD, self.follower.follow(range(frames.ticks), self._reporter("forward")))
+            self._add(BACKWARD, self.follower.follow(range(frames.ticks)[::-1], self._reporter("backward")))
+
+    def _add(self, origin: int, track: HandConfiguration) -> None:
+        self.tracks.append(track)
+        self.origins.append(origin)
+        self.off.append(self.judge.points(track) - self.points)
+        self.valid.append(self.judge.clearance(track) >= 0.0)
+
+    def _choice(self) -> IntArray:
+        return choose_tracks(np.stack(self.off), np.stack(self.valid))
+
+    def chosen(self) -> tuple[HandConfiguration, IntArray]:
+        """Return the chosen hand of each frame, and its origin; the recorded one where there is none."""
+        choice, frames = self._choice(), np.arange(self.frames.ticks)
+        choice[~np.stack(self.valid)[choice, frames]] = 0
+        stacked = (np.stack(values)[choice, frames] for values in zip(*self.tracks, strict=True))
+        return HandConfiguration(*stacked), np.array(self.origins)[choice]
+
+    def restart(self) -> None:
+        """Begin further tracks at the frames whose correction is largest beyond what their depth explains."""
+        usual = np.minimum(self.options.max_correction, USUAL_CORRECTION + 1.5 * _depth(self.recorded_clearance))
+        open_frames = np.ones(self.frames.ticks, bool)
+        for number in range(MOST_RESTARTS):
+            choice, frames = self._choice(), np.arange(self.frames.ticks)
+            off, valid = np.stack(self.off)[choice, frames], np.stack(self.valid)[choice, frames]
+            excess = np.where(valid, np.linalg.norm(off, axis=-1).max(axis=-1), np.inf) - usual
+            excess[~open_frames] = -np.inf
+            worst = int(excess.argmax())
+            if not excess[worst] > 0.0:
+                break
+            self.progress("restarts", number, MOST_RESTARTS)
+            nearest = np.where(valid, (off**2).sum(axis=-1).mean(axis=-1), np.inf)
+            open_frames[max(0, worst - RESTART_SPACING) : worst + RESTART_SPACING + 1] = False
+            one = self.written.at(worst)
+            seed = self.projection.nearest(one, one.fitted)
+            for start in self.follower.starts(self.judge, worst, seed)[:TRACKS_A_RESTART]:
+                if start.correction**2 < nearest[worst] - SAME_HAND**2:
+                    self._add(RESTARTED + number, self._followed_on(worst, start.reached, nearest))
+
+    def _followed_on(self, frame: int, reached: HandConfiguration, nearest: FloatArray) -> HandConfiguration:
+        """Return the track through a hand at a frame, forward and backward while it may still be the nearest."""
+        track = HandConfiguration(*(np.full_like(values, np.nan) for values in self.frames))
+        put(track, frame, reached)
+        for step, last in ((1, self.frames.ticks), (-1, -1)):
+            self.follower.place(reached)
+            dearer = 0
+            for t in range(frame + step, last, step):
+                origin, goal = self.frames.part(t - step, t - step + 1), self.frames.part(t, t + 1)
+                at: HandConfiguration | None = None
+                with suppress(HhsimError):
+                    at = self.follower.arrive(origin, goal)
+                if at is None:
+                    break
+                put(track, t, at)
+                points = self.judge.points(at)
+                square = float(((points - self.points[t]) ** 2).sum(axis=-1).mean())
+                dearer = 0 if square < nearest[t] else dearer + 1
+                joined = any(farthest(points[0] - self.points[t], off[t]) < SAME_HAND for off in self.off)
+                if joined or dearer >= MOST_DEARER:
+                    break
+        return track
+
+    def smoothed(self, found: HandConfiguration) -> HandConfiguration:
+        """Return the hands with a low-passed correction, made free by further ticks from the hands found."""
+        limit, judge = self.options.max_correction, self.judge
+        return smoothed(self.frames, found, limit, judge.points, judge.clearance, self._made_free, self.progress)
+
+    def _made_free(self, found: HandConfiguration, goals: HandConfiguration) -> HandConfiguration:
+        """Return goals, where they are inside the nearest free hands to them, reached from the hands found."""
+        made = goals.copy()
+        clearance = self.judge.clearance(goals)
+        for t in np.flatnonzero(~(clearance >= 0.0)).tolist():
+            start = found.part(t, t + 1)
+            with suppress(HhsimError):
+                self.follower.place(start)
+                put(made, t, self.follower.arrive(start, goals.part(t, t + 1)))
+        return made
+
+    def _reporter(self, stage: str) -> Progress:
+        return lambda _, done, total: self.progress(stage, done, total)

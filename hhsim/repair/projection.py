@@ -1,0 +1,216 @@
+"""Correction of recorded joints such that the hand that is written does not penetrate.
+
+Each frame whose written hand is inside is solved anew: the least change of our hand, as a sequence of quadratic
+programs in which the distances of balls along the written bones are linearised.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hhsim.arrays import BoolArray, FloatArray
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, closest_points
+from hhsim.recordings.correction import BONES, Correction
+from hhsim.repair.hand_change import NUMBERS, REACH, change_between, changed_hand
+from hhsim.repair.hand_judge import HandJudge, farthest
+from hhsim.repair.smoothing import smoothed
+from hhsim.repair.tracks import put
+from hhsim.repair.written_hand import WrittenHand
+from hhsim.solver.options import Stiffness
+from hhsim.solver.qp import QpProblem, QpStatus, solve_active_set
+from hhsim.system.progress import Progress, silent
+from hhsim.trees.contact_surface import ContactSurface
+
+NEAR = 2e-3
+"""Balls up to this far from the surface [m] are rows of the program."""
+CLEAR = 2e-6
+"""Clearance of a projected hand [m]: above the error of the measure."""
+FIRST_GAP, LARGEST_GAP = 2e-5, 1e-3
+"""Clearance that a program asks of the balls [m], doubled while the hand between them still penetrates."""
+LONGEST_STEP = 4e-3
+"""Largest move of a ball in one program [m]."""
+PROGRAMS = 40
+RELAXATION = 1e-4
+"""Distance [√J] by which rows that contradict each other are moved back."""
+STIFFNESS = np.concatenate([Stiffness().diagonal(), np.full(5, 2.0 * Stiffness().flexion)])
+"""Stiffness of each number of a change: the solver's, and for abduction, which it does not change, twice a joint's."""
+LONGEST_SHIFT = 0.05
+"""Farthest shift by which a hand is freed where the programs find no way [m]."""
+
+
+class WrittenFrames(NamedTuple):
+    """Corrected joints of T frames, and the penetration of the written hands.
+
+    Attributes:
+        correction: In the frame of the joints that were given; frames without a need are returned as they were.
+        depth_before, depth: Penetration of the recorded and of the written hand [m], 0 outside, NaN without a hand,
+            shape (T,).
+        moved: Largest move of a recorded joint [m], NaN without one, shape (T,).
+        marked: True where the written hand penetrates, or a joint moves by more than the limit, shape (T,).
+    """
+
+    correction: Correction
+    depth_before: FloatArray
+    depth: FloatArray
+    moved: FloatArray
+    marked: BoolArray
+
+
+def correct(
+    joints: FloatArray,
+    hand: HandModel,
+    fitted: HandConfiguration,
+    posture: HandConfiguration,
+    surface: ContactSurface,
+    *,
+    tip_on_surface: bool,
+    max_correction: float = 0.015,
+    smooth: bool = True,
+    progress: Progress = silent,
+) -> WrittenFrames:
+    """Move recorded joints with the bones of our hand, and on until the written hand does not penetrate.
+
+    Args:
+        joints: Recorded joints in the order of `KEYPOINTS`, in the object's frame [m], shape (T, 21, 3), NaN where
+            missing.
+        hand: Hand model.
+        fitted, posture: Our hand as recorded and as repaired, in the object's frame; NaN in frames without a hand.
+        surface: Object's surface.
+        tip_on_surface: True if recorded tips are points of the skin; False if they are centres of the fingertips.
+        max_correction: Largest move of a joint [m] of a frame that is not marked.
+        smooth: True to low-pass the correction again where frames were solved anew.
+        progress: Called with the stage, the frames done and their number.
+    """
+    count = len(joints)
+    known = np.flatnonzero([np.isfinite(np.concatenate([v[t].ravel() for v in fitted])).all() for t in range(count)])
+    rotation = np.tile(np.eye(3), (count, BONES, 1, 1))
+    moved, corrected = joints.copy(), fitted.copy()
+    depth_before, depth = np.full(count, np.nan), np.full(count, np.nan)
+    changed = np.zeros(count, bool)
+    if known.size:
+        written = WrittenHand(joints[known], hand, fitted.at(known), tip_on_surface)
+        projection = Projection(written, HandJudge(hand, surface))
+        recorded = projection.clearance(written.fitted)
+        start = _tapered(written.fitted, posture.at(known), recorded < 0.0)
+        found = projection.made_free(start, start, progress)
+        if smooth:
+            found = smoothed(
+                *(written.fitted, found, max_correction),
+                *(lambda hands: written.moved(written.axes, hands), projection.clearance, projection.made_free),
+                progress,
+            )
+        touched = np.any(change_between(written.fitted, found) != 0.0, axis=1)
+        changed[known] = touched
+        rotation[known[touched]] = written.rotation(found)[touched]
+        moved[known[touched]] = written.moved(joints[known], found)[touched]
+        for values, own in zip(corrected, found, strict=True):
+            values[known] = own
+        depth_before[known] = np.maximum(0.0, 0.0 - recorded)
+        depth[known] = np.maximum(0.0, 0.0 - np.where(touched, projection.clearance(found), recorded))
+    gone = np.where(np.isfinite(moved - joints), moved - joints, 0.0)
+    farthest_move = farthest(gone, np.zeros_like(gone))
+    marked = (depth > 0.0) | (farthest_move > max_correction)
+    correction = Correction(fitted, corrected, rotation, moved, changed)
+    return WrittenFrames(correction, depth_before, depth, farthest_move, marked)
+
+
+def _tapered(fitted: HandConfiguration, posture: HandConfiguration, needed: BoolArray) -> HandConfiguration:
+    """Return the repaired hands, whose correction falls to nothing within `REACH` frames of those that need one."""
+    frames, wanted = np.arange(len(needed)), np.flatnonzero(needed)
+    if not wanted.size:
+        return fitted
+    after = np.searchsorted(wanted, frames)
+    distance = np.minimum(
+        np.abs(frames - wanted[np.minimum(after, len(wanted) - 1)]), np.abs(frames - wanted[np.maximum(after - 1, 0)])
+    )
+    share = 0.5 + 0.5 * np.cos(np.pi * np.minimum(1.0, distance / (REACH + 1.0)))
+    return changed_hand(fitted, share[:, None] * change_between(fitted, posture))
+
+
+class Projection:
+    """Nearest hands whose written joints are outside of one object."""
+
+    def __init__(self, written: WrittenHand, judge: HandJudge) -> None:
+        self.written, self.judge = written, judge
+        mesh = judge.surface.mesh
+        self.signed = judge.bvh is not None
+        self.bvh = judge.bvh
+        if mesh is not None and self.bvh is None:
+            self.bvh = build_mesh_bvh(mesh.vertices, mesh.faces, signed=False)
+
+    def clearance(self, posture: HandConfiguration) -> FloatArray:
+        """Return the least signed distance of the written hands [m], shape (T,)."""
+        return self.judge.placed_clearance(self.written.placed(posture))
+
+    def made_free(
+        self, start: HandConfiguration, goals: HandConfiguration, progress: Progress = silent
+    ) -> HandConfiguration:
+        """Return the goals, where their written hands penetrate the free hands nearest to them."""
+        made = goals.copy()
+        inside = np.flatnonzero(self.clearance(goals) < 0.0).tolist()
+        for done, frame in enumerate(inside):
+            progress("written hands", done, len(inside))
+            goal = goals.part(frame, frame + 1)
+            one = self.written.at(frame)
+            free = self.nearest(one, goal)
+            put(made, frame, free or self._shifted(one, goal))
+        return made
+
+    def _clearance_of(self, written: WrittenHand, posture: HandConfiguration) -> float:
+        return float(self.judge.placed_clearance(written.placed(posture))[0])
+
+    def nearest(self, written: WrittenHand, goal: HandConfiguration) -> HandConfiguration | None:
+        """Return the free hand nearest to a goal, T = 1; None if the programs do not lead to one."""
+        if self.bvh is None:
+            return None
+        posture, gap = goal, FIRST_GAP
+        for _ in range(PROGRAMS):
+            points, radii, motion = written.samples(posture)
+            distance, normal = self._distances(points)
+            value = distance - radii
+            near = (value < NEAR) & (np.abs(distance) > 1e-9)
+            rows = np.einsum("ni,nij->nj", normal[near], motion[near])
+            program = QpProblem(STIFFNESS, rows, gap - value[near], change_between(posture, goal)[0])
+            solution = solve_active_set(program, RELAXATION)
+            if solution.status is not QpStatus.OPTIMAL:
+                return None
+            length = float(np.linalg.norm(motion @ solution.x, axis=1).max())
+            posture = changed_hand(posture, solution.x[None] * min(1.0, LONGEST_STEP / max(length, 1e-12)))
+            if self._clearance_of(written, posture) >= CLEAR:
+                return posture
+            if length < LONGEST_STEP and gap < LARGEST_GAP:
+                gap *= 2.0
+        return None
+
+    def _distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return signed distances [m], shape (n,), and the directions in which they grow, shape (n, 3)."""
+        assert self.bvh is not None
+        points = np.ascontiguousarray(points)
+        closest, distance = np.empty_like(points), np.empty(len(points))
+        closest_points(self.bvh, points, closest, distance)
+        if not self.signed:
+            distance = np.abs(distance)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return distance, (points - closest) / distance[:, None]
+
+    def _shifted(self, written: WrittenHand, goal: HandConfiguration) -> HandConfiguration:
+        """Return a goal, T = 1, with the least shift along 26 directions that frees it; the goal if there is none."""
+        best, found = LONGEST_SHIFT, goal
+        for direction in np.ndindex(3, 3, 3):
+            unit = np.array(direction, dtype=np.float64) - 1.0
+            if not unit.any():
+                continue
+            change = np.zeros((1, NUMBERS))
+            unit /= np.linalg.norm(unit)
+            shift = 0.0
+            while shift < best:
+                change[0, :3] = shift * unit
+                moved = changed_hand(goal, change)
+                clearance = self._clearance_of(written, moved)
+                if clearance >= CLEAR:
+                    best, found = shift, moved
+                    break
+                shift += max(1e-4, CLEAR - clearance)
+        return found

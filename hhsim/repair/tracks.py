@@ -1,0 +1,160 @@
+"""Tracks of a hand that follows recorded frames without entering the object, from a start of its own each.
+
+The solver's ticks never penetrate, so a track stays on the side of a thin part on which it began. Other starts give
+other tracks; which one a frame takes is chosen later.
+"""
+
+from contextlib import suppress
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import HhsimError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import forward_kinematics
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import HapticBlock
+from hhsim.repair.hand_judge import HandJudge, farthest
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import UNLIMITED, SolverOptions
+from hhsim.system.progress import Progress, silent
+from hhsim.trees.contact_surface import ContactSurface
+
+SUBSTEP = 2e-3
+"""Largest move of a joint of the haptic hand in one tick [m]: twice the solver's margin."""
+MOST_SUBSTEPS = 150
+"""Ticks between two frames at most: beyond, the recording jumps, and so may the hand."""
+LINEARISATIONS = 100
+STEP_TOLERANCE = 1e-6
+"""Largest move of any point of the hand in the last linearisation of a tick [m]."""
+AT_REST = 1e-6
+"""A hand whose joints move less in a tick with its target held [m] is at rest."""
+MOST_TICKS_AT_REST = 30
+"""Ticks at most with a frame held."""
+LONGEST_RETREAT = 0.3
+"""Farthest shift at which a free start is looked for [m]."""
+STANDOFF = 1e-3
+"""Clearance of a free start [m]."""
+
+
+class Start(NamedTuple):
+    """Free hand from which a frame was reached, and where that led."""
+
+    reached: HandConfiguration
+    correction: float  # root mean square displacement of the points from the frame's [m]
+
+
+class FrameFollower:
+    """Follows the frames of one recording.
+
+    Args:
+        hand: Hand model.
+        surface: Object's surface, of the kind that `kind` names.
+        frames: Recorded hands, finite, T of them.
+    """
+
+    def __init__(self, hand: HandModel, surface: ContactSurface, kind: str, frames: HandConfiguration) -> None:
+        self.hand, self.surface, self.frames = hand, surface, frames
+        self.options = SolverOptions(
+            surface=kind, linearisations=LINEARISATIONS, budget=UNLIMITED, step_tolerance=STEP_TOLERANCE
+        )
+        self.solver = self._new_solver()
+
+    def _new_solver(self) -> HandSolver:
+        return HandSolver(self.hand, self.surface, self.options)
+
+    def follow(self, order: range, progress: Progress = silent) -> HandConfiguration:
+        """Return the track through all frames in an order; NaN where the solver holds too few pairs."""
+        track = _unknown(self.frames.ticks)
+        begun = False
+        for done, (before, frame) in enumerate(zip([order[0], *order], order)):
+            progress("frames", done, len(order))
+            goal = self.frames.part(frame, frame + 1)
+            with suppress(HhsimError):
+                if not begun:
+                    self.begin(goal)
+                begun = False
+                put(track, frame, self.arrive(self.frames.part(before, before + 1), goal))
+                begun = True
+        return track
+
+    def begin(self, goal: HandConfiguration) -> None:
+        """Place the graphic hand at a frame, or, where that is inside, as near to it as a free place nearby leads."""
+        self.solver = self._new_solver()
+        self.solver.begin(HapticBlock(*goal))
+
+    def place(self, start: HandConfiguration) -> None:
+        """Place the graphic hand at a free configuration, T = 1."""
+        self.solver.place(*start.at(0))
+
+    def arrive(self, origin: HandConfiguration, goal: HandConfiguration) -> HandConfiguration:
+        """Return the graphic hand at rest after the haptic hand has moved from an origin to a goal, T = 1 each.
+
+        Raises:
+            HhsimError: More pairs were near than the solver holds.
+        """
+        moved = float(farthest(self._points(origin), self._points(goal))[0])
+        steps = min(MOST_SUBSTEPS, int(np.ceil(moved / SUBSTEP)))
+        if steps > 1:
+            self.solver.run(*origin.line(goal, steps - 1).part(1))
+        joints = np.full((5, 4, 3), np.inf)
+        for _ in range(MOST_TICKS_AT_REST):
+            record = self.solver.run(*goal)
+            # A tick that lags or is stuck moves on with the next one, or has nowhere to go.
+            if farthest(record.joints[0], joints).max() < AT_REST:
+                break
+            joints = record.joints[0]
+        return HandConfiguration.of(record).copy()
+
+    def _points(self, frames: HandConfiguration) -> FloatArray:
+        return forward_kinematics(self.hand, *frames).points
+
+    def starts(self, judge: HandJudge, frame: int, seed: HandConfiguration | None) -> list[Start]:
+        """Return where free starts around a frame lead, each from its own side, the nearest to the recorded hand first.
+
+        They are a given seed, and the recorded hand, and the one with stretched fingers, shifted out in 14 directions
+        and not at all.
+        """
+        recorded = self.frames.part(frame, frame + 1)
+        straight = np.clip(np.zeros((1, 5, 3)), self.hand.flexion_min, self.hand.flexion_max)
+        cube = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
+        directions = cube[np.isin(np.abs(cube).sum(axis=1), (0.0, 1.0, 3.0))]
+        directions /= np.maximum(1.0, np.linalg.norm(directions, axis=1, keepdims=True))
+        postures = recorded._replace(flexion=straight), recorded
+        free = [seed, *(_moved_out(judge, posture, d) for posture in postures for d in directions)]
+        found: list[Start] = []
+        for start in free:
+            if start is not None:
+                with suppress(HhsimError):
+                    self.place(start)
+                    reached = self.arrive(start, recorded)
+                    off = judge.points(reached) - judge.points(recorded)
+                    found.append(Start(reached, float(np.sqrt((off**2).sum(axis=-1).mean()))))
+        return sorted(found, key=lambda start: start.correction)
+
+
+def _moved_out(judge: HandJudge, posture: HandConfiguration, direction: FloatArray) -> HandConfiguration | None:
+    """Return a hand shifted along a direction until it is free; None if it is not within `LONGEST_RETREAT`."""
+    shift = 0.0
+    while shift <= LONGEST_RETREAT:
+        moved = posture._replace(position=posture.position + shift * direction)
+        clearance = float(judge.clearance(moved, 2.0 * STANDOFF)[0])
+        if clearance >= STANDOFF:
+            return moved
+        if not direction.any():
+            return None
+        shift += max(STANDOFF, STANDOFF - clearance)
+    return None
+
+
+def _unknown(ticks: int) -> HandConfiguration:
+    shapes = ((3,), (4,), (5, 3), (5,))
+    return HandConfiguration(*(np.full((ticks, *shape), np.nan) for shape in shapes))
+
+
+def put(track: HandConfiguration, frame: int, hand: HandConfiguration) -> None:
+    """Write a hand, T = 1, to a frame of a track."""
+    for values, own in zip(track, hand, strict=True):
+        values[frame] = own[0]

@@ -1,0 +1,110 @@
+"""Hand as it is written to a recording: recorded joints that have moved with our hand's bones, and their clearance.
+
+Its bodies are round cones of our hand's radii between these joints, and the palm's spheres at the corrected palm. The
+joints differ from our hand's by the error of the fit, so a free hand of ours may be written as one that penetrates.
+"""
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
+from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.recordings.correction import moved_joints
+
+SHARES = np.linspace(0.0, 1.0, 17)
+"""Places along the axis of a phalanx whose distances are linearised."""
+
+
+def bone_frames(hand: HandModel, posture: HandConfiguration) -> FloatArray:
+    """Compute the frame of each bone, shape (T, 16, 3, 3), world.
+
+    Its columns are, of a phalanx, the axis, the flexion axis and their cross product; of the palm, its own axes.
+    """
+    across = np.cross(hand.dorsal, hand.distal)
+    spread = hand.abduction_sign * posture.abduction[..., None]
+    forward = np.cos(spread) * hand.distal + np.sin(spread) * across
+    hinge = np.cos(spread) * across - np.sin(spread) * hand.distal
+    total = np.cumsum(posture.flexion, axis=2)[..., None]
+    axis = np.cos(total) * forward[:, :, None] - np.sin(total) * hand.dorsal[:, None]
+    hinges = np.broadcast_to(hinge[:, :, None], axis.shape)
+    frames = np.stack([axis, hinges, np.cross(axis, hinges)], axis=-1).reshape(-1, 15, 3, 3)
+    palm = rotation_matrix(posture.orientation)[:, None]
+    return np.concatenate([palm, palm @ frames], axis=1)
+
+
+class WrittenHand:
+    """Writes corrections of recorded joints.
+
+    Args:
+        joints: Recorded joints of T frames in the order of `KEYPOINTS` [m], shape (T, 21, 3), NaN where missing.
+        hand: Hand model.
+        fitted: Hand fitted to each frame, in the frame of the joints.
+        tip_on_surface: True if recorded tips are points of the skin; False if they are centres of the fingertips.
+    """
+
+    def __init__(self, joints: FloatArray, hand: HandModel, fitted: HandConfiguration, tip_on_surface: bool) -> None:
+        self.joints, self.hand, self.fitted = joints, hand, fitted
+        model = forward_kinematics(hand, *fitted)
+        usual = np.concatenate([model.position[:, None], model.joints.reshape(-1, 20, 3)], axis=1)
+        axes = np.where(np.isfinite(joints), joints, usual)
+        if tip_on_surface:
+            of_finger = np.where(np.isfinite(joints), joints, np.nan)[:, 1:].reshape(-1, 5, 4, 3)
+            last = of_finger[:, :, 3] - of_finger[:, :, 2]
+            with np.errstate(invalid="ignore", divide="ignore"):
+                inset = hand.radius[:, 3:] * last / np.linalg.norm(last, axis=-1, keepdims=True)
+            axes[:, 4::4] -= np.nan_to_num(inset)
+        self.axes = axes
+        self.frames = bone_frames(hand, fitted)
+
+    def rotation(self, posture: HandConfiguration) -> FloatArray:
+        """Return the rotation of each bone from the fitted to these hands, shape (T, 16, 3, 3)."""
+        return np.asarray(bone_frames(self.hand, posture) @ self.frames.swapaxes(-1, -2))
+
+    def moved(self, joints: FloatArray, posture: HandConfiguration) -> FloatArray:
+        """Return joints that have moved with the bones [m], shape (T, 21, 3)."""
+        shift = posture.position - self.fitted.position
+        return moved_joints(joints, self.fitted.position, shift, self.rotation(posture))
+
+    def placed(self, posture: HandConfiguration) -> PlacedHand:
+        """Return the bodies' axes and the palm of the written hands."""
+        axes = self.moved(self.axes, posture)[:, 1:].reshape(-1, 5, 4, 3)
+        return PlacedHand(np.ascontiguousarray(axes), posture.position, posture.orientation)
+
+    def at(self, frame: int) -> "WrittenHand":
+        """Return a single frame, T = 1, with the tips where they are."""
+        part = object.__new__(WrittenHand)
+        own = slice(frame, frame + 1)
+        part.hand, part.fitted = self.hand, self.fitted.at(own)
+        part.joints, part.axes, part.frames = self.joints[own], self.axes[own], self.frames[own]
+        return part
+
+    def samples(self, posture: HandConfiguration) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return balls that fill the bodies of one frame, and their motion with the hand.
+
+        Returns:
+            Centres [m], shape (n, 3); radii [m], shape (n,); derivatives of the centres by a change of the hand as of
+            `hhsim.repair.hand_change.change_between`, shape (n, 3, 26).
+        """
+        joints = self.placed(posture).joints[0]
+        frames, palm = bone_frames(self.hand, posture)[0], rotation_matrix(posture.orientation)[0]
+        radius = self.hand.radius
+        along = SHARES[:, None]
+        centers = joints[:, :3, None] + along * (joints[:, 1:] - joints[:, :3])[:, :, None]
+        radii = radius[:, :3, None] + SHARES * (radius[:, 1:] - radius[:, :3])[:, :, None]
+        tree = self.hand.palm_tree
+        of_palm = posture.position[0] + tree.leaf_center @ palm.T
+        points = np.concatenate([centers.reshape(-1, 3), of_palm])
+        motion = np.zeros((len(points), 3, 26))
+        motion[:, :, :3] = np.eye(3)
+        motion[:, :, 3:6] = np.cross(np.eye(3), (points - posture.position[0])[:, None]).swapaxes(1, 2)
+        count = len(SHARES)
+        spread = self.hand.abduction_sign * self.hand.dorsal @ palm.T
+        for f in range(5):
+            own = slice(3 * f * count, 3 * (f + 1) * count)
+            motion[own, :, 21 + f] = np.cross(spread[f], points[own] - joints[f, 0])
+            for i in range(3):
+                beyond = slice((3 * f + i) * count, 3 * (f + 1) * count)
+                motion[beyond, :, 6 + 3 * f + i] = np.cross(frames[1 + 3 * f, :, 1], points[beyond] - joints[f, i])
+        return points, np.concatenate([radii.ravel(), tree.leaf_radius]), motion
