@@ -40,6 +40,7 @@ class Table:
         decimal: Decimal sign.
         strict: True if every cell of a column has to be a number, or marked as missing.
         left_out: Sentences about lines that were left out.
+        delimiter: Sign between cells; a blank stands for any number of them.
     """
 
     header: tuple[str, ...]
@@ -49,6 +50,7 @@ class Table:
     decimal: str = "."
     strict: bool = False
     left_out: tuple[str, ...] = ()
+    delimiter: str = ","
 
     def numbers(self, columns: Sequence[str]) -> tuple[FloatArray, int]:
         """Return the numbers of some columns, shape (T, C), NaN for missing ones, and the count of unreadable cells.
@@ -134,7 +136,7 @@ def read_table(
         left_out.append(
             f"{left} with another number of cells than the header left out, first line {next(iter(broken))}"
         )
-    return Table(header, tuple(rows.values()), tuple(rows), remarks, decimal, strict, tuple(left_out))
+    return Table(header, tuple(rows.values()), tuple(rows), remarks, decimal, strict, tuple(left_out), sign)
 
 
 def format_table(remarks: Mapping[str, str], header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

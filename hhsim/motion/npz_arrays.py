@@ -1,4 +1,4 @@
-"""Arrays of `.npz` and `.npy` files, without pickles, and no more than a hand recording can be."""
+"""Arrays of `.npz` and `.npy` files, without pickles, and no more than a hand recording can be; their replacement."""
 
 import io
 import tokenize
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError
+from hhsim.errors import InputError, TrajectoryError, named
 from hhsim.motion.validation import as_numbers
 
 ALWAYS, PER_BYTE = 1 << 28, 100
@@ -70,3 +70,39 @@ def array_names(data: bytes) -> set[str]:
 def numbers(arrays: Mapping[str, Any], key: str, *shape: int) -> FloatArray:
     """Return an array as numbers, of a shape if one is given; TrajectoryError for others."""
     return as_numbers(f"array '{key}'", arrays[key], shape or None)
+
+
+def npy_with(data: bytes, values: FloatArray) -> bytes:
+    """Return an `.npy` file with other values in the same header, of the same size and type.
+
+    Raises:
+        InputError: Numbers that are whole, or a header of a version that is not written.
+    """
+    stream = io.BytesIO(data)
+    version = np.lib.format.read_magic(stream)
+    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version not in readers:
+        raise InputError(f"an .npy array of version {version[0]}.{version[1]}; expected 1.0 or 2.0 to correct it")
+    shape, fortran, kind = readers[version](stream)
+    if kind.kind != "f":
+        raise InputError(f"an array of {kind}, which does not hold a correction; expected floating-point numbers")
+    new = np.asarray(values).reshape(shape).astype(kind).tobytes("F" if fortran else "C")
+    return data[: stream.tell()] + new + data[stream.tell() + len(new) :]
+
+
+def npz_with(data: bytes, arrays: Mapping[str, FloatArray]) -> bytes:
+    """Return an archive with other values in some arrays; its other members, and the order of all, stay.
+
+    Raises:
+        InputError: As of `npy_with`, with the array's name.
+    """
+    out = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as given, zipfile.ZipFile(out, "w") as made:
+        for entry in given.infolist():
+            content, name = given.read(entry), entry.filename.removesuffix(".npy")
+            if name in arrays:
+                with named(f"array '{name}'"):
+                    content = npy_with(content, arrays[name])
+            made.writestr(entry, content)
+        made.comment = given.comment
+    return out.getvalue()

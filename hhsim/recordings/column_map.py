@@ -43,6 +43,7 @@ Joints that are not named stay at 0, the palm without position or orientation st
 named is s, m or rad, unless the numbers, or an option, say otherwise.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -54,8 +55,10 @@ from hhsim.errors import InputError
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS
 from hhsim.motion.csv_table import Table
 from hhsim.motion.sample_flags import SampleFlag
+from hhsim.motion.text_edit import NewColumn, NumberEdit, cell_edits
 from hhsim.motion.trajectory import RawChannel
-from hhsim.recordings.frames import OURS, axes_matrix, to_our_frames, turned, world_matrix
+from hhsim.recordings.correction import ANGLE_DIGITS, Changes
+from hhsim.recordings.frames import OURS, FileFrame, axes_matrix, euler_angles, to_our_frames, turned, world_matrix
 from hhsim.recordings.recording import Finding, Recording, note, unreadable
 from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
 from hhsim.system.counted import counted
@@ -68,6 +71,8 @@ Name = Annotated[str, Meta(min_length=1)]
 Character = Annotated[str, Meta(min_length=1, max_length=1, description="one character")]
 Factor = Annotated[float, between(-1e6, 1e6)]
 Offset = Annotated[float, between(-1.0, 1.0)]
+STILL = 1e-9
+"""Largest displacement, in the table's unit, or change of an angle [rad], that needs no column."""
 NO_PLACE = "no columns of the palm's place: it stays at the origin; hhsim replay --place-object auto moves the object"
 
 
@@ -226,8 +231,9 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     else:
         time = np.arange(count) / (columns.rate or 1.0)
         findings.append(note(f"no column of stamps: made from the rate, {columns.rate:g} Hz"))
+    metre = LENGTH_UNITS[(columns.position and columns.position.unit) or "m"]
     if columns.position is not None:
-        position = numbers(columns.position.columns, LENGTH_UNITS[columns.position.unit or "m"])
+        position = numbers(columns.position.columns, metre)
     else:
         position = np.zeros((count, 3))
         findings.append(note(NO_PLACE))
@@ -273,8 +279,59 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         device=columns.device,
         hand=columns.hand or "",
         hand_length=columns.hand_length,
+        file_frame=FileFrame(world_matrix(columns.world_up), metre),
         raw=raw,
         findings=tuple(findings),
     )
     text = f"{counted(len(followed), 'joint')} not measured but made from others: {', '.join(followed)}"
     return recording.flagged(np.full(count, bool(followed)), SampleFlag.ESTIMATED, text)
+
+
+def map_edits(text: str, table: Table, columns: ColumnMap, made: Changes, unit: float) -> Iterator[NumberEdit]:
+    """Return the edits of a table's text for a correction of the recording that `mapped` makes of it.
+
+    `unit` is that of the recording's angles as `mapped` gives them [rad].
+
+    Raises:
+        InputError: The correction moves what no column holds.
+    """
+
+    def numbers(names: tuple[str, ...]) -> FloatArray:
+        return table.numbers(names)[0][made.rows]
+
+    new: dict[str, NewColumn] = {}
+    for what, given, moves in (
+        ("position", columns.position, np.abs(made.move).max(initial=0.0) > STILL),
+        ("orientation", columns.orientation, np.abs(made.turn[:, 0] - np.eye(3)).max(initial=0.0) > STILL),
+    ):
+        if given is None and moves:
+            raise InputError(
+                f"the correction moves the palm, whose {what} no column holds: export it in another format"
+            )
+    if columns.position is not None:
+        at = made.moved("palm", numbers(columns.position.columns))
+        new |= {name: NewColumn(values, made.digits) for name, values in zip(columns.position.columns, at.T)}
+    if columns.orientation is not None:
+        turns = _turned(columns.orientation, numbers(columns.orientation.columns), made)
+        new |= {name: NewColumn(values, ANGLE_DIGITS) for name, values in zip(columns.orientation.columns, turns.T)}
+    for k, joint in enumerate(JOINT_NAMES):
+        source = columns.joint_columns.get(joint, JointColumn(joint=joint))
+        if source.column is not None:
+            factor = source.scale * ANGLE_UNITS[source.unit or columns.angle.unit or "rad"] * unit
+            new[source.column] = NewColumn(numbers((source.column,))[:, 0] + made.angles[:, k] / factor, ANGLE_DIGITS)
+        elif np.abs(made.angles[:, k]).max(initial=0.0) > STILL:
+            raise InputError(f"the correction bends {joint}, which no column holds: export it in another format")
+    return cell_edits(text, table, made.rows.tolist(), new)
+
+
+def _turned(columns: OrientationColumns, given: FloatArray, made: Changes) -> FloatArray:
+    """Return orientations turned with the palm, as the columns hold them."""
+    order = columns.order
+    if not columns.euler:
+        places = [order.index(part) for part in "wxyz"]
+        return made.turned("palm", given[:, places])[:, np.argsort(places)]
+    from scipy.spatial.transform import Rotation
+
+    unit = ANGLE_UNITS[columns.unit]
+    turns = made.turn[:, 0] @ Rotation.from_euler(order, given * unit).as_matrix()
+    return euler_angles(turns, order, given * unit) / unit

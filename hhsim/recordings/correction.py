@@ -4,15 +4,30 @@ A corrected bone is the recorded one, moved rigidly: its length, and whatever el
 recorded. A sample that needs no correction comes back as it was.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
+from hhsim.recordings.joint_names import KEYPOINTS
+from hhsim.recordings.recording import Recording
 
 BONES = 16
 """Bones of a hand: the palm, then three phalanges a finger from its base, thumb to little finger."""
+BONE_OF = dict.fromkeys(("wrist", "palm", *(f"{finger}_metacarpal" for finger in FINGERS[1:])), 0) | {
+    joint: 3 * finger + min(place, 2) + 1
+    for finger in range(5)
+    for place, joint in enumerate(KEYPOINTS[1 + 4 * finger : 5 + 4 * finger])
+}
+"""Bone that turns with each of OpenXR's joints: the one that begins there, of a tip the one that ends there."""
+ANGLE_DIGITS = 7
+"""Decimals of an angle [rad] or of a quaternion's component in a text: 0.01 µm at a fingertip."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,3 +77,116 @@ def moved_joints(joints: FloatArray, origin: FloatArray, shift: FloatArray, rota
 
 def _turned(rotation: FloatArray, vectors: FloatArray) -> FloatArray:
     return np.asarray((rotation @ vectors[..., None])[..., 0])
+
+
+class Changes(NamedTuple):
+    """Samples of a recording with a correction, in the coordinates of its file.
+
+    Attributes:
+        samples: Indices of the samples, shape (N,).
+        rows: Rows of the file, shape (N,).
+        shift: Displacement of the 21 joints, shape (N, 21, 3); NaN for a recording of angles.
+        turn: Rotation of each bone, shape (N, 16, 3, 3).
+        centre: Palm origin of the fitted hand, shape (N, 3).
+        move: Displacement of the palm origin, shape (N, 3).
+        angles: Change of flexion finger by finger, then abduction [rad], shape (N, 20).
+        digits: Decimals of a length in a text that hold 1 µm.
+    """
+
+    samples: IntArray
+    rows: IntArray
+    shift: FloatArray
+    turn: FloatArray
+    centre: FloatArray
+    move: FloatArray
+    angles: FloatArray
+    digits: int
+
+    def at(self, samples: Sequence[int]) -> "Changes":
+        """Return the changes of some of the samples, in this order."""
+        names = self._fields[:-1]
+        return self._replace(**{name: getattr(self, name)[list(samples)] for name in names})
+
+    def moved(self, joint: str, points: FloatArray) -> FloatArray:
+        """Move points of one of OpenXR's joints, shape (N, 3); those beyond the 21 move with the palm."""
+        if joint in KEYPOINTS:
+            return np.asarray(points + self.shift[:, KEYPOINTS.index(joint)])
+        return _turned(self.turn[:, 0], points - self.centre) + self.centre + self.move
+
+    def turned(self, joint: str, orientation: FloatArray) -> FloatArray:
+        """Turn quaternions (w, x, y, z) of one of OpenXR's joints, shape (N, 4), with its bone."""
+        return quaternion_product(quaternion_from_matrix(self.turn[:, BONE_OF[joint]]), orientation)
+
+    def motion(
+        self, position: FloatArray, orientation: FloatArray, angles: FloatArray, unit: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Correct palm poses, shapes (N, 3) and (N, 4), and `Recording.angles` in a unit [rad], shape (N, 20)."""
+        return self.moved("palm", position), self.turned("palm", orientation), angles + self.angles / unit
+
+
+def changes(recording: Recording, correction: Correction) -> Changes:
+    """Express a correction in the coordinates of the recording's file."""
+    samples = np.flatnonzero(correction.changed)
+    frame, fitted, posture = recording.file_frame, correction.fitted.at(samples), correction.posture.at(samples)
+    shift = np.full((len(samples), len(KEYPOINTS), 3), np.nan)
+    if recording.joints is not None:
+        shift = frame.to_file(correction.joints[samples] - recording.joints[samples])
+    flexion = (posture.flexion - fitted.flexion).reshape(-1, 15)
+    return Changes(
+        samples=samples,
+        rows=recording.rows[samples],
+        shift=shift,
+        turn=frame.rotation_to_file(correction.rotation[samples]),
+        centre=frame.to_file(fitted.position),
+        move=frame.to_file(posture.position - fitted.position),
+        angles=np.concatenate([flexion, posture.abduction - fitted.abduction], axis=1),
+        digits=max(0, int(np.ceil(6.0 + np.log10(frame.metre) - 1e-9))),
+    )
+
+
+def joint_changes(recording: Recording, correction: Correction) -> Changes:
+    """Return `changes` of a recording of joint centres; raise InputError for one without a world frame."""
+    if recording.joints is None:
+        raise InputError("the joints have no world frame, so they cannot be corrected in the file: say --world-up")
+    return changes(recording, correction)
+
+
+def angle_unit(recording: Recording, again: Recording) -> float:
+    """Return the unit [rad] of the angles of a file: ratio of a recording's angles to those as read again."""
+    place = {row: k for k, row in enumerate(again.rows.tolist())}
+    read = again.angles[[place[row] for row in recording.rows.tolist()]]
+    known = np.isfinite(read) & (np.abs(read) > 0.0)
+    return float(np.median(recording.angles[known] / read[known])) if known.any() else 1.0
+
+
+def nearest_parameters(
+    joints: Callable[[FloatArray], FloatArray], start: FloatArray, target: FloatArray, rounds: int = 30
+) -> FloatArray:
+    """Compute parameters of a hand, shape (N, P), whose joints are nearest to a target [m], shape (N, 21, 3).
+
+    Damped Gauss-Newton steps from `start` with differences as derivatives (Marquardt, J. SIAM 11(2), 1963). A sample
+    with a missing number keeps its start.
+    """
+    parameters, step = start.copy(), 1e-6
+    known = np.isfinite(start).all(axis=1) & np.isfinite(target).all(axis=(1, 2))
+    with np.errstate(invalid="ignore"):
+        off = (joints(parameters) - target).reshape(len(start), -1)
+    damping = np.full(len(start), 1e-6)
+    for _ in range(rounds):
+        slopes = []
+        for k in range(start.shape[1]):
+            ahead = parameters.copy()
+            ahead[:, k] += step
+            slopes.append(((joints(ahead) - target).reshape(off.shape) - off) / step)
+        slope = np.nan_to_num(np.stack(slopes, axis=2))
+        square = np.swapaxes(slope, 1, 2) @ slope
+        square += damping[:, None, None] * np.eye(square.shape[1]) * np.trace(square, axis1=1, axis2=2)[:, None, None]
+        square += 1e-30 * np.eye(square.shape[1])
+        tried = parameters - np.linalg.solve(square, np.swapaxes(slope, 1, 2) @ np.nan_to_num(off)[:, :, None])[..., 0]
+        beyond = (joints(tried) - target).reshape(off.shape)
+        better = known & ((beyond**2).sum(axis=1) < (off**2).sum(axis=1))
+        parameters, off = np.where(better[:, None], tried, parameters), np.where(better[:, None], beyond, off)
+        damping = np.where(better, 0.1 * damping, 10.0 * damping).clip(1e-15, 1e3)
+        if not better.any():
+            break
+    return parameters

@@ -11,11 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.errors import TrajectoryError
+from hhsim.hand.quaternion import conjugate, quaternion_product
+from hhsim.motion.text_edit import NumberEdit
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.correction import ANGLE_DIGITS, Changes
+from hhsim.recordings.frames import in_palm
 from hhsim.recordings.hand_side import frames_with_hand
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, joint_name, recognised
 from hhsim.recordings.joint_positions import JointPositions
-from hhsim.recordings.json_document import keys_of, number, vector
+from hhsim.recordings.json_document import PlacedJson, keys_of, number, vector
 from hhsim.recordings.registry import ReadOptions
 from hhsim.recordings.unit_detection import time_column
 
@@ -28,13 +32,26 @@ FEWEST = 8
 MOST_ENTRIES = 64
 """Number of entries of a list that are searched for hands."""
 
+TURNS = ("orientation", "rotation", "quaternion", "quat", "rot")
+"""Keys of a joint's orientation, a quaternion (x, y, z, w)."""
+
 
 class Joint(NamedTuple):
-    """Joint of a hand: position, shape (3,), and radius, both in the unit of the file, NaN where missing."""
+    """Joint of a hand in the document.
+
+    Attributes:
+        position: Position in the unit of the file, NaN where missing, shape (3,).
+        radius: Radius in the same unit, NaN where missing.
+        place, turn: Numbers of the document that hold the position, and the orientation (x, y, z, w); None without.
+        ray: Quaternion (w, x, y, z) of the frame that both are held in, to that of `position`.
+    """
 
     position: Sequence[float] = (np.nan, np.nan, np.nan)
     radius: float = np.nan
     valid: bool = True
+    place: Any = None
+    turn: Any = None
+    ray: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
 
 
 class Frame(NamedTuple):
@@ -100,7 +117,28 @@ def joints_of_frames(
         doubtful=np.array([not all(joint.valid for joint in hand) for hand in joints]),
         device=device,
         findings=tuple(findings),
+        rows=shown,
     )
+
+
+def frame_edits(
+    numbers: PlacedJson, frames: Sequence[Frame], options: ReadOptions, made: Changes
+) -> Iterator[NumberEdit]:
+    """Yield the edits of a document's text for a correction of the hand that `joints_of_frames` reads.
+
+    Joints beyond the 21 move with the palm; orientations turn with their bone.
+    """
+    side, _, _ = frames_with_hand([frame.hands for frame in frames], options.hand)
+    hands = [frames[row].hands[side] for row in made.rows]
+    for name in {name: None for hand in hands for name in hand}:
+        joints = [hand.get(name, Joint()) for hand in hands]
+        position, ray = np.array([joint.position for joint in joints]), np.array([joint.ray for joint in joints])
+        shift = in_palm(made.moved(name, position) - position, ray)
+        turns = np.array([vector(joint.turn, "xyzw") for joint in joints])[:, [3, 0, 1, 2]]
+        turns = quaternion_product(conjugate(ray), made.turned(name, quaternion_product(ray, turns)))
+        for joint, step, turn in zip(joints, shift, turns[:, [1, 2, 3, 0]]):
+            yield from numbers.edits(joint.place, np.add(vector(joint.place), step), made.digits)
+            yield from numbers.edits(joint.turn, turn, ANGLE_DIGITS, "xyzw")
 
 
 def _hands(node: Any, side: HandSide, depth: int) -> Iterator[tuple[HandSide, Mapping[str, Joint]]]:
@@ -152,10 +190,11 @@ def _stated_side(node: Mapping[str, Any], side: HandSide) -> HandSide:
 
 def _joint(value: Any) -> Joint:
     if not isinstance(value, dict):
-        return Joint(vector(value))
+        return Joint(vector(value), place=value)
     inner = next((value[key] for key in ("pose", "transform") if isinstance(value.get(key), dict)), value)
     place = next(
         (inner[key] for key in ("position", "translation", "pos") if key in inner), inner if "x" in inner else None
     )
     valid = next((value[key] for key in ("valid", "isValid", "is_valid", "tracked", "isTracked") if key in value), True)
-    return Joint(vector(place), number(value.get("radius")), bool(valid))
+    turn = next((node[key] for node in (inner, value) for key in TURNS if key in node), None)
+    return Joint(vector(place), number(value.get("radius")), bool(valid), place, turn)

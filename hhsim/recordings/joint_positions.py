@@ -5,11 +5,12 @@ angles from the bones (`hhsim.recordings.finger_ik`). The device's own frames of
 differ between devices, joint centres do not.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
@@ -50,6 +51,7 @@ class JointPositions:
         radius: Distance from the joint to the skin, in the unit of `position`, shape (T, 21). None without any: then
             the tips are points of the skin, otherwise the centres of the fingertips.
         doubtful: Samples that the device marked as uncertain, shape (T,); None for none.
+        rows: Row, line or frame of the file of each sample, shape (T,); empty for all in order.
     """
 
     position: FloatArray
@@ -66,6 +68,7 @@ class JointPositions:
     doubtful: BoolArray | None = None
     device: str = ""
     findings: tuple[Finding, ...] = ()
+    rows: Sequence[int] | IntArray = ()
 
     def __post_init__(self) -> None:
         count, joints = len(self.position), len(KEYPOINTS)
@@ -149,6 +152,7 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
         findings=tuple(findings),
         joints=None if up is None else points @ world_matrix(up).T,
         file_frame=frame,
+        rows=np.asarray(joints.rows, dtype=np.int64),
     )
     if joints.doubtful is not None:
         text = "not valid or not tracked, says the device: kept where there are numbers"

@@ -1,14 +1,16 @@
 """Joint centres of one hand in a table, whose columns say each joint and coordinate by their names."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError
+from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.csv_table import Table
+from hhsim.motion.text_edit import NewColumn, NumberEdit, cell_edits
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.correction import ANGLE_DIGITS, Changes
 from hhsim.recordings.hand_side import chosen_side
 from hhsim.recordings.joint_names import KEYPOINTS, JointName, recognised
 from hhsim.recordings.joint_positions import JointPositions
@@ -76,6 +78,44 @@ def joints_of_table(
         doubtful=(_truths(table, valid) == 0.0).any(axis=1) if valid else None,
         findings=tuple(findings),
     )
+
+
+def joint_edits(
+    text: str, table: Table, names: Mapping[str, JointName], options: ReadOptions, made: Changes
+) -> Iterator[NumberEdit]:
+    """Return the edits of a table's text for a correction of the hand that `joints_of_table` reads.
+
+    Joints beyond the 21 move with the palm; orientations turn with their bone.
+
+    Raises:
+        InputError: Orientations that are no quaternions.
+    """
+    hands = joint_columns(names)
+    side, _ = chosen_side({side: len(located(joints)) for side, joints in hands.items()}, options.hand)
+    columns: dict[str, NewColumn] = {}
+
+    def put(cells: list[str], values: FloatArray, digits: int) -> None:
+        columns.update({cell: NewColumn(column, digits) for cell, column in zip(cells, values.T)})
+
+    for joint in located(hands[side]):
+        places = [hands[side][joint][axis] for axis in "xyz"]
+        put(places, made.moved(joint, table.numbers(places)[0][made.rows]), made.digits)
+    for joint, turns in _orientations(names, side).items():
+        cells = [turns.get(part, "") for part in "wxyz"]
+        if not all(cells) or len(turns) > 4:
+            known = ", ".join(turns.values())
+            raise InputError(f"the orientation of {joint} is {known}: no quaternion, so it cannot be corrected")
+        put(cells, made.turned(joint, table.numbers(cells)[0][made.rows]), ANGLE_DIGITS)
+    return cell_edits(text, table, made.rows.tolist(), columns)
+
+
+def _orientations(names: Mapping[str, JointName], side: HandSide) -> dict[str, dict[str, str]]:
+    """Return the columns of each joint's orientation by the last letter of their names."""
+    found: dict[str, dict[str, str]] = {}
+    for column, name in names.items():
+        if name.joint and name.side == side and name.part == "rotation":
+            found.setdefault(name.joint, {})[column.strip().lower()[-1:]] = column
+    return found
 
 
 def _truths(table: Table, columns: list[str]) -> FloatArray:

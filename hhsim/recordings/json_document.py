@@ -1,26 +1,32 @@
 """JSON of any maker, one document or one a line; values that are no numbers become NaN."""
 
 import json
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from hhsim.errors import TrajectoryError
+from hhsim.motion.text_edit import NumberEdit
 
 MOST = 1e20
 """Largest magnitude of a reading: nanoseconds since 1970 are less."""
 SHOWN_KEYS = 6
 
 
-def read_json(text: str) -> Any:
+_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|-?[0-9]+(?:\.[0-9]+)?(?:[eE][-+]?[0-9]+)?', re.DOTALL)
+"""String or number."""
+
+
+def read_json(text: str, decode: Callable[[str], Any] = json.loads) -> Any:
     """Return the document, or a list of the documents of its lines; raise TrajectoryError with the place of a fault."""
     try:
-        return json.loads(text)
+        return decode(text)
     except (ValueError, RecursionError) as error:
         reason = str(error)
     documents = []
     for place, line in enumerate((line for line in text.splitlines() if line.strip()), start=1):
         try:
-            documents.append(json.loads(line))
+            documents.append(decode(line))
         except (ValueError, RecursionError) as error:
             # Of a text whose first line alone is none, the whole is one document.
             where, reason = (f"line {place} is ", str(error)) if place > 1 else ("", reason)
@@ -49,6 +55,56 @@ def objects(node: Any) -> Iterator[dict[str, Any]]:
     """Yield the objects of a list; none of anything else."""
     if isinstance(node, list):
         yield from (item for item in node if isinstance(item, dict))
+
+
+class _Whole(int):
+    """Whole number that knows its place among the numbers of a text."""
+
+    place: int
+
+
+class _Decimal(float):
+    """Other number that knows its place among the numbers of a text."""
+
+    place: int
+
+
+class PlacedJson:
+    """JSON whose numbers can be replaced in its text.
+
+    Attributes:
+        document: As of `read_json`; its numbers are known by `edits`.
+    """
+
+    def __init__(self, text: str) -> None:
+        self._spans = [found.span() for found in _TOKEN.finditer(text) if found[0][0] != '"']
+        self._count = 0
+        self.document = read_json(text.replace("\ufeff", " ", 1) if text.startswith("\ufeff") else text, self._decode)
+
+    def edits(self, node: Any, values: Iterable[float], decimals: int, names: str = "xyz") -> Iterator[NumberEdit]:
+        """Yield edits of the numbers of a list of the document, or of an object with these keys."""
+        items = [node.get(name) for name in names] if isinstance(node, dict) else node
+        for item, value in zip(items if isinstance(items, list) else [], values):
+            if isinstance(item, _Whole | _Decimal):
+                yield NumberEdit(*self._spans[item.place], float(value), decimals)
+
+    def _decode(self, text: str) -> Any:
+        before = self._count
+        try:
+            return json.loads(text, parse_int=self._whole, parse_float=self._decimal)
+        except (ValueError, RecursionError):
+            self._count = before
+            raise
+
+    def _whole(self, word: str) -> _Whole:
+        found = _Whole(word)
+        found.place, self._count = self._count, self._count + 1
+        return found
+
+    def _decimal(self, word: str) -> _Decimal:
+        found = _Decimal(word)
+        found.place, self._count = self._count, self._count + 1
+        return found
 
 
 def keys_of(document: Any) -> str:

@@ -7,6 +7,7 @@ The objects' poses are in `dynamic_objects.csv` beside it: object_uid, timestamp
 object's own frame in the same world.
 """
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,9 +18,11 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.object_motion import ObjectMotion
+from hhsim.motion.text_edit import NumberEdit
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.correction import ANGLE_DIGITS, Changes
 from hhsim.recordings.hand_side import frames_with_hand
-from hhsim.recordings.json_document import keys_of, number, objects, read_json
+from hhsim.recordings.json_document import PlacedJson, keys_of, number, objects
 from hhsim.recordings.recording import Finding, note
 from hhsim.system.input_file import read_input_text
 
@@ -31,6 +34,9 @@ OBJECT_COLUMNS = ("timestamp[ns]", *(f"t_wo_{axis}[m]" for axis in "xyz"), *(f"q
 SAME_MOMENT = 1e6
 """Largest time between stamps of one moment, of two cameras [ns]."""
 
+Poses = tuple[FloatArray, FloatArray, FloatArray]
+"""Orientations (w, x, y, z), translations and numbers of N lines."""
+
 
 @dataclass(frozen=True, eq=False)
 class PoseLines:
@@ -41,6 +47,8 @@ class PoseLines:
         translation, orientation: Pose of the wrist [m], unit (w, x, y, z), world, shapes (T, 3) and (T, 4).
         numbers: Numbers under the key, shape (T, N).
         betas: Shape of the hand, of the first sample that has it; empty for none.
+        rows: Line of each sample, shape (T,).
+        shown: Sample and object of each line with the hand, those of a second camera too.
     """
 
     hand: HandSide
@@ -50,25 +58,30 @@ class PoseLines:
     numbers: FloatArray
     betas: FloatArray
     findings: tuple[Finding, ...]
+    rows: list[int]
+    shown: list[tuple[int, dict[str, Any]]]
 
 
-def read_pose_lines(text: str, key: str, wanted: HandSide) -> PoseLines:
+def read_pose_lines(document: Any, key: str, wanted: HandSide) -> PoseLines:
     """Read the poses, under a key, of the wanted hand, or for "" of the one in more lines (of equals the right one).
+
+    The document is as of `read_json`.
 
     Raises:
         TrajectoryError: Other content, or no such hand in it.
     """
-    document = read_json(text)
     lines = list(objects(document if isinstance(document, list) else [document]))
     frames = [_hands(line.get("hand_poses"), key) for line in lines]
     if not any(frames):
         raise TrajectoryError(f"no hand_poses with {key} in JSON that is {keys_of(document)}")
     side, shown, findings = frames_with_hand(frames, wanted)
     seen = [(number(lines[k].get("timestamp_ns")), frames[k][side]) for k in shown]
-    kept = seen[:1]
-    for stamp, pose in seen[1:]:
+    kept, rows, every = seen[:1], shown[:1], [(0, seen[0][1])]
+    for row, (stamp, pose) in zip(shown[1:], seen[1:]):
         if not 0.0 < stamp - kept[-1][0] < SAME_MOMENT:
             kept.append((stamp, pose))
+            rows.append(row)
+        every.append((len(kept) - 1, pose))
     if len(kept) < len(seen):
         same = f"{len(seen) - len(kept)} of {len(seen)} poses are of the moment of the one before"
         findings.append(note(f"{same}, as of a second camera: no samples"))
@@ -88,7 +101,35 @@ def read_pose_lines(text: str, key: str, wanted: HandSide) -> PoseLines:
         numbers=_rows([pose[key] for _, pose in kept], wide),
         betas=np.array([number(value) for value in shape[:MOST_NUMBERS]]),
         findings=tuple(findings),
+        rows=rows,
+        shown=every,
     )
+
+
+def pose_line_edits(
+    placed: PlacedJson,
+    lines: PoseLines,
+    made: Changes,
+    key: str,
+    corrected: Callable[[FloatArray, FloatArray, FloatArray, Changes], Poses],
+) -> Iterator[NumberEdit]:
+    """Yield the edits of a document's text for a correction of its poses, those of a second camera too.
+
+    `corrected` gives orientation, translation and numbers from those of N lines, and the changes of each.
+    """
+    entry = {row: k for k, row in enumerate(made.rows.tolist())}
+    shown = [(entry[row], pose) for sample, pose in lines.shown if (row := lines.rows[sample]) in entry]
+    wrists = [pose["wrist_xform"] if isinstance(pose.get("wrist_xform"), dict) else {} for _, pose in shown]
+    given = [
+        _rows([wrist.get("q_wxyz") for wrist in wrists], 4),
+        _rows([wrist.get("t_xyz") for wrist in wrists], 3),
+        _rows([pose[key] for _, pose in shown], lines.numbers.shape[1]),
+    ]
+    turns, places, numbers = corrected(given[0], given[1], given[2], made.at([k for k, _ in shown]))
+    for k, (wrist, (_, pose)) in enumerate(zip(wrists, shown)):
+        yield from placed.edits(wrist.get("q_wxyz"), turns[k], ANGLE_DIGITS)
+        yield from placed.edits(wrist.get("t_xyz"), places[k], made.digits)
+        yield from placed.edits(pose[key], numbers[k], ANGLE_DIGITS)
 
 
 def _hands(poses: Any, key: str) -> dict[HandSide, dict[str, Any]]:

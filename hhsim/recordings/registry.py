@@ -4,20 +4,24 @@ A format is a module of its own in `hhsim.recordings.formats`.
 """
 
 import importlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from hhsim.errors import InputError, TrajectoryError, UnknownNameError, named
+import numpy as np
+
+from hhsim.errors import InputError, OutputError, TrajectoryError, UnknownNameError, named
 from hhsim.motion.csv_table import read_header
+from hhsim.motion.text_edit import NumberEdit, edited
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.correction import Correction
 from hhsim.recordings.dexmo_regression import DexmoRegression, Poses
 from hhsim.recordings.frames import axes_matrix
 from hhsim.recordings.recording import Recording
+from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import open_input, read_input
 from hhsim.system.media_kind import media_kind
 
@@ -139,6 +143,19 @@ class Content:
             raise TrajectoryError("no text; expected a recording of another format")
         return text
 
+    @cached_property
+    def exact_text(self) -> str:
+        """Its text with every byte, in lines as those of `text`; TrajectoryError if it cannot be written back."""
+        try:
+            text = self.data.decode(*_exact_encoding(self.data))
+        except UnicodeDecodeError:
+            raise TrajectoryError("text of UTF-16 with a damaged letter: it cannot be written back") from None
+        return text
+
+    def edited(self, edits: Iterable[NumberEdit], decimal: str = ".") -> bytes:
+        """Return its bytes with numbers of `exact_text` replaced."""
+        return edited(self.exact_text, edits, decimal).encode(*_exact_encoding(self.data))
+
     def refuse_large(self) -> None:
         """Raise TrajectoryError for a file that is missing, or too large to be read at once."""
         if self.path is not None:
@@ -188,6 +205,13 @@ class RecordingFormat:
 def _decoded(data: bytes) -> str:
     encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
     return data.decode(encoding, errors="replace")
+
+
+def _exact_encoding(data: bytes) -> tuple[str, str]:
+    """Return encoding and treatment of errors with which bytes survive; the byte order mark stays a letter."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return ("utf-16-le" if data.startswith(b"\xff") else "utf-16-be"), "surrogatepass"
+    return "utf-8", "surrogateescape"
 
 
 def _is_text(text: str) -> bool:
@@ -253,3 +277,49 @@ def format_of(content: Content, options: ReadOptions) -> RecordingFormat:
     if form is None:
         raise TrajectoryError(f"neither text nor a known format; expected one of {', '.join(formats)}")
     return form
+
+
+def write_recording(
+    path: str | Path, options: ReadOptions, recording: Recording, correction: Correction, out: str | Path
+) -> float | None:
+    """Write a file with the recording that it holds corrected; a file of that name is replaced in one step.
+
+    Args:
+        path: File that the recording was read from, by the same options.
+        recording: The recording, or some of its samples.
+
+    Returns:
+        Largest distance of a joint read back from the corrected one [m]; None for a recording of angles.
+
+    Raises:
+        OutputError: Another suffix than the file's, or no permission.
+        InputError: A format that is not written, or a correction that the file cannot hold; one line that begins with
+            the path.
+    """
+    source, target = Path(path), Path(out)
+    if target.suffix.lower() != source.suffix.lower():
+        raise OutputError(f"{target}: a corrected recording keeps its format; expected a name in {source.suffix}")
+    with named(source):
+        content = Content(source)
+        form = format_of(content, options)
+        if form.write is None:
+            raise InputError(f"format {form.name} is not written; export the result in another one")
+        data = form.write(content, options, recording, correction) if correction.changed.any() else content.data
+        off = _distance_read_back(form, Content(source, data=data), options, recording, correction)
+    write_atomically(target, data)
+    return off
+
+
+def _distance_read_back(
+    form: RecordingFormat, content: Content, options: ReadOptions, recording: Recording, correction: Correction
+) -> float | None:
+    if recording.joints is None or form.write is None:
+        return None
+    again = form.read(content, options)
+    if again.joints is None:
+        return None
+    place = {row: k for k, row in enumerate(again.rows.tolist())}
+    found = again.file_frame.to_file(again.joints[[place[row] for row in recording.rows.tolist()]])
+    frame = recording.file_frame
+    off = frame.metre * np.linalg.norm(found - frame.to_file(correction.joints), axis=2)
+    return float(off[np.isfinite(off)].max(initial=0.0))

@@ -4,11 +4,13 @@ import numpy as np
 from msgspec import structs
 
 from hhsim.errors import InputError
-from hhsim.motion.csv_file import CSV_SUFFIX, FLAGS, SAMPLES, csv_fields
+from hhsim.motion.csv_file import COLUMNS, CSV_SUFFIX, FLAGS, SAMPLES, csv_fields
 from hhsim.motion.csv_table import Table, read_table
 from hhsim.motion.object_motion import ObjectMotion
-from hhsim.recordings.column_map import mapped
-from hhsim.recordings.frames import to_our_frames
+from hhsim.motion.text_edit import NewColumn, cell_edits
+from hhsim.recordings.column_map import ColumnMap, map_edits, mapped
+from hhsim.recordings.correction import ANGLE_DIGITS, Correction, angle_unit, changes
+from hhsim.recordings.frames import FileFrame, to_our_frames, world_matrix
 from hhsim.recordings.recording import Recording, note, unreadable
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
@@ -17,13 +19,36 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     """Read a table by the mapping of the options, or of our own columns; raises TrajectoryError or InputError."""
     if options.dexmo is not None or options.poses is not None:
         raise InputError("a calibration of the Dexmo glove, but the file holds other columns than its channels")
-    columns = options.columns
+    columns = _columns(options)
     if columns is None:
         return _own(read_table(content.text), content.name, options)
-    axes, up = options.palm_axes or columns.palm_axes, options.world_up or columns.world_up
-    columns = structs.replace(columns, palm_axes=tuple(axes), world_up=up)
     table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
     return mapped(table, columns, content.name, "csv")
+
+
+def _columns(options: ReadOptions) -> ColumnMap | None:
+    """Return the mapping of the options with their frames; None for our own columns."""
+    columns = options.columns
+    if columns is None:
+        return None
+    axes, up = options.palm_axes or columns.palm_axes, options.world_up or columns.world_up
+    return structs.replace(columns, palm_axes=tuple(axes), world_up=up)
+
+
+def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+    columns = _columns(options)
+    made = changes(recording, correction)
+    unit = angle_unit(recording, _read(content, options))
+    if columns is not None:
+        table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
+        return content.edited(map_edits(content.exact_text, table, columns, made, unit), columns.decimal)
+    table = read_table(content.text)
+    names = COLUMNS[1:]
+    values = table.numbers(names)[0][made.rows]
+    new = np.concatenate(made.motion(values[:, :3], values[:, 3:7], values[:, 7:], unit), axis=1)
+    digits = [made.digits] * 3 + [ANGLE_DIGITS] * (len(names) - 3)
+    edits = {name: NewColumn(column, least) for name, column, least in zip(names, new.T, digits)}
+    return content.edited(cell_edits(content.exact_text, table, made.rows.tolist(), edits))
 
 
 def _own(table: Table, name: str, options: ReadOptions) -> Recording:
@@ -43,7 +68,8 @@ def _own(table: Table, name: str, options: ReadOptions) -> Recording:
     if "object_motion" in fields:
         place, turn = fields["object_motion"]
         fields["object_motion"] = ObjectMotion(*to_our_frames(place, turn, None, up))
-    return Recording(**{"name": name} | fields, form="hhsim csv", findings=tuple(findings))
+    frame = FileFrame(world_matrix(up or "z"))
+    return Recording(**{"name": name} | fields, form="hhsim csv", file_frame=frame, findings=tuple(findings))
 
 
 FORMAT = RecordingFormat(
@@ -54,4 +80,5 @@ FORMAT = RecordingFormat(
     _read,
     rank=2,
     takes_columns=True,
+    write=_write,
 )

@@ -16,6 +16,7 @@ from hhsim.motion.csv_table import read_table
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import RawChannel
 from hhsim.recordings.column_map import ColumnMap, OrientationColumns, PositionColumns, TimeColumn, mapped
+from hhsim.recordings.correction import Correction
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, calibrated
 from hhsim.recordings.recording import Recording, note, unreadable
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
@@ -90,4 +91,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     return _calibrated(content, options)[0]
 
 
-FORMAT = RecordingFormat("dexmo", "a table of a Dexmo glove's eleven channels", (CSV_SUFFIX,), _sniff, _read)
+def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+    raise InputError("a Dexmo glove's channels do not hold a corrected hand: export the result in another format")
+
+
+FORMAT = RecordingFormat(
+    "dexmo", "a table of a Dexmo glove's eleven channels", (CSV_SUFFIX,), _sniff, _read, write=_write
+)

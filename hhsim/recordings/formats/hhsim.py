@@ -1,15 +1,20 @@
 """HDF5 files: a trajectory, or the motion of a result or a session of hhsim."""
 
+import io
 from dataclasses import fields
 from typing import Any, get_args
+
+import h5py
+import numpy as np
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.file import HDF5_SUFFIXES, read_fields
 from hhsim.motion.trajectory import HandSide, Trajectory
-from hhsim.recordings.recording import Recording
+from hhsim.recordings.correction import Correction, angle_unit, changes
+from hhsim.recordings.recording import MOTION, Recording
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 from hhsim.result.motion import holds_a_result, load_result_motion
-from hhsim.system.checksummed_file import seal_holds
+from hhsim.system.checksummed_file import MARK, SIZE, seal_holds, sealed
 
 SIGNATURE = b"\x89HDF"
 
@@ -41,10 +46,28 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     return recording.changed(checksums=(recording.checksums or "held") if seal_holds(content.path) else "missing")
 
 
+def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+    if content.path is None or holds_a_result(content.path):
+        raise InputError("a result or a session is not corrected; expected a trajectory")
+    made = changes(recording, correction)
+    unit = angle_unit(recording, _read(content, options))
+    given = content.data.removesuffix(content.data[-SIZE:]) if content.data[-SIZE:].startswith(MARK) else content.data
+    image = io.BytesIO(given)
+    with h5py.File(image, "r+") as file:
+        place, turn, flexion, abduction = (file[key][()] for key in MOTION)
+        angles = np.concatenate([flexion.reshape(-1, 15), abduction], axis=1)
+        rows = made.rows
+        place[rows], turn[rows], angles[rows] = made.motion(place[rows], turn[rows], angles[rows], unit)
+        for key, values in zip(MOTION, (place, turn, angles[:, :15].reshape(-1, 5, 3), angles[:, 15:])):
+            file[key][...] = values
+    return image.getvalue() if given is content.data else sealed(image.getvalue())
+
+
 FORMAT = RecordingFormat(
     "hhsim",
     "a trajectory, a result or a session of hhsim, .h5",
     HDF5_SUFFIXES,
     lambda content, options: content.head.startswith(SIGNATURE),
     _read,
+    write=_write,
 )

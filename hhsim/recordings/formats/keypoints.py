@@ -19,13 +19,14 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
-from hhsim.motion.csv_table import lacks_names, read_table
-from hhsim.motion.npz_arrays import array_names, numbers, read_npy, read_npz
-from hhsim.recordings.joint_frames import joints_of_frames, read_frames
+from hhsim.motion.csv_table import Table, lacks_names, read_table
+from hhsim.motion.npz_arrays import array_names, npy_with, npz_with, numbers, read_npy, read_npz
+from hhsim.recordings.correction import Changes, Correction, joint_changes
+from hhsim.recordings.joint_frames import frame_edits, joints_of_frames, read_frames
 from hhsim.recordings.joint_names import KEYPOINTS, JointName, joint_name
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.joint_table import joint_columns, joints_of_table, located
-from hhsim.recordings.json_document import read_json
+from hhsim.recordings.joint_table import joint_columns, joint_edits, joints_of_table, located
+from hhsim.recordings.json_document import PlacedJson, read_json
 from hhsim.recordings.recording import Recording, note
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
@@ -74,17 +75,45 @@ def _from_npz(data: bytes) -> JointPositions:
     if not arrays:
         files = ", ".join(sorted(array_names(data))[:4]) or "nothing"
         raise TrajectoryError(f"a zip archive of {files}, without an array; expected .npz, or the recording unpacked")
+    key = _points_key(arrays)
+    points = arrays[key]
+    stamps = time_column(arrays)
+    if stamps is None:
+        return _joints(points, f"array '{key}'")
+    return _joints(points, f"array '{key}'", numbers(arrays, stamps.name, len(points)), stamps.unit)
+
+
+def _points_key(arrays: Mapping[str, Any]) -> str:
+    """Return the name of the array of points; TrajectoryError if there is none, or more than one."""
     fitting = [key for key, value in arrays.items() if _is_points(value)]
     named = [key for key in fitting if key in NAMES] or fitting
     if len(named) != 1:
         held = ", ".join(f"{key} {np.shape(value)}" for key, value in list(arrays.items())[:6])
         reason = "more than one" if named else "no"
         raise TrajectoryError(f"{reason} array of shape {SHAPES}; it holds {held}")
-    points = arrays[named[0]]
-    stamps = time_column(arrays)
-    if stamps is None:
-        return _joints(points, f"array '{named[0]}'")
-    return _joints(points, f"array '{named[0]}'", numbers(arrays, stamps.name, len(points)), stamps.unit)
+    return named[0]
+
+
+def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+    made = joint_changes(recording, correction)
+    if content.head.startswith(NPY):
+        return npy_with(content.data, _moved(read_npy(content.data), made))
+    if content.head.startswith(b"PK"):
+        arrays = read_npz(content.data)
+        key = _points_key(arrays)
+        return npz_with(content.data, {key: _moved(arrays[key], made)})
+    if content.is_json:
+        placed = PlacedJson(content.exact_text)
+        return content.edited(frame_edits(placed, read_frames(placed.document), options, made))
+    table, names, _ = _named_table(content)
+    return content.edited(joint_edits(content.exact_text, table, names, options, made))
+
+
+def _moved(points: Any, made: Changes) -> FloatArray:
+    """Return points, shape (T, 21, 3) or (T, 63), with the changes; a missing number stays."""
+    values = np.array(points, dtype=np.float64).reshape(-1, COUNT, 3)
+    values[made.rows] += np.nan_to_num(made.shift, nan=0.0)
+    return values
 
 
 def _is_points(value: Any) -> bool:
@@ -109,6 +138,13 @@ def _numbered_names(header: tuple[str, ...]) -> dict[str, JointName]:
 
 
 def _from_table(content: Content, options: ReadOptions) -> JointPositions:
+    table, names, notes = _named_table(content)
+    joints = joints_of_table(table, names, "keypoints", options)
+    return replace(joints, findings=(*map(note, notes), *joints.findings))
+
+
+def _named_table(content: Content) -> tuple[Table, Mapping[str, JointName], list[str]]:
+    """Return the table, the meanings of its columns, and notes about them."""
     header = content.header
     bare = len(header) == len(COORDINATES) and lacks_names(header)
     table = read_table(content.text, names=[f"{name.part} of {name.joint}" for name in COORDINATES] if bare else None)
@@ -122,8 +158,7 @@ def _from_table(content: Content, options: ReadOptions) -> JointPositions:
             raise TrajectoryError(f"{given}; expected {len(COORDINATES)} coordinates of {COUNT} points")
         names = dict(zip(columns, COORDINATES))
         notes.append(f"{len(columns)} columns without numbered names: taken as x, y, z of each point in turn")
-    joints = joints_of_table(table, names, "keypoints", options)
-    return replace(joints, findings=(*map(note, notes), *joints.findings))
+    return table, names, notes
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
@@ -145,5 +180,10 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
 
 
 FORMAT = RecordingFormat(
-    "keypoints", "21 keypoints in MediaPipe's order as bare numbers", (".npy", ".npz", ".csv", ".json"), _sniff, _read
+    "keypoints",
+    "21 keypoints in MediaPipe's order as bare numbers",
+    (".npy", ".npz", ".csv", ".json"),
+    _sniff,
+    _read,
+    write=_write,
 )

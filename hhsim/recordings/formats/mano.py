@@ -7,20 +7,29 @@
 
 The same 48 numbers have four meanings (`READINGS`) that the file does not tell apart: DexYCB's are coefficients, those
 of other sets are angles. So `--mano-pose` says it.
+
+In a corrected recording each joint's rotation turns with its bone, and the translation moves the wrist. The tips are
+the model's own: where its weights or corrections blend the last bone with others, they follow it less than rigidly.
+Fewer than 45 coefficients cannot hold every pose: they are those whose joints are nearest, and
+`hhsim.recordings.registry.write_recording` returns how far off these are.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.hand.quaternion import rotation_vector
-from hhsim.motion.npz_arrays import array_names, numbers, read_npz
+from hhsim.hand.quaternion import quaternion, quaternion_from_matrix, rotation_matrix, rotation_vector
+from hhsim.motion.npz_arrays import array_names, npz_with, numbers, read_npz
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.correction import Changes, Correction, joint_changes, nearest_parameters
+from hhsim.recordings.frames import posed_tree
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.mano_model import read_mano_model
-from hhsim.recordings.pose_lines import read_pose_lines
+from hhsim.recordings.json_document import PlacedJson, read_json
+from hhsim.recordings.mano_model import JOINTS, KEYPOINT_JOINTS, ManoModel, read_mano_model
+from hhsim.recordings.pose_lines import Poses, pose_line_edits, read_pose_lines
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
@@ -33,6 +42,10 @@ READINGS = {
     "pca-flat": "coefficients of the model's components about the flat hand",
 }
 """Meanings of a pose's numbers: 45 angles, or coefficients."""
+MEAN = ("pca", "axis-angle-mean")
+"""Readings from the model's mean pose."""
+STILL = 1e-9
+"""Largest displacement that needs no translation [m]."""
 POSES = ("poses", "pose", "mano_pose", "hand_pose")
 TURNS = ("global_orient", "root_orient", "rot")
 SHIFTS = ("trans", "transl", "translation")
@@ -50,6 +63,7 @@ class _Poses(NamedTuple):
     unit: str | None
     rate: float | None = None
     findings: tuple[Finding, ...] = ()
+    rows: Sequence[int] = ()
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
@@ -71,9 +85,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if poses.translation is None:
         findings.append(note("no translation: the hand turns on the spot"))
     translation = np.zeros((len(poses.pose), 3)) if poses.translation is None else poses.translation
-    # Rotation vectors of the joints from the flat hand [rad], shape (T, 45).
-    angles = poses.pose @ model.components[:count] if reading.startswith("pca") else poses.pose
-    angles = angles + model.mean if reading in ("pca", "axis-angle-mean") else angles
+    angles = _angles(poses.pose, reading, model)
     joints = JointPositions(
         position=model.keypoints(poses.rotation, angles, translation, poses.betas),
         form="mano",
@@ -84,8 +96,83 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         hand=hand,
         unit=1.0,
         findings=tuple(findings),
+        rows=poses.rows,
     )
     return recording_of_joints(joints, content.name, options)
+
+
+def _angles(pose: FloatArray, reading: str, model: ManoModel) -> FloatArray:
+    """Return rotation vectors of the joints from the flat hand [rad], shape (T, 45)."""
+    angles = pose @ model.components[: pose.shape[1]] if reading.startswith("pca") else pose
+    return angles + model.mean if reading in MEAN else angles
+
+
+def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+    made = joint_changes(recording, correction)
+    if options.mano_model is None:
+        raise InputError("a MANO hand is written by its model: --mano-model MANO_RIGHT.pkl")
+    model = read_mano_model(options.mano_model)
+    if content.head.startswith(b"PK"):
+        return _npz(content.data, options, model, made)
+    placed = PlacedJson(content.exact_text)
+    lines = read_pose_lines(placed.document, "pose", options.hand)
+    reading = _reading(lines.numbers.shape[1], options)
+
+    def corrected(turns: FloatArray, places: FloatArray, pose: FloatArray, made: Changes) -> Poses:
+        unit = turns / np.linalg.norm(turns, axis=1, keepdims=True)
+        _, pose = _corrected(rotation_vector(unit), pose, reading, model, lines.betas, made)
+        return made.turned("wrist", turns), places + made.shift[:, 0], pose
+
+    return content.edited(pose_line_edits(placed, lines, made, "pose", corrected))
+
+
+def _npz(data: bytes, options: ReadOptions, model: ManoModel, made: Changes) -> bytes:
+    """Return an archive of poses with the changes."""
+    arrays = read_npz(data)
+    poses = _from_npz(data)
+    reading = _reading(poses.pose.shape[1], options)
+    rows = made.rows
+    rotation, pose = _corrected(poses.rotation[rows], poses.pose[rows], reading, model, poses.betas, made)
+    key, turn, shift = (next((each for each in names if each in arrays), "") for names in (POSES, TURNS, SHIFTS))
+    new = {name: numbers(arrays, name) for name in (key, turn, shift) if name}
+    flat = {name: values.reshape(len(values), -1) for name, values in new.items()}
+    if turn:
+        flat[turn][rows], flat[key][rows] = rotation, pose
+    else:
+        flat[key][rows] = np.concatenate([rotation, pose], axis=1)
+    if shift:
+        flat[shift][rows] += made.shift[:, 0]
+    elif np.abs(made.shift[:, 0]).max(initial=0.0) > STILL:
+        raise InputError("the correction moves the wrist, and the file holds no translation: expected an array trans")
+    return npz_with(data, new)
+
+
+def _corrected(
+    rotation: FloatArray, pose: FloatArray, reading: str, model: ManoModel, betas: FloatArray, made: Changes
+) -> tuple[FloatArray, FloatArray]:
+    """Turn each joint with its bone: the wrist's rotation vectors, shape (N, 3), and poses, shape (N, n)."""
+    count = pose.shape[1]
+    vectors = np.concatenate([rotation, _angles(pose, reading, model)], axis=1).reshape(-1, JOINTS, 3)
+    parents = model.parents.tolist()
+    world, _ = posed_tree(parents, np.zeros((JOINTS, 3)), rotation_matrix(quaternion(vectors)))
+    world = made.turn[:, np.argsort(KEYPOINT_JOINTS)] @ world
+    above = world[:, np.maximum(model.parents, 0)]
+    above[:, 0] = np.eye(3)
+    local = rotation_vector(quaternion_from_matrix(np.swapaxes(above, 2, 3) @ world)).reshape(-1, 3 * JOINTS)
+    turned, angles = local[:, :3], local[:, 3:]
+    offset = model.mean if reading in MEAN else np.zeros(ANGLES)
+    if not reading.startswith("pca"):
+        return turned, angles - offset
+    basis = model.components[:count]
+    start: FloatArray = np.asarray(np.linalg.lstsq(basis.T, (angles - offset).T, rcond=None)[0].T, np.float64)
+    if count == ANGLES:
+        return turned, start
+    still = np.zeros_like(turned)
+
+    def joints(coefficients: FloatArray) -> FloatArray:
+        return model.keypoints(turned, coefficients @ basis + offset, still, betas)
+
+    return turned, nearest_parameters(joints, start, model.keypoints(turned, angles, still, betas))
 
 
 def _reading(count: int, options: ReadOptions) -> str:
@@ -102,10 +189,10 @@ def _reading(count: int, options: ReadOptions) -> str:
 
 
 def _from_lines(content: Content, options: ReadOptions) -> _Poses:
-    lines = read_pose_lines(content.text, "pose", options.hand)
+    lines = read_pose_lines(read_json(content.text), "pose", options.hand)
     turns, stamps = rotation_vector(lines.orientation), lines.stamps
     poses = turns, lines.translation, lines.numbers, lines.betas, lines.hand
-    return _Poses(*poses, stamps, "ns", findings=lines.findings)
+    return _Poses(*poses, stamps, "ns", findings=lines.findings, rows=lines.rows)
 
 
 def _from_npz(data: bytes) -> _Poses:
@@ -153,4 +240,6 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
     return text.lstrip().startswith("{") and '"hand_poses"' in text and '"pose"' in text
 
 
-FORMAT = RecordingFormat("mano", "poses of the MANO hand, with --mano-model", (".npz", ".jsonl"), _sniff, _read)
+FORMAT = RecordingFormat(
+    "mano", "poses of the MANO hand, with --mano-model", (".npz", ".jsonl"), _sniff, _read, write=_write
+)

@@ -10,12 +10,15 @@ The pose is that of the palm. Its axes are those of the options, else of the wor
 import json
 from typing import Any
 
+import numpy as np
+
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
-from hhsim.motion.npz_arrays import numbers, read_npz
+from hhsim.motion.npz_arrays import npz_with, numbers, read_npz
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.recordings.frames import OURS, to_our_palm, to_our_world
+from hhsim.recordings.correction import Correction, angle_unit, changes
+from hhsim.recordings.frames import OURS, FileFrame, to_our_palm, to_our_world, world_matrix
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
@@ -72,6 +75,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         source=meta.get("source", ""),
         licence=meta.get("licence", ""),
         device=meta.get("device", ""),
+        file_frame=FileFrame(world_matrix(up)),
         object_motion=ObjectMotion(*to_our_world(*_pose(arrays, "object", count), up)) if moved else None,
         hand="left" if meta.get("hand", "").lower().startswith("left") else "right" if "hand" in meta else "",
     )
@@ -84,6 +88,25 @@ def _read(content: Content, options: ReadOptions) -> Recording:
             text = "not valid, says the file: kept where there are numbers"
             recording = recording.flagged(doubtful, SampleFlag.INVALID, text)
     return recording
+
+
+def _pose_key(arrays: dict[str, Any]) -> str:
+    return next(key for key in QUATERNIONS if key in arrays)
+
+
+def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+    arrays = read_npz(content.data)
+    made = changes(recording, correction)
+    key = _pose_key(arrays)
+    old = {name: numbers(arrays, name) for name in ("wrist_pos", key, "flex", "abd")}
+    place, turn, flexion, abduction = (values[made.rows] for values in old.values())
+    angles = np.concatenate([flexion.reshape(-1, 15), abduction], axis=1)
+    unit = angle_unit(recording, _read(content, options))
+    place, turn, angles = made.motion(place, turn[:, QUATERNIONS[key]], angles, unit)
+    new = (place, turn[:, np.argsort(QUATERNIONS[key])], angles[:, :15].reshape(-1, 5, 3), angles[:, 15:])
+    for values, corrected in zip(old.values(), new):
+        values[made.rows] = np.where(np.isfinite(corrected), corrected, values[made.rows])
+    return npz_with(content.data, old)
 
 
 def _pose(arrays: dict[str, Any], what: str, count: int) -> tuple[FloatArray, FloatArray]:
@@ -107,4 +130,6 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
     return content.head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
 
 
-FORMAT = RecordingFormat("npz", "NumPy arrays t, wrist_pos, wrist_quat, flex, abd", (".npz",), _sniff, _read)
+FORMAT = RecordingFormat(
+    "npz", "NumPy arrays t, wrist_pos, wrist_quat, flex, abd", (".npz",), _sniff, _read, write=_write
+)

@@ -7,9 +7,10 @@ Unity's left-handed one.
 
 from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.csv_table import read_table
+from hhsim.recordings.correction import Correction, joint_changes
 from hhsim.recordings.joint_names import JointName, joint_name
 from hhsim.recordings.joint_positions import recording_of_joints
-from hhsim.recordings.joint_table import joint_columns, joints_of_table, located
+from hhsim.recordings.joint_table import joint_columns, joint_edits, joints_of_table, located
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
@@ -29,6 +30,12 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     return recording_of_joints(joints, content.name, options)
 
 
+def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+    table = read_table(content.text)
+    made = joint_changes(recording, correction)
+    return content.edited(joint_edits(content.exact_text, table, named_joints(table.header), options, made))
+
+
 def _sniff(content: Content, options: ReadOptions) -> bool:
     hands = joint_columns(named_joints(content.header)) if options.columns is None else {}
     return any(len(located(joints)) >= FEWEST for joints in hands.values())
@@ -40,4 +47,5 @@ FORMAT = RecordingFormat(
     (CSV_SUFFIX,),
     _sniff,
     _read,
+    write=_write,
 )

@@ -13,11 +13,12 @@ import numpy as np
 
 from hhsim.errors import TrajectoryError
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.correction import Correction, joint_changes
 from hhsim.recordings.frames import turned
-from hhsim.recordings.joint_frames import Frame, Joint, joints_of_frames, read_frames
+from hhsim.recordings.joint_frames import Frame, Joint, frame_edits, joints_of_frames, read_frames
 from hhsim.recordings.joint_names import WEBXR_JOINTS, joint_name
 from hhsim.recordings.joint_positions import recording_of_joints
-from hhsim.recordings.json_document import number, read_json
+from hhsim.recordings.json_document import PlacedJson, number, read_json
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
@@ -29,11 +30,23 @@ IWER_HAND = 8
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one in more frames; raises TrajectoryError."""
     document = read_json(content.text)
-    packed = isinstance(document, dict) and isinstance(document.get("schema"), list)
-    frames = list(_iwer_frames(document)) if packed else read_frames(document)
-    device = "WebXR through iwer" if packed else ""
-    joints = joints_of_frames(frames, "webxr", options, up="y", may_be_mirrored=True, device=device)
+    device = "WebXR through iwer" if _is_iwer(document) else ""
+    joints = joints_of_frames(_frames(document), "webxr", options, up="y", may_be_mirrored=True, device=device)
     return recording_of_joints(joints, content.name, options)
+
+
+def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+    numbers = PlacedJson(content.exact_text)
+    made = joint_changes(recording, correction)
+    return content.edited(frame_edits(numbers, _frames(numbers.document), options, made))
+
+
+def _is_iwer(document: Any) -> bool:
+    return isinstance(document, dict) and isinstance(document.get("schema"), list)
+
+
+def _frames(document: Any) -> list[Frame]:
+    return list(_iwer_frames(document)) if _is_iwer(document) else read_frames(document)
 
 
 def _iwer_frames(document: Mapping[str, Any]) -> Iterator[Frame]:
@@ -58,18 +71,26 @@ def _iwer_frames(document: Mapping[str, Any]) -> Iterator[Frame]:
             flat = next((part for part in places if len(part) == IWER_HAND * len(order)), None)
             side = schema.get("handedness")
             if flat is not None and side in ("right", "left"):
-                hands[side] = _iwer_hand([number(each) for each in source[1:8]], [number(each) for each in flat], order)
+                hands[side] = _iwer_hand([number(each) for each in source[1:8]], flat, order)
         yield Frame(hands, number(frame[0]), "ms")
 
 
-def _iwer_hand(ray: list[float], flat: list[float], order: list[str]) -> dict[str, Joint]:
+def _iwer_hand(ray: list[float], flat: list[Any], order: list[str]) -> dict[str, Joint]:
     """Return the joints of one hand in the world from those relative to its ray."""
-    numbers = np.array(flat).reshape(-1, IWER_HAND)
-    turn = np.tile(np.array([ray[6], *ray[3:6]]), (len(numbers), 1))
-    world = np.array(ray[:3]) + turned(turn, numbers[:, :3])
+    numbers = np.array([number(each) for each in flat]).reshape(-1, IWER_HAND)
+    turn = np.array([ray[6], *ray[3:6]])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        turn /= np.linalg.norm(turn)
+    world = np.array(ray[:3]) + turned(np.tile(turn, (len(numbers), 1)), numbers[:, :3])
     return {
-        joint: Joint(place.tolist(), float(row[7]))
-        for name, place, row in zip(order, world, numbers)
+        joint: Joint(
+            world[k].tolist(),
+            float(numbers[k, 7]),
+            place=flat[IWER_HAND * k : IWER_HAND * k + 3],
+            turn=flat[IWER_HAND * k + 3 : IWER_HAND * k + 7],
+            ray=turn.tolist(),
+        )
+        for k, name in enumerate(order)
         if (joint := joint_name(name).joint)
     }
 
@@ -80,5 +101,5 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
 
 
 FORMAT = RecordingFormat(
-    "webxr", "JSON frames of joints by name: WebXR, OpenXR, iwer", (".json", ".jsonl"), _sniff, _read
+    "webxr", "JSON frames of joints by name: WebXR, OpenXR, iwer", (".json", ".jsonl"), _sniff, _read, write=_write
 )

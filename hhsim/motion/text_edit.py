@@ -1,0 +1,87 @@
+"""Replacement of numbers in a text: whatever is not replaced stays as it is, sign for sign."""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from decimal import Decimal, InvalidOperation
+from typing import NamedTuple
+
+from hhsim.arrays import FloatArray
+from hhsim.motion.csv_table import Table
+
+MOST_DECIMALS = 17
+"""Largest number of decimals that is written."""
+
+
+class NumberEdit(NamedTuple):
+    """New value of the number at text[start:end], with at least so many decimals; NaN leaves it."""
+
+    start: int
+    end: int
+    value: float
+    decimals: int
+
+
+class NewColumn(NamedTuple):
+    """New values of a table's column, NaN where it stays, shape (N,), and the least number of their decimals."""
+
+    values: FloatArray
+    decimals: int
+
+
+def edited(text: str, edits: Iterable[NumberEdit], decimal: str = ".") -> str:
+    """Return the text with numbers replaced, each with as many decimals as it had, or more if the edit says so.
+
+    A number of the same value is left as it is written.
+    """
+    parts, place = [], 0
+    for edit in sorted(edits):
+        old = text[edit.start : edit.end].replace(decimal, ".")
+        try:
+            given = Decimal(old)
+        except InvalidOperation:
+            continue
+        exponent = given.as_tuple().exponent
+        if edit.value != edit.value or not isinstance(exponent, int) or float(given) == edit.value:
+            continue
+        new = f"{edit.value:.{min(max(edit.decimals, -exponent), MOST_DECIMALS)}f}"
+        parts += [text[place : edit.start], new.replace(".", decimal)]
+        place = edit.end
+    return "".join([*parts, text[place:]])
+
+
+def line_starts(text: str) -> list[int]:
+    """Return the place of the first sign of each line."""
+    starts = [0]
+    for line in text.splitlines(keepends=True):
+        starts.append(starts[-1] + len(line))
+    return starts
+
+
+def word_spans(line: str) -> list[tuple[int, int]]:
+    """Return the places of the words between blanks."""
+    return [found.span() for found in re.finditer(r"\S+", line)]
+
+
+def cell_edits(text: str, table: Table, rows: Sequence[int], columns: Mapping[str, NewColumn]) -> Iterator[NumberEdit]:
+    """Yield the edits of a table's text for new values of some columns in some of its rows."""
+    starts, lines = line_starts(text), text.splitlines()
+    cells = [(table.header.index(column), new) for column, new in columns.items()]
+    for k, row in enumerate(rows):
+        number = table.lines[row] - 1
+        spans = _cell_spans(lines[number], table.delimiter)
+        for place, new in cells:
+            first, last = spans[place]
+            yield NumberEdit(starts[number] + first, starts[number] + last, float(new.values[k]), new.decimals)
+
+
+def _cell_spans(line: str, delimiter: str) -> list[tuple[int, int]]:
+    """Return the places of the cells, without blanks and quotation marks around them."""
+    if delimiter == " ":
+        return word_spans(line)
+    sign = re.escape(delimiter)
+    spans = []
+    for found in re.finditer(rf'(?:^|(?<={sign}))(?:"(?:[^"]|"")*"[^{sign}]*|[^{sign}]*)', line):
+        bare = found[0].strip(' \t"\ufeff')
+        first = found.start() + (found[0].index(bare) if bare else 0)
+        spans.append((first, first + len(bare)))
+    return spans

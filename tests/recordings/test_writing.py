@@ -1,0 +1,440 @@
+"""Corrected recordings in their own format: what is corrected is there to the last digit, and nothing else changed."""
+
+import csv
+import io
+import json
+import re
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from correction_samples import a_correction
+from joint_samples import array_npy, arrays_npz, iwer_json, joint_sample, openxr_csv, webxr_json
+from pose_samples import mano_fields, mano_poses, umetrack_lines, umetrack_profile
+from scipy.spatial.transform import Rotation
+
+from hhsim.errors import InputError, OutputError
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.motion.file import load_trajectory, save_trajectory
+from hhsim.recordings.column_map import JOINT_NAMES, ColumnMap
+from hhsim.recordings.dexmo_regression import CHANNELS
+from hhsim.recordings.joint_names import WEBXR_JOINTS, joint_name
+from hhsim.recordings.registry import (
+    Content,
+    ReadOptions,
+    format_of,
+    read_recording,
+    write_recording,
+)
+from hhsim.recordings.repair import repair
+from hhsim.recordings.unit_detection import in_units
+from hhsim.system.checksummed_file import seal_holds
+from hhsim.system.settings_file import parse_settings
+
+SAMPLE = joint_sample()
+POINTS = SAMPLE.named()
+NUMBER = re.compile(r"-?[0-9]+(?:\.[0-9]+)?(?:[eE][-+]?[0-9]+)?")
+
+
+def keypoints_csv(*, header: bool = True, end: str = "\n", digits: int = 17) -> str:
+    names = [f"right_lm{k:02d}_{axis}" for k in range(21) for axis in "xyz"]
+    rows = ([f"{x:.{digits}g}" for x in row.ravel()] for row in POINTS)
+    lines = [",".join(names)] if header else []
+    return end.join([*lines, *map(",".join, rows)]) + end
+
+
+def keypoints_json(*, flat: bool = False) -> str:
+    frames = [
+        {"t": 0.01 * k, "note": "x 1.5e3", "landmarks": (p.ravel() if flat else p).tolist()}
+        for k, p in enumerate(POINTS)
+    ]
+    return json.dumps({"hand": "right", "frames": frames}, indent=1)
+
+
+def two_hands() -> str:
+    """A table of both hands, the right one with more joints that are there."""
+    rows = zip(*(list(csv.reader(io.StringIO(openxr_csv(joint_sample(side), side)))) for side in ("right", "left")))
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\r\n").writerows([*one, *other[2:]] for one, other in rows)
+    return "# made: by hand\r\n" + text.getvalue()
+
+
+def frames_without_the_hand() -> str:
+    document = json.loads(webxr_json(SAMPLE))
+    for frame in document["frames"][2:5]:
+        frame["hands"] = {}
+    del document["frames"][8]["hands"]["right"]["index-finger-tip"]
+    document["frames"][9]["hands"]["left"] = {"wrist": {"position": [0, 0, 0]}}
+    return "\n".join(json.dumps(frame, ensure_ascii=False) + "  " for frame in document["frames"])
+
+
+FILES: dict[str, tuple[str, Any, dict[str, Any]]] = {
+    "npy": ("take.npy", lambda: array_npy(POINTS), {"rate": 100.0, "world_up": "y", "hand": "right"}),
+    "npy float32 flat": (
+        "take.npy",
+        lambda: array_npy(np.asfortranarray(1e3 * POINTS.reshape(-1, 63), dtype=np.float32)),
+        {"rate": 100.0, "world_up": "y", "hand": "right"},
+    ),
+    "npz": (
+        "take.npz",
+        lambda: arrays_npz(extra=np.arange(7), keypoints=POINTS, t=SAMPLE.motion.time, name=np.array("μ")),
+        {"world_up": "y", "hand": "right"},
+    ),
+    "keypoints csv": ("take.csv", keypoints_csv, {"rate": 100.0, "world_up": "y"}),
+    "keypoints csv, bare, CR LF, few digits": (
+        "take.csv",
+        lambda: keypoints_csv(header=False, end="\r\n", digits=5),
+        {"rate": 100.0, "world_up": "y", "hand": "right"},
+    ),
+    "keypoints json": ("take.json", keypoints_json, {"world_up": "y"}),
+    "keypoints json, flat": ("take.json", lambda: keypoints_json(flat=True), {"world_up": "-y"}),
+    "openxr": ("take.csv", lambda: openxr_csv(SAMPLE), {}),
+    "openxr, unity": ("take.csv", lambda: openxr_csv(joint_sample("left"), "left", unity=True), {}),
+    "openxr, two hands": ("take.csv", two_hands, {"hand": "left"}),
+    "openxr, byte order mark": ("take.csv", lambda: "\ufeff" + openxr_csv(SAMPLE).replace(",", ";"), {}),
+    "openxr, UTF-16": ("take.csv", lambda: openxr_csv(SAMPLE).encode("utf-16"), {}),
+    "webxr": ("take.json", lambda: webxr_json(SAMPLE), {}),
+    "webxr, unity": ("take.json", lambda: webxr_json(joint_sample("left"), "left", unity=True), {}),
+    "webxr, lines, gaps": ("take.jsonl", frames_without_the_hand, {}),
+    "iwer": ("take.json", lambda: iwer_json(SAMPLE), {}),
+}
+
+
+def written(tmp_path: Path, name: str, **arguments: Any) -> tuple[bytes, bytes, Any, Any, ReadOptions, float | None]:
+    """File before and after a correction, the recording, its correction, the options, and the distance read back."""
+    file, make, given = FILES[name]
+    options = ReadOptions(**given)
+    path, out = tmp_path / file, tmp_path / f"new{Path(file).suffix}"
+    data = make()
+    path.write_bytes(data.encode() if isinstance(data, str) else data)
+    recording = read_recording(path, options)
+    correction = a_correction(recording, **arguments)
+    off = write_recording(path, options, recording, correction, out)
+    return path.read_bytes(), out.read_bytes(), recording, correction, options, off
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_no_correction_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
+    before, after, recording, correction, options, _ = written(tmp_path, name, changed=slice(0))
+    assert after == before and not correction.changed.any()
+    content = Content(tmp_path / FILES[name][0])
+    form = format_of(content, options)
+    assert form.write is not None
+    if Path(FILES[name][0]).suffix != ".npz":
+        assert form.write(content, options, recording, correction) == before
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_corrected_joints_are_read_back(name: str, tmp_path: Path) -> None:
+    _, after, recording, correction, options, off = written(tmp_path, name)
+    assert correction.changed.sum() >= 4 and off is not None
+    # Half a micrometre of text, or half a unit of float32 at half a metre.
+    assert off < 0.9e-6
+    (tmp_path / "again").mkdir()
+    path = tmp_path / "again" / FILES[name][0]
+    path.write_bytes(after)
+    again = read_recording(path, options)
+    assert again.joints is not None and np.array_equal(again.rows, recording.rows)
+    assert np.nanmax(np.abs(again.joints - correction.joints)) < 2e-6
+    assert np.nanmax(np.linalg.norm(again.joints - recording.joints, axis=2)) > 5e-3
+    still = ~correction.changed
+    assert np.array_equal(again.joints[still], recording.joints[still], equal_nan=True)
+
+
+@pytest.mark.parametrize("name", [name for name in FILES if Path(FILES[name][0]).suffix not in (".npy", ".npz")])
+def test_all_but_the_numbers_of_corrected_samples_is_the_same_text(name: str, tmp_path: Path) -> None:
+    before, after, recording, correction, _, _ = written(tmp_path, name)
+    encoding = "utf-16" if "UTF-16" in name else "utf-8"
+    texts = [data.decode(encoding) for data in (before, after)]
+    assert NUMBER.sub("#", texts[0]) == NUMBER.sub("#", texts[1])
+    if texts[0].lstrip("\ufeff")[0] not in "{[" or name.endswith("gaps"):
+        lines = [text.splitlines() for text in texts]
+        first = len(lines[0]) - len(POINTS)
+        changed = {first + row for row in recording.rows[correction.changed].tolist()}
+        assert {k for k, pair in enumerate(zip(*lines)) if pair[0] != pair[1]} == changed
+
+
+def test_the_other_hand_and_unknown_columns_stay(tmp_path: Path) -> None:
+    before, after, *_ = written(tmp_path, "openxr, two hands")
+    old, new = (list(csv.reader(io.StringIO(data.decode()))) for data in (before, after))
+    header, places = old[1], {k for a, b in zip(old, new) for k in range(len(a)) if a[k] != b[k]}
+    assert {header[k].partition("_")[0] for k in places} == {"left"}
+    assert not [header[k] for k in places if "radius" in header[k]]
+
+
+@pytest.mark.parametrize("name", ["openxr", "openxr, unity", "webxr", "webxr, unity", "iwer"])
+def test_orientations_turn_and_the_palms_joints_move_with_their_bone(name: str, tmp_path: Path) -> None:
+    before, after, recording, correction, *_ = written(tmp_path, name)
+    side = recording.hand
+    turn = recording.file_frame.rotation_to_file(correction.rotation)
+    for k in np.flatnonzero(correction.changed).tolist():
+        for joint, bone in (("wrist", 0), ("index_metacarpal", 0), ("thumb_metacarpal", 1), ("little_tip", 15)):
+            old, new = (joint_pose(data.decode(), name, side, joint, k) for data in (before, after))
+            expected = turn[k, bone] @ Rotation.from_quat(old[3:7]).as_matrix()
+            assert np.allclose(Rotation.from_quat(new[3:7]).as_matrix(), expected, atol=1e-6)
+            if joint == "index_metacarpal":
+                wrist = [joint_pose(data.decode(), name, side, "wrist", k)[:3] for data in (before, after)]
+                assert np.allclose(new[:3] - wrist[1], turn[k, 0] @ (old[:3] - wrist[0]), atol=2e-6)
+
+
+def joint_pose(text: str, name: str, side: str, joint: str, k: int) -> Any:
+    """Position and quaternion (x, y, z, w) of a joint in the file's world."""
+    if name.startswith("openxr"):
+        row = list(csv.DictReader(io.StringIO(text)))[k]
+        return np.array([float(row[f"{side}_{joint}_{part}"]) for part in ("x", "y", "z", "qx", "qy", "qz", "qw")])
+    document = json.loads(text)
+    if name == "iwer":
+        _, *ray, flat = document["frames"][k][8]
+        place = 8 * WEBXR_JOINTS.index(joint)
+        turn = Rotation.from_quat(ray[3:7])
+        world = turn.apply(flat[place : place + 3]) + ray[:3]
+        return np.array([*world, *(turn * Rotation.from_quat(flat[place + 3 : place + 7])).as_quat()])
+    hand = document["frames"][k]["hands"][side]
+    found = next(value for key, value in hand.items() if joint_name(key).joint == joint)
+    return np.array([*found["position"].values(), *found["quaternion"]])
+
+
+def test_other_members_of_an_archive_stay(tmp_path: Path) -> None:
+    before, after, *_ = written(tmp_path, "npz")
+    with zipfile.ZipFile(io.BytesIO(before)) as old, zipfile.ZipFile(io.BytesIO(after)) as new:
+        assert old.namelist() == new.namelist()
+        assert [name for name in old.namelist() if old.read(name) != new.read(name)] == ["keypoints.npy"]
+    before, after, *_ = written(tmp_path, "npy float32 flat")
+    assert before[:128] == after[:128] and len(before) == len(after)
+
+
+def test_what_cannot_be_written_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "take.npy"
+    path.write_bytes(array_npy(np.round(1e3 * POINTS).astype(np.int32)))
+    options = ReadOptions(rate=100.0, hand="right", world_up="y")
+    recording = read_recording(path, options)
+    with pytest.raises(InputError, match="an array of int32"):
+        write_recording(path, options, recording, a_correction(recording), tmp_path / "new.npy")
+    with pytest.raises(OutputError, match=r"keeps its format; expected a name in \.npy"):
+        write_recording(path, options, recording, a_correction(recording), tmp_path / "new.npz")
+    still = read_recording(path, ReadOptions(rate=100.0, hand="right"))
+    with pytest.raises(InputError, match="no world frame"):
+        write_recording(path, ReadOptions(rate=100.0, hand="right"), still, a_correction(still), tmp_path / "new.npy")
+    euler = re.sub("_q([xyz])", r"_rot_\1", openxr_csv(SAMPLE)).replace("_qw", "_other")
+    (tmp_path / "e.csv").write_text(euler)
+    recording = read_recording(tmp_path / "e.csv")
+    with pytest.raises(InputError, match=r"orientation of .*_rot_x, .*: no quaternion"):
+        write_recording(tmp_path / "e.csv", ReadOptions(), recording, a_correction(recording), tmp_path / "f.csv")
+    assert not (tmp_path / "f.csv").exists()
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("reading", ["axis-angle", "axis-angle-mean", "pca", "pca-flat"])
+@pytest.mark.parametrize("form", ["npz", "npz apart", "jsonl"])
+def test_mano(side: Any, reading: str, form: str, tmp_path: Path) -> None:
+    sample = joint_sample(side)
+    fields = mano_fields(sample.hand)
+    np.savez(tmp_path / "model.npz", **fields)
+    turn, pose, shift = mano_poses(sample)
+    numbers = pose - (fields["hands_mean"] if reading in ("pca", "axis-angle-mean") else 0.0)
+    numbers = numbers @ fields["hands_components"].T if reading.startswith("pca") else numbers
+    if form == "jsonl":
+        path = tmp_path / "take.jsonl"
+        path.write_text(mano_lines(side, turn, shift, numbers, sample.motion.time))
+    else:
+        path = tmp_path / "take.npz"
+        apart = {"global_orient": turn, "hand_pose": numbers.reshape(-1, 15, 3)}
+        whole = {"poses": np.concatenate([turn, numbers], axis=1)}
+        arrays: dict[str, Any] = apart if form == "npz apart" else whole
+        path.write_bytes(arrays_npz(**arrays, trans=shift, t=sample.motion.time, hand=side, betas=np.zeros(10)))
+    options = ReadOptions(mano_model=tmp_path / "model.npz", mano_pose=reading, world_up="y", hand=side)
+    recording = read_recording(path, options)
+    off = write_recording(path, options, recording, a_correction(recording), out := tmp_path / f"new{path.suffix}")
+    assert off is not None and off < 1e-6
+    joints = read_recording(out, options).joints
+    assert joints is not None and np.nanmax(np.abs(joints - a_correction(recording).joints)) < 1e-6
+    if form == "jsonl":
+        old, new = path.read_text().splitlines(), out.read_text().splitlines()
+        # The second camera's line of a sample is corrected with it.
+        assert [k for k, pair in enumerate(zip(old, new)) if pair[0] != pair[1]] == list(range(6, 18))
+
+
+def mano_lines(side: str, turn: Any, shift: Any, numbers: Any, time: Any) -> str:
+    """HOT3D's lines, each moment twice, as of two cameras."""
+    quaternions = Rotation.from_rotvec(turn).as_quat(scalar_first=True)
+    lines = []
+    for k, stamp in enumerate(time):
+        wrist = {"t_xyz": shift[k].tolist(), "q_wxyz": quaternions[k].tolist()}
+        pose = {"wrist_xform": wrist, "pose": numbers[k].tolist(), "betas": [0] * 10}
+        for late in (0, 2000):
+            moment = 10**12 + round(1e9 * float(stamp)) + late
+            hands = {"0": {"other": 1.50}, "01"[side == "right"]: pose}
+            lines.append(json.dumps({"timestamp_ns": moment, "hand_poses": hands}))
+    return "\n".join(lines) + "\n"
+
+
+def test_few_coefficients_of_mano_come_as_near_as_they_can(tmp_path: Path) -> None:
+    sample = joint_sample()
+    fields = mano_fields(sample.hand)
+    np.savez(tmp_path / "model.npz", **fields)
+    turn, pose, shift = mano_poses(sample)
+    few = (pose - fields["hands_mean"]) @ fields["hands_components"][:15].T
+    path, out = tmp_path / "take.npz", tmp_path / "new.npz"
+    path.write_bytes(arrays_npz(pose=few, global_orient=turn, trans=shift, t=sample.motion.time, hand="right"))
+    options = ReadOptions(mano_model=tmp_path / "model.npz", mano_pose="pca", world_up="y")
+    recording = read_recording(path, options)
+    correction = a_correction(recording)
+    off = write_recording(path, options, recording, correction, out)
+    joints = read_recording(out, options).joints
+    assert joints is not None and off == pytest.approx(np.linalg.norm(joints - correction.joints, axis=2).max())
+    assert off is not None and 1e-4 < off < 0.02 and np.allclose(joints[:, 0], correction.joints[:, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_umetrack(side: Any, tmp_path: Path) -> None:
+    (tmp_path / "umetrack_hand_user_profile.json").write_text(umetrack_profile())
+    path, out = tmp_path / "take.jsonl", tmp_path / "new.jsonl"
+    path.write_text(umetrack_lines(joint_sample(side)))
+    recording = read_recording(path)
+    correction = a_correction(recording)
+    off = write_recording(path, ReadOptions(), recording, correction, out)
+    # A hinge of the file is one of ours: nothing is left.
+    assert off is not None and off < 1e-6
+    before, after = path.read_text(), out.read_text()
+    assert NUMBER.sub("#", before) == NUMBER.sub("#", after)
+    lines = enumerate(zip(before.splitlines(), after.splitlines()))
+    assert [k for k, pair in lines if pair[0] != pair[1]] == np.flatnonzero(correction.changed).tolist()
+
+
+def same_motion(again: Any, recording: Any, correction: Any, atol: float) -> None:
+    """The palm is turned and moved with its bone, and the angles differ as the postures do."""
+    turn = correction.rotation[:, 0]
+    off = np.einsum("tij,tj->ti", turn, recording.position - correction.fitted.position)
+    assert np.allclose(again.position, off + correction.posture.position, atol=atol)
+    expected = turn @ rotation_matrix(recording.orientation)
+    assert np.allclose(rotation_matrix(again.orientation), expected, atol=atol)
+    for key in ("flexion", "abduction"):
+        step = getattr(correction.posture, key) - getattr(correction.fitted, key)
+        assert np.allclose(getattr(again, key), getattr(recording, key) + step, atol=atol)
+
+
+def angles_npz(side: str, **arrays: Any) -> bytes:
+    motion = SAMPLE.motion
+    given = {"t": motion.time, "wrist_pos": motion.position, "flex": motion.flexion, "abd": motion.abduction}
+    return arrays_npz(other=np.arange(3), **(given | arrays), meta=json.dumps({"hand": side, "frame": "y up"}))
+
+
+@pytest.mark.parametrize("unit", [1.0, np.pi / 180.0])
+@pytest.mark.parametrize("order", ["wrist_quat_wxyz", "wrist_quat_xyzw"])
+def test_npz_of_angles(order: str, unit: float, tmp_path: Path) -> None:
+    turns = SAMPLE.motion.orientation[:, [1, 2, 3, 0] if order.endswith("xyzw") else [0, 1, 2, 3]]
+    angles = {"flex": SAMPLE.motion.flexion / unit, "abd": SAMPLE.motion.abduction / unit}
+    position = np.where(np.arange(40)[:, None] == 30, np.nan, SAMPLE.motion.position).astype(np.float32)
+    path, out = tmp_path / "take.npz", tmp_path / "new.npz"
+    path.write_bytes(angles_npz("right", **{order: turns}, wrist_pos=position, **angles))
+    options = ReadOptions(palm_axes=("-y", "x", "z"))
+    recording = in_units(read_recording(path, options), angle="rad" if unit == 1.0 else "deg")
+    correction = a_correction(recording)
+    assert write_recording(path, options, recording, correction, out) is None
+    again = in_units(read_recording(out, options), angle="rad" if unit == 1.0 else "deg")
+    whole = np.arange(40) != 30
+    same_motion(again.chosen(whole), recording.chosen(whole), of(correction, whole), atol=1e-7)
+    still = ~correction.changed
+    assert again.position[still].tobytes() == recording.position[still].tobytes()
+    assert again.orientation[still].tobytes() == recording.orientation[still].tobytes()
+    with np.load(path) as old, np.load(out) as new:
+        assert {key: old[key].dtype for key in old} == {key: new[key].dtype for key in new}
+
+
+def of(correction: Any, where: Any) -> Any:
+    fitted, posture = (
+        correction_part.at(np.flatnonzero(where)) for correction_part in (correction.fitted, correction.posture)
+    )
+    return replace(correction, fitted=fitted, posture=posture, rotation=correction.rotation[where])
+
+
+def own(suffix: str, folder: Path) -> Path:
+    path = folder / f"take{suffix}"
+    save_trajectory(repair(SAMPLE.motion).trajectory, path)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".h5"])
+def test_our_own_files(suffix: str, tmp_path: Path) -> None:
+    path, out = own(suffix, tmp_path), tmp_path / f"new{suffix}"
+    options = ReadOptions(world_up="y") if suffix == ".csv" else ReadOptions()
+    recording = read_recording(path, options)
+    correction = a_correction(recording)
+    write_recording(path, options, recording, correction, out)
+    same_motion(read_recording(out, options), recording, correction, atol=1e-12)
+    if suffix == ".csv":
+        lines = enumerate(zip(path.read_text().splitlines(), out.read_text().splitlines()))
+        first = len(out.read_text().splitlines()) - 40
+        changed = [k - first for k, pair in lines if pair[0] != pair[1]]
+        assert changed == np.flatnonzero(correction.changed).tolist()
+    else:
+        assert seal_holds(out) and load_trajectory(out).name == load_trajectory(path).name
+    write_recording(path, options, recording, a_correction(recording, changed=slice(0)), out)
+    assert out.read_bytes() == path.read_bytes()
+
+
+MAP = """
+world_up = "-y"
+palm_axes = ["-y", "x", "z"]
+palm_offset = [0.01, 0.05, 0.0]
+decimal = ","
+hand = "right"
+time = { column = "t" }
+position = { columns = ["X", "Y", "Z"], unit = "mm" }
+angle = { unit = "deg" }
+"""
+
+
+@pytest.mark.parametrize("order", ["xyzw", "wxyz", "ZYX", "xyz", "zxz"])
+def test_a_mapped_table(order: str, tmp_path: Path) -> None:
+    motion = SAMPLE.motion
+    names = ["qa", "qb", "qc", "qd"][: len(order)]
+    joints = [f'{name} = {{ column = "c{k}", scale = -2.0, offset = {k}.5 }}' for k, name in enumerate(JOINT_NAMES)]
+    unit = ', unit = "deg"' if len(order) == 3 else ""
+    orientation = f"orientation = {{ columns = {names}, order = '{order}'{unit} }}"
+    columns = parse_settings("\n".join([MAP, orientation, "[joint]", *joints]), ColumnMap, "map.toml")
+    turns = Rotation.from_quat(motion.orientation, scalar_first=True)
+    euler = cast(Any, order)
+    given = turns.as_euler(euler, degrees=True) if len(order) == 3 else turns.as_quat(scalar_first=order == "wxyz")
+    angles = np.degrees(motion.angles) / -2.0 + np.arange(20) + 0.5
+    rows = np.concatenate([motion.time[:, None], 1e3 * motion.position, given, angles], axis=1).tolist()
+    header = ["t", "X", "Y", "Z", *names, *(f"c{k}" for k in range(20))]
+    lines = [";".join(header), *(";".join(f'"{x:.9f}"'.replace(".", ",") for x in row) + ";x" for row in rows)]
+    lines[0] += ";note"
+    path, out = tmp_path / "take.csv", tmp_path / "new.csv"
+    path.write_text("\n".join(lines) + "\n")
+    options = ReadOptions(columns=columns)
+    recording = read_recording(path, options)
+    assert np.allclose(recording.angles, motion.angles, atol=1e-9)
+    correction = a_correction(recording)
+    write_recording(path, options, recording, correction, out)
+    same_motion(read_recording(out, options), recording, correction, atol=1e-8)
+    old, new = path.read_text(), out.read_text()
+    number = re.compile("-?[0-9]+,[0-9]+")
+    assert number.sub("#", old) == number.sub("#", new)
+    lines_changed = [k - 1 for k, pair in enumerate(zip(old.splitlines(), new.splitlines())) if pair[0] != pair[1]]
+    assert lines_changed == np.flatnonzero(correction.changed).tolist()
+
+
+def test_what_a_mapped_table_does_not_hold_is_said(tmp_path: Path) -> None:
+    text = 'hand = "right"\nrate = 100.0\n[joint]\nindex_flex1 = "a"\n'
+    path = tmp_path / "take.csv"
+    path.write_text("a\n" + "".join(f"0.{k}\n" for k in range(10)))
+    options = ReadOptions(columns=parse_settings(text, ColumnMap, "map.toml"))
+    recording = read_recording(path, options)
+    for palm, said in ((True, "whose position no column"), (False, "bends thumb_flex1, which no column")):
+        with pytest.raises(InputError, match=said):
+            write_recording(path, options, recording, a_correction(recording, palm=palm), tmp_path / "new.csv")
+
+
+def test_a_dexmo_glove_is_not_written(tmp_path: Path) -> None:
+    path = tmp_path / "take.csv"
+    header = ["time", *CHANNELS]
+    path.write_text(",".join(header) + "\n" + "".join(f"{0.01 * k}" + ",0.5" * 11 + "\n" for k in range(20)))
+    recording = read_recording(path)
+    assert recording.form == "dexmo"
+    with pytest.raises(InputError, match="channels do not hold a corrected hand: export"):
+        write_recording(path, ReadOptions(), recording, a_correction(recording), tmp_path / "new.csv")
