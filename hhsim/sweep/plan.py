@@ -113,7 +113,7 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
         where: Name of the text in messages.
     """
     plan = parse_settings(text, _PlanTable, where)
-    objects = _unique(where, "objects", [_object(where, folder, entry) for entry in plan.objects])
+    objects = _unique(where, "objects", [checked_object(where, folder, entry) for entry in plan.objects])
     motions = _unique(where, "motions", [found for entry in plan.motions for found in _motions(where, folder, entry)])
     for called, given in plan.options.items():
         # Those of the solver are checked for each method.
@@ -192,7 +192,8 @@ def _impossible(shape: SweptObject, motion: _Motion, swept: SweptMotion, method:
     return f"method {method} takes no surface {surface}" if refuses else ""
 
 
-def _object(where: str, folder: Path, entry: str | SweptObject) -> SweptObject:
+def checked_object(where: str, folder: Path, entry: str | SweptObject) -> SweptObject:
+    """Return an object with its name; InputError for no such file or name, or a size for one of the catalogue."""
     found = SweptObject(entry) if isinstance(entry, str) else entry
     if names_a_file(found.word):
         _require_file(where, folder, found.word)
