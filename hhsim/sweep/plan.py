@@ -30,7 +30,7 @@ from typing import Annotated, Any
 
 from msgspec import Meta, field, structs
 
-from hhsim.errors import InputError, check_known
+from hhsim.errors import InputError, check_known, named
 from hhsim.mesh.catalogue import names_a_file, object_names
 from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.described_scene import SceneWords
@@ -198,7 +198,8 @@ def checked_object(where: str, folder: Path, entry: str | SweptObject) -> SweptO
     if names_a_file(found.word):
         _require_file(where, folder, found.word)
     else:
-        check_known("object", [found.word], object_names())
+        with named(where):
+            check_known("object", [found.word], object_names())
         if (found.unit, found.size_mm, found.thickness_mm) != (None, None, None):
             raise InputError(f"{where}: '{found.word}' has its size: unit, size_mm and thickness_mm are for mesh files")
     return structs.replace(found, name=found.name or Path(found.word).stem)
