@@ -57,7 +57,7 @@ OF_THE_ROW = ("outcome.json", "report.html", "result.h5", "worst.png")
 """Files of the output folder, and of the folder of a row."""
 WITH_PLACES = ("object", "poses", "name", "mano_model", "columns", "profile")
 """Keys in which the parts of a pattern may be named."""
-_PIECE = re.compile(r"(\*\*/)|(\*+)|(\?)|\[([^]]+)\]|\{([A-Za-z_]\w*)\}|(.)", re.DOTALL)
+_PIECE = re.compile(r"(\*\*/)|(\*+)|(\?|\[[^]]+\])|\{([A-Za-z_]\w*)\}|(.)")
 _PLACE = re.compile(r"\{(\w*)\}")
 _LENGTH = Annotated[float, between(1e-3, 1e5, "mm")]
 _TEXT = Annotated[str, Meta(pattern=r"\A[^\x00-\x1f\x7f]+\Z", description="text of one line")]
@@ -114,7 +114,9 @@ def load_manifest(path: Path, out: Path) -> tuple[str, list[PlannedRepair]]:
         InputError: No such file; an unknown key, name or file, a wrong value; two recordings of one name.
     """
     folder, output = path.parent.resolve(), out.resolve()
-    text = _read(path)
+    if path.suffix.lower() not in (".toml", ".csv"):
+        raise InputError(f"{path}: expected a manifest of repairs, .toml or .csv")
+    text = read_toml_text(path, "manifest of repairs").removeprefix("\ufeff")
     found: dict[str, PlannedRepair] = {}
     for where, content in _csv_rows(text, path) if path.suffix.lower() == ".csv" else _toml_rows(text, path):
         for row in _expanded(where, content, folder, output):
@@ -123,12 +125,6 @@ def load_manifest(path: Path, out: Path) -> tuple[str, list[PlannedRepair]]:
             if other is not planned:
                 raise InputError(f"{where}: two recordings are called '{planned.name}': give this one another name")
     return text, list(found.values())
-
-
-def _read(path: Path) -> str:
-    if path.suffix.lower() not in (".toml", ".csv"):
-        raise InputError(f"{path}: expected a manifest of repairs, .toml or .csv")
-    return read_toml_text(path, "manifest of repairs").removeprefix("\ufeff")
 
 
 def _toml_rows(text: str, path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -166,43 +162,35 @@ def _value(key: str, cell: str) -> str | int | float:
 
 def _expanded(where: str, content: dict[str, Any], folder: Path, output: Path) -> Iterator[ManifestRow]:
     """Return the row, or that of each file that its pattern matches; the parts of a pattern are put in their places."""
-    row = typed(content, ManifestRow, where)
-    paths, shape = [row.recording], None
-    if not _is_file(folder / row.recording) and not WILD.union("{").isdisjoint(row.recording):
-        shape = _shape(where, row.recording)
+    word = typed(content, ManifestRow, where).recording
+    found: dict[str, dict[str, str]] = {}
+    if _is_file(folder / word):
+        found[word] = {}
+    elif not WILD.union("{").isdisjoint(word):
         # That of a Path takes no absolute pattern.
-        paths = sorted(glob(_PLACE.sub("*", row.recording), root_dir=folder, recursive=True))  # noqa: PTH207
-        paths = [path for path in paths if shape.fullmatch(path) and _is_file(folder / path)]
-        paths = [path for path in paths if output not in (folder / path).resolve().parents]
-    if not paths or (shape is None and not _is_file(folder / row.recording)):
-        raise InputError(f"{where}: recording: there is no file {row.recording} in {folder}")
-    for path in paths:
-        match = shape and shape.fullmatch(path)
-        file = folder / path
-        places = {**(match.groupdict() if match else {}), "stem": file.stem, "folder": file.parent.name}
+        for path in sorted(glob(_PLACE.sub("*", word), root_dir=folder, recursive=True)):  # noqa: PTH207
+            match = _shape(word).fullmatch(path)
+            if match and _is_file(folder / path) and output not in (folder / path).resolve().parents:
+                found[path] = match.groupdict()
+    if not found:
+        raise InputError(f"{where}: recording: there is no file {word} in {folder}")
+    for path, parts in found.items():
+        places = {**parts, "stem": Path(path).stem, "folder": (folder / path).parent.name}
         filled = {key: _filled(where, key, content[key], places) for key in WITH_PLACES if key in content}
         yield typed({**content, **filled, "recording": path}, ManifestRow, where)
 
 
-def _shape(where: str, pattern: str) -> re.Pattern[str]:
-    """Return the expression of a pattern, in which {x} is what `*` is, and the same at its next mention."""
-    known: set[str] = set()
+def _shape(pattern: str) -> re.Pattern[str]:
+    """Return the expression of a pattern whose files are known, in which {x} is `*` and, mentioned again, the same."""
 
     def piece(found: re.Match[str]) -> str:
-        deep, stars, one, letters, name, other = found.groups()
+        deep, stars, one, name, letter = found.groups()
         if name:
-            again = name in known
-            known.add(name)
+            again = f"{{{name}}}" in pattern[: found.start()]
             return f"(?P={name})" if again else f"(?P<{name}>[^/]+?)"
-        if letters:
-            kept = re.sub(r"([\\\[&~|])", r"\\\1", letters)
-            return f"[^{kept[1:]}/]" if kept.startswith("!") and len(kept) > 1 else f"[{kept}]"
-        return "(?:.*/)?" if deep else "[^/]*" if stars else "[^/]" if one else re.escape(other)
+        return "(?:.*/)?" if deep else "[^/]*" if stars else "[^/]" if one else re.escape(letter)
 
-    try:
-        return re.compile(_PIECE.sub(piece, pattern), re.DOTALL)
-    except re.error as error:
-        raise InputError(f"{where}: recording: {pattern} is no pattern: {error}") from None
+    return re.compile(_PIECE.sub(piece, pattern))
 
 
 def _filled(where: str, key: str, text: str, places: dict[str, str]) -> str:

@@ -9,7 +9,6 @@ import numpy as np
 
 from hhsim import __version__
 from hhsim.arrays import FloatArray
-from hhsim.errors import OutputError
 from hhsim.render.figure import vector_bytes
 from hhsim.report.figure import BLUE, ORANGE, PAGE_INCHES, gridded, new_figure
 from hhsim.sweep.repair_manifest import PlannedRepair
@@ -105,19 +104,19 @@ def repair_table(rows: Sequence[RepairedRow]) -> Table:
 
 def repair_page(rows: Sequence[RepairedRow], table: Table, manifest: str) -> str:
     """Return the HTML page of the rows and their table; `manifest` is the name of its file."""
-    names = _figure_names(rows)
+    names, good = _figure_names(rows), sum(row.outcome.state == "repaired" for row in rows)
     rankings = [(heading, _ranking(rows, name, sign)) for name, heading, sign in RANKINGS if name in names]
     worst = {row.name: row for _, ranked in rankings for row in ranked.rows}
-    kept = [replace(column, name=_label(column.name)) for column in table.columns]
-    kept[:2] = [Column("name", of=_linked, is_number=False), Column("state", of=_state, is_number=False)]
+    kept = [replace(column, name=_look(column.name).label) for column in table.columns]
+    kept[:2] = [words("name", _linked), words("state", lambda row: Marked(row.outcome.state, MOODS[row.outcome.state]))]
     return render(
         "sweep/repair_page.html",
         title=f"Repair of {counted(len(rows), 'recording')}",
         generator="hhsim repair",
         version=__version__,
         manifest=manifest,
-        sentence=_sentence(rows),
-        mood="good" if all(row.outcome.state == "repaired" for row in rows) else "bad",
+        sentence=f"{good:,} of {counted(len(rows), 'recording')} repaired within all limits.",
+        mood="good" if good == len(rows) else "bad",
         shares=_shares(rows),
         spread=_spread(rows, names),
         histograms=_histograms(rows, names),
@@ -139,10 +138,6 @@ def _look(name: str) -> FigureLook:
     return LOOKS.get(name, FigureLook(name.replace("_", " ")))
 
 
-def _label(name: str) -> str:
-    return _look(name).label
-
-
 def _column(name: str, called: str) -> Column:
     look = _look(name)
     return Column(called, unit=look.unit, of=lambda row: row.outcome.figures.get(name), digits=look.digits)
@@ -155,17 +150,6 @@ def _linked(row: RepairedRow) -> str:
     if not (row.planned.request.out.parent / "report.html").is_file():
         return row.name
     return Markup('<a href="{}/report.html">{}</a>').format(quote(row.name), row.name)
-
-
-def _state(row: RepairedRow) -> Marked:
-    return Marked(row.outcome.state, MOODS[row.outcome.state])
-
-
-def _sentence(rows: Sequence[RepairedRow]) -> str:
-    good = sum(row.outcome.state == "repaired" for row in rows)
-    return (
-        f"{good:,} of {counted(len(rows), 'recording')} repaired within all limits ({100.0 * good / len(rows):.1f} %)."
-    )
 
 
 def _shares(rows: Sequence[RepairedRow]) -> Table:
@@ -191,7 +175,7 @@ def _spread(rows: Sequence[RepairedRow], names: Sequence[str]) -> Table:
     for name in names:
         values, digits = _values(rows, name), _look(name).digits
         found = [shown(float(mark(values)), digits) if len(values) else MISSING for mark in marks]
-        cells.append((_column(name, _label(name)).heading, f"{len(values):,}", *found))
+        cells.append((_column(name, _look(name).label).heading, f"{len(values):,}", *found))
     return Table.of_cells(headings, cells, "Figures over all recordings", numbers=headings[1:])
 
 
@@ -199,17 +183,15 @@ def _ranking(rows: Sequence[RepairedRow], name: str, sign: float) -> Table:
     """Return the worst rows by a figure, the worst first."""
     known = [row for row in rows if np.isfinite(row.figure(name))]
     worst = sorted(known, key=lambda row: -sign * row.figure(name))[:WORST]
-    return Table([Column("name", of=_linked, is_number=False), _column(name, _label(name))], worst, "Worst first")
+    return Table([words("name", _linked), _column(name, _look(name).label)], worst, "Worst first")
 
 
 def _picture(row: RepairedRow) -> bytes:
     """Return the picture of a row's worst frame, a PNG; empty if it has none."""
     try:
         data = read_input(row.planned.request.out.parent / "worst.png")
-    except FileNotFoundError:
+    except OSError:
         return b""
-    except OSError as error:
-        raise OutputError(f"cannot read {row.name}/worst.png: {error.strerror or error}") from error
     return data if data.startswith(b"\x89PNG\r\n\x1a\n") else b""
 
 
@@ -234,9 +216,7 @@ def _histograms(rows: Sequence[RepairedRow], names: Sequence[str]) -> str:
     # Of the document only its drawing: a page has a head of its own.
     drawing = svg[svg.index("<svg ") :]
     start, end = drawing.index("<metadata>"), drawing.index("</metadata>") + len("</metadata>")
-    alt = (
-        "Histograms of each figure over all recordings, before and after the repair; the table above has their values."
-    )
+    alt = "Histograms of each figure over all recordings, before and after the repair."
     return drawing[:start].replace("<svg ", f'<svg role="img" aria-label="{alt}" ', 1) + drawing[end:]
 
 
@@ -244,15 +224,18 @@ def _draw(figure: "Figure", groups: Mapping[str, Mapping[str, FloatArray]], line
     for place, (name, group) in enumerate(groups.items(), 1):
         axes = figure.add_subplot(lines, PANEL_COLUMNS, place)
         gridded(axes)
-        edges = np.histogram_bin_edges(np.concatenate(list(group.values())), BINS)
+        every = np.concatenate(list(group.values()))
+        low, high = float(every.min()), float(every.max())
+        # Values that differ in rounding alone have no bins between them.
+        rim = 0.5 * max(1.0, abs(high)) if high - low <= 1e-9 * abs(high) else 0.0
+        edges = np.linspace(low - rim, high + rim, BINS + 1)
         for when, values in group.items():
             counts = np.histogram(values, edges)[0]
-            color, filled = (ORANGE, False) if when == "before" else (BLUE, True)
-            axes.stairs(
-                counts, edges, label=when, fill=filled, color=color, alpha=0.7 if filled else None, linewidth=1.2
+            style: dict[str, Any] = (
+                {"color": ORANGE} if when == "before" else {"color": BLUE, "fill": True, "alpha": 0.7}
             )
-        look = _look(name)
-        axes.set_title(look.label if look.unit == "" else f"{look.label} [{look.unit}]", loc="left")
+            axes.stairs(counts, edges, label=when, **style)
+        axes.set_title(_column(name, _look(name).label).heading, loc="left")
         axes.locator_params(nbins=5)
         if len(group) > 1:
             axes.legend(loc="upper right")

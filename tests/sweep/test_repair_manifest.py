@@ -66,6 +66,25 @@ def test_a_pattern_names_its_parts_and_defaults_hold(folder: Path) -> None:
     assert first.mano_model == last.mano_model == folder / "models/MANO.pkl"
 
 
+@pytest.mark.parametrize(
+    ("pattern", "names"),
+    [
+        ("seqs/**/{kind}_1.npz", {"s1-cup_pour", "s2-cup_pour"}),
+        ("**/s?/{kind}_?.npz", {"s1-cup_pour", "s1-mug", "s2-cup_pour"}),
+        ("seqs/s[!2]/*_{kind}_1.npz", {"s1-pour"}),
+        ("seqs/{place}/{kind}_{rest}.npz", {"s1-cup", "s1-mug", "s2-cup"}),
+        ("poses/{kind}_{kind}_1.npy", set()),
+    ],
+)
+def test_a_part_is_what_the_rest_of_its_pattern_leaves(folder: Path, pattern: str, names: set[str]) -> None:
+    text = f'version = 1\n[[recording]]\nrecording = "{pattern}"\nobject = "cube"\nname = "{{folder}}-{{kind}}"\n'
+    if names:
+        assert {row.name for row in load(folder, text)} == names
+    else:
+        with pytest.raises(InputError, match="there is no file"):
+            load(folder, text)
+
+
 def test_a_table_has_a_row_each(folder: Path) -> None:
     for text in (CSV, "\ufeff" + CSV, CSV.replace("\n", "\r\n")):
         first, second = load(folder, text, "m.csv")
@@ -106,7 +125,7 @@ def test_what_was_written_is_no_recording_of_the_next_run(folder: Path) -> None:
         ("poses/{stem}", "poses/{object}", "recording[1]: poses: there is no file poses/cup.npy in"),
         ("meshes/{object}", "mesh/{object}", "recording[1]: object: there is no file mesh/cup.stl in"),
         ("seqs/*/", "seqs/no/", "recording[1]: recording: there is no file seqs/no/{object}_*.npz in"),
-        ("seqs/*/", "seqs/[z-a]/", "recording[1]: recording: seqs/[z-a]/{object}_*.npz is no pattern"),
+        ("seqs/*/", "seqs/[z-a]/", "recording[1]: recording: there is no file seqs/[z-a]/{object}_*.npz in"),
         ("one.csv", "two.csv", "recording[2]: recording: there is no file two.csv"),
         ("one.csv", "o\\u0000e.csv", "recording[2]: recording = 'o\\x00e.csv'; expected text of one line"),
         ('"one.csv"', "3", "recording[2]: recording = 3; expected text of one line"),
