@@ -124,11 +124,7 @@ class RowTask:
 
 
 def row_digest(row: PlannedRepair) -> str:
-    """Return a digest of a row: the content of its files, its options, its name, and hhsim's sources.
-
-    Raises:
-        InputError: A file that cannot be read.
-    """
+    """Return a digest of a row: the content of its files, its options, its name, and hhsim's sources."""
     request = row.request
     stated = {name: value for name, value in vars(request).items() if name != "out"}
     stated["object"] = Path(request.object) if names_a_file(request.object) else request.object
@@ -151,7 +147,7 @@ def read_outcome(row: PlannedRepair, digest: str) -> RowOutcome | None:
 
 def write_outcome(folder: Path, outcome: RowOutcome) -> None:
     """Write the outcome of a row in one step; OutputError if that fails."""
-    text = json.dumps(plain_json(structs.asdict(outcome)), indent=1, sort_keys=True, allow_nan=False)
+    text = json.dumps(plain_json(structs.asdict(outcome)), indent=1, allow_nan=False)
     write_atomically(folder / OUTCOME, f"{text}\n".encode())
 
 
@@ -198,7 +194,11 @@ def _finished(digest: str, done: RepairOutcome, folder: Path) -> RowOutcome:
 
 
 def _content(value: Any) -> str:
-    return file_digest(value) if isinstance(value, Path) else repr(value)
+    try:
+        return file_digest(value) if isinstance(value, Path) else repr(value)
+    except InputError as error:
+        # The repair of this row will say so; the others go on.
+        return str(error)
 
 
 def _line(error: Exception) -> str:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import fake_repairs
@@ -19,8 +20,9 @@ from hhsim.sweep import engines
 from hhsim.sweep import repair_batch as module
 from hhsim.sweep.folder import locked
 from hhsim.sweep.repair_batch import run_manifest
+from hhsim.sweep.repair_row import RowTask
 
-LIMIT = "time_limit = 2.0\n"
+LIMIT = "time_limit = 1.0\n"
 
 
 @pytest.fixture
@@ -52,7 +54,7 @@ def test_every_row_ends_whatever_others_do_and_any_number_of_processes_writes_th
         "r0": ("repaired", ""),
         "r1": ("failed", engines.CRASHED),
         "r2": ("refused", f"{tmp_path}/r2.txt: no recording"),
-        "r3": ("failed", "not done within its time_limit of 2 s"),
+        "r3": ("failed", "not done within its time_limit of 1 s"),
         "r4": ("missed", "MISSED: 2 frames are deep"),
         "r5": ("failed", "KeyError: 'hand'"),
         "r6": ("failed", "it wrote no r6.txt"),
@@ -66,10 +68,40 @@ def test_every_row_ends_whatever_others_do_and_any_number_of_processes_writes_th
     assert files["r0/r0.txt"] == b"copy 9"
     assert [name for name in files if name.startswith("r3/")] == ["r3/outcome.json"]
     assert len(ran(one)) == len(contents)
-    # A second run repeats what ended by accident, and nothing else.
-    assert run(path, one, workers=2).failed == found.failed
-    assert ran(one) == ["r1", "r3", "r5"]
-    assert tree(one) == files
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_second_run_repeats_what_ended_by_accident_and_nothing_else(tmp_path: Path) -> None:
+    path, out = write_manifest(tmp_path, "raise 1", "refuse 1", "miss 1", "copy 1", "mesh 1"), tmp_path / "out"
+    told: list[tuple[str, int, int]] = []
+    first = run_manifest(path, out, fake_repairs.repaired, progress=lambda *step: told.append(step))
+    assert told == [("recordings", done, 5) for done in range(6)]
+    assert len(ran(out)) == 5
+    files = tree(out)
+    told.clear()
+    assert (
+        run_manifest(path, out, fake_repairs.repaired, progress=lambda *step: told.append(step)).failed == first.failed
+    )
+    assert (ran(out), told) == (["r0"], [("recordings", 4, 5), ("recordings", 5, 5)])
+    assert tree(out) == files
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_file_that_cannot_be_read_fails_its_row_alone(tmp_path: Path) -> None:
+    path = write_manifest(tmp_path, "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n", "copy 1")
+    assert [name for name, _ in run(path, tmp_path / "out").failed] == ["r0"]
+
+
+def test_an_interrupted_run_says_what_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(tasks: Sequence[RowTask], *_: object) -> Iterator[engines.TaskEnd]:
+        yield tasks[0].run()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "run_tasks", interrupted)
+    path = write_manifest(tmp_path, "copy 1", "copy 2", "copy 3")
+    with pytest.raises(KeyboardInterrupt) as caught:
+        run(path, tmp_path / "out")
+    assert caught.value.__notes__ == ["1 of 3 recordings are done, and the same command goes on"]
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -138,10 +170,11 @@ def test_a_cluster_writes_the_same_and_survives_what_kills_its_workers(tmp_path:
     assert ran(tmp_path / "there") == ["r0", "r1", "r2", "r3"]
 
 
+@pytest.mark.usefixtures("in_this_process")
 @pytest.mark.parametrize("kills", [1, pytest.param(5, marks=pytest.mark.soak)])
 def test_killed_and_resumed_it_has_the_same_files(tmp_path: Path, kills: int) -> None:
-    path = write_manifest(tmp_path, *(f"slow {number}" for number in range(4 * kills + 4)), "crash 1", "refuse 1")
-    run(path, tmp_path / "undisturbed", workers=2)
+    path = write_manifest(tmp_path, *(f"slow {number}" for number in range(4 * kills + 4)), "refuse 1")
+    run(path, tmp_path / "undisturbed")
     out, chance = tmp_path / "killed", random.Random(kills)
     environment = {"PYTHONPATH": str(Path(fake_repairs.__file__).parent)}
     command = [sys.executable, fake_repairs.__file__, str(path), str(out), "2"]
