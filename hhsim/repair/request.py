@@ -1,31 +1,34 @@
-"""Order of a repair: which recording, which object, and the limits of its verdict; and what came of it."""
+"""Request for the repair of one recording, and its outcome."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-from hhsim.recordings.registry import ReadOptions
+from hhsim.motion.trajectory import HandSide
 from hhsim.table.table import Table
 
 MAX_CORRECTION = 0.015
-"""Default of the largest move of a joint that counts as a repair [m]."""
+"""Default of the largest displacement of a joint in a repaired frame [m]."""
+PALMS = ("usual", "none", "thin", "fitted")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class RepairRequest:
-    """Order to repair one recording.
+    """Recording to repair, and how.
 
     Attributes:
-        recording: File of the recorded hand.
-        object: Name of the catalogue, or mesh file.
-        out: File to write, of the recording's own format.
-        object_poses: File with the object's poses; None takes those of the recording.
-        hand_file: Sizes of the hand, for a recording of angles; None takes the usual hand.
-        unit, size: Unit of a mesh file, or length of its longest side [m].
-        max_correction: Largest move of a joint that counts as a repair [m].
-        palm: `usual`, or `none`, `thin` or `fitted` (`hhsim.repair.skin`).
-        read: Meaning of the recording's numbers.
+        object: Name of the catalogue, or path of a mesh file.
+        out: Path of the repaired recording.
+        object_poses: File with the object's pose in each frame; None if the recording has them, or it stands still.
+        hand_file: Hand of a recording of angles; None for the usual one.
+        mano_model: The user's own file of the MANO model.
+        hand: Side of the hand; "" if the recording says it.
+        unit: Unit of the mesh file; None for metres.
+        size: Largest extent that the mesh is scaled to [m]; None keeps it.
+        max_correction: Largest displacement of a point of the hand [m].
+        palm: Palm that stays outside, one of `PALMS`.
+        options: Further fields of `hhsim.recordings.registry.ReadOptions`.
     """
 
     recording: Path
@@ -33,50 +36,46 @@ class RepairRequest:
     out: Path
     object_poses: Path | None = None
     hand_file: Path | None = None
+    mano_model: Path | None = None
+    hand: HandSide = ""
     unit: str | None = None
     size: float | None = None
     max_correction: float = MAX_CORRECTION
     palm: str = "usual"
-    read: ReadOptions = field(default_factory=ReadOptions)
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class RepairOutcome:
-    """Result of a repair.
+    """Outcome of a repair whose recording is written.
 
     Attributes:
-        figures: Figures by name, SI units; those of the recording end in `_before`, those of the repair in `_after`.
-        table: The same, for people.
+        figures: Figures by name, SI, such as pd_before and pd_after [m].
         frames: Number of frames.
-        marked: Frames in which no repair was found, or whose correction exceeds the limit.
-        verdict: One line.
-        missed: Names of the limits that were missed.
+        marked: Frames that stay as they were, or that the user should look at.
+        verdict: Judgement in words.
+        ok: True if every limit is met.
         findings: Remarks of the reader and of the repair, a line each.
-        paths: Files by what they hold: `recording`, `result`, `report`.
+        paths: Files that were written, by what they hold.
+        table: Figures for people.
     """
 
     figures: Mapping[str, float]
-    table: Table
     frames: int
     marked: tuple[int, ...]
     verdict: str
-    missed: tuple[str, ...]
-    findings: tuple[str, ...]
-    paths: Mapping[str, Path]
-
-    @property
-    def ok(self) -> bool:
-        """Return True if no limit was missed."""
-        return not self.missed
+    ok: bool
+    findings: tuple[str, ...] = ()
+    paths: Mapping[str, Path] = field(default_factory=dict)
+    table: Table | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the outcome as plain values, SI units."""
         return {
-            "verdict": self.verdict,
-            "missed": list(self.missed),
-            "frames": self.frames,
-            "marked": list(self.marked),
-            "figures": dict(self.figures),
-            "findings": list(self.findings),
+            **{name: getattr(self, name) for name in ("verdict", "ok", "frames", "marked", "figures", "findings")},
             **{name: str(path) for name, path in self.paths.items()},
         }
+
+
+Repair: TypeAlias = Callable[[RepairRequest], RepairOutcome]
+"""Function that repairs one recording; it raises HhsimError with one line if it cannot."""

@@ -21,6 +21,7 @@ from hhsim.scene.motion_catalogue import Motion, resolve_trajectory, trajectory_
 from hhsim.scene.scene import Scene, hand_of
 from hhsim.scene.script import Script
 from hhsim.sweep.cell import OF_THE_SCENE, Cell, file_digest, source_digest
+from hhsim.sweep.engines import TaskEnd
 from hhsim.sweep.folder import PARTIAL, write_row
 from hhsim.system import environment as info
 from hhsim.system.own_core import on_own_core
@@ -58,39 +59,27 @@ class CellTask:
     wants_core: bool = True
     sources: str = ""
 
-
-@dataclass(frozen=True)
-class CellEnd:
-    """Outcome of a cell.
-
-    Attributes:
-        reason: Reason of its failure; "" if its row is written.
-        ticks: Number of ticks in all its runs.
-        seconds: Duration of all of it; for the first cell of a process without its scene, in which code is loaded.
-    """
-
-    digest: str
-    reason: str = ""
-    ticks: int = 0
-    seconds: float = 0.0
+    def run(self) -> TaskEnd:
+        """Run the cell, as `run_cell`."""
+        return run_cell(self)
 
 
-def run_cell(task: CellTask) -> CellEnd:
+def run_cell(task: CellTask) -> TaskEnd:
     """Run a cell and write its files, the row last: a cell is done when its row is there."""
     if source_digest() != task.sources:
-        return CellEnd(task.digest, "the hhsim of this worker is another one: install the same there")
+        return TaskEnd(task.digest, "the hhsim of this worker is another one: install the same there")
     if not Path(task.folder).is_dir():
         why = f"the worker sees no folder {task.folder}: a sweep needs one that all workers share"
-        return CellEnd(task.digest, why)
+        return TaskEnd(task.digest, why)
     try:
         with ONE_AT_A_TIME:
             ticks, seconds = _run(task)
-            return CellEnd(task.digest, ticks=ticks, seconds=seconds)
+            return TaskEnd(task.digest, ticks=ticks, seconds=seconds)
     except (HhsimError, OSError, MemoryError) as error:
-        return CellEnd(task.digest, " ".join(str(error).split()) or type(error).__name__)
+        return TaskEnd(task.digest, " ".join(str(error).split()) or type(error).__name__)
     except Exception as error:
         # A method from outside may raise anything; the other cells go on.
-        return CellEnd(task.digest, f"{type(error).__name__}: {' '.join(str(error).split())}")
+        return TaskEnd(task.digest, f"{type(error).__name__}: {' '.join(str(error).split())}")
 
 
 def _run(task: CellTask) -> tuple[int, float]:

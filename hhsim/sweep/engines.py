@@ -1,4 +1,4 @@
-"""Engines that run cells: processes of this machine, or a Dask cluster (one that runs already, or a local one)."""
+"""Engines that run tasks: processes of this machine, or a Dask cluster (one that runs already, or a local one)."""
 
 import contextlib
 import os
@@ -9,14 +9,14 @@ from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from multiprocessing import connection, get_context, parent_process
-from typing import Any
+from typing import Any, Protocol
 
 from hhsim.errors import InputError
-from hhsim.sweep.cell_run import CellEnd, CellTask, run_cell
 
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Environment variables that keep the threads of numpy's linear algebra off the cores of other cells."""
+"""Environment variables that keep the threads of numpy's linear algebra off the cores of other tasks."""
 CRASHED = "its process ended by itself: a crash, or killed for want of memory"
 LOCAL = "local"
 """Word for a cluster of this machine, in the place of a scheduler's address."""
@@ -24,16 +24,48 @@ PATIENCE = 10
 """Longest wait for a scheduler [s]."""
 
 
-def run_in_processes(tasks: Sequence[CellTask], jobs: int) -> Generator[CellEnd, None, None]:
-    """Run cells, `jobs` at a time; they end in any order. The end of this generator ends its processes."""
+@dataclass(frozen=True)
+class TaskEnd:
+    """Outcome of a task.
+
+    Attributes:
+        reason: Reason of its failure; "" if what it makes is written.
+        ticks: Number of ticks in all its runs.
+        seconds: Duration of all of it; for the first cell of a process without its scene, in which code is loaded.
+    """
+
+    digest: str
+    reason: str = ""
+    ticks: int = 0
+    seconds: float = 0.0
+
+
+class Task(Protocol):
+    """Work of which a worker gets a copy; its digest tells it from the others."""
+
+    @property
+    def digest(self) -> str:
+        """Name among the tasks of a run."""
+
+    def run(self) -> TaskEnd:
+        """Do the work and write what it makes."""
+
+
+def run_tasks(tasks: Sequence[Task], scheduler: str, jobs: int) -> Generator[TaskEnd, None, None]:
+    """Run tasks in `jobs` processes, or on a cluster if a scheduler is given; as the functions for these two."""
+    return run_on_dask(tasks, scheduler, jobs) if scheduler else run_in_processes(tasks, jobs)
+
+
+def run_in_processes(tasks: Sequence[Task], jobs: int) -> Generator[TaskEnd, None, None]:
+    """Run tasks, `jobs` at a time; they end in any order. The end of this generator ends its processes."""
     waiting = deque(tasks)
-    running: dict[Future[CellEnd], tuple[_Worker, CellTask]] = {}
+    running: dict[Future[TaskEnd], tuple[_Worker, Task]] = {}
     workers: list[_Worker] = []
 
     def begin(worker: "_Worker") -> None:
         if waiting:
             task = waiting.popleft()
-            running[worker.pool.submit(run_cell, task)] = worker, task
+            running[worker.pool.submit(_run, task)] = worker, task
 
     with _one_thread():
         try:
@@ -46,7 +78,7 @@ def run_in_processes(tasks: Sequence[CellTask], jobs: int) -> Generator[CellEnd,
                     try:
                         end = future.result()
                     except BrokenProcessPool:
-                        end = CellEnd(task.digest, CRASHED)
+                        end = TaskEnd(task.digest, CRASHED)
                         worker.stop()
                         workers.remove(worker)
                         if waiting:
@@ -59,8 +91,12 @@ def run_in_processes(tasks: Sequence[CellTask], jobs: int) -> Generator[CellEnd,
                 worker.stop()
 
 
+def _run(task: Task) -> TaskEnd:
+    return task.run()
+
+
 class _Worker:
-    """Process that runs one cell after the other."""
+    """Process that runs one task after the other."""
 
     def __init__(self) -> None:
         # Spawned, not forked: a fork of a process with threads copies locks that nobody will release.
@@ -68,7 +104,7 @@ class _Worker:
         self.process = self.pool.submit(os.getpid)
 
     def stop(self) -> None:
-        """End it now, also within a cell."""
+        """End it now, also within a task."""
         self.pool.shutdown(wait=False, cancel_futures=True)
         if self.process.done() and not self.process.cancelled() and self.process.exception() is None:
             with contextlib.suppress(ProcessLookupError):
@@ -109,12 +145,12 @@ def require_dask() -> None:
     except ImportError:
         raise InputError(
             "--scheduler needs Dask, which is not installed: pip install 'hhsim[sweep]'; without it, --jobs N runs "
-            "cells in processes of this machine"
+            "them in processes of this machine"
         ) from None
 
 
-def run_on_dask(tasks: Sequence[CellTask], scheduler: str, jobs: int) -> Generator[CellEnd, None, None]:
-    """Run cells; they end in any order.
+def run_on_dask(tasks: Sequence[Task], scheduler: str, jobs: int) -> Generator[TaskEnd, None, None]:
+    """Run tasks; they end in any order.
 
     Args:
         scheduler: Address of a scheduler, such as tcp://10.0.0.1:8786, or `LOCAL`.
@@ -142,13 +178,13 @@ def run_on_dask(tasks: Sequence[CellTask], scheduler: str, jobs: int) -> Generat
         yield from run_with_client(client, tasks)
 
 
-def run_with_client(client: Any, tasks: Sequence[CellTask]) -> Generator[CellEnd, None, None]:
-    """Run cells by a client of any cluster."""
+def run_with_client(client: Any, tasks: Sequence[Task]) -> Generator[TaskEnd, None, None]:
+    """Run tasks by a client of any cluster."""
     from distributed import as_completed
 
     # A name of its own for each attempt: one that failed before would be answered from memory.
     attempt = uuid.uuid4().hex[:8]
-    futures = {client.submit(run_cell, task, key=f"hhsim-{task.digest}-{attempt}", pure=False): task for task in tasks}
+    futures = {client.submit(_run, task, key=f"hhsim-{task.digest}-{attempt}", pure=False): task for task in tasks}
     try:
         for future in as_completed(list(futures)):
             error = future.exception()
@@ -156,7 +192,7 @@ def run_with_client(client: Any, tasks: Sequence[CellTask]) -> Generator[CellEnd
                 yield future.result()
             else:
                 why = " ".join(str(error).split())
-                yield CellEnd(futures[future].digest, f"its worker was lost: {type(error).__name__}: {why}")
+                yield TaskEnd(futures[future].digest, f"its worker was lost: {type(error).__name__}: {why}")
             # The scheduler keeps every answer until its future is released.
             del futures[future]
             future.release()

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hhsim.sweep.cell import source_digest
-from hhsim.sweep.cell_run import CellEnd, CellTask, run_cell
+from hhsim.sweep.cell_run import CellTask, run_cell
+from hhsim.sweep.engines import TaskEnd
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.pace import kind, pace_of
 from hhsim.sweep.plan import PlannedCell, SweepPlan
@@ -87,7 +88,7 @@ def _scene_of(planned: PlannedCell) -> tuple[str, str, str]:
     return planned.cell.object.name, planned.cell.motion.name, planned.cell.surface
 
 
-def _tried(planned: PlannedCell, plan_folder: Path, sharing: int) -> CellEnd:
+def _tried(planned: PlannedCell, plan_folder: Path, sharing: int) -> TaskEnd:
     """Return the extrapolated end of all runs of a cell; so many cells share its scene, which one of them opens.
 
     Ticks are sampled from the whole motion, because its beginning has no contacts, and its ticks are fast.
@@ -97,7 +98,7 @@ def _tried(planned: PlannedCell, plan_folder: Path, sharing: int) -> CellEnd:
     large = max(1.0, min(planned.ticks / SOME, rate / LEAST_RATE))
     with tempfile.TemporaryDirectory() as scratch:
 
-        def run(ticks: int, step: float = 1.0) -> CellEnd:
+        def run(ticks: int, step: float = 1.0) -> TaskEnd:
             options = {**cell.options, "rate": rate / step}
             tried = replace(cell, repeat=1, ticks=min(planned.ticks, ticks), options=options)
             where = str(plan_folder.resolve()), scratch

@@ -39,35 +39,20 @@ class SweepFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.cells = path / CELLS
-        if path.exists() and not path.is_dir():
-            raise OutputError(f"{path} is a file, not a folder: name another with --out")
-        if path.is_dir() and any(path.iterdir()) and not is_sweep(path):
-            raise OutputError(f"{path} holds other files, and no sweep: name a new folder with --out")
+        check_own(path, is_sweep(path), "sweep")
 
     @contextlib.contextmanager
     def taken(self, plan: SweepPlan) -> Iterator[None]:
         """Make and lock the folder and remove unfinished files; OutputError if it is not writable, or locked."""
-        try:
-            self.cells.mkdir(parents=True, exist_ok=True)
-            lock = os.open(self.path / LOCK, posix.CREATE_FLAGS, 0o644)
-        except OSError as error:
-            raise OutputError(f"cannot write in {self.path}: {error.strerror or error}") from error
-        try:
+        with locked(self.path, self.cells, "sweep"):
             try:
-                posix.lock(lock)
-            except BlockingIOError:
-                raise OutputError(f"another sweep works in {self.path}: wait for it, or name another folder") from None
-            except OSError:
-                # A file system without locks: two sweeps do each other's cells twice, and no harm.
-                pass
-            content = {"format": FORMAT, "version": VERSION, "name": plan.name, "plan": plan.text}
-            write_atomically(self.path / MARK, (json.dumps(content, indent=1) + "\n").encode())
-            self._clean()
-            yield
-        finally:
-            with contextlib.suppress(OSError):
+                content = {"format": FORMAT, "version": VERSION, "name": plan.name, "plan": plan.text}
+                write_atomically(self.path / MARK, (json.dumps(content, indent=1) + "\n").encode())
                 self._clean()
-            os.close(lock)
+                yield
+            finally:
+                with contextlib.suppress(OSError):
+                    self._clean()
 
     def done(self, planned: PlannedCell, with_result: bool = False) -> bool:
         """Return True if a cell is done as often as planned, with its result if wanted; rename it in its row."""
@@ -117,13 +102,47 @@ class SweepFolder:
                 left.unlink(missing_ok=True)
 
 
+@contextlib.contextmanager
+def locked(path: Path, inner: Path, what: str) -> Iterator[None]:
+    """Make and lock a folder and one in it; OutputError if it is not writable, or another `what` works in it."""
+    try:
+        inner.mkdir(parents=True, exist_ok=True)
+        lock = os.open(path / LOCK, posix.CREATE_FLAGS, 0o644)
+    except OSError as error:
+        raise OutputError(f"cannot write in {path}: {error.strerror or error}") from error
+    try:
+        try:
+            posix.lock(lock)
+        except BlockingIOError:
+            raise OutputError(f"another {what} works in {path}: wait for it, or name another folder") from None
+        except OSError:
+            # A file system without locks: two runs do each other's work twice, and no harm.
+            pass
+        yield
+    finally:
+        os.close(lock)
+
+
+def check_own(path: Path, is_own: bool, what: str) -> None:
+    """Raise OutputError for a file, or a folder that is not empty and not its own, as that of a `what` is."""
+    if path.exists() and not path.is_dir():
+        raise OutputError(f"{path} is a file, not a folder: name another with --out")
+    if not is_own and path.is_dir() and any(path.iterdir()):
+        raise OutputError(f"{path} holds other files, and no {what}: name a new folder with --out")
+
+
 def is_sweep(path: Path) -> bool:
     """Return True if a folder is one of a sweep."""
+    return has_format(path / MARK, FORMAT)
+
+
+def has_format(path: Path, form: str) -> bool:
+    """Return True if a file is a JSON document of this format."""
     try:
-        found = json.loads(read_input_text(path / MARK))
+        found = json.loads(read_input_text(path))
     except (OSError, ValueError):
         return False
-    return isinstance(found, dict) and found.get("format") == FORMAT
+    return isinstance(found, dict) and found.get("format") == form
 
 
 def write_row(path: Path, cell: Cell, digest: str, content: Mapping[str, Any]) -> None:

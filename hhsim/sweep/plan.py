@@ -30,7 +30,7 @@ from typing import Annotated, Any
 
 from msgspec import Meta, field, structs
 
-from hhsim.errors import InputError, check_known
+from hhsim.errors import InputError, check_known, named
 from hhsim.mesh.catalogue import names_a_file, object_names
 from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.described_scene import SceneWords
@@ -113,7 +113,7 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
         where: Name of the text in messages.
     """
     plan = parse_settings(text, _PlanTable, where)
-    objects = _unique(where, "objects", [_object(where, folder, entry) for entry in plan.objects])
+    objects = _unique(where, "objects", [checked_object(where, folder, entry) for entry in plan.objects])
     motions = _unique(where, "motions", [found for entry in plan.motions for found in _motions(where, folder, entry)])
     for called, given in plan.options.items():
         # Those of the solver are checked for each method.
@@ -192,12 +192,14 @@ def _impossible(shape: SweptObject, motion: _Motion, swept: SweptMotion, method:
     return f"method {method} takes no surface {surface}" if refuses else ""
 
 
-def _object(where: str, folder: Path, entry: str | SweptObject) -> SweptObject:
+def checked_object(where: str, folder: Path, entry: str | SweptObject) -> SweptObject:
+    """Return an object with its name; InputError for no such file or name, or a size for one of the catalogue."""
     found = SweptObject(entry) if isinstance(entry, str) else entry
     if names_a_file(found.word):
         _require_file(where, folder, found.word)
     else:
-        check_known("object", [found.word], object_names())
+        with named(where):
+            check_known("object", [found.word], object_names())
         if (found.unit, found.size_mm, found.thickness_mm) != (None, None, None):
             raise InputError(f"{where}: '{found.word}' has its size: unit, size_mm and thickness_mm are for mesh files")
     return structs.replace(found, name=found.name or Path(found.word).stem)

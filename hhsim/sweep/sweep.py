@@ -8,8 +8,8 @@ from time import perf_counter
 from hhsim.errors import HhsimError
 from hhsim.solver.compile import warm_up
 from hhsim.sweep.cell import Cell, source_digest
-from hhsim.sweep.cell_run import CellEnd, CellTask, cell_hand, cell_object, motion_of
-from hhsim.sweep.engines import LOCAL, require_dask, run_in_processes, run_on_dask
+from hhsim.sweep.cell_run import CellTask, cell_hand, cell_object, motion_of
+from hhsim.sweep.engines import LOCAL, TaskEnd, require_dask, run_tasks
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.pace import lasting, pace_of
 from hhsim.sweep.plan import PlannedCell, SweepPlan
@@ -146,7 +146,5 @@ def _tasks(plan: SweepPlan, folder: SweepFolder, cells: Sequence[PlannedCell], o
     ]
 
 
-def _engine(tasks: Sequence[CellTask], options: SweepOptions) -> Generator[CellEnd, None, None]:
-    if options.scheduler:
-        return run_on_dask(tasks, options.scheduler, options.workers)
-    return run_in_processes(tasks, options.workers)
+def _engine(tasks: Sequence[CellTask], options: SweepOptions) -> Generator[TaskEnd, None, None]:
+    return run_tasks(tasks, options.scheduler, options.workers)

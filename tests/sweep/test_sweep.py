@@ -15,8 +15,8 @@ from hhsim.result.reader import load_result
 from hhsim.sweep import estimate as estimate_module
 from hhsim.sweep import sweep as module
 from hhsim.sweep.cell import source_digest
-from hhsim.sweep.cell_run import CellEnd, CellTask, run_cell
-from hhsim.sweep.engines import CRASHED
+from hhsim.sweep.cell_run import CellTask, run_cell
+from hhsim.sweep.engines import CRASHED, TaskEnd
 from hhsim.sweep.estimate import estimate
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.plan import load_plan
@@ -165,13 +165,13 @@ def test_an_estimate_rests_on_all_of_a_motion_where_its_beginning_is_cheap(
     """
     opened: set[str] = set()
 
-    def pretended(task: CellTask) -> CellEnd:
+    def pretended(task: CellTask) -> TaskEnd:
         assert task.cell.ticks is not None
         rate = task.cell.options.get("rate", 1000.0)
         touching = max(0.0, task.cell.ticks - 0.5 * whole * rate / 1000.0)
         seconds = 0.5 + 0.02 * touching + (0.0 if task.cell.object.name in opened else 7.0)
         opened.add(task.cell.object.name)
-        return CellEnd(task.digest, ticks=task.cell.ticks, seconds=seconds)
+        return TaskEnd(task.digest, ticks=task.cell.ticks, seconds=seconds)
 
     monkeypatch.setattr(estimate_module, "run_cell", pretended)
     monkeypatch.setattr(estimate_module, "prepare", lambda *_: None)
@@ -190,7 +190,7 @@ def test_what_is_left_is_told_anew_as_cells_end(tmp_path: Path, monkeypatch: pyt
 
     def pretended(tasks: Sequence[CellTask], options: SweepOptions) -> Any:
         for task in tasks:
-            yield CellEnd(task.digest, ticks=200, seconds=took[task.cell.method])
+            yield TaskEnd(task.digest, ticks=200, seconds=took[task.cell.method])
 
     monkeypatch.setattr(module, "_engine", pretended)
     told: list[str] = []

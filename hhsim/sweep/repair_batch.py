@@ -1,0 +1,94 @@
+"""Repairs of a manifest: runs the rows that are not done yet, and writes the table and the page of all of them."""
+
+import json
+import uuid
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from hhsim.repair.request import Repair
+from hhsim.sweep.cell import source_digest
+from hhsim.sweep.engines import require_dask, run_tasks
+from hhsim.sweep.folder import check_own, has_format, locked
+from hhsim.sweep.repair_manifest import load_manifest
+from hhsim.sweep.repair_page import RepairedRow, repair_page, repair_table
+from hhsim.sweep.repair_row import RowOutcome, RowTask, keep_lost, read_outcome, row_digest
+from hhsim.system.atomic_write import write_atomically, write_together
+from hhsim.system.own_core import physical_cores
+from hhsim.system.plain_json import plain_json
+from hhsim.system.progress import Progress, silent
+from hhsim.table.table import Table, stored_unit
+
+MARK = "repairs.json"
+FORMAT = "hhsim-repairs"
+
+
+@dataclass(frozen=True)
+class BatchOutcome:
+    """Table of all rows, names and reasons of those that missed a limit or failed, and the path of the page."""
+
+    table: Table
+    failed: tuple[tuple[str, str], ...]
+    page: Path
+
+
+def run_manifest(
+    path: Path, out: Path, repair: Repair, *, workers: int = 0, scheduler: str = "", progress: Progress = silent
+) -> BatchOutcome:
+    """Repair the recordings of a manifest that are not done yet, each in a folder of `out` with its name.
+
+    Rows that failed by accident (a crash, the time limit, a full disk) are run again; those that were refused are not.
+
+    Args:
+        repair: Function that the workers can import.
+        workers: Processes of this machine; 0 for one per physical core.
+        scheduler: Address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`; "" for processes.
+
+    Raises:
+        InputError: A fault of the manifest, no Dask, or no scheduler.
+        OutputError: The folder holds other files or cannot be written, or another repair works in it.
+    """
+    if scheduler:
+        require_dask()
+    check_own(out, has_format(out / MARK, FORMAT), "repairs")
+    text, rows = load_manifest(path, out)
+    attempt, sources = uuid.uuid4().hex, source_digest()
+    tasks = {task.digest: task for task in (RowTask(row, row_digest(row), repair, attempt, sources) for row in rows)}
+    with locked(out, out, "repair"):
+        content = {"format": FORMAT, "version": 1, "manifest": text}
+        write_atomically(out / MARK, f"{json.dumps(content, indent=1)}\n".encode())
+        before = {digest: read_outcome(task.row, digest) for digest, task in tasks.items()}
+        left = [task for digest, task in tasks.items() if not (found := before[digest]) or not found.is_final]
+        done = len(tasks) - len(left)
+        progress("recordings", done, len(tasks))
+        try:
+            with closing(run_tasks(left, scheduler, workers or max(1, len(physical_cores())))) as ends:
+                for end in ends:
+                    done += 1
+                    if end.reason:
+                        keep_lost(tasks[end.digest], end.reason)
+                    progress("recordings", done, len(tasks))
+        except KeyboardInterrupt as interrupt:
+            interrupt.add_note(f"{done:,} of {len(tasks):,} recordings are done, and the same command goes on")
+            raise
+        lost = "its worker left no outcome in the folder"
+        ended = [
+            RepairedRow(
+                task.row, read_outcome(task.row, digest) or RowOutcome(digest=digest, state="failed", reason=lost)
+            )
+            for digest, task in tasks.items()
+        ]
+        table = repair_table(ended)
+        document = {
+            "columns": {one.name: stored_unit(one.unit) for one in table.columns},
+            "rows": plain_json(table.records),
+        }
+        write_together(
+            {
+                out / "table.csv": table.csv().encode(),
+                out / "table.json": f"{json.dumps(document, indent=1, allow_nan=False)}\n".encode(),
+                out / "report.html": repair_page(ended, table, path.name).encode(),
+            }
+        )
+    failed = tuple((row.name, row.outcome.reason) for row in ended if row.outcome.state != "repaired")
+    return BatchOutcome(table, failed, out / "report.html")

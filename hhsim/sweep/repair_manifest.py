@@ -1,0 +1,250 @@
+"""Manifest of repairs: a CSV file with a row for each recording, or a TOML file of recordings and patterns.
+
+Keys, the same in both; the first two are required::
+
+    version = 1                             # TOML only
+    [defaults]                              # TOML only: keys of every recording that does not state them
+    mano_model = "MANO_RIGHT.pkl"
+    [[recording]]
+    recording = "seqs/{object}_*.npz"       # {object} matches as * does, and is known by that name to the other keys
+    object = "meshes/{object}.obj"          # a mesh file, or a name of the catalogue
+    poses = "poses/{stem}.npy"              # {stem}: name of the recording's file without suffix; {folder}: its folder
+    name = "{folder}-{stem}"                # of the folder of what is written; default: {stem}
+    hand = "right"
+    unit = "mm"                             # of the mesh file; or size_mm, its largest extent
+    max_correction_mm = 15.0
+    palm = "usual"
+    time_limit = 3600.0                     # of the repair of one recording [s]
+
+Further keys say how a file is read, by the names of the options of `hhsim import`: format, columns, rate, length_unit,
+world_up, mano_pose, profile, episode. Files are relative to the manifest's folder.
+"""
+
+import csv
+import io
+import os
+import re
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from glob import glob
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta, field
+
+from hhsim.errors import InputError, UnknownNameError, check_known
+from hhsim.mesh.catalogue import names_a_file
+from hhsim.recordings.column_map import read_column_map
+from hhsim.recordings.formats.mano import READINGS
+from hhsim.repair.request import RepairRequest
+from hhsim.sweep.cell import SweptObject
+from hhsim.sweep.plan import WILD, checked_object
+from hhsim.system.settings_file import (
+    Settings,
+    Version,
+    a_list,
+    between,
+    one_of,
+    parse_settings,
+    read_toml_text,
+    typed,
+)
+
+NAME = re.compile(r"[^./\\][^/\\]{0,99}")
+OF_THE_FOLDER = ("report.html", "table.csv", "table.json", "repairs.json")
+OF_THE_ROW = ("outcome.json", "report.html", "result.h5", "worst.png")
+"""Files of the output folder, and of the folder of a row."""
+WITH_PLACES = ("object", "poses", "name", "mano_model", "columns", "profile")
+"""Keys in which the parts of a pattern may be named."""
+_PIECE = re.compile(r"(\*\*/)|(\*+)|(\?|\[[^]]+\])|\{([A-Za-z_]\w*)\}|(.)")
+_PLACE = re.compile(r"\{(\w*)\}")
+_LENGTH = Annotated[float, between(1e-3, 1e5, "mm")]
+_TEXT = Annotated[str, Meta(pattern=r"\A[^\x00-\x1f\x7f]+\Z", description="text of one line")]
+
+
+class ManifestRow(Settings, frozen=True, kw_only=True, rename={"form": "format"}):
+    """Recording of a manifest; files are relative to its folder."""
+
+    recording: _TEXT
+    object: _TEXT
+    poses: _TEXT | None = None
+    name: _TEXT | None = None
+    hand: Literal["right", "left"] | None = None
+    mano_model: _TEXT | None = None
+    unit: Literal["m", "cm", "mm", "inch"] | None = None
+    size_mm: _LENGTH | None = None
+    max_correction_mm: _LENGTH = 15.0
+    palm: _TEXT = "usual"
+    time_limit: Annotated[float, between(0.1, 1e7, "s")] = 3600.0
+    form: _TEXT | None = None
+    columns: _TEXT | None = None
+    rate: Annotated[float, between(0.1, 1e5, "Hz")] | None = None
+    length_unit: Literal["m", "cm", "mm", "inch"] | None = None
+    world_up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
+    mano_pose: Annotated[str, one_of(READINGS)] | None = None
+    profile: _TEXT | None = None
+    episode: Annotated[int, between(0, 2**63 - 1)] | None = None
+
+    def check(self) -> None:
+        """Raise InputError for a unit beside a size."""
+        if self.unit is not None and self.size_mm is not None:
+            raise InputError("unit and size_mm exclude each other: size_mm scales whatever the unit is")
+
+
+class _ManifestTable(Settings, frozen=True, kw_only=True):
+    version: Version
+    defaults: dict[str, Any] = field(default_factory=dict)
+    recording: Annotated[tuple[dict[str, Any], ...], a_list("[[recording]], a table for each")]
+
+
+@dataclass(frozen=True)
+class PlannedRepair:
+    """Repair of a manifest: its name, its request, and the longest duration [s]."""
+
+    name: str
+    request: RepairRequest
+    time_limit: float
+
+
+def load_manifest(path: Path, out: Path) -> tuple[str, list[PlannedRepair]]:
+    """Return the text of a manifest and its repairs, of which `out` is the output folder; patterns match nothing in it.
+
+    Raises:
+        InputError: No such file; an unknown key, name or file, a wrong value; two recordings of one name.
+    """
+    folder, output = path.parent.resolve(), out.resolve()
+    if path.suffix.lower() not in (".toml", ".csv"):
+        raise InputError(f"{path}: expected a manifest of repairs, .toml or .csv")
+    text = read_toml_text(path, "manifest of repairs").removeprefix("\ufeff")
+    found: dict[str, PlannedRepair] = {}
+    for where, content in _csv_rows(text, path) if path.suffix.lower() == ".csv" else _toml_rows(text, path):
+        for row in _expanded(where, content, folder, output):
+            planned = _planned(where, row, folder, output)
+            other = found.setdefault(planned.name.casefold(), planned)
+            if other is not planned:
+                raise InputError(f"{where}: two recordings are called '{planned.name}': give this one another name")
+    return text, list(found.values())
+
+
+def _toml_rows(text: str, path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    table = parse_settings(text, _ManifestTable, str(path))
+    typed({"recording": "any", "object": "any", **table.defaults}, ManifestRow, f"{path}: defaults")
+    for number, row in enumerate(table.recording, 1):
+        yield f"{path}: recording[{number}]", {**table.defaults, **row}
+
+
+def _csv_rows(text: str, path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
+    try:
+        header = reader.fieldnames or []
+        check_known("column", header, _KEYS)
+        if len(set(header)) < len(header) or not {"recording", "object"} <= set(header):
+            raise InputError(f"the columns are {', '.join(header)}; expected recording and object, and each once")
+        rows = [(reader.line_num, row) for row in reader]
+    except (csv.Error, InputError) as error:
+        raise InputError(f"{path}: line {max(1, reader.reader.line_num)}: {error}".replace("\n", "\\n")) from None
+    if not rows:
+        raise InputError(f"{path}: no row below the columns")
+    for line, row in rows:
+        if None in row:
+            raise InputError(f"{path}: line {line}: more cells than the {len(header)} columns")
+        yield f"{path}: line {line}", {key: _value(key, cell.strip()) for key, cell in row.items() if cell}
+
+
+def _value(key: str, cell: str) -> str | int | float:
+    if key in ("size_mm", "max_correction_mm", "time_limit", "rate", "episode"):
+        for kind in (int, float):
+            with suppress(ValueError):
+                return kind(cell)
+    return cell
+
+
+def _expanded(where: str, content: dict[str, Any], folder: Path, output: Path) -> Iterator[ManifestRow]:
+    """Return the row, or that of each file that its pattern matches; the parts of a pattern are put in their places."""
+    word = typed(content, ManifestRow, where).recording
+    found: dict[str, dict[str, str]] = {}
+    if _is_file(folder / word):
+        found[word] = {}
+    elif not WILD.union("{").isdisjoint(word):
+        # That of a Path takes no absolute pattern.
+        for path in sorted(glob(_PLACE.sub("*", word), root_dir=folder, recursive=True)):  # noqa: PTH207
+            match = _shape(word).fullmatch(path)
+            if match and _is_file(folder / path) and output not in (folder / path).resolve().parents:
+                found[path] = match.groupdict()
+    if not found:
+        raise InputError(f"{where}: recording: there is no file {word} in {folder}")
+    for path, parts in found.items():
+        places = {**parts, "stem": Path(path).stem, "folder": (folder / path).parent.name}
+        filled = {key: _filled(where, key, content[key], places) for key in WITH_PLACES if key in content}
+        yield typed({**content, **filled, "recording": path}, ManifestRow, where)
+
+
+def _shape(pattern: str) -> re.Pattern[str]:
+    """Return the expression of a pattern whose files are known, in which {x} is `*` and, mentioned again, the same."""
+
+    def piece(found: re.Match[str]) -> str:
+        deep, stars, one, name, letter = found.groups()
+        if name:
+            again = f"{{{name}}}" in pattern[: found.start()]
+            return f"(?P={name})" if again else f"(?P<{name}>[^/]+?)"
+        return "(?:.*/)?" if deep else "[^/]*" if stars else "[^/]" if one else re.escape(letter)
+
+    return re.compile(_PIECE.sub(piece, pattern))
+
+
+def _filled(where: str, key: str, text: str, places: dict[str, str]) -> str:
+    def value(found: re.Match[str]) -> str:
+        if found[1] not in places:
+            raise InputError(f"{where}: {key}: {UnknownNameError('place', found[0], [f'{{{one}}}' for one in places])}")
+        return places[found[1]]
+
+    return _PLACE.sub(value, text)
+
+
+def _planned(where: str, row: ManifestRow, folder: Path, output: Path) -> PlannedRepair:
+    recording = folder / row.recording
+    name = row.name or recording.stem
+    if not NAME.fullmatch(name) or name.casefold() in OF_THE_FOLDER:
+        raise InputError(f"{where}: name: '{name}' is none for a folder: expected at most 100 letters, no / in them")
+    if recording.name.casefold() in OF_THE_ROW:
+        raise InputError(f"{where}: recording: {recording.name} is the name of a file beside it: rename the recording")
+    shape = checked_object(f"{where}: object", folder, SweptObject(row.object, unit=row.unit, size_mm=row.size_mm))
+
+    def file(key: str) -> Path | None:
+        word: str | None = getattr(row, key)
+        if word is None:
+            return None
+        if not _is_file(folder / word):
+            raise InputError(f"{where}: {key}: there is no file {word} in {folder}")
+        # What is in the folder of a row goes when the row is run.
+        if output in (folder / word).resolve().parents:
+            raise InputError(f"{where}: {key}: {word} is in the output folder: expected a file outside of it")
+        return folder / word
+
+    file("recording")
+    columns = file("columns")
+    stated = {key: getattr(row, key) for key in ("form", "rate", "length_unit", "world_up", "mano_pose", "episode")}
+    stated |= {"profile": file("profile"), "columns": None if columns is None else read_column_map(columns)}
+    request = RepairRequest(
+        recording=recording,
+        object=str(folder / shape.word) if names_a_file(shape.word) else shape.word,
+        out=output / name / recording.name,
+        object_poses=file("poses"),
+        mano_model=file("mano_model"),
+        hand=row.hand or "",
+        unit=row.unit,
+        size=None if row.size_mm is None else 1e-3 * row.size_mm,
+        max_correction=1e-3 * row.max_correction_mm,
+        palm=row.palm,
+        options={key: value for key, value in stated.items() if value is not None},
+    )
+    return PlannedRepair(name, request, row.time_limit)
+
+
+def _is_file(path: Path) -> bool:
+    # That of a Path raises for a name that is too long.
+    return os.path.isfile(path)  # noqa: PTH113
+
+
+_KEYS = tuple({"form": "format"}.get(key, key) for key in ManifestRow.__struct_fields__)

@@ -1,0 +1,242 @@
+"""Table and page of the repairs of a manifest: yield, distribution of each figure, worst rows, and all rows."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+from urllib.parse import quote
+
+import numpy as np
+
+from hhsim import __version__
+from hhsim.arrays import FloatArray
+from hhsim.render.figure import vector_bytes
+from hhsim.report.figure import BLUE, ORANGE, PAGE_INCHES, gridded, new_figure
+from hhsim.sweep.repair_manifest import PlannedRepair
+from hhsim.sweep.repair_row import RowOutcome
+from hhsim.system.counted import counted
+from hhsim.system.input_file import read_input
+from hhsim.table.html import render
+from hhsim.table.table import MISSING, Column, Marked, Table, number, shown, unit_size, words
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+WORST = 10
+"""Number of rows of each list of the worst."""
+RANKINGS = (
+    ("pd_after", "Deepest after the repair", 1.0),
+    ("median_correction", "Largest correction", 1.0),
+    ("contacts_kept", "Most contacts lost", -1.0),
+)
+"""Figure of each list of the worst, its heading, and 1 if large values are bad, -1 if small ones are."""
+STATES = {
+    "repaired": "within all limits",
+    "missed": "repaired, but a limit is missed",
+    "refused": "a recording that cannot be read or used",
+    "failed": "for another reason",
+}
+MOODS = {"repaired": "good", "missed": "note", "refused": "bad", "failed": "bad"}
+BINS, PANEL_COLUMNS, PANEL_HEIGHT = 24, 3, 1.6
+"""Bins of a histogram, panels side by side, and height of each [inches]."""
+
+
+class FigureLook(NamedTuple):
+    """Label, unit and digits of a figure."""
+
+    label: str
+    unit: str = ""
+    digits: int | None = None
+
+
+LOOKS = {
+    "pd": FigureLook("PD", "mm", 2),
+    "iv": FigureLook("IV", "cm³", 2),
+    "sd": FigureLook("SD", "mm", 1),
+    "cdev": FigureLook("CDev", "mm", 2),
+    "mpjpe": FigureLook("MPJPE", "mm", 2),
+    "mpvpe": FigureLook("MPVPE", "mm", 2),
+    "median_correction": FigureLook("correction, median", "mm", 2),
+    "max_correction": FigureLook("correction, largest", "mm", 2),
+    "contacts_kept": FigureLook("contacts kept", "", 3),
+    "acc": FigureLook("ACC", "m/s²", 2),
+    "acc_ratio": FigureLook("ACC, after over before", "", 3),
+    "jerk": FigureLook("jerk", "m/s³", 1),
+    "time_per_frame": FigureLook("time a frame", "ms", 1),
+}
+"""Looks of figures by their names without _before or _after; any other has its own name, and no unit."""
+
+
+@dataclass(frozen=True)
+class RepairedRow:
+    """Row of the manifest with its outcome."""
+
+    planned: PlannedRepair
+    outcome: RowOutcome
+
+    @property
+    def name(self) -> str:
+        """Name of the row."""
+        return self.planned.name
+
+    def figure(self, name: str) -> float:
+        """Return a figure, SI; NaN if it has none of that name."""
+        found = self.outcome.figures.get(name)
+        return float("nan") if found is None else found
+
+
+def repair_table(rows: Sequence[RepairedRow]) -> Table:
+    """Return the table of all rows in their order; its figures are all that any row has, by their names."""
+    return Table(
+        [
+            words("name"),
+            words("state", "outcome.state"),
+            words("recording", lambda row: row.planned.request.recording.name),
+            words("object", lambda row: row.planned.request.object.replace("\\", "/").rpartition("/")[2]),
+            number("frames", "outcome.frames"),
+            number("marked", lambda row: len(row.outcome.marked)),
+            *(_column(name, name) for name in _figure_names(rows)),
+            words("reason", "outcome.reason"),
+        ],
+        rows,
+        "All recordings",
+    )
+
+
+def repair_page(rows: Sequence[RepairedRow], table: Table, manifest: str) -> str:
+    """Return the HTML page of the rows and their table; `manifest` is the name of its file."""
+    names, good = _figure_names(rows), sum(row.outcome.state == "repaired" for row in rows)
+    rankings = [(heading, _ranking(rows, name, sign)) for name, heading, sign in RANKINGS if name in names]
+    worst = {row.name: row for _, ranked in rankings for row in ranked.rows}
+    kept = [replace(column, name=_look(column.name).label) for column in table.columns]
+    kept[:2] = [words("name", _linked), words("state", lambda row: Marked(row.outcome.state, MOODS[row.outcome.state]))]
+    return render(
+        "sweep/repair_page.html",
+        title=f"Repair of {counted(len(rows), 'recording')}",
+        generator="hhsim repair",
+        version=__version__,
+        manifest=manifest,
+        sentence=f"{good:,} of {counted(len(rows), 'recording')} repaired within all limits.",
+        mood="good" if good == len(rows) else "bad",
+        shares=_shares(rows),
+        spread=_spread(rows, names),
+        histograms=_histograms(rows, names),
+        rankings=rankings,
+        pictures=[(row, png) for row in worst.values() if (png := _picture(row))],
+        table=replace(table, columns=kept),
+    )
+
+
+def _figure_names(rows: Sequence[RepairedRow]) -> list[str]:
+    return list(dict.fromkeys(name for row in rows for name in row.outcome.figures))
+
+
+def _look(name: str) -> FigureLook:
+    base, _, when = name.rpartition("_")
+    if when in ("before", "after"):
+        look = LOOKS.get(base, FigureLook(base.replace("_", " ")))
+        return look._replace(label=f"{look.label} {when}")
+    return LOOKS.get(name, FigureLook(name.replace("_", " ")))
+
+
+def _column(name: str, called: str) -> Column:
+    look = _look(name)
+    return Column(called, unit=look.unit, of=lambda row: row.outcome.figures.get(name), digits=look.digits)
+
+
+def _linked(row: RepairedRow) -> str:
+    """Return the name of a row, which leads to its report if it has one."""
+    from markupsafe import Markup
+
+    if not (row.planned.request.out.parent / "report.html").is_file():
+        return row.name
+    return Markup('<a href="{}/report.html">{}</a>').format(quote(row.name), row.name)
+
+
+def _shares(rows: Sequence[RepairedRow]) -> Table:
+    counts = {state: sum(row.outcome.state == state for row in rows) for state in STATES}
+    lines = [("imported", "repaired, within the limits or not", counts["repaired"] + counts["missed"])]
+    lines += [(state, says, counts[state]) for state, says in STATES.items()]
+    cells = [(f"{name}: {says}", f"{count:,}", f"{100.0 * count / len(rows):.1f} %") for name, says, count in lines]
+    return Table.of_cells(("outcome", "recordings", "share"), cells, "Yield", numbers=("recordings", "share"))
+
+
+def _values(rows: Sequence[RepairedRow], name: str) -> FloatArray:
+    """Return the finite values of a figure, as shown."""
+    values = np.array([row.figure(name) for row in rows]) / unit_size(_look(name).unit)
+    return values[np.isfinite(values)]
+
+
+def _spread(rows: Sequence[RepairedRow], names: Sequence[str]) -> Table:
+    headings = ("figure", "recordings", "least", "median", "mean", "p90", "largest")
+    marks: Sequence[Callable[[FloatArray], Any]] = (
+        np.min, np.median, np.mean, lambda values: np.quantile(values, 0.9), np.max,
+    )  # fmt: skip
+    cells = []
+    for name in names:
+        values, digits = _values(rows, name), _look(name).digits
+        found = [shown(float(mark(values)), digits) if len(values) else MISSING for mark in marks]
+        cells.append((_column(name, _look(name).label).heading, f"{len(values):,}", *found))
+    return Table.of_cells(headings, cells, "Figures over all recordings", numbers=headings[1:])
+
+
+def _ranking(rows: Sequence[RepairedRow], name: str, sign: float) -> Table:
+    """Return the worst rows by a figure, the worst first."""
+    known = [row for row in rows if np.isfinite(row.figure(name))]
+    worst = sorted(known, key=lambda row: -sign * row.figure(name))[:WORST]
+    return Table([words("name", _linked), _column(name, _look(name).label)], worst, "Worst first")
+
+
+def _picture(row: RepairedRow) -> bytes:
+    """Return the picture of a row's worst frame, a PNG; empty if it has none."""
+    try:
+        data = read_input(row.planned.request.out.parent / "worst.png")
+    except OSError:
+        return b""
+    return data if data.startswith(b"\x89PNG\r\n\x1a\n") else b""
+
+
+def _histograms(rows: Sequence[RepairedRow], names: Sequence[str]) -> str:
+    """Draw a panel for each figure, before and after in one, as SVG; empty if no row has a figure."""
+    groups: dict[str, dict[str, FloatArray]] = {}
+    for name in names:
+        base, _, when = name.rpartition("_")
+        paired = when in ("before", "after")
+        if len(values := _values(rows, name)):
+            groups.setdefault(base if paired else name, {})[when if paired else ""] = values
+    if not groups:
+        return ""
+    lines = -(-len(groups) // PANEL_COLUMNS)
+    with new_figure(PAGE_INCHES, lines * PANEL_HEIGHT) as figure:
+        import matplotlib
+
+        # Letters stay letters, which a page shows in its own way.
+        matplotlib.rcParams["svg.fonttype"] = "none"
+        _draw(figure, groups, lines)
+        svg = vector_bytes(figure, "svg", "Distribution of each figure").decode()
+    # Of the document only its drawing: a page has a head of its own.
+    drawing = svg[svg.index("<svg ") :]
+    start, end = drawing.index("<metadata>"), drawing.index("</metadata>") + len("</metadata>")
+    alt = "Histograms of each figure over all recordings, before and after the repair."
+    return drawing[:start].replace("<svg ", f'<svg role="img" aria-label="{alt}" ', 1) + drawing[end:]
+
+
+def _draw(figure: "Figure", groups: Mapping[str, Mapping[str, FloatArray]], lines: int) -> None:
+    for place, (name, group) in enumerate(groups.items(), 1):
+        axes = figure.add_subplot(lines, PANEL_COLUMNS, place)
+        gridded(axes)
+        every = np.concatenate(list(group.values()))
+        low, high = float(every.min()), float(every.max())
+        # Values that differ in rounding alone have no bins between them.
+        rim = 0.5 * max(1.0, abs(high)) if high - low <= 1e-9 * abs(high) else 0.0
+        edges = np.linspace(low - rim, high + rim, BINS + 1)
+        for when, values in group.items():
+            counts = np.histogram(values, edges)[0]
+            style: dict[str, Any] = (
+                {"color": ORANGE} if when == "before" else {"color": BLUE, "fill": True, "alpha": 0.7}
+            )
+            axes.stairs(counts, edges, label=when, **style)
+        axes.set_title(_column(name, _look(name).label).heading, loc="left")
+        axes.locator_params(nbins=5)
+        if len(group) > 1:
+            axes.legend(loc="upper right")
+    figure.tight_layout()

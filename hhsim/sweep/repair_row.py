@@ -1,0 +1,207 @@
+"""Repair of one recording of a manifest, in whatever process, and what its folder keeps of it: outcome.json, last."""
+
+import faulthandler
+import hashlib
+import json
+import os
+import shutil
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from msgspec import field, structs
+
+from hhsim import __version__
+from hhsim.errors import HhsimError, InputError, TrajectoryError
+from hhsim.mesh.catalogue import names_a_file
+from hhsim.repair.request import Repair, RepairOutcome
+from hhsim.sweep.cell import DIGITS, file_digest, source_digest
+from hhsim.sweep.engines import TaskEnd
+from hhsim.sweep.repair_manifest import PlannedRepair
+from hhsim.system.atomic_write import write_atomically
+from hhsim.system.input_file import read_input_text
+from hhsim.system.plain_json import plain_json
+from hhsim.system.settings_file import Settings, Version, typed
+
+OUTCOME = "outcome.json"
+MARK = ".begun"
+"""File of a row that is being run: its attempt, and the traceback at its time limit."""
+ONE_AT_A_TIME = threading.Lock()
+"""Lock of the process, which has one alarm; the threads of a cluster's worker share it."""
+
+State = Literal["repaired", "missed", "refused", "failed"]
+
+
+class RowOutcome(Settings, frozen=True, kw_only=True):
+    """Outcome of a row.
+
+    Attributes:
+        digest: Digest of what it depends on.
+        state: "repaired" within all limits; "missed", repaired but a limit is missed; "refused", a recording that
+            cannot be read or used; "failed" for any other reason.
+        reason: Reason of a state other than "repaired".
+        is_final: False if the same row may come to another end next time, as after a crash.
+        figures, frames, marked, verdict, findings: As in `hhsim.repair.request.RepairOutcome`; null for NaN.
+        paths: Names of files in the row's folder, by what they hold.
+    """
+
+    format: Literal["hhsim-repair"] = "hhsim-repair"
+    version: Version = 1
+    digest: str
+    state: State
+    reason: str = ""
+    is_final: bool = True
+    figures: dict[str, float | None] = field(default_factory=dict)
+    frames: int = 0
+    marked: tuple[int, ...] = ()
+    verdict: str = ""
+    findings: tuple[str, ...] = ()
+    paths: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class RowTask:
+    """Task for a process.
+
+    Attributes:
+        digest: Digest of the row, its name included.
+        repair: Function of a module that the process can import.
+        attempt: Name of the run that it belongs to.
+        sources: Digest of the hhsim that planned it.
+    """
+
+    row: PlannedRepair
+    digest: str
+    repair: Repair
+    attempt: str
+    sources: str
+
+    def run(self) -> TaskEnd:
+        """Repair the recording; the end has a reason if that left no outcome in the row's folder."""
+        folder = self.row.request.out.parent
+        if source_digest() != self.sources:
+            return TaskEnd(self.digest, "the hhsim of this worker is another one: install the same there")
+        if not folder.parent.is_dir():
+            why = f"the worker sees no folder {folder.parent}: repairs need one that all workers share"
+            return TaskEnd(self.digest, why)
+        try:
+            with ONE_AT_A_TIME:
+                # A cluster runs again what a worker had done, or had begun, when it was lost.
+                if (before := read_outcome(self.row, self.digest)) and before.is_final:
+                    return TaskEnd(self.digest)
+                if _begun(folder, self.attempt) is not None:
+                    return TaskEnd(self.digest, "its worker was lost")
+                _empty(folder)
+                outcome = self._outcome(folder)
+                (folder / MARK).unlink()
+                write_outcome(folder, outcome)
+            return TaskEnd(self.digest)
+        except (HhsimError, OSError) as error:
+            return TaskEnd(self.digest, _line(error))
+
+    def _outcome(self, folder: Path) -> RowOutcome:
+        try:
+            with (folder / MARK).open("w", encoding="utf-8") as mark:
+                print(self.attempt, file=mark, flush=True)
+                # Its thread waits for no lock of Python, which compiled code may hold.
+                faulthandler.dump_traceback_later(self.row.time_limit, exit=True, file=mark)
+                try:
+                    done = self.repair(self.row.request)
+                finally:
+                    faulthandler.cancel_dump_traceback_later()
+            if not self.row.request.out.is_file():
+                raise InputError(f"it wrote no {self.row.request.out.name}")
+            return _finished(self.digest, done, folder)
+        except TrajectoryError as error:
+            outcome = RowOutcome(digest=self.digest, state="refused", reason=_line(error))
+        except InputError as error:
+            outcome = RowOutcome(digest=self.digest, state="failed", reason=_line(error))
+        except Exception as error:
+            outcome = RowOutcome(digest=self.digest, state="failed", reason=_line(error), is_final=False)
+        _empty(folder, but=MARK)
+        return outcome
+
+
+def row_digest(row: PlannedRepair) -> str:
+    """Return a digest of a row: the content of its files, its options, its name, and hhsim's sources."""
+    request = row.request
+    stated = {name: value for name, value in vars(request).items() if name != "out"}
+    stated["object"] = Path(request.object) if names_a_file(request.object) else request.object
+    stated |= {"name": row.name, "file": request.out.name, "hhsim": [__version__, source_digest()]}
+    text = json.dumps(stated, sort_keys=True, default=_content)
+    return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
+
+
+def read_outcome(row: PlannedRepair, digest: str) -> RowOutcome | None:
+    """Return the outcome of a row with this digest; None if there is none, or it lacks its recording."""
+    path = row.request.out.parent / OUTCOME
+    try:
+        found = typed(json.loads(read_input_text(path)), RowOutcome, str(path))
+    except (OSError, ValueError, InputError):
+        return None
+    if found.state in ("repaired", "missed") and not row.request.out.is_file():
+        return None
+    return found if found.digest == digest else None
+
+
+def write_outcome(folder: Path, outcome: RowOutcome) -> None:
+    """Write the outcome of a row in one step; OutputError if that fails."""
+    text = json.dumps(plain_json(structs.asdict(outcome)), indent=1, allow_nan=False)
+    write_atomically(folder / OUTCOME, f"{text}\n".encode())
+
+
+def keep_lost(task: RowTask, reason: str) -> None:
+    """Write the outcome of a row whose worker left none; OutputError if that fails."""
+    folder, limit = task.row.request.out.parent, task.row.time_limit
+    if _begun(folder, task.attempt):
+        reason = f"not done within its time_limit of {limit:,g} s"
+    _empty(folder)
+    write_outcome(folder, RowOutcome(digest=task.digest, state="failed", reason=reason, is_final=False))
+
+
+def _begun(folder: Path, attempt: str) -> str | None:
+    """Return what stands below the mark of this attempt at a row; None if it was not begun."""
+    try:
+        found, _, below = (folder / MARK).read_text(encoding="utf-8", errors="replace").partition("\n")
+    except OSError:
+        return None
+    return below if found == attempt else None
+
+
+def _empty(folder: Path, but: str = "") -> None:
+    """Make a folder, and remove what is in it but for one file."""
+    folder.mkdir(exist_ok=True)
+    for path in folder.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        elif path.name != but:
+            path.unlink()
+
+
+def _finished(digest: str, done: RepairOutcome, folder: Path) -> RowOutcome:
+    return RowOutcome(
+        digest=digest,
+        state="repaired" if done.ok else "missed",
+        reason="" if done.ok else done.verdict,
+        figures={name: float(value) for name, value in done.figures.items()},
+        frames=int(done.frames),
+        marked=tuple(map(int, done.marked)),
+        verdict=done.verdict,
+        findings=tuple(done.findings),
+        paths={name: Path(os.path.relpath(path, folder)).as_posix() for name, path in done.paths.items()},
+    )
+
+
+def _content(value: Any) -> str:
+    try:
+        return file_digest(value) if isinstance(value, Path) else repr(value)
+    except InputError as error:
+        # The repair of this row will say so; the others go on.
+        return str(error)
+
+
+def _line(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    kind = "" if isinstance(error, HhsimError | OSError) and text else type(error).__name__
+    return ": ".join(part for part in (kind, text) if part)

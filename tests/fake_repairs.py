@@ -1,0 +1,82 @@
+"""Repairs that copy a recording, which several test modules run in processes; its words say how they end."""
+
+import os
+import shutil
+import struct
+import sys
+import time
+import zlib
+from pathlib import Path
+
+from hhsim.errors import MeshError, TrajectoryError
+from hhsim.repair.request import RepairOutcome, RepairRequest
+from hhsim.sweep.repair_batch import BatchOutcome, run_manifest
+
+
+def repaired(request: RepairRequest) -> RepairOutcome:
+    """The recording as it is, with figures that its first number decides."""
+    word, _, depth = request.recording.read_text().partition(" ")
+    with (request.out.parent.parent / "log.txt").open("a") as log:
+        log.write(f"{request.out.parent.name}\n")
+    match word:
+        case "refuse":
+            raise TrajectoryError(f"{request.recording}: no\nrecording")
+        case "mesh":
+            raise MeshError("no inside")
+        case "raise":
+            raise KeyError("hand")
+        case "crash":
+            os._exit(3)
+        case "hang":
+            time.sleep(1e4)
+        case "slow":
+            time.sleep(0.1)
+        case "nothing":
+            return RepairOutcome({}, 1, (), "unchanged", ok=True)
+    shutil.copy(request.recording, request.out)
+    (request.out.parent / "report.html").write_text("report")
+    (request.out.parent / "worst.png").write_bytes(png())
+    before = 1e-3 * float(depth)
+    figures = {"pd_before": before, "pd_after": 1e-3 * before, "iv_before": 1e-6, "contacts_kept": 1.0 - 10 * before}
+    figures |= {"median_correction": 0.5 * before, "own_figure": float("nan"), "time_per_frame": 2e-3}
+    missed = word == "miss"
+    return RepairOutcome(
+        figures, 30, (4, 7), "MISSED: 2 frames are deep" if missed else "REPAIRED", not missed, ("a finding",),
+        {"recording": request.out},
+    )  # fmt: skip
+
+
+def png() -> bytes:
+    """A picture of one dot."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    head = struct.pack(">IIBBBBB", 1, 1, 8, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"\0\0")) + chunk(b"IEND", b"")
+
+
+def write_manifest(folder: Path, *contents: str, more: str = "") -> Path:
+    """Write recordings r0.txt, r1.txt, … of these contents, and the manifest of them all."""
+    for number, content in enumerate(contents):
+        (folder / f"r{number}.txt").write_text(content)
+    path = folder / "manifest.toml"
+    path.write_text(f'version = 1\n[[recording]]\nrecording = "r*.txt"\nobject = "cube"\n{more}')
+    return path
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    """Every file of a folder and its bytes, but for lock and log."""
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file() and path.name not in (".lock", "log.txt")]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+def run(path: Path, out: Path, workers: int = 1) -> BatchOutcome:
+    """Run the repairs of a manifest."""
+    return run_manifest(path, out, repaired, workers=workers)
+
+
+if __name__ == "__main__":
+    import fake_repairs
+
+    fake_repairs.run(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))

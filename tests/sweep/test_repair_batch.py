@@ -1,0 +1,190 @@
+"""Repairs of a folder: each row its files, what is done stays done, and what fails is a row of the table."""
+
+import csv
+import io
+import json
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import fake_repairs
+import pytest
+from fake_repairs import run, tree, write_manifest
+
+from hhsim.errors import OutputError
+from hhsim.sweep import engines
+from hhsim.sweep import repair_batch as module
+from hhsim.sweep.folder import locked
+from hhsim.sweep.repair_batch import run_manifest
+from hhsim.sweep.repair_row import RowTask
+
+LIMIT = "time_limit = 1.0\n"
+
+
+@pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run the rows here, one after the other."""
+    monkeypatch.setattr(module, "run_tasks", lambda tasks, *_: (task.run() for task in tasks))
+
+
+def ran(out: Path) -> list[str]:
+    """Names of the rows that were run since this was asked."""
+    log = out / "log.txt"
+    names = sorted(log.read_text().split()) if log.is_file() else []
+    log.unlink(missing_ok=True)
+    return names
+
+
+def states(out: Path) -> dict[str, tuple[str, str]]:
+    rows = csv.DictReader(io.StringIO((out / "table.csv").read_text()))
+    return {row["name"]: (row["state"], row["reason"]) for row in rows}
+
+
+def test_every_row_ends_whatever_others_do_and_any_number_of_processes_writes_the_same(tmp_path: Path) -> None:
+    contents = ("copy 9", "crash 1", "refuse 1", "hang 1", "miss 4", "raise 1", "nothing 1", "mesh 1", "copy 3")
+    path = write_manifest(tmp_path, *contents, more=LIMIT)
+    one, two = tmp_path / "one", tmp_path / "two"
+    found = run(path, one)
+    assert run(path, two, workers=2).failed == found.failed
+    assert states(one) == {
+        "r0": ("repaired", ""),
+        "r1": ("failed", engines.CRASHED),
+        "r2": ("refused", f"{tmp_path}/r2.txt: no recording"),
+        "r3": ("failed", "not done within its time_limit of 1 s"),
+        "r4": ("missed", "MISSED: 2 frames are deep"),
+        "r5": ("failed", "KeyError: 'hand'"),
+        "r6": ("failed", "it wrote no r6.txt"),
+        "r7": ("failed", "no inside"),
+        "r8": ("repaired", ""),
+    }
+    assert dict(found.failed) == {name: reason for name, (_, reason) in states(one).items() if reason}
+    assert found.page == one / "report.html"
+    files = tree(one)
+    assert files == tree(two)
+    assert files["r0/r0.txt"] == b"copy 9"
+    assert [name for name in files if name.startswith("r3/")] == ["r3/outcome.json"]
+    assert len(ran(one)) == len(contents)
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_second_run_repeats_what_ended_by_accident_and_nothing_else(tmp_path: Path) -> None:
+    path, out = write_manifest(tmp_path, "raise 1", "refuse 1", "miss 1", "copy 1", "mesh 1"), tmp_path / "out"
+    told: list[tuple[str, int, int]] = []
+    first = run_manifest(path, out, fake_repairs.repaired, progress=lambda *step: told.append(step))
+    assert told == [("recordings", done, 5) for done in range(6)]
+    assert len(ran(out)) == 5
+    files = tree(out)
+    told.clear()
+    assert (
+        run_manifest(path, out, fake_repairs.repaired, progress=lambda *step: told.append(step)).failed == first.failed
+    )
+    assert (ran(out), told) == (["r0"], [("recordings", 4, 5), ("recordings", 5, 5)])
+    assert tree(out) == files
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_file_that_cannot_be_read_fails_its_row_alone(tmp_path: Path) -> None:
+    path = write_manifest(tmp_path, "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n", "copy 1")
+    assert [name for name, _ in run(path, tmp_path / "out").failed] == ["r0"]
+
+
+def test_an_interrupted_run_says_what_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(tasks: Sequence[RowTask], *_: object) -> Iterator[engines.TaskEnd]:
+        yield tasks[0].run()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "run_tasks", interrupted)
+    path = write_manifest(tmp_path, "copy 1", "copy 2", "copy 3")
+    with pytest.raises(KeyboardInterrupt) as caught:
+        run(path, tmp_path / "out")
+    assert caught.value.__notes__ == ["1 of 3 recordings are done, and the same command goes on"]
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_the_table_has_units_and_its_json_the_same_values(tmp_path: Path) -> None:
+    path = write_manifest(tmp_path, "copy 9", "refuse 0")
+    run(path, tmp_path / "out")
+    first, second = csv.DictReader(io.StringIO((tmp_path / "out" / "table.csv").read_text()))
+    assert float(first["pd_before [m]"]) == 1e-3 * 9.0 and float(first["pd_after [m]"]) == pytest.approx(9e-6)
+    assert (first["frames"], first["marked"], first["own_figure"], second["pd_after [m]"]) == ("30", "2", "", "")
+    document = json.loads((tmp_path / "out" / "table.json").read_text())
+    assert document["columns"]["iv_before"] == "m³" and document["rows"][0]["pd_before"] == 1e-3 * 9.0
+    assert document["rows"][0]["own_figure"] is None and document["rows"][1]["state"] == "refused"
+    outcome = json.loads((tmp_path / "out" / "r0" / "outcome.json").read_text())
+    assert (outcome["paths"], outcome["marked"], outcome["findings"]) == (
+        {"recording": "r0.txt"},
+        [4, 7],
+        ["a finding"],
+    )
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_what_a_row_depends_on_runs_it_anew(tmp_path: Path) -> None:
+    path, out = write_manifest(tmp_path, "copy 9", "copy 8", "copy 7"), tmp_path / "out"
+    run(path, out)
+    assert ran(out) == ["r0", "r1", "r2"]
+    (tmp_path / "r1.txt").write_text("copy 5")
+    (out / "r2" / "r2.txt").unlink()
+    (out / "r1" / "left.txt").write_text("of an earlier run")
+    run(path, out)
+    assert ran(out) == ["r1", "r2"] and not (out / "r1" / "left.txt").exists()
+    for damage in ("", "{}", '{"format": "hhsim-repair"}'):
+        (out / "r0" / "outcome.json").write_text(damage)
+        run(path, out)
+        assert ran(out) == ["r0"]
+    path.write_text(path.read_text() + "max_correction_mm = 9.0\n")
+    run(path, out)
+    assert ran(out) == ["r0", "r1", "r2"]
+    path.write_text(path.read_text() + "time_limit = 60.0\n")
+    run(path, out)
+    assert ran(out) == []
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_folder_of_others_and_one_that_is_worked_in_are_left_alone(tmp_path: Path) -> None:
+    path = write_manifest(tmp_path, "copy 1")
+    with pytest.raises(OutputError, match="holds other files, and no repairs"):
+        run(path, tmp_path)
+    run(path, tmp_path / "out")
+    with (
+        locked(tmp_path / "out", tmp_path / "out", "repair"),
+        pytest.raises(OutputError, match="another repair works in"),
+    ):
+        run(path, tmp_path / "out")
+
+
+@pytest.mark.soak
+@pytest.mark.filterwarnings("ignore")
+def test_a_cluster_writes_the_same_and_survives_what_kills_its_workers(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    path = write_manifest(tmp_path, "copy 9", "crash 1", "hang 0", "copy 8", more=LIMIT)
+    run(path, tmp_path / "here")
+    run_manifest(path, tmp_path / "there", fake_repairs.repaired, workers=1, scheduler=engines.LOCAL)
+    here, there = states(tmp_path / "here"), states(tmp_path / "there")
+    assert there.pop("r1")[1].startswith("its worker was lost") and here.pop("r1")
+    assert here == there
+    assert ran(tmp_path / "there") == ["r0", "r1", "r2", "r3"]
+
+
+@pytest.mark.usefixtures("in_this_process")
+@pytest.mark.parametrize("kills", [1, pytest.param(5, marks=pytest.mark.soak)])
+def test_killed_and_resumed_it_has_the_same_files(tmp_path: Path, kills: int) -> None:
+    path = write_manifest(tmp_path, *(f"slow {number}" for number in range(4 * kills + 4)), "refuse 1")
+    run(path, tmp_path / "undisturbed")
+    out, chance = tmp_path / "killed", random.Random(kills)
+    environment = {"PYTHONPATH": str(Path(fake_repairs.__file__).parent)}
+    command = [sys.executable, fake_repairs.__file__, str(path), str(out), "2"]
+    for _ in range(kills):
+        with subprocess.Popen(command, env=environment) as process:
+            done = len(list(out.glob("*/outcome.json")))
+            while process.poll() is None and len(list(out.glob("*/outcome.json"))) < done + 2:
+                time.sleep(0.01)
+            time.sleep(chance.uniform(0.0, 0.1))
+            process.send_signal(signal.SIGKILL)
+        assert process.returncode == -signal.SIGKILL and not (out / "table.csv").exists()
+    subprocess.run(command, env=environment, check=True)
+    assert tree(out) == tree(tmp_path / "undisturbed")

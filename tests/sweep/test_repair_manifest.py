@@ -1,0 +1,195 @@
+"""Manifests of repairs: what they become, and one line for what is wrong in them."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hhsim.errors import InputError
+from hhsim.sweep.repair_manifest import PlannedRepair, load_manifest
+
+MESH = "solid empty\nendsolid\n"
+TOML = """
+version = 1
+[defaults]
+hand = "right"
+mano_model = "models/MANO.pkl"
+[[recording]]
+recording = "seqs/*/{object}_*.npz"
+object = "meshes/{object}.stl"
+poses = "poses/{stem}.npy"
+name = "{folder}-{stem}"
+size_mm = 120
+rate = 30.0
+[[recording]]
+recording = "one.csv"
+object = "cube"
+hand = "left"
+columns = "columns.toml"
+"""
+CSV = """recording,object,poses,hand,name,size_mm
+one.csv,cube,,left,first,
+seqs/s1/cup_pour_1.npz,meshes/cup.stl,poses/cup_pour_1.npy,,,85.5
+"""
+COLUMNS = '[columns]\ntime = "t"\n'
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Recordings, meshes and poses, each of a few bytes."""
+    for name in (
+        *("seqs/s1/cup_pour_1.npz", "seqs/s1/mug_2.npz", "seqs/s2/cup_pour_1.npz", "seqs/s2/notes.npz"),
+        *("one.csv", "models/MANO.pkl", "meshes/cup.stl", "meshes/mug.stl", "poses/cup_pour_1.npy", "poses/mug_2.npy"),
+    ):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(MESH)
+    return tmp_path
+
+
+def load(folder: Path, text: str, name: str = "m.toml") -> list[PlannedRepair]:
+    (folder / name).write_text(text, encoding="utf-8")
+    return load_manifest(folder / name, folder / "out")[1]
+
+
+def test_a_pattern_names_its_parts_and_defaults_hold(folder: Path) -> None:
+    found = load(folder, TOML.replace('columns = "columns.toml"\n', ""))
+    assert [row.name for row in found] == ["s1-cup_pour_1", "s1-mug_2", "s2-cup_pour_1", "one"]
+    first, last = found[0].request, found[-1].request
+    assert first.recording == folder / "seqs/s1/cup_pour_1.npz"
+    assert first.object == str(folder / "meshes/cup.stl")
+    assert first.object_poses == folder / "poses/cup_pour_1.npy"
+    assert first.out == folder / "out/s1-cup_pour_1/cup_pour_1.npz"
+    assert (first.hand, first.size, first.max_correction, first.palm) == ("right", 0.12, 0.015, "usual")
+    assert first.options == {"rate": 30.0}
+    assert (last.object, last.hand, last.options) == ("cube", "left", {})
+    assert first.mano_model == last.mano_model == folder / "models/MANO.pkl"
+
+
+@pytest.mark.parametrize(
+    ("pattern", "names"),
+    [
+        ("seqs/**/{kind}_1.npz", {"s1-cup_pour", "s2-cup_pour"}),
+        ("**/s?/{kind}_?.npz", {"s1-cup_pour", "s1-mug", "s2-cup_pour"}),
+        ("seqs/s[!2]/*_{kind}_1.npz", {"s1-pour"}),
+        ("seqs/{place}/{kind}_{rest}.npz", {"s1-cup", "s1-mug", "s2-cup"}),
+        ("poses/{kind}_{kind}_1.npy", set()),
+    ],
+)
+def test_a_part_is_what_the_rest_of_its_pattern_leaves(folder: Path, pattern: str, names: set[str]) -> None:
+    text = f'version = 1\n[[recording]]\nrecording = "{pattern}"\nobject = "cube"\nname = "{{folder}}-{{kind}}"\n'
+    if names:
+        assert {row.name for row in load(folder, text)} == names
+    else:
+        with pytest.raises(InputError, match="there is no file"):
+            load(folder, text)
+
+
+def test_a_table_has_a_row_each(folder: Path) -> None:
+    for text in (CSV, "\ufeff" + CSV, CSV.replace("\n", "\r\n")):
+        first, second = load(folder, text, "m.csv")
+        assert (first.name, first.request.hand, first.request.object, first.request.size) == (
+            "first",
+            "left",
+            "cube",
+            None,
+        )
+        assert second.name == "cup_pour_1" and second.request.size == 0.0855
+        assert second.request.object_poses == folder / "poses/cup_pour_1.npy"
+
+
+def test_what_was_written_is_no_recording_of_the_next_run(folder: Path) -> None:
+    text = 'version = 1\n[[recording]]\nrecording = "**/mug*.npz"\nobject = "cube"\n'
+    assert len(load(folder, text)) == 1
+    (folder / "out/mug_2").mkdir(parents=True)
+    (folder / "out/mug_2/mug_2.npz").write_text("repaired")
+    assert len(load(folder, text)) == 1
+    with pytest.raises(InputError, match="is in the output folder"):
+        load(folder, text.replace("**/mug*", "out/mug_2/mug_2"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("version = 1", "", "m.toml: version is missing; expected 1"),
+        ("hand = \"right\"", "hand = \"both\"", "m.toml: defaults: hand: unknown hand 'both'"),
+        ("size_mm", "size", "m.toml: recording[1]: unknown key 'size': did you mean size_mm?"),
+        ("size_mm = 120", "size_mm = -1", "recording[1]: size_mm = -1; expected a number from 0.001 to 100000 mm"),
+        ("size_mm = 120", "size_mm = nan", "m.toml: recording[1]: size_mm = nan; expected a number from 0.001"),
+        ("size_mm = 120", "size_mm = 1\nunit = \"mm\"", "unit and size_mm exclude each other"),
+        ("{folder}-{stem}", "{stem}", "two recordings are called 'cup_pour_1'"),
+        ("{folder}-{stem}", "../{stem}", "name: '../cup_pour_1' is none for a folder"),
+        ("{folder}-{stem}", "Report.html", "name: 'Report.html' is none for a folder"),
+        ("{folder}-{stem}", "x" * 101, "is none for a folder"),
+        ("{folder}-{stem}", "{stam}", "m.toml: recording[1]: name: unknown place '{stam}': did you mean {stem}?"),
+        ("poses/{stem}", "poses/{object}", "recording[1]: poses: there is no file poses/cup.npy in"),
+        ("meshes/{object}", "mesh/{object}", "recording[1]: object: there is no file mesh/cup.stl in"),
+        ("seqs/*/", "seqs/no/", "recording[1]: recording: there is no file seqs/no/{object}_*.npz in"),
+        ("seqs/*/", "seqs/[z-a]/", "recording[1]: recording: there is no file seqs/[z-a]/{object}_*.npz in"),
+        ("one.csv", "two.csv", "recording[2]: recording: there is no file two.csv"),
+        ("one.csv", "o\\u0000e.csv", "recording[2]: recording = 'o\\x00e.csv'; expected text of one line"),
+        ('"one.csv"', "3", "recording[2]: recording = 3; expected text of one line"),
+        ('"cube"', '"cub"', "recording[2]: object: unknown object 'cub': did you mean cube"),
+        ('"cube"', '"cube"\nunit = "mm"', "'cube' has its size"),
+        ("columns.toml", "no.toml", "recording[2]: columns: there is no file no.toml"),
+        ("[[recording]]", "[[recordings]]", "unknown key 'recordings': did you mean recording?"),
+        ("version = 1", "version = ", "m.toml: not TOML"),
+    ],
+)  # fmt: skip
+def test_a_fault_of_toml_is_one_line(folder: Path, old: str, new: str, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load(folder, TOML.replace(old, new))
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("poses,hand", "pose,hand", "m.csv: line 1: unknown column 'pose': did you mean poses?"),
+        ("recording,object,poses", "recording,poses,poses", "m.csv: line 1: the columns are recording, poses, poses"),
+        ("85.5", "85,5", "m.csv: line 3: more cells than the 6 columns"),
+        ("85.5", "big", "m.csv: line 3: size_mm = 'big'; expected a number from 0.001 to 100000 mm"),
+        ("one.csv,cube", "one.csv,", "m.csv: line 2: object is missing; expected text of one line"),
+        ("one.csv,cube", '"one\n.csv",cube', "m.csv: line 3: recording = 'one\\n.csv'; expected text of one line"),
+        ("one.csv,cube", '"one.csv,cube', "m.csv: line 3: unexpected end of data"),
+        ("one.csv", "result.h5", "m.csv: line 2: recording: there is no file result.h5"),
+        (CSV, "", "m.csv: line 1: the columns are "),
+        (CSV, "recording,object\n", "m.csv: no row below the columns"),
+    ],
+)
+def test_a_fault_of_csv_is_one_line(folder: Path, old: str, new: str, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load(folder, CSV.replace(old, new), "m.csv")
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_no_manifest_is_told(folder: Path) -> None:
+    (folder / "result.h5").write_text("")
+    for name, said in (("m.txt", r"expected a manifest of repairs, \.toml or \.csv"), ("no.csv", "no such file")):
+        with pytest.raises(InputError, match=said):
+            load_manifest(folder / name, folder / "out")
+    with pytest.raises(InputError, match="is the name of a file beside it"):
+        load(folder, "recording,object\nresult.h5,cube\n", "m.csv")
+
+
+@given(st.data())
+def test_damage_is_one_line_or_no_damage(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
+    """Bytes of a manifest are replaced or inserted; what is read has names for folders of their own."""
+    folder = tmp_path_factory.mktemp("damage")
+    for name in ("one.csv", "r1.npz"):
+        (folder / name).write_text("")
+    suffix = data.draw(st.sampled_from((".toml", ".csv")))
+    toml = 'version = 1\n[[recording]]\nrecording = "{kind}*.npz"\nobject = "cube"\nname = "{stem}"\nrate = 30\n'
+    text = bytearray((toml if suffix == ".toml" else "recording,object,rate\none.csv,cube,30\nr1.npz,cube,\n").encode())
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(text)))
+        text[at : at + data.draw(st.integers(0, 4))] = data.draw(st.binary(max_size=4))
+    path = folder / f"m{suffix}"
+    path.write_bytes(bytes(text))
+    try:
+        rows = load_manifest(path, folder / "out")[1]
+    except InputError as error:
+        assert "\n" not in str(error) and str(error).startswith(str(path))
+    else:
+        assert rows
+        assert {row.request.out.parent.parent for row in rows} == {(folder / "out").resolve()}
