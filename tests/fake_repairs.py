@@ -9,7 +9,7 @@ import zlib
 from pathlib import Path
 
 from hhsim.errors import MeshError, TrajectoryError
-from hhsim.repair.request import RepairOutcome, RepairRequest
+from hhsim.repair.request import PICTURE, REPORT, RepairOutcome, RepairRequest
 from hhsim.sweep.repair_batch import BatchOutcome, run_manifest
 
 
@@ -34,8 +34,8 @@ def repaired(request: RepairRequest) -> RepairOutcome:
         case "nothing":
             return RepairOutcome({}, 1, (), "unchanged", ok=True)
     shutil.copy(request.recording, request.out)
-    (request.out.parent / "report.html").write_text("report")
-    (request.out.parent / "worst.png").write_bytes(png())
+    request.beside(REPORT).write_text("report")
+    request.beside(PICTURE).write_bytes(png())
     before = 1e-3 * float(depth)
     figures = {"pd_before": before, "pd_after": 1e-3 * before, "iv_before": 1e-6, "contacts_kept": 1.0 - 10 * before}
     figures |= {"median_correction": 0.5 * before, "own_figure": float("nan"), "time_per_frame": 2e-3}

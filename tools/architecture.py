@@ -21,7 +21,7 @@ COMMAND_LINE = "cli"
 KERNELS = ("kernels", *(package.removeprefix("hhsim.") for package in PACKAGES if package.startswith("hhsim.kernels.")))
 LAYERS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("what a user types", ("cli",)),
-    ("many runs, other engines", ("", "board", "sweep", "engines")),
+    ("many runs, other engines", ("repair", "board", "sweep", "engines")),
     ("shown, and with a glove", ("report", "live", "view", "render")),
     ("judged", ("gate", "verify", "bench", "submissions")),
     ("a run, tick by tick", ("replay", "scene", "solver", "metrics")),

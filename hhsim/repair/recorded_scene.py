@@ -11,7 +11,7 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
+from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
@@ -21,6 +21,7 @@ from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.recordings.correction import BONES, Correction, moved_joints
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording
+from hhsim.repair.written_hand import WrittenHand
 from hhsim.scene.scene import Scene
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -32,15 +33,16 @@ class RecordedScene:
     Attributes:
         scene: Object, hand and frames; a tick is a frame.
         frames: Samples of the recording with a whole hand and a known object, shape (F,).
-        joints: Recorded joints and centres of the fingertips' spheres in these frames as the object sees them [m],
-            shape (F, 21, 3).
+        joints: Recorded joints in these frames as the object sees them [m], shape (F, 21, 3).
         moved: Motion of the object since the first frame; None if it stands still.
+        tip_on_surface: True if recorded fingertips are points of the skin.
     """
 
     scene: Scene
     frames: IntArray
     joints: FloatArray
     moved: RigidMotion | None
+    tip_on_surface: bool
 
     @property
     def haptic(self) -> HandConfiguration:
@@ -77,11 +79,10 @@ class RecordedScene:
         world = [joints if self.moved is None else self.moved.points(joints) for joints in (self.joints, seen.joints)]
         down = np.tile([0.0, 0.0, -1.0], (len(time), 1))
         down = down if self.moved is None else self.moved.seen_vectors(down)
-        hands = []
+        written = WrittenHand(self.joints, hand, seen.fitted, self.tip_on_surface)
+        hands, mesh, shape = [], self.scene.mesh, hand_shape(hand)
         for joints, posture, place in zip((self.joints, seen.joints), (seen.fitted, seen.posture), world, strict=True):
-            chains = np.ascontiguousarray(joints[:, 1:].reshape(-1, 5, 4, 3))
-            placed = PlacedHand(chains, posture.position, posture.orientation)
-            mesh, shape = self.scene.mesh, hand_shape(hand)
+            placed = written.placed(posture)
             hands.append(FieldHands(time, joints, mesh, shape=shape, placed=placed, world=place, down=down))
         return hands[0], hands[1]
 
@@ -142,18 +143,8 @@ def recorded_scene(
     else:
         joints = recording.joints[part]
         joints = joints if moved is None else moved.seen_points(joints)
-        if recording.bones is not None and recording.bones.tip_on_surface:
-            joints = fingertip_centres(joints, hand.radius[:, 3])
-    return RecordedScene(scene, part, joints, moved)
-
-
-def fingertip_centres(joints: FloatArray, radius: FloatArray) -> FloatArray:
-    """Move recorded tips from the skin to the centre of the fingertip's sphere, whose radii [m] have shape (5,)."""
-    chains = joints[:, 1:].reshape(-1, 5, 4, 3).copy()
-    last = chains[:, :, 3] - chains[:, :, 2]
-    length = np.maximum(np.linalg.norm(last, axis=2), 1e-9)
-    chains[:, :, 3] -= last * (np.minimum(radius, length) / length)[..., None]
-    return np.concatenate([joints[:, :1], chains.reshape(-1, 20, 3)], axis=1)
+    on_surface = recording.bones is not None and recording.bones.tip_on_surface
+    return RecordedScene(scene, part, joints, moved, on_surface)
 
 
 def model_joints(hand: HandModel, posture: HandConfiguration) -> FloatArray:

@@ -1,7 +1,6 @@
 """Repair of one recording: from its file to the same file without penetration, its result and its figures."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
@@ -16,13 +15,13 @@ from hhsim.metrics.field.hands import FieldPair
 from hhsim.recordings.fitted_hand import fitted_hand
 from hhsim.recordings.object_poses import read_object_poses
 from hhsim.recordings.recording import Recording
-from hhsim.recordings.registry import read_recording, write_recording
+from hhsim.recordings.registry import ReadOptions, read_recording, write_recording
 from hhsim.recordings.unit_detection import repair_units
 from hhsim.repair.offline import OfflineOptions, repair_frames
 from hhsim.repair.page import repair_page
 from hhsim.repair.projection import correct
 from hhsim.repair.recorded_scene import corrected_angles, recorded_scene
-from hhsim.repair.request import RepairOutcome, RepairRequest
+from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
 from hhsim.repair.result_file import write_result
 from hhsim.result.reader import load_result
 from hhsim.system.atomic_write import write_atomically
@@ -44,7 +43,8 @@ def repair_recording(
         OutputError: A file cannot be written.
     """
     paths = _paths(request)
-    recording = read_recording(request.recording, replace(request.read, usual_up=request.read.usual_up or "z"))
+    read = _options(request)
+    recording = read_recording(request.recording, read)
     with named(request.recording):
         recording = repair_units(recording)
     mesh, level = resolve_object(request.object, request.unit, request.size, solid=False)
@@ -52,7 +52,7 @@ def repair_recording(
     tree = tree_of_any(mesh, level)
     objects = recording.object_motion
     if request.object_poses is not None:
-        objects = read_object_poses(request.object_poses, recording, request.read)
+        objects = read_object_poses(request.object_poses, recording, read)
     with named(request.recording):
         recording, hand = _hand(recording, request)
         recorded = recorded_scene(recording, mesh, tree, hand, objects, request.recording.stem)
@@ -61,15 +61,25 @@ def repair_recording(
     surface = contact_surface("mesh", scene.mesh, scene.tree)
     options = OfflineOptions(max_correction=request.max_correction)
     found = repair_frames(hand, surface, recorded.haptic, options, progress)
+    marked = found.marked
     if recording.joints is None:
         seen = corrected_angles(hand, recorded.haptic, found.posture)
-        marked = found.marked
     else:
-        projected = correct(recorded.joints, hand, recorded.haptic, found.posture, scene.mesh)
-        seen, marked = projected.correction, found.marked | projected.marked
+        limit = request.max_correction
+        written = correct(
+            recorded.joints,
+            hand,
+            recorded.haptic,
+            found.posture,
+            surface,
+            tip_on_surface=recorded.tip_on_surface,
+            max_correction=limit,
+            progress=progress,
+        )
+        seen, marked = written.correction, marked | written.marked
     took = perf_counter() - began
     correction = recorded.in_the_world(seen, recording)
-    write_recording(request.recording, request.read, recording, correction, paths["recording"])
+    write_recording(request.recording, read, recording, correction, paths["recording"])
     said = {"object": request.object, "trajectory": str(request.recording), "recording": request.recording.name}
     write_result(scene, seen.posture, marked, paths["result"], description=said, command=command, progress=progress)
     force = np.linalg.norm(load_result(paths["result"]).read("force/phalanx").sum(axis=2), axis=2)
@@ -79,16 +89,15 @@ def repair_recording(
     frames = tuple(int(frame) for frame in recorded.frames[marked])
     figures = {f"{row.name}_{when}": getattr(row, when) for row in rows for when in ("before", "after")}
     figures["time_per_frame"] = took / len(recorded.frames)
-    missed = (*verdict.missed, *(["marked"] if frames else []))
     outcome = RepairOutcome(
         figures={name: float(value) for name, value in figures.items() if np.isfinite(value)},
-        table=field_table(rows, f"{request.recording.name} with {scene.mesh.name}"),
         frames=len(recorded.frames),
         marked=frames,
         verdict=verdict.line,
-        missed=missed,
+        ok=not verdict.missed and not frames,
         findings=tuple(finding.text for finding in recording.findings),
         paths=paths,
+        table=field_table(rows, f"{request.recording.name} with {scene.mesh.name}"),
     )
     write_atomically(paths["report"], repair_page(outcome, before, after).encode())
     return outcome
@@ -101,11 +110,17 @@ def _paths(request: RepairRequest) -> dict[str, Path]:
         raise InputError(f"{out}: the repaired recording has the format of the given one; expected {given.suffix}")
     if out.exists() and given.exists() and out.samefile(given):
         raise InputError(f"{out} is the recording itself, so it is not replaced: name another file")
-    paths = {"recording": out, "result": out.with_name(f"{out.stem}-result.h5")}
-    paths |= {"report": out.with_name(f"{out.stem}-report.html")}
+    names = {"result": RESULT, "report": REPORT, "picture": PICTURE}
+    paths = {"recording": out} | {what: request.beside(name) for what, name in names.items()}
     for path in paths.values():
         check_output_path(path)
     return paths
+
+
+def _options(request: RepairRequest) -> ReadOptions:
+    """Return the options for reading the recording; its own world will do where it says nothing of an axis up."""
+    given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
+    return ReadOptions(**given)
 
 
 def _hand(recording: Recording, request: RepairRequest) -> tuple[Recording, HandModel]:

@@ -10,6 +10,8 @@ from hhsim.table.table import Table
 
 MAX_CORRECTION = 0.015
 """Default of the largest displacement of a joint in a repaired frame [m]."""
+REPORT, RESULT, PICTURE = "report.html", "result.h5", "worst.png"
+"""Names of the files beside a repaired recording, see `RepairRequest.beside`."""
 PALMS = ("usual", "none", "thin", "fitted")
 
 
@@ -43,6 +45,10 @@ class RepairRequest:
     max_correction: float = MAX_CORRECTION
     palm: str = "usual"
     options: Mapping[str, Any] = field(default_factory=dict)
+
+    def beside(self, name: str) -> Path:
+        """Return the path of a file that is written beside the repaired recording, such as `report.html`."""
+        return self.out.with_name(f"{self.out.stem}-{name}")
 
 
 @dataclass(frozen=True)

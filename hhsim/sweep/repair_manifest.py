@@ -53,7 +53,7 @@ from hhsim.system.settings_file import (
 
 NAME = re.compile(r"[^./\\][^/\\]{0,99}")
 OF_THE_FOLDER = ("report.html", "table.csv", "table.json", "repairs.json")
-OF_THE_ROW = ("outcome.json", "report.html", "result.h5", "worst.png")
+OF_THE_ROW = ("outcome.json",)
 """Files of the output folder, and of the folder of a row."""
 WITH_PLACES = ("object", "poses", "name", "mano_model", "columns", "profile")
 """Keys in which the parts of a pattern may be named."""

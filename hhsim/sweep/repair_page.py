@@ -10,6 +10,7 @@ import numpy as np
 from hhsim import __version__
 from hhsim.arrays import FloatArray
 from hhsim.render.figure import vector_bytes
+from hhsim.repair.request import PICTURE, REPORT
 from hhsim.report.figure import BLUE, ORANGE, PAGE_INCHES, gridded, new_figure
 from hhsim.sweep.repair_manifest import PlannedRepair
 from hhsim.sweep.repair_row import RowOutcome
@@ -147,9 +148,10 @@ def _linked(row: RepairedRow) -> str:
     """Return the name of a row, which leads to its report if it has one."""
     from markupsafe import Markup
 
-    if not (row.planned.request.out.parent / "report.html").is_file():
+    report = row.planned.request.beside(REPORT)
+    if not report.is_file():
         return row.name
-    return Markup('<a href="{}/report.html">{}</a>').format(quote(row.name), row.name)
+    return Markup('<a href="{}/{}">{}</a>').format(quote(row.name), quote(report.name), row.name)
 
 
 def _shares(rows: Sequence[RepairedRow]) -> Table:
@@ -189,7 +191,7 @@ def _ranking(rows: Sequence[RepairedRow], name: str, sign: float) -> Table:
 def _picture(row: RepairedRow) -> bytes:
     """Return the picture of a row's worst frame, a PNG; empty if it has none."""
     try:
-        data = read_input(row.planned.request.out.parent / "worst.png")
+        data = read_input(row.planned.request.beside(PICTURE))
     except OSError:
         return b""
     return data if data.startswith(b"\x89PNG\r\n\x1a\n") else b""

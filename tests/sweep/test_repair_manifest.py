@@ -164,12 +164,12 @@ def test_a_fault_of_csv_is_one_line(folder: Path, old: str, new: str, said: str)
 
 
 def test_a_file_that_is_no_manifest_is_told(folder: Path) -> None:
-    (folder / "result.h5").write_text("")
+    (folder / "outcome.json").write_text("")
     for name, said in (("m.txt", r"expected a manifest of repairs, \.toml or \.csv"), ("no.csv", "no such file")):
         with pytest.raises(InputError, match=said):
             load_manifest(folder / name, folder / "out")
     with pytest.raises(InputError, match="is the name of a file beside it"):
-        load(folder, "recording,object\nresult.h5,cube\n", "m.csv")
+        load(folder, "recording,object\noutcome.json,cube\n", "m.csv")
 
 
 @given(st.data())

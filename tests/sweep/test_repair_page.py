@@ -3,13 +3,14 @@
 import math
 import re
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 import pytest
 from fake_repairs import png
 from report_reader import read_page
 
-from hhsim.repair.request import RepairRequest
+from hhsim.repair.request import PICTURE, REPORT, RepairRequest
 from hhsim.sweep.repair_manifest import PlannedRepair
 from hhsim.sweep.repair_page import RepairedRow, repair_page, repair_table
 from hhsim.sweep.repair_row import RowOutcome, State
@@ -60,12 +61,15 @@ def test_it_counts_and_ranks(rows: list[RepairedRow]) -> None:
 def test_names_lead_to_reports_and_pictures_are_in_the_page(rows: list[RepairedRow], tmp_path: Path) -> None:
     for name in ("missed", "r11", "<b>no"):
         (tmp_path / name).mkdir()
-        (tmp_path / name / "report.html").write_text("")
-    (tmp_path / "missed" / "worst.png").write_bytes(png())
-    (tmp_path / "r11" / "worst.png").write_bytes(b"no picture")
+    of = {row.name: row.planned.request for row in rows}
+    for name in ("missed", "r11", "<b>no"):
+        (tmp_path / name).mkdir()
+        of[name].beside(REPORT).write_text("")
+    of["missed"].beside(PICTURE).write_bytes(png())
+    of["r11"].beside(PICTURE).write_bytes(b"no picture")
     found = read_page(page(rows))
     links = {e.attributes["href"] for e in found.all("a")}
-    assert links == {"missed/report.html", "r11/report.html", "%3Cb%3Eno/report.html"}
+    assert links == {f"{quote(name)}/{quote(of[name].beside(REPORT).name)}" for name in ("missed", "r11", "<b>no")}
     (picture,) = found.all("img")
     assert picture.attributes["alt"] == "Worst frame of missed"
     assert all((e.attributes.get("src") or "data:").startswith("data:") for e in found.elements)
