@@ -4,11 +4,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hhsim.engines.installed import lack_of, silent
+from hhsim.engines.installed import lack_of
 from hhsim.engines.mujoco import Contacts, MuJoCo
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.solver.outside_method import MethodScene
+from hhsim.system.silent import silent
 
 CONTACTS = 512
 """Capacity for contacts and candidate pairs; unused capacity costs time too."""

@@ -14,7 +14,7 @@ MISSING = "—"
 UNITS = {
     "": ("1", 1.0), "units": ("1", 1.0), "% of hold": ("%", 1.0), "µJ": ("J", 1e-6), "g": ("kg", 1e-3),
     "MB": ("B", 1e6), "ms": ("s", 1e-3), "µs": ("s", 1e-6), "ns": ("s", 1e-9), "mm": ("m", 1e-3), "µm": ("m", 1e-6),
-    "µm/s": ("m/s", 1e-6), "mm/tick": ("m/tick", 1e-3), "cm³": ("m³", 1e-6),
+    "µm/s": ("m/s", 1e-6), "mm/tick": ("m/tick", 1e-3), "cm": ("m", 1e-2), "cm³": ("m³", 1e-6),
 }  # fmt: skip
 """Units that people read: the unit of files for such a value, and the size of the one in the other."""
 BARE = ("", "1")

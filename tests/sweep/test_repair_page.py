@@ -59,8 +59,6 @@ def test_it_counts_and_ranks(rows: list[RepairedRow]) -> None:
 
 
 def test_names_lead_to_reports_and_pictures_are_in_the_page(rows: list[RepairedRow], tmp_path: Path) -> None:
-    for name in ("missed", "r11", "<b>no"):
-        (tmp_path / name).mkdir()
     of = {row.name: row.planned.request for row in rows}
     for name in ("missed", "r11", "<b>no"):
         (tmp_path / name).mkdir()

@@ -1,0 +1,138 @@
+"""Simulation displacement (SD): motion of a free object in the fixed hand, by the settings of ObMan's code in PyBullet.
+
+obman_train (Hasson et al. 2019), mano_train/simulation/simulate.py: the hand is its fixed triangles, the object falls
+in convex parts, from rest, with its centre of mass at the mean of its vertices.
+"""
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from hhsim.arrays import FloatArray, IntArray
+from hhsim.errors import InputError
+from hhsim.metrics.field.field_metric import BeforeAfter, FieldMetric, largest, mean, placed
+from hhsim.metrics.field.hands import FieldHands, FieldPair
+from hhsim.metrics.field.solid import hand_solids
+from hhsim.system.silent import silent
+
+STEPS, STEP = 35, 1.0 / 240.0
+"""Number of steps, and their length [s]."""
+GRAVITY = 9.8
+"""[m/s²]."""
+MASS = 1.0
+"""Mass of the object [kg]."""
+FRICTION = 3.0
+"""Friction of each body; Bullet multiplies the two."""
+RESTITUTION = 0.5
+"""Restitution of the object; the hand has none."""
+ITERATIONS = 150
+"""Iterations of the contact solver."""
+DECOMPOSITION = {
+    "resolution": 1000,
+    "concavity": 0.001,
+    "planeDownsampling": 4,
+    "convexhullDownsampling": 4,
+    "alpha": 0.05,
+    "beta": 0.0,
+    "pca": 0,
+    "mode": 0,
+    "maxNumVerticesPerCH": 64,
+    "minVolumePerCH": 0.0001,
+}
+"""Settings of V-HACD."""
+
+
+def simulation_displacements(hands: FieldHands, frames: tuple[int, ...]) -> FloatArray:
+    """Compute the displacement of the object's centre at some frames [m], NaN without a hand there.
+
+    Raises:
+        InputError: PyBullet is not installed, a frame that does not exist, or a hand without skin and cones.
+    """
+    outside = [frame for frame in frames if not 0 <= frame < len(hands.time)]
+    if outside:
+        raise InputError(f"no frame {outside[0]} for the simulation displacement; expected 0 to {len(hands.time) - 1}")
+    try:
+        with silent():
+            import pybullet
+    except ImportError:
+        raise InputError("the simulation displacement needs PyBullet: pip install 'hhsim[pybullet]'") from None
+    solids_of = hand_solids(hands, margin=np.inf)
+    if solids_of is None:
+        raise InputError("the simulation displacement needs a hand with a skin or with cones")
+    from manifold3d import Manifold, OpType
+
+    down = np.tile([0.0, 0.0, -1.0], (len(hands.time), 1)) if hands.down is None else hands.down
+    center = hands.mesh.vertices.mean(axis=0)
+    found = np.full(len(frames), np.nan)
+    with tempfile.TemporaryDirectory() as folder:
+        whole, parts, hand = (Path(folder) / name for name in ("object.obj", "parts.obj", "hand.obj"))
+        _write(whole, hands.mesh.vertices - center, hands.mesh.faces)
+        with silent():
+            pybullet.vhacd(str(whole), str(parts), str(Path(folder) / "log.txt"), **DECOMPOSITION)
+        for row, frame in enumerate(frames):
+            solids = solids_of(frame) if hands.known[frame] else None
+            if solids is None:
+                continue
+            surface = Manifold.batch_boolean(solids, OpType.Add).to_mesh64()
+            _write(hand, np.asarray(surface.vert_properties)[:, :3], np.asarray(surface.tri_verts))
+            found[row] = _moved(hand, parts, center, GRAVITY * down[frame])
+    return found
+
+
+def _moved(hand: Path, parts: Path, center: FloatArray, gravity: FloatArray) -> float:
+    """Compute the displacement of an object in the hand of a file, from its centre of mass [m]."""
+    import pybullet
+
+    server = pybullet.connect(pybullet.DIRECT)
+    to = {"physicsClientId": server}
+    try:
+        pybullet.setPhysicsEngineParameter(
+            enableFileCaching=0, numSolverIterations=ITERATIONS, fixedTimeStep=STEP, **to
+        )
+        pybullet.setGravity(*gravity.tolist(), **to)
+        concave = pybullet.GEOM_FORCE_CONCAVE_TRIMESH
+        for file, mass, place, restitution, flags in (
+            (hand, 0.0, np.zeros(3), 0.0, {"flags": concave}),
+            (parts, MASS, center, RESTITUTION, {}),
+        ):
+            shape = pybullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(file), **flags, **to)
+            body = pybullet.createMultiBody(
+                baseMass=mass, basePosition=place.tolist(), baseCollisionShapeIndex=shape, **to
+            )
+            pybullet.changeDynamics(body, -1, lateralFriction=FRICTION, restitution=restitution, **to)
+        for _ in range(STEPS):
+            pybullet.stepSimulation(**to)
+        return float(np.linalg.norm(np.array(pybullet.getBasePositionAndOrientation(body, **to)[0]) - center))
+    finally:
+        pybullet.disconnect(server)
+
+
+def _write(path: Path, vertices: FloatArray, faces: IntArray) -> None:
+    lines = [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in vertices.tolist()]
+    lines += [f"f {a} {b} {c}" for a, b, c in (faces.astype(np.int64) + 1).tolist()]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def _of(statistic: Callable[[FloatArray], float]) -> Callable[[FieldPair], BeforeAfter]:
+    def compute(pair: FieldPair) -> BeforeAfter:
+        if not pair.displacement_frames:
+            return float("nan"), float("nan")
+        before, after = (simulation_displacements(hands, pair.displacement_frames) for hands in pair.both)
+        return statistic(before), statistic(after)
+
+    return compute
+
+
+METRICS = placed(
+    110,
+    FieldMetric("displacement_mean", "SD, PyBullet, mean", compute=_of(mean)),
+    FieldMetric("displacement_max", "SD, PyBullet, max", compute=_of(largest)),
+    unit="cm",
+    digits=2,
+    parameters=lambda pair: (
+        f"{len(pair.displacement_frames)} frames, {STEPS} steps of 1/240 s, friction {FRICTION:g}, {MASS:g} kg"
+    ),
+)
+"""Figures of this module."""

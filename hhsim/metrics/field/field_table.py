@@ -1,0 +1,60 @@
+"""Table of the field: a recorded hand and its repair, before and after."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hhsim.metrics.field.field_metric import FieldMetric
+from hhsim.metrics.field.hands import FieldPair
+from hhsim.metrics.field.registry import field_metrics
+from hhsim.table.table import Table, number, words
+
+
+@dataclass(frozen=True)
+class FieldRow:
+    """One row: a figure, its values before and after (SI or %, NaN where undefined), and its parameters."""
+
+    figure: FieldMetric
+    before: float
+    after: float
+    parameters: str
+
+    @property
+    def name(self) -> str:
+        """Key in JSON."""
+        return self.figure.name
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the row in stored units, None where a value is undefined."""
+        values = {"before": self.before, "after": self.after}
+        known: dict[str, Any] = {key: None if math.isnan(value) else value for key, value in values.items()}
+        return known | {"unit": self.figure.stored_unit, "parameters": self.parameters}
+
+
+def field_rows(pair: FieldPair) -> tuple[FieldRow, ...]:
+    """Compute every figure that is defined for one of the two hands, in the order of the table."""
+    rows = []
+    for metric in field_metrics().values():
+        before, after = metric.compute(pair)
+        if not (math.isnan(before) and math.isnan(after)):
+            stated = metric.parameters if isinstance(metric.parameters, str) else metric.parameters(pair)
+            rows.append(FieldRow(metric, before, after, stated))
+    return tuple(rows)
+
+
+def field_table(rows: Sequence[FieldRow], title: str = "") -> Table:
+    """Return rows as a table: figure, before, after, unit and parameters."""
+    columns = [
+        words("figure", "figure.label"),
+        number("before", lambda row: row.figure.shown(row.before)),
+        number("after", lambda row: row.figure.shown(row.after)),
+        words("unit", "figure.unit"),
+        words("parameters"),
+    ]
+    return Table(columns, rows, title)
+
+
+def to_json(rows: Sequence[FieldRow]) -> dict[str, dict[str, Any]]:
+    """Return rows by the names of their figures, as `FieldRow.to_json`."""
+    return {row.name: row.to_json() for row in rows}

@@ -1,0 +1,55 @@
+"""Verdict on a repaired recording by its table: penetration, correction, kept contacts and smoothness."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hhsim.metrics.field.contact import KEPT
+from hhsim.metrics.field.correction import INSIDE, LARGEST
+from hhsim.metrics.field.field_table import FieldRow
+from hhsim.metrics.field.smoothness import RATIO
+
+OK, MISSED, EMPTY = "within limits", "limits missed", "no frames"
+"""Words of verdicts."""
+LEAST_KEPT = 95.0
+"""Smallest share of contacts within 5 mm that are kept [%]."""
+MOST_ACCELERATION = 1.1
+"""Largest acceleration after over before."""
+DEPTHS = ("depth_joints_max", "depth_skin_max", "depth_cones_max")
+
+
+@dataclass(frozen=True)
+class FieldVerdict:
+    """Verdict on one repair.
+
+    Attributes:
+        word: One of the words.
+        missed: Names of the figures beyond their limits.
+        line: Word, and the missed limits or the figures that hold theirs, in one line.
+    """
+
+    word: str
+    missed: tuple[str, ...]
+    line: str
+
+
+def field_verdict(rows: Sequence[FieldRow], max_correction: float) -> FieldVerdict:
+    """Judge the table of a repair, whose joints may move by `max_correction` [m]; undefined figures are not judged."""
+    limits = dict.fromkeys(DEPTHS, (INSIDE, "most"))
+    limits |= {LARGEST: (max_correction, "most"), KEPT: (LEAST_KEPT, "least"), RATIO: (MOST_ACCELERATION, "most")}
+    judged = [row for row in rows if row.name in limits and not math.isnan(row.after)]
+    if not any(row.name in DEPTHS for row in judged):
+        return FieldVerdict(EMPTY, (), f"{EMPTY}: no frame has all of its joints in both recordings")
+    missed, said = [], []
+    for row in judged:
+        limit, side = limits[row.name]
+        if row.after > limit if side == "most" else row.after < limit:
+            missed.append(row.name)
+            unit = f" {row.figure.unit}" if row.figure.unit else ""
+            bound = f"at {side} {limit / row.figure.scale:g}{unit}"
+            # A depth of micrometres is 0 in the table's digits.
+            said.append(f"{row.figure.label} {row.after / row.figure.scale:.4g}{unit} ({bound})")
+    if missed:
+        return FieldVerdict(MISSED, tuple(missed), f"{MISSED}: {'; '.join(said)}")
+    kept = ", ".join(row.figure.label for row in judged)
+    return FieldVerdict(OK, (), f"{OK}: {kept}")

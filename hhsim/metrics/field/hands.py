@@ -1,0 +1,196 @@
+"""Hand of a recording beside its object, as the figures of the field take it: joints, surface and object in one frame.
+
+A missing frame has NaN joints; no figure counts it.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.errors import InputError
+from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.mesh_penetration import mesh_clearance
+
+TIPS = (4, 8, 12, 16, 20)
+"""Places of the fingertips among `hhsim.recordings.joint_names.KEYPOINTS`."""
+BONES = tuple((0 if joint % 4 == 1 else joint - 1, joint) for joint in range(1, 21))
+"""Joints at both ends of each bone, thumb to little finger; every fourth one ends in a fingertip."""
+
+
+@dataclass(frozen=True, eq=False)
+class FieldHands:
+    """Hand at each frame of a recording, in the object's frame.
+
+    The surface of the hand is its skin, its round cones and palm spheres, or both; without either it is its joints.
+
+    Attributes:
+        time: Stamps [s], shape (T,).
+        joints: Joint centres in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], shape (T, 21, 3).
+        mesh: Closed surface of the object.
+        shape: Radii of the cones and palm spheres; None without cones.
+        placed: Axes of the cones and the palm's pose; None without cones.
+        skin: Vertices of the skin [m], shape (T, V, 3); None without a skin.
+        faces: Triangles of the skin, shape (F, 3).
+        truth: Skin of the true hand [m], shape (T, V, 3); None if unknown.
+        world: Joint centres in the world [m], shape (T, 21, 3); None for an object that stands still.
+        down: Direction of gravity in the object's frame, shape (T, 3); None for -z.
+
+    Raises:
+        InputError: An array of another shape, or a hand with only one of `shape` and `placed`, `skin` and `faces`.
+    """
+
+    time: FloatArray
+    joints: FloatArray
+    mesh: Mesh
+    shape: HandShape | None = None
+    placed: PlacedHand | None = None
+    skin: FloatArray | None = None
+    faces: IntArray | None = None
+    truth: FloatArray | None = None
+    world: FloatArray | None = None
+    down: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        frames = len(self.time)
+        vertices = None if self.skin is None else self.skin.shape[1]
+        expected = {"joints": (frames, 21, 3), "world": (frames, 21, 3), "down": (frames, 3)}
+        expected |= {} if vertices is None else {"skin": (frames, vertices, 3), "truth": (frames, vertices, 3)}
+        for name, shape in expected.items():
+            given = getattr(self, name)
+            if given is not None and given.shape != shape:
+                raise InputError(f"{name} of the judged hand has shape {given.shape}; expected {shape}")
+        if (self.shape is None) != (self.placed is None) or (self.skin is None) != (self.faces is None):
+            raise InputError("a judged hand needs shape and placed together, and skin and faces together")
+
+    @cached_property
+    def known(self) -> BoolArray:
+        """Frames with all joints, shape (T,)."""
+        return np.asarray(np.isfinite(self.joints).all(axis=(1, 2)))
+
+    @property
+    def world_joints(self) -> FloatArray:
+        """Joint centres in the world [m], shape (T, 21, 3)."""
+        return self.joints if self.world is None else self.world
+
+    @cached_property
+    def joint_distance(self) -> FloatArray:
+        """Signed distance of each joint to the object [m], shape (T, 21); NaN in missing frames."""
+        return self._distance(self.joints)
+
+    @cached_property
+    def skin_distance(self) -> FloatArray | None:
+        """Signed distance of each vertex of the skin to the object [m], shape (T, V); None without a skin."""
+        return None if self.skin is None else self._distance(self.skin)
+
+    @cached_property
+    def cone_distance(self) -> FloatArray | None:
+        """Least signed distance of the cones and palm spheres to the object [m], shape (T,); None without cones."""
+        if self.shape is None or self.placed is None:
+            return None
+        return np.where(self.known, mesh_clearance(object_bvh(self.mesh), self.shape, self.placed), np.nan)
+
+    @cached_property
+    def distance(self) -> FloatArray:
+        """Least signed distance of the hand's surface to the object [m], shape (T,)."""
+        found = [] if self.cone_distance is None else [self.cone_distance]
+        if self.skin_distance is not None:
+            found.append(self.skin_distance.min(axis=1))
+        return np.asarray(np.min(found or [self.joint_distance.min(axis=1)], axis=0))
+
+    @cached_property
+    def finger_distance(self) -> FloatArray:
+        """Least signed distance of the surface of each distal phalanx to the object [m], shape (T, 5)."""
+        found = []
+        if self.shape is not None and self.placed is not None:
+            found.append(np.stack([self._distal_cone_distance(finger) for finger in range(5)], axis=1))
+        if self.skin_distance is not None:
+            bone = self._bone_of_vertex
+            # A skin that ends before a fingertip has no vertex there.
+            own = [self.skin_distance[:, bone == tip - 1] for tip in TIPS]
+            found.append(np.stack([part.min(axis=1, initial=np.inf) for part in own], axis=1))
+        return np.asarray(np.min(found or [self.joint_distance[:, TIPS]], axis=0))
+
+    def _distance(self, points: FloatArray) -> FloatArray:
+        distance = np.full(points.shape[:2], np.nan)
+        known = self.known & np.isfinite(points).all(axis=(1, 2))
+        seen = np.ascontiguousarray(points[known].reshape(-1, 3))
+        distance[known] = mesh_signed_distance(object_bvh(self.mesh), seen).reshape(-1, points.shape[1])
+        return distance
+
+    def _distal_cone_distance(self, finger: int) -> FloatArray:
+        assert self.shape is not None and self.placed is not None
+        # All phalanges but one shrink to the fingertip's sphere.
+        joints = np.repeat(np.repeat(self.placed.joints[:, finger : finger + 1, 3:], 4, axis=2), 5, axis=1)
+        joints[:, 0, 0] = self.placed.joints[:, finger, 2]
+        radius = np.full((5, 4), self.shape.phalanx_radius[finger, 3])
+        radius[0, 0] = self.shape.phalanx_radius[finger, 2]
+        shape = HandShape(radius, np.zeros((0, 3)), np.zeros(0))
+        distance = mesh_clearance(object_bvh(self.mesh), shape, self.placed._replace(joints=joints))
+        return np.where(self.known, distance, np.nan)
+
+    @cached_property
+    def _bone_of_vertex(self) -> IntArray:
+        """Nearest of `BONES` to each vertex of the skin in the first known frame, shape (V,)."""
+        assert self.skin is not None
+        if not self.known.any():
+            return np.zeros(self.skin.shape[1], dtype=np.int64)
+        first = int(np.argmax(self.known))
+        start, end = (self.joints[first, [bone[side] for bone in BONES]] for side in (0, 1))
+        along, offset = end - start, self.skin[first][:, None] - start
+        share = np.clip((offset * along).sum(axis=2) / np.maximum((along * along).sum(axis=1), 1e-18), 0.0, 1.0)
+        return np.asarray(np.linalg.norm(offset - share[..., None] * along, axis=2).argmin(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class FieldPair:
+    """Recorded hand and its repair, and what the figures of both need.
+
+    Attributes:
+        recorded: Hand before.
+        repaired: Hand after, at the same frames.
+        force: Force of each finger after the repair [N], shape (T, 5); None if unknown.
+        pitch: Edge of the voxels of the intersection volume [m].
+        displacement_frames: Frames whose simulation displacement is computed.
+
+    Raises:
+        InputError: Hands of different numbers of frames or vertices, or with different objects.
+    """
+
+    recorded: FieldHands
+    repaired: FieldHands
+    force: FloatArray | None = None
+    pitch: float = 0.005
+    displacement_frames: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        before, after = len(self.recorded.time), len(self.repaired.time)
+        if before != after:
+            raise InputError(f"{before:,} recorded frames and {after:,} repaired ones; expected the same frames")
+        if self.recorded.mesh.sha256 != self.repaired.mesh.sha256:
+            raise InputError("recorded and repaired hand are beside different meshes; expected one object")
+        skins = self.recorded.skin, self.repaired.skin
+        if skins[0] is not None and skins[1] is not None and skins[0].shape != skins[1].shape:
+            raise InputError(f"skins of shapes {skins[0].shape} and {skins[1].shape}; expected the same vertices")
+        if self.force is not None and self.force.shape != (before, 5):
+            raise InputError(f"forces of shape {self.force.shape}; expected ({before}, 5)")
+
+    @property
+    def both(self) -> tuple[FieldHands, FieldHands]:
+        """Recorded and repaired hand."""
+        return self.recorded, self.repaired
+
+    @cached_property
+    def known(self) -> BoolArray:
+        """Frames that both hands have, shape (T,)."""
+        return self.recorded.known & self.repaired.known
+
+
+@lru_cache(maxsize=2)
+def object_bvh(mesh: Mesh) -> MeshBvh:
+    """Return the hierarchy over the triangles of a closed mesh."""
+    return build_mesh_bvh(mesh.vertices, mesh.faces)

@@ -1,0 +1,119 @@
+"""Intersection volume (IV) of hand and object: exact, by voxels of the object, and by the line of code of the field.
+
+The line is GraspTTA's (Jiang et al. 2021, metric/intersect.py), after ObMan's: trimesh's voxels of the object whose
+centres are in the hand. Those voxels are of the surface alone and reach out of it, so that a hand that only touches has
+a volume. The voxels of this module's own figure have their centres in the object and in the hand.
+"""
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.kernels.mesh.bvh import mesh_signed_distance
+from hhsim.kernels.mesh.winding_number import winding_numbers
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.field.field_metric import BeforeAfter, FieldMetric, largest, mean, placed
+from hhsim.metrics.field.hands import FieldHands, FieldPair, object_bvh
+from hhsim.metrics.field.solid import SEGMENTS, cones_contain, cones_near, hand_solids, manifold_of
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold
+
+
+@lru_cache(maxsize=2)
+def solid_voxels(mesh: Mesh, pitch: float) -> FloatArray:
+    """Return the voxels' centres that lie inside a closed mesh [m], shape (n, 3): multiples of the pitch [m]."""
+    low, high = np.ceil(mesh.bounds[0] / pitch), np.floor(mesh.bounds[1] / pitch)
+    axes = [pitch * np.arange(first, last + 1.0) for first, last in zip(low, high)]
+    grid = np.ascontiguousarray(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3))
+    return grid[mesh_signed_distance(object_bvh(mesh), grid) < 0.0] if len(grid) else grid
+
+
+@lru_cache(maxsize=2)
+def surface_voxels(mesh: Mesh, pitch: float) -> FloatArray:
+    """Return the centres of trimesh's voxels of a mesh [m], shape (n, 3): those that its surface touches."""
+    from trimesh import Trimesh
+
+    return np.asarray(Trimesh(mesh.vertices, mesh.faces, process=False).voxelized(pitch).points, dtype=np.float64)
+
+
+def volumes(hands: FieldHands, pitch: float) -> FloatArray:
+    """Compute three intersection volumes of each frame [m³], shape (T, 3): exact, solid voxels, surface voxels.
+
+    NaN in missing frames and without skin and cones, and where the skin is no closed surface.
+    """
+    found = np.full((len(hands.time), 3), np.nan)
+    solids_of = hand_solids(hands)
+    if solids_of is None:
+        return found
+    from manifold3d import Manifold, OpType
+
+    target = manifold_of(hands.mesh.vertices, hands.mesh.faces)
+    voxels = solid_voxels(hands.mesh, pitch), surface_voxels(hands.mesh, pitch)
+    for frame in np.flatnonzero(hands.known).tolist():
+        solids = solids_of(frame)
+        if solids is None:
+            continue
+        if target is not None:
+            # Pieces are smaller than the hand, and their union is faster.
+            found[frame, 0] = Manifold.batch_boolean([solid ^ target for solid in solids], OpType.Add).volume()
+        if hands.skin is None:
+            # A voxel that the surface touches has its centre within a pitch of it.
+            cones = cones_near(hands, frame, margin=pitch)
+            counts = [int(cones_contain(cones, centres).sum()) for centres in voxels]
+        else:
+            counts = [_inside(solids[0], centres) for centres in voxels]
+        found[frame, 1:] = np.multiply(pitch**3, counts)
+    return found
+
+
+def _inside(solid: "Manifold", points: FloatArray) -> int:
+    """Count points, shape (n, 3), whose winding number in the surface of a solid is above 1/2."""
+    low, high = np.array(solid.bounding_box()).reshape(2, 3)
+    near = np.ascontiguousarray(points[((points >= low) & (points <= high)).all(axis=1)])
+    if not len(near):
+        return 0
+    surface = solid.to_mesh64()
+    vertices = np.asarray(surface.vert_properties, dtype=np.float64)[:, :3]
+    winding = np.empty(len(near))
+    winding_numbers(np.ascontiguousarray(vertices[np.asarray(surface.tri_verts)]), near, winding)
+    return int((winding > 0.5).sum())
+
+
+@lru_cache(maxsize=2)
+def _volumes_of(pair: FieldPair) -> tuple[FloatArray, FloatArray]:
+    return volumes(pair.recorded, pair.pitch), volumes(pair.repaired, pair.pitch)
+
+
+def _figures(place: int, kind: int, name: str, label: str, parameters: str) -> tuple[FieldMetric, ...]:
+    def of(statistic: Callable[[FloatArray], float]) -> Callable[[FieldPair], BeforeAfter]:
+        def compute(pair: FieldPair) -> BeforeAfter:
+            before, after = _volumes_of(pair)
+            return statistic(before[:, kind]), statistic(after[:, kind])
+
+        return compute
+
+    def stated(pair: FieldPair) -> str:
+        surface = "cones" if pair.recorded.skin is None else "open wrist closed with a fan"
+        size = f", pitch {1e3 * pair.pitch:g} mm" if kind else f", {SEGMENTS} edges around a cone"
+        return f"{parameters}{size}; {surface}"
+
+    return placed(
+        place,
+        FieldMetric(f"{name}_mean", f"IV, {label}, mean of frames", compute=of(mean)),
+        FieldMetric(f"{name}_max", f"IV, {label}, max", compute=of(largest)),
+        unit="cm³",
+        digits=3,
+        parameters=stated,
+    )
+
+
+METRICS = (
+    *_figures(20, 0, "volume_exact", "exact", "Boolean of meshes"),
+    *_figures(22, 1, "volume_voxels", "voxels inside", "centres in object and hand"),
+    *_figures(24, 2, "volume_trimesh", "GraspTTA's line", "trimesh's voxelized"),
+)
+"""Figures of this module."""

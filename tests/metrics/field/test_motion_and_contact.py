@@ -1,0 +1,142 @@
+"""Smoothness, contacts, correction, contact deviation and forces: closed forms and counting."""
+
+import math
+
+import numpy as np
+import pytest
+from field_hands import HALF, box, hands_at, joints_at, skin_hand
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hhsim.metrics.field.contact import contacts_kept, fingertips_in_contact, frames_in_contact
+from hhsim.metrics.field.contact_deviation import contact_deviation
+from hhsim.metrics.field.correction import joint_shift, was_inside
+from hhsim.metrics.field.field_table import FieldRow, field_rows
+from hhsim.metrics.field.finger_force import pressing_force
+from hhsim.metrics.field.hands import TIPS, FieldHands, FieldPair
+from hhsim.metrics.field.smoothness import acceleration, acceleration_ratio, derivative_norm, jerk
+
+HEIGHT = st.floats(-0.02, 0.02).filter(lambda height: min(abs(height - at) for at in (0.002, 0.005)) > 1e-9)
+
+
+def rows_of(pair: FieldPair) -> dict[str, FieldRow]:
+    return {row.name: row for row in field_rows(pair)}
+
+
+def test_acceleration_and_jerk_of_a_sinusoid() -> None:
+    rate, omega, amplitude = 60.0, 2.0 * math.pi * 3.0, 0.01
+    time = np.arange(60) / rate
+    world = np.zeros((60, 21, 3))
+    world[..., 1] = amplitude * np.sin(omega * time)[:, None]
+    hands = FieldHands(time, joints_at(0.1, 60), box(), world=world)
+    # A central difference of order n turns sin(ωt) into (2 sin(ωΔ/2) / Δ)ⁿ times a sine or a cosine.
+    factor = 2.0 * math.sin(0.5 * omega / rate) * rate
+    expected = amplitude * factor**2 * np.abs(np.sin(omega * time[1:-1])).mean()
+    assert acceleration(hands) == pytest.approx(expected, rel=1e-9)
+    middles = 0.5 * (time[1:-2] + time[2:-1])
+    assert jerk(hands) == pytest.approx(amplitude * factor**3 * np.abs(np.cos(omega * middles)).mean(), rel=1e-9)
+    doubled = FieldHands(time, joints_at(0.1, 60), box(), world=2.0 * world)
+    assert acceleration_ratio(FieldPair(hands, doubled)) == pytest.approx(2.0, rel=1e-12)
+    assert math.isnan(acceleration_ratio(FieldPair(hands_at(0.1, 5), hands_at(0.1, 5))))
+    assert rows_of(FieldPair(hands, doubled))["acceleration"].parameters == "60 Hz"
+
+
+@given(st.lists(st.floats(0.005, 0.1), min_size=3, max_size=12), st.floats(-50.0, 50.0), st.floats(-50.0, 50.0))
+def test_differences_at_uneven_stamps_are_exact_for_polynomials(steps: list[float], a: float, b: float) -> None:
+    time = np.concatenate([[0.0], np.cumsum(steps)])
+    points = np.zeros((len(time), 2, 3))
+    points[:, 0, 0] = a * time**2
+    points[:, 1, 2] = b * time**3
+    assert derivative_norm(time, points[:, :1], 2) == pytest.approx(2.0 * abs(a), rel=1e-5, abs=1e-6)
+    assert derivative_norm(time, points[:, 1:], 3) == pytest.approx(6.0 * abs(b), rel=1e-4, abs=1e-4)
+
+
+def test_missing_frames_and_equal_stamps_are_left_out() -> None:
+    time = np.arange(9.0)
+    points = np.zeros((9, 1, 3))
+    points[:, 0, 0] = time**2
+    points[4] = np.nan
+    assert derivative_norm(time, points, 2) == pytest.approx(2.0, abs=1e-12)
+    assert math.isnan(derivative_norm(time[:2], points[:2], 2))
+    time[6] = time[7]
+    assert derivative_norm(time[5:8], points[5:8], 1) == pytest.approx(11.0 / 2.0)
+
+
+@given(st.lists(st.tuples(HEIGHT, HEIGHT), min_size=5, max_size=20))
+def test_contacts_are_those_of_counting(heights: list[tuple[float, float]]) -> None:
+    frames = len(heights) // 5
+    tips = np.array(heights[: 5 * frames]).reshape(frames, 5, 2)
+    both = np.full((2, frames, 21), 0.05)
+    both[:, :, TIPS] = tips.transpose(2, 0, 1)
+    pair = FieldPair(hands_at(both[0], frames), hands_at(both[1], frames))
+    for threshold in (0.005, 0.002):
+        touched = [(frame, f) for frame in range(frames) for f in range(5) if tips[frame, f, 0] <= threshold]
+        kept = [(frame, f) for frame, f in touched if tips[frame, f, 1] <= threshold]
+        share = 100.0 * len(kept) / len(touched) if touched else math.nan
+        assert contacts_kept(pair, threshold) == pytest.approx(share, nan_ok=True)
+        assert fingertips_in_contact(pair.recorded, threshold) == pytest.approx(20.0 * len(touched) / frames)
+        seen = len({frame for frame, _ in touched})
+        assert frames_in_contact(pair.recorded, threshold) == pytest.approx(100.0 * seen / frames)
+
+
+def test_a_missing_frame_is_no_contact_that_is_lost() -> None:
+    before, after = joints_at(-0.001, 2), joints_at(-0.001, 2)
+    after[1] = np.nan
+    recorded, repaired = (FieldHands(np.arange(2.0), joints, box()) for joints in (before, after))
+    pair = FieldPair(recorded, repaired)
+    assert contacts_kept(pair, 0.005) == 100.0
+    assert frames_in_contact(pair.repaired, 0.005) == 100.0
+
+
+def test_fingertips_of_a_skin_are_the_vertices_nearest_to_their_phalanges() -> None:
+    joints = joints_at(0.03, 1)
+    joints[0, :, 0] = 0.0
+    joints[0, :, 1] = 0.02 * np.arange(21) - 0.2
+    # One vertex beside each joint, lower by the joint's place.
+    skin = joints - [0.0, 0.0, 0.03] + np.array([0.0, 0.0, 0.001])[None, None] * np.arange(21)[None, :, None]
+    skin[..., 1] -= 0.004
+    inside = np.abs(skin[0, :, 1]) <= HALF
+    hands = FieldHands(np.zeros(1), joints, box(), skin=skin, faces=np.zeros((1, 3), dtype=np.int64))
+    for finger, tip in enumerate(TIPS):
+        if inside[tip]:
+            assert hands.finger_distance[0, finger] == pytest.approx(0.001 * tip, abs=1e-12)
+
+
+def test_corrections_by_hand() -> None:
+    before = np.array([[-0.004], [0.01], [-0.002], [0.02]])
+    after = before + [[0.006], [0.0], [0.003], [0.001]]
+    pair = FieldPair(hands_at(before, 4), hands_at(after, 4))
+    assert was_inside(pair).tolist() == [True, False, True, False]
+    assert joint_shift(pair) == pytest.approx(np.repeat([[0.006], [0.0], [0.003], [0.001]], 21, axis=1))
+    rows = rows_of(pair)
+    found = {name: rows[name].after for name in ("mpjpe", "correction_inside", "correction_outside", "correction_max")}
+    expected = {"mpjpe": 0.0025, "correction_inside": 0.0045, "correction_outside": 0.0005, "correction_max": 0.006}
+    assert found == pytest.approx(expected)
+    assert math.isnan(rows["mpjpe"].before)
+    assert "mpvpe" not in rows
+    low, high = (skin_hand([0.0, 0.0, 0.06], [0.01, 0.01, top]) for top in (0.07, 0.076))
+    # Four of the eight vertices moved by 6 mm.
+    assert rows_of(FieldPair(low, high))["mpvpe"].after == pytest.approx(0.003)
+
+
+def test_contact_deviation_by_hand() -> None:
+    corner = np.array([HALF, HALF, HALF])
+    truth = np.array([corner + [0.002, 0.0, 0.0], corner + [0.0, 0.0, 0.004], -corner + [0.0, -0.001, 0.0]])
+    skin = np.array([corner + [0.0, 0.01, 0.0], corner + [0.5, 0.0, 0.0], -corner + [0.0, 0.0, -0.02]])
+    faces = np.array([[0, 1, 2]])
+    hands = hands_at(0.1, skin=skin[None], faces=faces, truth=truth[None])
+    # The second true vertex is 4 mm off: no contact.
+    assert contact_deviation(hands) == pytest.approx(0.015)
+    assert math.isnan(contact_deviation(hands_at(0.1, skin=skin[None], faces=faces)))
+    free = hands_at(0.1, skin=skin[None], faces=faces, truth=truth[None] + [0.0, 0.0, 0.5])
+    assert math.isnan(contact_deviation(free))
+
+
+def test_forces_are_means_over_the_frames_that_press() -> None:
+    force = np.array([[0.0, 1.0, 0.0, 0.0, 0.5], [0.0, 3.0, np.nan, 0.0, 0.0]])
+    pair = FieldPair(hands_at(0.1, 2), hands_at(0.1, 2), force)
+    assert [pressing_force(pair, finger) for finger in range(5)] == pytest.approx(
+        [np.nan, 2.0, np.nan, np.nan, 0.5], nan_ok=True
+    )
+    assert rows_of(pair)["force_max"].after == 3.0
+    assert "force_thumb" not in rows_of(pair)
