@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
 
@@ -13,6 +13,11 @@ REACH = 6
 LOW_PASS = np.exp(-0.5 * (np.arange(-REACH, REACH + 1) / 2.0) ** 2)
 LOW_PASS /= LOW_PASS.sum()
 """Weights of neighbouring frames: a Gaussian of two frames' width, cut at three widths; symmetric, so zero-phase."""
+
+
+def finite_frames(hands: HandConfiguration) -> BoolArray:
+    """Return True for hands of finite numbers, shape (T,)."""
+    return np.logical_and.reduce([np.isfinite(values).all(axis=tuple(range(1, values.ndim))) for values in hands])
 
 
 def change_between(first: HandConfiguration, second: HandConfiguration) -> FloatArray:

@@ -15,6 +15,7 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
+from hhsim.repair.hand_change import finite_frames
 from hhsim.repair.hand_judge import HandJudge, farthest
 from hhsim.repair.projection import Projection
 from hhsim.repair.smoothing import smoothed
@@ -90,12 +91,11 @@ def repair_frames(
         progress: Called with the stage, the frames done and their number.
     """
     options = options or OfflineOptions()
-    finite = np.isfinite(np.concatenate([values.reshape(frames.ticks, -1) for values in frames], axis=1)).all(axis=1)
     count = frames.ticks
     posture = frames.copy()
     depth_before, depth, correction = (np.full(count, np.nan) for _ in range(3))
     marked, origin = np.ones(count, bool), np.zeros(count, dtype=np.int64)
-    known = np.flatnonzero(finite)
+    known = np.flatnonzero(finite_frames(frames))
     if known.size:
         own = frames.at(known)
         own.orientation[:] /= np.linalg.norm(own.orientation, axis=1, keepdims=True)

@@ -13,7 +13,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, closest_points
 from hhsim.recordings.correction import BONES, Correction
-from hhsim.repair.hand_change import NUMBERS, REACH, change_between, changed_hand
+from hhsim.repair.hand_change import NUMBERS, REACH, change_between, changed_hand, finite_frames
 from hhsim.repair.hand_judge import HandJudge, farthest
 from hhsim.repair.smoothing import smoothed
 from hhsim.repair.tracks import put
@@ -47,7 +47,7 @@ class WrittenFrames(NamedTuple):
         correction: In the frame of the joints that were given; frames without a need are returned as they were.
         depth_before, depth: Penetration of the recorded and of the written hand [m], 0 outside, NaN without a hand,
             shape (T,).
-        moved: Largest move of a recorded joint [m], NaN without one, shape (T,).
+        moved: Largest move of a recorded joint [m], 0 without one, shape (T,).
         marked: True where the written hand penetrates, or a joint moves by more than the limit, shape (T,).
     """
 
@@ -84,7 +84,7 @@ def correct(
         progress: Called with the stage, the frames done and their number.
     """
     count = len(joints)
-    known = np.flatnonzero([np.isfinite(np.concatenate([v[t].ravel() for v in fitted])).all() for t in range(count)])
+    known = np.flatnonzero(finite_frames(fitted) & finite_frames(posture))
     rotation = np.tile(np.eye(3), (count, BONES, 1, 1))
     moved, corrected = joints.copy(), fitted.copy()
     depth_before, depth = np.full(count, np.nan), np.full(count, np.nan)

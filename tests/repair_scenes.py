@@ -1,0 +1,70 @@
+"""Recorded hands inside objects for the tests of the repair, and their clearance by coal."""
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import trimesh
+from coal_clearance import coal_clearance
+
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
+from hhsim.hand.model import HandModel
+from hhsim.mesh.mesh import Mesh
+from hhsim.scene.scene import open_scene
+from hhsim.trees.contact_surface import ContactSurface, contact_surface
+
+HAND = HandModel.default()
+
+
+class Case(NamedTuple):
+    """Frames of a hand, and the object that it stands in."""
+
+    hand: HandModel
+    mesh: Mesh
+    surface: ContactSurface
+    frames: HandConfiguration
+
+    def coal_clearance(self, posture: HandConfiguration) -> float:
+        return coal_clearance(self.hand, self.mesh, forward_kinematics(self.hand, *posture))
+
+    def coal_clearance_of(self, placed: PlacedHand) -> float:
+        return coal_clearance(self.hand, self.mesh, placed)
+
+
+@cache
+def scene_case(name: str, script: str, every: int = 33, first: int = 0, last: int | None = None) -> Case:
+    """A script's haptic hand, seen 30 times a second or more slowly."""
+    scene = open_scene(name, script)
+    ticks = HandConfiguration.of(scene.ticks)
+    frames = ticks.at(np.arange(0, ticks.ticks, every)).part(first, last).copy()
+    return Case(scene.hand, scene.mesh, contact_surface("mesh", scene.mesh, None), frames)
+
+
+def shape_case(shape: trimesh.Trimesh, frames: HandConfiguration) -> Case:
+    mesh = Mesh(shape.vertices, shape.faces)
+    return Case(HAND, mesh, contact_surface("mesh", mesh, None), frames)
+
+
+def held(frames: int, height: float = 0.0, flexion: float = 0.1) -> HandConfiguration:
+    """A level hand that stands still."""
+    return HandConfiguration(
+        np.tile([0.0, 0.0, height], (frames, 1)),
+        np.tile([1.0, 0.0, 0.0, 0.0], (frames, 1)),
+        np.full((frames, 5, 3), flexion),
+        np.zeros((frames, 5)),
+    )
+
+
+def ring_case(frames: int = 3, depth: float = 1e-3) -> Case:
+    """A ring around the index finger, so far off its axis that the finger stands in it by a depth [m]."""
+    hand = held(frames, flexion=1.0)
+    hand.flexion[:, 1] = 0.0
+    joints = HAND.joints(*hand.at(0))[1, 1:]
+    axis = (joints[1] - joints[0]) / np.linalg.norm(joints[1] - joints[0])
+    wire, inner = 0.002, 0.5 * float(HAND.radius[1, 1] + HAND.radius[1, 2])
+    ring = trimesh.creation.torus(major_radius=inner + 0.002 + wire, minor_radius=wire)
+    aside = np.cross(axis, [0.0, 0.0, 1.0])
+    turn = trimesh.geometry.align_vectors([0.0, 0.0, 1.0], axis)
+    turn[:3, 3] = 0.5 * (joints[0] + joints[1]) + (0.002 + depth) * np.cross(aside, axis)
+    return shape_case(ring.apply_transform(turn), hand)
