@@ -88,17 +88,19 @@ def command(
         out=out,
         object_poses=thing.object_poses,
         hand_file=limits.hand_file,
+        mano_model=data.mano_model,
+        hand=reading.hand or "",
         unit=thing.unit,
         size=metres(thing.size),
         max_correction=1e-3 * limits.max_correction,
         palm=limits.palm,
-        read=reading.options(data.given()),
+        options=_read_fields(reading, data),
     )
     with progress(quiet=quiet) as report:
         outcome = repair_recording(request, command=("hhsim", *sys.argv[1:]), progress=report)
     if as_json:
         print_json(outcome.to_json())
-    elif not quiet:
+    elif not quiet and outcome.table is not None:
         print_notes(outcome.findings)
         print_table(outcome.table)
         print_line(outcome.verdict)
@@ -107,3 +109,9 @@ def command(
             print_line(f"{len(outcome.marked)} of {outcome.frames} frames without a repair: {listed}")
         print_line(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
     return 0 if outcome.ok else 1
+
+
+def _read_fields(reading: FileSettings, data: HandData) -> dict[str, Any]:
+    """Return the fields of `hhsim.recordings.registry.ReadOptions` that are neither the hand nor its model."""
+    given = vars(reading.options(data.given()))
+    return {name: value for name, value in given.items() if name not in ("hand", "mano_model") and value is not None}

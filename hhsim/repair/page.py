@@ -45,7 +45,7 @@ def repair_page(outcome: RepairOutcome, before: FieldHands, after: FieldHands, w
         generator=GENERATOR,
         version=__version__,
         verdict=outcome.verdict,
-        missed=outcome.missed,
+        missed=not outcome.ok,
         marked=_marked(outcome),
         figures=outcome.table,
         curve=depth_figure(before, after),

@@ -7,14 +7,14 @@ from time import perf_counter
 import numpy as np
 
 from hhsim.errors import InputError, named
-from hhsim.hand.model import HandModel
+from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.catalogue import resolve_object
 from hhsim.metrics.field.field_table import field_rows, field_table
 from hhsim.metrics.field.field_verdict import field_verdict
 from hhsim.metrics.field.hands import FieldPair
 from hhsim.recordings.fitted_hand import fitted_hand
-from hhsim.recordings.object_poses import read_object_poses
-from hhsim.recordings.recording import Recording
+from hhsim.recordings.object_poses import in_our_world, read_object_poses
+from hhsim.recordings.recording import Finding, Recording
 from hhsim.recordings.registry import ReadOptions, read_recording, write_recording
 from hhsim.recordings.unit_detection import repair_units
 from hhsim.repair.offline import OfflineOptions, repair_frames
@@ -52,7 +52,10 @@ def repair_recording(
     tree = tree_of_any(mesh, level)
     objects = recording.object_motion
     if request.object_poses is not None:
-        objects = read_object_poses(request.object_poses, recording, read)
+        findings: list[Finding] = []
+        found = read_object_poses(request.object_poses, recording.time, read, findings, recording.rows)
+        objects = in_our_world(found, recording.file_frame)
+        recording = recording.found(*findings)
     with named(request.recording):
         recording, hand = _hand(recording, request)
         recorded = recorded_scene(recording, mesh, tree, hand, objects, request.recording.stem)
@@ -82,7 +85,7 @@ def repair_recording(
     write_recording(request.recording, read, recording, correction, paths["recording"])
     said = {"object": request.object, "trajectory": str(request.recording), "recording": request.recording.name}
     write_result(scene, seen.posture, marked, paths["result"], description=said, command=command, progress=progress)
-    force = np.linalg.norm(load_result(paths["result"]).read("force/phalanx").sum(axis=2), axis=2)
+    force = np.linalg.norm(load_result(paths["result"])["force/phalanx"].sum(axis=2), axis=2)
     before, after = recorded.judged(seen)
     rows = field_rows(FieldPair(before, after, force=force))
     verdict = field_verdict(rows, request.max_correction)
@@ -125,7 +128,7 @@ def _options(request: RepairRequest) -> ReadOptions:
 
 def _hand(recording: Recording, request: RepairRequest) -> tuple[Recording, HandModel]:
     """Return the recording fitted by a hand of its own sizes, and that hand."""
-    side = "left" if recording.hand == "left" else "right"
+    side: Side = "left" if recording.hand == "left" else "right"
     if recording.joints is None:
         hand = HandModel.default(side) if request.hand_file is None else HandModel.from_toml(request.hand_file, side)
         return recording, hand
