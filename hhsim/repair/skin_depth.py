@@ -26,8 +26,12 @@ CLEARANCE = 1e-5
 """Distance of freed vertices to the object that the program asks for [m]."""
 REACH = 5e-3
 """Vertices up to this far outside give a row [m]; no step moves a vertex by more than half of it to first order."""
-STEPS = 40
+STEPS = 60
 """Most steps of a frame."""
+LEAST_SHARE = 1e-3
+"""Least share of a step towards the object, and least step in roots of the coupling's energy [√J], that is tried."""
+FARTHEST = 0.3
+"""Largest shift to a free place [m]."""
 DOF = 26
 """Palm translation [m] 0 to 2, palm rotation [rad] 3 to 5, flexion 6 + 3 finger + joint, abduction 21 + finger."""
 
@@ -94,7 +98,7 @@ def push_out(
     for frame in range(len(depth)):
         one = slice(frame, frame + 1)
         solver = _Frame(bvh, hand, skin.weights, skin.vertices[one], joints[one], fitted.at(one), posture.at(one))
-        depth[frame] = after[frame] = solver.depth(solver.distance)
+        depth[frame] = after[frame] = solver.depth()
         if depth[frame] > 0.0 and (freed := solver.freed()) is not None:
             for mine, new in zip(found, freed):
                 mine[frame] = new[0]
@@ -118,10 +122,9 @@ class _Frame:
         self.bvh, self.hand, self.weights, self.recorded, self.joints = bvh, hand, weights, vertices, joints
         self.fitted, self.start = fitted, posture
         self.fitted_bones = bone_rotations(hand, fitted)
-        self.change = np.zeros(DOF)
         stiffness = Stiffness()
         self.scale = np.sqrt(np.append(stiffness.diagonal(), np.full(5, stiffness.flexion)))
-        self._place()
+        self._place(np.zeros(DOF))
 
     def posture(self) -> HandConfiguration:
         """Return the posture of the present change."""
@@ -131,8 +134,9 @@ class _Frame:
             self.start.position + self.change[:3], turn, flexion, self.start.abduction + self.change[21:]
         )
 
-    def _place(self) -> None:
-        """Compute vertices and their distances to the object in the present posture."""
+    def _place(self, change: FloatArray) -> None:
+        """Compute vertices and their distances to the object after a change of the given posture, shape (26,)."""
+        self.change = change
         posture = self.posture()
         bones = bone_rotations(self.hand, posture)
         rotation = bones @ self.fitted_bones.swapaxes(2, 3)
@@ -140,32 +144,66 @@ class _Frame:
         self.closest, self.distance = np.empty_like(self.vertices), np.empty(len(self.vertices))
         closest_points(self.bvh, np.ascontiguousarray(self.vertices), self.closest, self.distance)
 
-    @staticmethod
-    def depth(distance: FloatArray) -> float:
+    def depth(self) -> float:
         """Return the depth of the deepest vertex [m]."""
-        return max(0.0, -float(distance.min()))
+        return max(0.0, -float(self.distance.min()))
 
     def freed(self) -> HandConfiguration | None:
-        """Return the nearest posture with all vertices outside; None if the steps do not reach one."""
+        """Return the nearest posture with all vertices outside; None if the steps do not reach one.
+
+        Where the rows of a deep hand contradict each other, the steps begin again from a free place beside the object.
+        """
         for _ in range(STEPS):
-            normal = self.vertices - self.closest
-            # A vertex on the surface itself has no direction; the clearance keeps them off it.
-            near = np.flatnonzero((self.distance < REACH) & (np.abs(self.distance) > 0.1 * CLEARANCE))
-            normal = normal[near] / self.distance[near, None]
-            motion = self._motion(near)
-            rows = np.einsum("vi,vij->vj", normal, motion)
-            bounds = CLEARANCE - self.distance[near] + rows @ self.change
-            limits, ends = self._limits()
-            goal = _nearest_to_origin(np.vstack([rows, limits]) / self.scale, np.concatenate([bounds, ends]))
-            if goal is None:
-                return None
-            step = goal / self.scale - self.change
-            longest = float(np.linalg.norm(motion @ step, axis=1).max())
-            self.change = self.change + step * min(1.0, 0.5 * REACH / max(longest, 1e-12))
-            self._place()
-            if self.depth(self.distance) == 0.0:
+            step = self._step()
+            if step is None:
+                break
+            self._place(self.change + step)
+            if self.depth() == 0.0:
                 return self.posture()
-        return None
+        if not self._retreat():
+            return None
+        for _ in range(STEPS):
+            step, here = self._step(), self.change
+            if step is None:
+                break
+            share = 1.0
+            self._place(here + step)
+            while self.depth() > 0.0 and share > LEAST_SHARE:
+                share *= 0.5
+                self._place(here + share * step)
+            if self.depth() > 0.0:
+                self._place(here)
+            if np.abs(self.scale * (self.change - here)).max() < LEAST_SHARE:
+                break
+        return self.posture()
+
+    def _retreat(self) -> bool:
+        """Shift the hand to the nearest free place along 26 directions; False if there is none within `FARTHEST`."""
+        directions = [np.array(index) - 1.0 for index in np.ndindex(3, 3, 3) if index != (1, 1, 1)]
+        for distance in np.arange(REACH, FARTHEST, REACH):
+            for direction in directions:
+                change = np.zeros(DOF)
+                change[:3] = distance / np.linalg.norm(direction) * direction
+                self._place(change)
+                if self.depth() == 0.0:
+                    return True
+        return False
+
+    def _step(self) -> FloatArray | None:
+        """Compute the step to the posture nearest to the given one that satisfies all rows; None if there is none."""
+        # A vertex on the surface itself has no direction; the clearance keeps them off it.
+        near = np.flatnonzero((self.distance < REACH) & (np.abs(self.distance) > 0.1 * CLEARANCE))
+        normal = (self.vertices[near] - self.closest[near]) / self.distance[near, None]
+        motion = self._motion()
+        rows = np.einsum("vi,vij->vj", normal, motion[near])
+        limits, ends = self._limits()
+        bounds = np.append(CLEARANCE - self.distance[near] + rows @ self.change, ends)
+        goal = _nearest_to_origin(np.vstack([rows, limits]) / self.scale, bounds)
+        if goal is None:
+            return None
+        step = goal / self.scale - self.change
+        longest = float(np.linalg.norm(motion @ step, axis=1).max())
+        return np.asarray(step * min(1.0, 0.5 * REACH / max(longest, 1e-12)))
 
     def _limits(self) -> tuple[FloatArray, FloatArray]:
         """Return rows of A · change ≥ b for the joint limits; a joint beyond its limit may stay."""
@@ -175,13 +213,13 @@ class _Frame:
         joints = np.eye(DOF)[6:]
         return np.vstack([joints, -joints]), np.minimum(np.append(low - start, start - high), 0.0)
 
-    def _motion(self, near: IntArray) -> FloatArray:
-        """Compute the derivative of vertices by the change, shape (n, 3, 26)."""
+    def _motion(self) -> FloatArray:
+        """Compute the derivative of the vertices by the change, shape (V, 3, 26)."""
         posture, hand = self.posture(), self.hand
         placed = forward_kinematics(hand, *posture).joints[0]
         bones = bone_rotations(hand, posture)[0]
-        points, weights = self.vertices[near], self.weights[near]
-        motion = np.zeros((len(near), 3, DOF))
+        points, weights = self.vertices, self.weights
+        motion = np.zeros((len(points), 3, DOF))
         motion[:, :, :3] = np.eye(3)
         for k in range(3):
             motion[:, :, 3 + k] = np.cross(np.eye(3)[k], points - posture.position[0])

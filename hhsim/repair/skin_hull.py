@@ -40,8 +40,8 @@ LARGEST_BALL = 0.025
 """Largest inscribed ball of a palm [m]: half the thickness of the thickest hands."""
 GROWTH_STEP = 1e-5
 """Accuracy of the growth of the palm's balls [m]."""
-BINS = 2048
-"""Intervals of an axis: of the vertices nearest to one only the farthest enters the program."""
+BINS = 256
+"""Intervals of a phalanx's axis; of the vertices nearest to one the farthest alone enters the program."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def fit_radii(along: FloatArray, across: FloatArray, phalanx: IntArray, length: 
         needed = np.hypot(along[each, cone] - share * length[cone], across[each, cone])
         radius = _least_radii(*_binding_rows(cone, share, needed), length)
         shares, gap = cone_gaps(along, across, length, radius)
-        # Rounding and the bins leave a point micrometres outside.
+        # Rounding and the intervals leave a point micrometres outside.
         radius = radius + max(float(gap.min(axis=1).max()), 0.0)
         if not finger_volume(radius, length) < (1.0 - SETTLED) * finger_volume(best, length):
             break
@@ -164,29 +164,13 @@ def finger_volume(radius: FloatArray, length: FloatArray) -> float:
 
 
 def _binding_rows(cone: IntArray, share: FloatArray, needed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the rows of A r ≥ b that imply all others: of each cone the upper hull of `needed` over `share`."""
-    rows, bounds = [], []
-    for k in range(3):
-        own = np.flatnonzero(cone == k)
-        own = own[np.lexsort((needed[own], np.floor(share[own] * BINS)))]
-        # The last of each bin is its farthest.
-        bins = np.floor(share[own] * BINS)
-        own = own[np.append(bins[1:] != bins[:-1], True)] if own.size else own
-        hull: list[tuple[float, float]] = []
-        for x, y in sorted(zip(share[own].tolist(), needed[own].tolist())):
-            while len(hull) > 1 and _turns_up(hull[-2], hull[-1], (x, y)):
-                hull.pop()
-            hull.append((x, y))
-        for x, y in hull:
-            row = np.zeros(4)
-            row[k : k + 2] = 1.0 - x, x
-            rows.append(row)
-            bounds.append(y)
-    return np.array(rows), np.array(bounds)
-
-
-def _turns_up(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
-    return (b[0] - a[0]) * (c[1] - a[1]) >= (c[0] - a[0]) * (b[1] - a[1])
+    """Return rows and bounds of A r ≥ b: of each interval of an axis the point that needs the largest radius."""
+    place = cone * (BINS + 1) + np.floor(share * BINS)
+    order = np.lexsort((needed, place))
+    kept = order[np.append(np.diff(place[order]) > 0.0, True)]
+    rows, each = np.zeros((len(kept), 4)), np.arange(len(kept))
+    rows[each, cone[kept]], rows[each, cone[kept] + 1] = 1.0 - share[kept], share[kept]
+    return rows, needed[kept]
 
 
 def _least_radii(rows: FloatArray, bounds: FloatArray, length: FloatArray) -> FloatArray:
