@@ -10,12 +10,14 @@ import numpy as np
 from joint_samples import Y_UP, Side, joint_sample
 from pose_samples import mano_fields, mano_poses
 
-from hhsim.arrays import FloatArray, IntArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion, quaternion_product
+from hhsim.recordings.correction import Correction, moved_joints
 from hhsim.recordings.frames import FileFrame
 from hhsim.recordings.mano_model import KEYPOINT_JOINTS, TIPS, ManoModel, _model
-from hhsim.repair.skin import Skin, mano_skin
+from hhsim.repair.skin import Skin, bone_rotations, mano_skin
 
 AROUND, RINGS, PALM_RINGS = 12, 10, 13
 FLESH = (0.0095, 0.0085, 0.0075, 0.006)
@@ -129,4 +131,31 @@ def skin_sample(side: Side = "right", count: int = 12) -> SkinSample:
     poses = mano_poses(sample)
     fitted = HandConfiguration.of(sample.motion)
     skin = mano_skin(model, *poses, np.zeros(0), Y_FRAME)
-    return SkinSample(sample.hand, fitted, model, poses, skin, sample.named() @ Y_UP)
+    return SkinSample(sample.hand, fitted, model, poses, skin, model.keypoints(*poses, np.zeros(0)) @ Y_UP)
+
+
+def correction_to(sample: SkinSample, posture: HandConfiguration, changed: BoolArray) -> Correction:
+    """Correction of a sample to a posture in the changed frames."""
+    posture = HandConfiguration(
+        *(np.where(changed.reshape(-1, *[1] * (new.ndim - 1)), new, old) for new, old in zip(posture, sample.fitted))
+    )
+    bones = (bone_rotations(sample.hand, each) for each in (posture, sample.fitted))
+    rotation = next(bones) @ next(bones).swapaxes(2, 3)
+    shift = posture.position - sample.fitted.position
+    joints = moved_joints(sample.joints, sample.fitted.position, shift, rotation)
+    return Correction(sample.fitted, posture, rotation, joints, changed)
+
+
+def shaken(sample: SkinSample, seed: int, size: float) -> HandConfiguration:
+    """Postures near those of a sample: `size` times 3 mm, 0.03 rad for the palm and 0.05 rad for the joints."""
+    random, hand, fitted = np.random.default_rng(seed), sample.hand, sample.fitted
+
+    def noise(like: FloatArray) -> FloatArray:
+        return np.asarray(size * random.normal(size=like.shape))
+
+    return HandConfiguration(
+        fitted.position + 0.003 * noise(fitted.position),
+        quaternion_product(quaternion(0.03 * noise(fitted.position)), fitted.orientation),
+        np.clip(fitted.flexion + 0.05 * noise(fitted.flexion), hand.flexion_min, hand.flexion_max),
+        np.clip(fitted.abduction + 0.03 * noise(fitted.abduction), hand.abduction_min, hand.abduction_max),
+    )

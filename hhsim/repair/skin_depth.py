@@ -1,11 +1,12 @@
 """Depth of a recorded hand's skin in an object, the least change of posture that frees it, and a second judge.
 
 A frame is freed by Gauss-Newton steps: every vertex near the object gives a linear row, from its signed distance and
-its motion with its bones, and the posture nearest to the given one that satisfies all rows is a least-distance program
-(Lawson & Hanson, Solving Least Squares Problems, 1974, chapter 23). The result is measured, not predicted: a frame
+its motion with its bones, and the posture nearest to the given one that satisfies all rows is a least-distance
+program. The result is measured, not predicted: a frame
 whose vertices are not outside afterwards keeps its given posture and is marked.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, closest_points, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
+from hhsim.repair.least_distance import nearest_to_origin
 from hhsim.repair.skin import BLOCK_FRAMES, Skin, bone_rotations, carried
 from hhsim.solver.options import Stiffness
 from hhsim.verify.coal_distance import coal_model
@@ -41,7 +43,7 @@ def skin_depth(mesh: Mesh, vertices: FloatArray) -> tuple[FloatArray, IntArray]:
 
     Args:
         mesh: Watertight and wound outward [m].
-        vertices: In the frame of the mesh [m], shape (T, V, 3).
+        vertices: In the frame of the mesh [m], shape (T, V, 3); NaN counts as outside.
 
     Returns:
         Depth [m], shape (T,), 0 outside, and the deepest vertex, shape (T,), -1 for a frame without one inside.
@@ -97,7 +99,9 @@ def push_out(
     after = np.empty_like(depth)
     for frame in range(len(depth)):
         one = slice(frame, frame + 1)
-        solver = _Frame(bvh, hand, skin.weights, skin.vertices[one], joints[one], fitted.at(one), posture.at(one))
+        solver = SkinFrame(
+            bvh, hand, replace(skin, vertices=skin.vertices[one]), joints[one], fitted.at(one), posture.at(one)
+        )
         depth[frame] = after[frame] = solver.depth()
         if depth[frame] > 0.0 and (freed := solver.freed()) is not None:
             for mine, new in zip(found, freed):
@@ -106,25 +110,24 @@ def push_out(
     return PushedOut(found, depth, after, after <= 0.0)
 
 
-class _Frame:
-    """Single frame of a skin and its object."""
+class SkinFrame:
+    """Single frame of a skin, posed beside an object; arguments as of `push_out`, of one frame each."""
 
     def __init__(
         self,
         bvh: MeshBvh,
         hand: HandModel,
-        weights: FloatArray,
-        vertices: FloatArray,
+        skin: Skin,
         joints: FloatArray,
         fitted: HandConfiguration,
         posture: HandConfiguration,
     ) -> None:
-        self.bvh, self.hand, self.weights, self.recorded, self.joints = bvh, hand, weights, vertices, joints
+        self.bvh, self.hand, self.skin, self.joints = bvh, hand, skin, joints
         self.fitted, self.start = fitted, posture
         self.fitted_bones = bone_rotations(hand, fitted)
         stiffness = Stiffness()
         self.scale = np.sqrt(np.append(stiffness.diagonal(), np.full(5, stiffness.flexion)))
-        self._place(np.zeros(DOF))
+        self.place(np.zeros(DOF))
 
     def posture(self) -> HandConfiguration:
         """Return the posture of the present change."""
@@ -134,13 +137,13 @@ class _Frame:
             self.start.position + self.change[:3], turn, flexion, self.start.abduction + self.change[21:]
         )
 
-    def _place(self, change: FloatArray) -> None:
+    def place(self, change: FloatArray) -> None:
         """Compute vertices and their distances to the object after a change of the given posture, shape (26,)."""
         self.change = change
         posture = self.posture()
         bones = bone_rotations(self.hand, posture)
         rotation = bones @ self.fitted_bones.swapaxes(2, 3)
-        self.vertices = carried(self.weights, self.recorded, self.joints, self.fitted, posture, rotation)[0]
+        self.vertices = carried(self.skin.weights, self.skin.vertices, self.joints, self.fitted, posture, rotation)[0]
         self.closest, self.distance = np.empty_like(self.vertices), np.empty(len(self.vertices))
         closest_points(self.bvh, np.ascontiguousarray(self.vertices), self.closest, self.distance)
 
@@ -157,7 +160,7 @@ class _Frame:
             step = self._step()
             if step is None:
                 break
-            self._place(self.change + step)
+            self.place(self.change + step)
             if self.depth() == 0.0:
                 return self.posture()
         if not self._retreat():
@@ -167,12 +170,12 @@ class _Frame:
             if step is None:
                 break
             share = 1.0
-            self._place(here + step)
+            self.place(here + step)
             while self.depth() > 0.0 and share > LEAST_SHARE:
                 share *= 0.5
-                self._place(here + share * step)
+                self.place(here + share * step)
             if self.depth() > 0.0:
-                self._place(here)
+                self.place(here)
             if np.abs(self.scale * (self.change - here)).max() < LEAST_SHARE:
                 break
         return self.posture()
@@ -184,7 +187,7 @@ class _Frame:
             for direction in directions:
                 change = np.zeros(DOF)
                 change[:3] = distance / np.linalg.norm(direction) * direction
-                self._place(change)
+                self.place(change)
                 if self.depth() == 0.0:
                     return True
         return False
@@ -194,11 +197,11 @@ class _Frame:
         # A vertex on the surface itself has no direction; the clearance keeps them off it.
         near = np.flatnonzero((self.distance < REACH) & (np.abs(self.distance) > 0.1 * CLEARANCE))
         normal = (self.vertices[near] - self.closest[near]) / self.distance[near, None]
-        motion = self._motion()
+        motion = self.motion()
         rows = np.einsum("vi,vij->vj", normal, motion[near])
         limits, ends = self._limits()
         bounds = np.append(CLEARANCE - self.distance[near] + rows @ self.change, ends)
-        goal = _nearest_to_origin(np.vstack([rows, limits]) / self.scale, bounds)
+        goal = nearest_to_origin(np.vstack([rows, limits]) / self.scale, bounds)
         if goal is None:
             return None
         step = goal / self.scale - self.change
@@ -213,12 +216,12 @@ class _Frame:
         joints = np.eye(DOF)[6:]
         return np.vstack([joints, -joints]), np.minimum(np.append(low - start, start - high), 0.0)
 
-    def _motion(self) -> FloatArray:
+    def motion(self) -> FloatArray:
         """Compute the derivative of the vertices by the change, shape (V, 3, 26)."""
         posture, hand = self.posture(), self.hand
         placed = forward_kinematics(hand, *posture).joints[0]
         bones = bone_rotations(hand, posture)[0]
-        points, weights = self.vertices, self.weights
+        points, weights = self.vertices, self.skin.weights
         motion = np.zeros((len(points), 3, DOF))
         motion[:, :, :3] = np.eye(3)
         for k in range(3):
@@ -232,20 +235,6 @@ class _Frame:
             turned = np.cross(spread, points - placed[finger, 0])
             motion[:, :, 21 + finger] = share.sum(axis=1, keepdims=True) * turned
         return motion
-
-
-def _nearest_to_origin(rows: FloatArray, bounds: FloatArray) -> FloatArray | None:
-    """Return the shortest x with rows · x ≥ bounds; None if there is none."""
-    from scipy.optimize import nnls
-
-    target = np.append(np.zeros(rows.shape[1]), 1.0)
-    try:
-        multiplier, _ = nnls(np.vstack([rows.T, bounds]), target, maxiter=20 * len(bounds))
-    except RuntimeError:
-        return None
-    residual = np.vstack([rows.T, bounds]) @ multiplier - target
-    # A residual of zero is Farkas' proof that no x satisfies all rows.
-    return None if residual[-1] > -1e-10 else -residual[:-1] / residual[-1]
 
 
 class SkinJudgement(NamedTuple):

@@ -18,6 +18,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
+from hhsim.repair.least_distance import nearest_to_origin
 from hhsim.repair.skin import BLOCK_FRAMES, Skin, cone_coordinates, cone_gaps, in_palm, palm_distance
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.hierarchy import build_hierarchy
@@ -143,7 +144,7 @@ def fit_radii(along: FloatArray, across: FloatArray, phalanx: IntArray, length: 
     best = np.full(4, np.inf)
     for _ in range(ROUNDS):
         needed = np.hypot(along[each, cone] - share * length[cone], across[each, cone])
-        radius = _least_radii(*_binding_rows(cone, share, needed), length)
+        radius = _least_radii(*_binding_rows(cone, share, needed), length, np.minimum(best, needed.max()))
         shares, gap = cone_gaps(along, across, length, radius)
         # Rounding and the intervals leave a point micrometres outside.
         radius = radius + max(float(gap.min(axis=1).max()), 0.0)
@@ -173,21 +174,22 @@ def _binding_rows(cone: IntArray, share: FloatArray, needed: FloatArray) -> tupl
     return rows, needed[kept]
 
 
-def _least_radii(rows: FloatArray, bounds: FloatArray, length: FloatArray) -> FloatArray:
-    """Minimise the volume over radii with rows · r ≥ bounds that do not grow towards the tip."""
-    from scipy.optimize import LinearConstraint, minimize
-
-    unit = max(float(bounds.max()), LEAST_RADIUS)
+def _least_radii(rows: FloatArray, bounds: FloatArray, length: FloatArray, start: FloatArray) -> FloatArray:
+    """Minimise the volume's second-order model about `start` over non-growing radii with rows · r ≥ bounds."""
     least = np.vstack([rows, -np.diff(np.eye(4), axis=0), np.eye(4)[3]])
-    right = np.concatenate([bounds, np.zeros(3), [LEAST_RADIUS]]) / unit
-
-    def volume(radius: FloatArray) -> float:
-        return finger_volume(radius, length / unit)
-
-    within = LinearConstraint(least, right, np.inf)
-    found = minimize(volume, np.ones(4), method="SLSQP", constraints=within, options={"ftol": 1e-10, "maxiter": 200})
-    radius = np.asarray(found.x) if found.success else np.ones(4)
-    return np.maximum.accumulate(radius[::-1])[::-1] * unit
+    right = np.concatenate([bounds, np.zeros(3), [LEAST_RADIUS]])
+    # Of the volume over π: L/3 (a² + a b + b²) of a frustum, 2/3 r³ of a half ball.
+    ball = 4.0 * start * [1.0, 0.0, 0.0, 1.0]
+    curvature = np.diag(ball)
+    for k in range(3):
+        curvature[k : k + 2, k : k + 2] += length[k] / 3.0 * (np.eye(2) + 1.0)
+    root = np.linalg.cholesky(curvature)
+    # The model's minimum without any row.
+    origin = np.linalg.solve(curvature, 0.5 * ball * start)
+    across = np.linalg.solve(root, least.T).T
+    found = nearest_to_origin(across, right - least @ origin)
+    radius = start if found is None else origin + np.linalg.solve(root.T, found)
+    return np.maximum.accumulate(radius[::-1])[::-1]
 
 
 def _no_palm(hand: HandModel, skin: Skin, fitted: HandConfiguration) -> tuple[Mesh, SphereTree]:
