@@ -2,8 +2,8 @@
 
 A frame is freed by Gauss-Newton steps: every vertex near the object gives a linear row, from its signed distance and
 its motion with its bones, and the posture nearest to the given one that satisfies all rows is a least-distance
-program. The result is measured, not predicted: a frame
-whose vertices are not outside afterwards keeps its given posture and is marked.
+program. The result is measured, not predicted: a frame whose vertices are not outside afterwards keeps its given
+posture and is marked.
 """
 
 from dataclasses import replace
@@ -28,6 +28,8 @@ CLEARANCE = 1e-5
 """Distance of freed vertices to the object that the program asks for [m]."""
 REACH = 5e-3
 """Vertices up to this far outside give a row [m]; no step moves a vertex by more than half of it to first order."""
+ON_SURFACE = 1e-9
+"""Distance up to which a vertex lies on the surface [m]."""
 STEPS = 60
 """Most steps of a frame."""
 LEAST_SHARE = 1e-3
@@ -90,24 +92,36 @@ def push_out(
         mesh: Watertight and wound outward [m].
         hand: Hand model of both configurations; its limits are kept, or not exceeded further.
         skin: Skin of the recorded hand in T frames.
-        joints: Recorded joints as of `hhsim.repair.skin.moved_skin` [m], shape (T, 21, 3).
+        joints: Recorded joints as of `hhsim.repair.skin.moved_skin` [m], shape (T, 21, 3). A frame with NaN counts as
+            outside.
         fitted: Configuration of the hand in each recorded frame.
         posture: Corrected configuration, the one to stay near to.
     """
-    bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
-    found, depth = posture.copy(), np.empty(len(skin.vertices))
-    after = np.empty_like(depth)
-    for frame in range(len(depth)):
+    found, vertices = posture.copy(), np.empty_like(skin.vertices)
+    for first in range(0, len(vertices), BLOCK_FRAMES):
+        some = slice(first, first + BLOCK_FRAMES)
+        pair = fitted.at(some), posture.at(some)
+        vertices[some] = _posed(hand, replace(skin, vertices=skin.vertices[some]), joints[some], *pair)
+    depth = skin_depth(mesh, vertices)[0]
+    bvh, after = build_mesh_bvh(mesh.vertices, mesh.faces), depth.copy()
+    for frame in np.flatnonzero(depth > 0.0):
         one = slice(frame, frame + 1)
-        solver = SkinFrame(
-            bvh, hand, replace(skin, vertices=skin.vertices[one]), joints[one], fitted.at(one), posture.at(one)
-        )
-        depth[frame] = after[frame] = solver.depth()
-        if depth[frame] > 0.0 and (freed := solver.freed()) is not None:
+        own = replace(skin, vertices=skin.vertices[one])
+        solver = SkinFrame(bvh, hand, own, joints[one], fitted.at(one), posture.at(one))
+        freed = solver.freed()
+        if freed is not None:
+            after[frame] = max(0.0, -float(solver.distance.min()))
             for mine, new in zip(found, freed):
                 mine[frame] = new[0]
-            after[frame] = 0.0
     return PushedOut(found, depth, after, after <= 0.0)
+
+
+def _posed(
+    hand: HandModel, skin: Skin, joints: FloatArray, fitted: HandConfiguration, posture: HandConfiguration
+) -> FloatArray:
+    """Compute the skin's vertices in a posture [m], shape (T, V, 3); arguments as of `push_out`."""
+    rotation = bone_rotations(hand, posture) @ bone_rotations(hand, fitted).swapaxes(2, 3)
+    return carried(skin.weights, skin.vertices, joints, fitted, posture, rotation)
 
 
 class SkinFrame:
@@ -124,7 +138,6 @@ class SkinFrame:
     ) -> None:
         self.bvh, self.hand, self.skin, self.joints = bvh, hand, skin, joints
         self.fitted, self.start = fitted, posture
-        self.fitted_bones = bone_rotations(hand, fitted)
         stiffness = Stiffness()
         self.scale = np.sqrt(np.append(stiffness.diagonal(), np.full(5, stiffness.flexion)))
         self.place(np.zeros(DOF))
@@ -140,16 +153,13 @@ class SkinFrame:
     def place(self, change: FloatArray) -> None:
         """Compute vertices and their distances to the object after a change of the given posture, shape (26,)."""
         self.change = change
-        posture = self.posture()
-        bones = bone_rotations(self.hand, posture)
-        rotation = bones @ self.fitted_bones.swapaxes(2, 3)
-        self.vertices = carried(self.skin.weights, self.skin.vertices, self.joints, self.fitted, posture, rotation)[0]
+        self.vertices = _posed(self.hand, self.skin, self.joints, self.fitted, self.posture())[0]
         self.closest, self.distance = np.empty_like(self.vertices), np.empty(len(self.vertices))
         closest_points(self.bvh, np.ascontiguousarray(self.vertices), self.closest, self.distance)
 
-    def depth(self) -> float:
-        """Return the depth of the deepest vertex [m]."""
-        return max(0.0, -float(self.distance.min()))
+    def is_free(self) -> bool:
+        """Return True if all vertices are outside, by more than a file's rounding of the posture."""
+        return bool(self.distance.min() >= 0.5 * CLEARANCE)
 
     def freed(self) -> HandConfiguration | None:
         """Return the nearest posture with all vertices outside; None if the steps do not reach one.
@@ -161,7 +171,7 @@ class SkinFrame:
             if step is None:
                 break
             self.place(self.change + step)
-            if self.depth() == 0.0:
+            if self.is_free():
                 return self.posture()
         if not self._retreat():
             return None
@@ -171,10 +181,10 @@ class SkinFrame:
                 break
             share = 1.0
             self.place(here + step)
-            while self.depth() > 0.0 and share > LEAST_SHARE:
+            while not self.is_free() and share > LEAST_SHARE:
                 share *= 0.5
                 self.place(here + share * step)
-            if self.depth() > 0.0:
+            if not self.is_free():
                 self.place(here)
             if np.abs(self.scale * (self.change - here)).max() < LEAST_SHARE:
                 break
@@ -188,14 +198,14 @@ class SkinFrame:
                 change = np.zeros(DOF)
                 change[:3] = distance / np.linalg.norm(direction) * direction
                 self.place(change)
-                if self.depth() == 0.0:
+                if self.is_free():
                     return True
         return False
 
     def _step(self) -> FloatArray | None:
         """Compute the step to the posture nearest to the given one that satisfies all rows; None if there is none."""
-        # A vertex on the surface itself has no direction; the clearance keeps them off it.
-        near = np.flatnonzero((self.distance < REACH) & (np.abs(self.distance) > 0.1 * CLEARANCE))
+        # A vertex on the surface itself has no direction.
+        near = np.flatnonzero((self.distance < REACH) & (np.abs(self.distance) > ON_SURFACE))
         normal = (self.vertices[near] - self.closest[near]) / self.distance[near, None]
         motion = self.motion()
         rows = np.einsum("vi,vij->vj", normal, motion[near])
@@ -249,13 +259,12 @@ class SkinJudgement(NamedTuple):
     crosses: bool
 
 
-def judge_skin(surface: TrueSurface, mesh: Mesh, vertices: FloatArray, faces: IntArray) -> SkinJudgement:
+def judge_skin(surface: TrueSurface, vertices: FloatArray, faces: IntArray) -> SkinJudgement:
     """Judge the skin of a frame without the code that repaired it.
 
     Args:
-        surface: Coal's surface of `mesh`.
-        mesh: Object [m].
-        vertices: Of the skin, in the frame of the mesh [m], shape (V, 3).
+        surface: Coal's surface of the object.
+        vertices: Of the skin, in the frame of the object [m], shape (V, 3).
         faces: Of the skin, shape (F, 3).
     """
     import coal
@@ -263,7 +272,5 @@ def judge_skin(surface: TrueSurface, mesh: Mesh, vertices: FloatArray, faces: In
     request, answer = coal.CollisionRequest(), coal.CollisionResult()
     skin, still = coal_model(vertices, faces), coal.Transform3s()
     coal.collide(surface.model, still, skin, still, request, answer)
-    low, high = mesh.bounds
-    near = ((vertices >= low) & (vertices <= high)).all(axis=1)
-    depth = float(-surface.signed_distance(vertices[near]).min()) if near.any() else 0.0
-    return SkinJudgement(max(0.0, depth), bool(answer.isCollision()))
+    depth = max(0.0, -float(surface.signed_distance(vertices).min()))
+    return SkinJudgement(depth, bool(answer.isCollision()))

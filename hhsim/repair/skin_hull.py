@@ -70,7 +70,8 @@ def hand_with_skin(hand: HandModel, skin: Skin, fitted: HandConfiguration, palm:
 
     Args:
         hand: Hand model with the recorded bones.
-        skin: Skin of the recorded hand in T frames, our world.
+        skin: Skin of the hand in T frames, our world. Moved skins of corrected frames may follow the recorded ones:
+            the fingers then contain those too.
         fitted: Configuration of the hand in each of them.
         palm: "none" for no contact of the palm, "thin" for the hand's own at `THIN` of its thickness, "fitted" for
             spheres that contain the skin's vertices.

@@ -96,7 +96,7 @@ def judged(sample: SkinSample, mesh: Mesh, found: PushedOut) -> None:
     np.testing.assert_allclose(found.depth_after, skin_depth(mesh, freed)[0], atol=1e-12)
     surface = TrueSurface(mesh)
     for frame in np.flatnonzero(found.is_freed):
-        assert judge_skin(surface, mesh, freed[frame], sample.skin.faces).depth == 0.0
+        assert judge_skin(surface, freed[frame], sample.skin.faces).depth == 0.0
     assert (found.posture.flexion >= np.minimum(hand.flexion_min, sample.fitted.flexion) - 1e-9).all()
     assert (found.posture.flexion <= np.maximum(hand.flexion_max, sample.fitted.flexion) + 1e-9).all()
 
@@ -174,9 +174,9 @@ def test_the_judge_sees_triangles_that_cross_between_vertices() -> None:
     surface = TrueSurface(block)
     faces = np.array([[0, 1, 2]])
     wide = np.array([[-0.1, -0.1, 0.0], [0.1, -0.1, 0.0], [0.0, 0.2, 0.0]])
-    assert judge_skin(surface, block, wide, faces) == (0.0, True)
-    assert judge_skin(surface, block, wide + [0.0, 0.0, 0.011], faces) == (0.0, False)
+    assert judge_skin(surface, wide, faces) == (0.0, True)
+    assert judge_skin(surface, wide + [0.0, 0.0, 0.011], faces) == (0.0, False)
     pierced = wide.copy()
     pierced[0] = [0.004, 0.0, 0.001]
-    depth, crosses = judge_skin(surface, block, pierced, faces)
+    depth, crosses = judge_skin(surface, pierced, faces)
     assert depth == pytest.approx(0.006, abs=1e-9) and crosses
