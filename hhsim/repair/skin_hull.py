@@ -19,7 +19,7 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.repair.least_distance import nearest_to_origin
-from hhsim.repair.skin import BLOCK_FRAMES, Skin, cone_coordinates, cone_gaps, in_palm, palm_distance
+from hhsim.repair.skin import Skin, cone_coordinates, cone_gaps, in_palm, palm_distance
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions
@@ -41,6 +41,8 @@ LARGEST_BALL = 0.025
 """Largest inscribed ball of a palm [m]: half the thickness of the thickest hands."""
 GROWTH_STEP = 1e-5
 """Accuracy of the growth of the palm's balls [m]."""
+BLOCK_POINTS = 16_384
+"""Points whose nearest ball is searched at once."""
 BINS = 256
 """Intervals of a phalanx's axis; of the vertices nearest to one the farthest alone enters the program."""
 
@@ -65,7 +67,9 @@ class SkinFit:
     excess: FloatArray
 
 
-def hand_with_skin(hand: HandModel, skin: Skin, fitted: HandConfiguration, palm: Palm) -> tuple[HandModel, SkinFit]:
+def hand_with_skin(
+    hand: HandModel, skin: Skin, fitted: HandConfiguration, palm: Palm, contained: float = 0.999
+) -> tuple[HandModel, SkinFit]:
     """Fit radii and palm of a hand to a skin.
 
     Args:
@@ -75,9 +79,11 @@ def hand_with_skin(hand: HandModel, skin: Skin, fitted: HandConfiguration, palm:
         fitted: Configuration of the hand in each of them.
         palm: "none" for no contact of the palm, "thin" for the hand's own at `THIN` of its thickness, "fitted" for
             spheres that contain the skin's vertices.
+        contained: Share of the frames in which each vertex counts, from 0 to 1; those are left out in which it is
+            farthest from its bone, so that few misfitted frames do not swell the hand in all.
 
     Returns:
-        The hand, whose fingers contain all vertices of their bones in every frame, and what is left.
+        The hand, which contains every vertex of its modelled bones in each frame that counts, and what is left.
 
     Raises:
         InputError: No frame has finite vertices and configuration, or the skin's palm has no inside.
@@ -93,10 +99,13 @@ def hand_with_skin(hand: HandModel, skin: Skin, fitted: HandConfiguration, palm:
         own, phalanx = _vertices_of(skin, finger)
         if own.size:
             along, across = cone_coordinates(joints[:, finger], skin.vertices[:, own])
-            of_bone = np.tile(phalanx, len(frames))
-            radius[finger] = fit_radii(along.reshape(-1, 3), across.reshape(-1, 3), of_bone, hand.length[finger])
+            own_along, own_across = (each[:, np.arange(own.size), phalanx] for each in (along, across))
+            beside = own_along - np.clip(own_along, 0.0, hand.length[finger, phalanx])
+            counts = _nearest(np.hypot(beside, own_across), contained)
+            of_bone = np.broadcast_to(phalanx, counts.shape)[counts]
+            radius[finger] = fit_radii(along[counts], across[counts], of_bone, hand.length[finger])
     hand = replace(hand, radius=radius)
-    mesh, tree = _PALMS[palm](hand, skin, fitted)
+    mesh, tree = _PALMS[palm](hand, skin, fitted, contained)
     hand = replace(hand, palm_mesh=mesh, palm_tree=tree)
     return hand, skin_fit(hand, skin, fitted, palm)
 
@@ -120,6 +129,11 @@ def skin_fit(hand: HandModel, skin: Skin, fitted: HandConfiguration, palm: Palm)
         slack_mean=float(np.maximum(-all_gaps, 0.0).mean()),
         excess=np.array([max(float(gap.max()), 0.0) if gap.size else np.nan for gap in gaps]),
     )
+
+
+def _nearest(distance: FloatArray, contained: float) -> BoolArray:
+    """Return True in a share of the frames for each vertex, where its distance is least, shape (T, V)."""
+    return np.asarray(distance <= np.quantile(distance, contained, axis=0, method="higher"))
 
 
 def _vertices_of(skin: Skin, finger: int) -> tuple[IntArray, IntArray]:
@@ -193,13 +207,13 @@ def _least_radii(rows: FloatArray, bounds: FloatArray, length: FloatArray, start
     return np.maximum.accumulate(radius[::-1])[::-1]
 
 
-def _no_palm(hand: HandModel, skin: Skin, fitted: HandConfiguration) -> tuple[Mesh, SphereTree]:
+def _no_palm(hand: HandModel, skin: Skin, fitted: HandConfiguration, contained: float) -> tuple[Mesh, SphereTree]:
     """Return a small ball in the middle finger's knuckle: whatever would touch it touches that finger before."""
     size = min(LEAST_RADIUS, 0.5 * float(hand.radius[2, 0]))
     return _palm_of_balls(hand.base[2][None], np.array([size]), 1, "not modelled")
 
 
-def _thin_palm(hand: HandModel, skin: Skin, fitted: HandConfiguration) -> tuple[Mesh, SphereTree]:
+def _thin_palm(hand: HandModel, skin: Skin, fitted: HandConfiguration, contained: float) -> tuple[Mesh, SphereTree]:
     """Return the hand's palm, flattened to its middle plane."""
     height = float(hand.palm_mesh.bounds[:, 2].mean())
     scale = np.array([1.0, 1.0, THIN])
@@ -208,7 +222,7 @@ def _thin_palm(hand: HandModel, skin: Skin, fitted: HandConfiguration) -> tuple[
     return mesh, cached_sphere_tree(mesh, TreeOptions(level=hand.palm_tree.depth))
 
 
-def _fitted_palm(hand: HandModel, skin: Skin, fitted: HandConfiguration) -> tuple[Mesh, SphereTree]:
+def _fitted_palm(hand: HandModel, skin: Skin, fitted: HandConfiguration, contained: float) -> tuple[Mesh, SphereTree]:
     """Return inscribed balls of the palm's mean vertices, grown until they contain the vertices of every frame."""
     own = np.flatnonzero(skin.bone == 0)
     if not own.size:
@@ -223,8 +237,9 @@ def _fitted_palm(hand: HandModel, skin: Skin, fitted: HandConfiguration) -> tupl
         np.add.at(normal, faces[:, corner], np.cross(b - a, c - a))
     center, radius = ball_cover(mean[own], normal[own], hand.palm_tree.leaf_count)
     grown = radius.copy()
-    for first in range(0, len(points), BLOCK_FRAMES):
-        at = points[first : first + BLOCK_FRAMES].reshape(-1, 3)
+    counted = points[_nearest(np.linalg.norm(points - mean[own], axis=2), contained)]
+    for first in range(0, len(counted), BLOCK_POINTS):
+        at = counted[first : first + BLOCK_POINTS]
         apart = np.linalg.norm(at[:, None] - center, axis=2)
         nearest = (apart - radius).argmin(axis=1)
         np.maximum.at(grown, nearest, apart[np.arange(len(at)), nearest] * (1.0 + 1e-12))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from skin_samples import FLESH, SkinSample, shaken, skin_sample
+from skin_samples import FLESH, SkinSample, correction_to, shaken, skin_sample
 from sphere_scenes import ball, brute_pairs
 
 from hhsim.arrays import FloatArray, IntArray
@@ -14,7 +14,7 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.repair.skin import bone_rotations, cone_coordinates
+from hhsim.repair.skin import bone_rotations, cone_coordinates, moved_skin
 from hhsim.repair.skin_hull import Palm, ball_cover, finger_volume, fit_radii, hand_with_skin
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -174,6 +174,13 @@ def test_the_solver_keeps_such_a_hand_out(palm: Palm) -> None:
             if palm == "none":
                 assert pairs[15:].min() > pairs[6].min() + 1e-3
         assert -1e-6 <= least < 1e-3
+        # What the hand contains stays out with it, moved by bones alone.
+        last = correction_to(sample, shown.at(np.arange(19, shown.ticks, 20)), np.ones(12, dtype=bool))
+        vertices = moved_skin(sample.skin, sample.joints, last)
+        recorded = np.linalg.norm(sample.skin.vertices - middle, axis=2).min()
+        freed = np.linalg.norm(vertices - middle, axis=2)[:, sample.skin.bone > 0 if palm == "none" else slice(None)]
+        if palm != "thin":
+            assert recorded < 0.015 and freed.min() >= 0.02 - 1e-6
 
 
 def test_a_skin_without_frames_or_palm_is_refused() -> None:
@@ -201,3 +208,17 @@ def test_frames_that_are_missing_do_not_count() -> None:
     )
     assert np.array_equal(holed[0].radius, whole[0].radius) and holed[1].slack_mean == whole[1].slack_mean
     assert np.isfinite(bone_rotations(holed[0], sample.fitted)).all()
+
+
+def test_a_misfitted_frame_swells_no_hand() -> None:
+    sample = skin_sample()
+    whole = hand_with_skin(sample.hand, sample.skin, sample.fitted, "fitted")[0]
+    vertices = np.tile(sample.skin.vertices, (17, 1, 1))
+    vertices[100] += [0.0, 0.0, 0.02]
+    skin = replace(sample.skin, vertices=vertices)
+    fitted = HandConfiguration(*(np.concatenate([values] * 17) for values in sample.fitted))
+    hand, fit = hand_with_skin(sample.hand, skin, fitted, "fitted", 0.99)
+    np.testing.assert_allclose(hand.radius, whole.radius, atol=1e-6)
+    assert hand.palm_tree.leaf_radius.max() < whole.palm_tree.leaf_radius.max() + 1e-3
+    assert 1.0 - 1.0 / 204 <= fit.contained < 1.0 and 0.01 < fit.excess_max <= 0.02
+    assert hand_with_skin(sample.hand, skin, fitted, "none", 1.0)[1].contained == 1.0
