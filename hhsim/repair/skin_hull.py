@@ -35,8 +35,8 @@ ROUNDS = 20
 """Most rounds of a finger's fit; they end when the volume no longer falls."""
 SETTLED = 1e-4
 """Share of the volume by which it has to fall for another round."""
-CANDIDATES = 1024
-"""Most candidates for the palm's balls."""
+PALM_POINTS = 1024
+"""Most vertices that the palm's balls are made from; all others make them grow."""
 LARGEST_BALL = 0.025
 """Largest inscribed ball of a palm [m]: half the thickness of the thickest hands."""
 GROWTH_STEP = 1e-5
@@ -86,7 +86,7 @@ def hand_with_skin(
         The hand, which contains every vertex of its modelled bones in each frame that counts, and what is left.
 
     Raises:
-        InputError: No frame has finite vertices and configuration, or the skin's palm has no inside.
+        InputError: No frame has finite vertices and configuration, or no vertex belongs to a palm that is to be fitted.
     """
     finite = [np.isfinite(values).reshape(len(values), -1).all(axis=1) for values in (skin.vertices, *fitted)]
     frames = np.flatnonzero(np.logical_and.reduce(finite))
@@ -208,7 +208,10 @@ def _least_radii(rows: FloatArray, bounds: FloatArray, length: FloatArray, start
 
 
 def _no_palm(hand: HandModel, skin: Skin, fitted: HandConfiguration, contained: float) -> tuple[Mesh, SphereTree]:
-    """Return a small ball in the middle finger's knuckle: whatever would touch it touches that finger before."""
+    """Return a small ball in the middle finger's knuckle: whatever would touch it touches that finger before.
+
+    So the palm takes no part, in the solver and in every measure, as long as that finger does.
+    """
     size = min(LEAST_RADIUS, 0.5 * float(hand.radius[2, 0]))
     return _palm_of_balls(hand.base[2][None], np.array([size]), 1, "not modelled")
 
@@ -235,7 +238,8 @@ def _fitted_palm(hand: HandModel, skin: Skin, fitted: HandConfiguration, contain
     for corner in range(3):
         a, b, c = (mean[faces[:, k]] for k in range(3))
         np.add.at(normal, faces[:, corner], np.cross(b - a, c - a))
-    center, radius = ball_cover(mean[own], normal[own], hand.palm_tree.leaf_count)
+    some = own[np.unique(np.linspace(0, len(own) - 1, PALM_POINTS).astype(np.int64))]
+    center, radius = ball_cover(mean[some], normal[some], hand.palm_tree.leaf_count)
     grown = radius.copy()
     counted = points[_nearest(np.linalg.norm(points - mean[own], axis=2), contained)]
     for first in range(0, len(counted), BLOCK_POINTS):
@@ -259,15 +263,14 @@ def ball_cover(points: FloatArray, normal: FloatArray, most: int) -> tuple[Float
     Returns:
         Centres [m], shape (m, 3), and radii [m], shape (m,).
     """
-    tried = np.unique(np.linspace(0, len(points) - 1, CANDIDATES).astype(np.int64))
-    size = np.linalg.norm(normal[tried], axis=1, keepdims=True)
-    inward = -normal[tried] / np.where(size > 0.0, size, 1.0)
-    offset = points - points[tried, None]
+    size = np.linalg.norm(normal, axis=1, keepdims=True)
+    inward = -normal / np.where(size > 0.0, size, 1.0)
+    offset = points - points[:, None]
     depth = (offset * inward[:, None]).sum(axis=2)
     square = (offset * offset).sum(axis=2)
     radius = np.where(depth > 0.0, square / np.maximum(2.0 * depth, 1e-12), LARGEST_BALL).min(axis=1)
     radius = np.where(size[:, 0] > 0.0, np.minimum(radius, LARGEST_BALL), 0.0)
-    center = points[tried] + radius[:, None] * inward
+    center = points + radius[:, None] * inward
     gap = np.linalg.norm(points - center[:, None], axis=2) - radius[:, None]
     low, high = 0.0, float(gap.min(axis=0).max())
     while len(chosen := _greedy(gap <= high)) > most:
