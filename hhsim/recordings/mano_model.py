@@ -41,8 +41,10 @@ ARRAYS: dict[str, tuple[str, tuple[int, ...]]] = {
 """Key in the file and shape of each array of a `ManoModel`."""
 CONVERT = (
     "make an .npz of its arrays where it can be loaded: v_template, shapedirs, posedirs, J_regressor, weights, "
-    "kintree_table, hands_components, hands_mean"
+    "kintree_table, hands_components, hands_mean, f"
 )
+BLOCK_POSES = 256
+"""Poses whose vertices are computed at once: tens of megabytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +60,7 @@ class ManoModel:
         parents: Parent of each joint, shape (16,); -1 for the wrist.
         components: Principal components of the poses, one a row, shape (45, 45).
         mean: Mean pose [rad], shape (45,).
+        faces: Triangles of the skin, outward by the right hand, shape (F, 3); none if the file has no `f`.
     """
 
     template: FloatArray
@@ -68,6 +71,7 @@ class ManoModel:
     parents: IntArray
     components: FloatArray
     mean: FloatArray
+    faces: IntArray
 
     def keypoints(
         self, rotation: FloatArray, pose: FloatArray, translation: FloatArray, betas: FloatArray
@@ -77,11 +81,8 @@ class ManoModel:
         The rotation vectors [rad] are of the wrist, shape (T, 3), and, in `pose`, of the 15 joints from the flat hand,
         shape (T, 45); the translation [m] has shape (T, 3), `betas` at most 10 coefficients of the shape.
         """
-        shape = np.zeros(SHAPES)
-        shape[: len(betas)] = betas
-        rest = self.template + self.shapes @ shape
-        joints = self.regressor @ rest
-        turns = rotation_matrix(quaternion(np.concatenate([rotation, pose], axis=1).reshape(len(pose), JOINTS, 3)))
+        rest, joints = self._at_rest(betas)
+        turns = _turns(rotation, pose)
         tips = list(TIPS)
         bend = (turns[:, 1:] - np.eye(3)).reshape(len(pose), -1)
         skin = rest[tips] + np.einsum("vip,tp->tvi", self.corrections[tips], bend)
@@ -91,6 +92,34 @@ class ManoModel:
         chains = at[:, list(KEYPOINT_JOINTS)]
         fingers = [np.concatenate([chains[:, 1 + 3 * f : 4 + 3 * f], blended[:, f : f + 1]], axis=1) for f in range(5)]
         return np.concatenate([chains[:, :1], *fingers], axis=1) + translation[:, None]
+
+    def vertices(
+        self, rotation: FloatArray, pose: FloatArray, translation: FloatArray, betas: FloatArray
+    ) -> FloatArray:
+        """Compute the skin's vertices of poses [m], shape (T, 778, 3); arguments as of `keypoints`."""
+        rest, joints = self._at_rest(betas)
+        found = np.empty((len(pose), VERTICES, 3))
+        for first in range(0, len(pose), BLOCK_POSES):
+            block = slice(first, first + BLOCK_POSES)
+            turns = _turns(rotation[block], pose[block])
+            bend = (turns[:, 1:] - np.eye(3)).reshape(len(turns), -1)
+            skin = rest + (bend @ self.corrections.reshape(-1, bend.shape[1]).T).reshape(-1, VERTICES, 3)
+            world, shift = posed_tree(self.parents.tolist(), joints, turns)
+            blend = (self.weights @ world.reshape(-1, JOINTS, 9)).reshape(-1, VERTICES, 3, 3)
+            found[block] = (blend @ skin[..., None])[..., 0] + self.weights @ shift + translation[block, None]
+        return found
+
+    def _at_rest(self, betas: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Compute the vertices and joints of a shape at rest [m], shapes (778, 3) and (16, 3)."""
+        shape = np.zeros(SHAPES)
+        shape[: len(betas)] = betas
+        rest = self.template + self.shapes @ shape
+        return rest, self.regressor @ rest
+
+
+def _turns(rotation: FloatArray, pose: FloatArray) -> FloatArray:
+    """Compute the rotation matrices of wrist and joints, shape (T, 16, 3, 3)."""
+    return rotation_matrix(quaternion(np.concatenate([rotation, pose], axis=1).reshape(len(pose), JOINTS, 3)))
 
 
 def read_mano_model(path: Path) -> ManoModel:
@@ -186,7 +215,10 @@ def _model(fields: Mapping[str, Any]) -> ManoModel:
     parents = np.where(np.arange(JOINTS) == 0, -1, tree).astype(np.int64)
     if not ((parents < np.arange(JOINTS)) & (parents >= np.where(np.arange(JOINTS) == 0, -1, 0))).all():
         raise TrajectoryError("kintree_table is no tree of 16 joints; expected a MANO model")
-    return ManoModel(**arrays, parents=parents)
+    faces = np.zeros((0, 3)) if "f" not in fields else _array(fields, "f", (np.size(_plain(fields["f"])) // 3, 3))
+    if not ((faces >= 0) & (faces < VERTICES) & (faces == np.round(faces))).all():
+        raise TrajectoryError(f"'f' names a vertex that does not exist; expected whole numbers below {VERTICES}")
+    return ManoModel(**arrays, parents=parents, faces=faces.astype(np.int64))
 
 
 def _array(fields: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> FloatArray:

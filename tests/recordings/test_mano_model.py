@@ -36,7 +36,9 @@ def test_joints_and_tips_are_those_of_a_plain_skinning(tmp_path: Path) -> None:
     random = np.random.default_rng(4)
     turn, pose = random.normal(0.0, 0.7, (5, 3)), random.normal(0.0, 0.5, (5, 45))
     shift, betas = random.normal(0.0, 0.3, (5, 3)), random.normal(0.0, 1.0, 10)
-    found = read_mano_model(tmp_path / "model.npz").keypoints(turn, pose, shift, betas)
+    model = read_mano_model(tmp_path / "model.npz")
+    found = model.keypoints(turn, pose, shift, betas)
+    skinned = model.vertices(turn, pose, shift, betas)
     rest = fields["v_template"] + fields["shapedirs"] @ betas
     joints = fields["J_regressor"] @ rest
     parents = fields["kintree_table"][0]
@@ -59,6 +61,21 @@ def test_joints_and_tips_are_those_of_a_plain_skinning(tmp_path: Path) -> None:
         for finger in range(5):
             expected += [*at[list(KEYPOINT_JOINTS[1 + 3 * finger : 4 + 3 * finger])], vertices[TIPS[finger]]]
         assert np.allclose(found[t], np.array(expected) + shift[t], atol=1e-12)
+        assert np.allclose(skinned[t], vertices + shift[t], atol=1e-12)
+    assert np.allclose(skinned[:, list(TIPS)], found[:, 4::4], atol=1e-12)
+
+
+def test_triangles_may_be_missing_but_not_wrong(tmp_path: Path) -> None:
+    path, fields = tmp_path / "model.pkl", any_fields()
+    path.write_bytes(pickle.dumps(fields))
+    assert read_mano_model(path).faces.shape == (0, 3)
+    faces = np.array([[0, 1, 2], [777, 2, 1]], dtype=np.uint32)
+    path.write_bytes(pickle.dumps(fields | {"f": faces}))
+    assert np.array_equal(read_mano_model(path).faces, faces)
+    for wrong, words in ((faces + 1, "a vertex that does not exist"), (np.zeros(4), r"'f' has shape \(4,\)")):
+        path.write_bytes(pickle.dumps(fields | {"f": wrong}))
+        with pytest.raises(TrajectoryError, match=words):
+            read_mano_model(path)
 
 
 def test_a_pickle_of_data_is_read(tmp_path: Path) -> None:

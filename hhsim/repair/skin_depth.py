@@ -1,0 +1,276 @@
+"""Depth of a recorded hand's skin in an object, the least change of posture that frees it, and a second judge.
+
+A frame is freed by Gauss-Newton steps: every vertex near the object gives a linear row, from its signed distance and
+its motion with its bones, and the posture nearest to the given one that satisfies all rows is a least-distance
+program. The result is measured, not predicted: a frame whose vertices are not outside afterwards keeps its given
+posture and is marked.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import forward_kinematics
+from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion, quaternion_product
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, closest_points, mesh_signed_distance
+from hhsim.mesh.mesh import Mesh
+from hhsim.repair.least_distance import nearest_to_origin
+from hhsim.repair.skin import BLOCK_FRAMES, Skin, bone_rotations, carried
+from hhsim.solver.options import Stiffness
+from hhsim.verify.coal_distance import coal_model
+from hhsim.verify.tree_checks import TrueSurface
+
+CLEARANCE = 1e-5
+"""Distance of freed vertices to the object that the program asks for [m]."""
+REACH = 5e-3
+"""Vertices up to this far outside give a row [m]; no step moves a vertex by more than half of it to first order."""
+ON_SURFACE = 1e-9
+"""Distance up to which a vertex lies on the surface [m]."""
+STEPS = 60
+"""Most steps of a frame."""
+LEAST_SHARE = 1e-3
+"""Least share of a step towards the object, and least step in roots of the coupling's energy [√J], that is tried."""
+FARTHEST = 0.3
+"""Largest shift to a free place [m]."""
+DOF = 26
+"""Palm translation [m] 0 to 2, palm rotation [rad] 3 to 5, flexion 6 + 3 finger + joint, abduction 21 + finger."""
+
+
+def skin_depth(mesh: Mesh, vertices: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Compute how deep the deepest vertex of each frame lies inside a mesh.
+
+    Args:
+        mesh: Watertight and wound outward [m].
+        vertices: In the frame of the mesh [m], shape (T, V, 3); NaN counts as outside.
+
+    Returns:
+        Depth [m], shape (T,), 0 outside, and the deepest vertex, shape (T,), -1 for a frame without one inside.
+    """
+    bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+    depth, deepest = np.zeros(len(vertices)), np.full(len(vertices), -1)
+    low, high = mesh.bounds
+    for first in range(0, len(vertices), BLOCK_FRAMES):
+        points = vertices[first : first + BLOCK_FRAMES]
+        # A vertex beyond the mesh's box is outside.
+        near = ((points >= low) & (points <= high)).all(axis=2)
+        inside = np.zeros(near.shape)
+        inside[near] = -mesh_signed_distance(bvh, points[near])
+        block = slice(first, first + len(points))
+        depth[block] = np.maximum(inside.max(axis=1, initial=0.0), 0.0)
+        deepest[block] = np.where(depth[block] > 0.0, inside.argmax(axis=1), -1)
+    return depth, deepest
+
+
+class PushedOut(NamedTuple):
+    """Postures whose skin is outside an object.
+
+    Attributes:
+        posture: The given one in frames that were outside, and in those that could not be freed, T frames.
+        depth: Depth of the skin before [m], shape (T,).
+        depth_after: The same in `posture`, shape (T,).
+        is_freed: True where `depth_after` is 0, shape (T,).
+    """
+
+    posture: HandConfiguration
+    depth: FloatArray
+    depth_after: FloatArray
+    is_freed: BoolArray
+
+
+def push_out(
+    mesh: Mesh, hand: HandModel, skin: Skin, joints: FloatArray, fitted: HandConfiguration, posture: HandConfiguration
+) -> PushedOut:
+    """Free the skin of a recorded hand by the least change of its corrected posture, frame by frame.
+
+    The hand's own round cones play no part; all arguments but the hand are in the frame of the mesh.
+
+    Args:
+        mesh: Watertight and wound outward [m].
+        hand: Hand model of both configurations; its limits are kept, or not exceeded further.
+        skin: Skin of the recorded hand in T frames.
+        joints: Recorded joints as of `hhsim.repair.skin.moved_skin` [m], shape (T, 21, 3). A frame with NaN counts as
+            outside.
+        fitted: Configuration of the hand in each recorded frame.
+        posture: Corrected configuration, the one to stay near to.
+    """
+    found, vertices = posture.copy(), np.empty_like(skin.vertices)
+    for first in range(0, len(vertices), BLOCK_FRAMES):
+        some = slice(first, first + BLOCK_FRAMES)
+        pair = fitted.at(some), posture.at(some)
+        vertices[some] = _posed(hand, replace(skin, vertices=skin.vertices[some]), joints[some], *pair)
+    depth = skin_depth(mesh, vertices)[0]
+    bvh, after = build_mesh_bvh(mesh.vertices, mesh.faces), depth.copy()
+    for frame in np.flatnonzero(depth > 0.0):
+        one = slice(frame, frame + 1)
+        own = replace(skin, vertices=skin.vertices[one])
+        solver = SkinFrame(bvh, hand, own, joints[one], fitted.at(one), posture.at(one))
+        freed = solver.freed()
+        if freed is not None:
+            after[frame] = max(0.0, -float(solver.distance.min()))
+            for mine, new in zip(found, freed):
+                mine[frame] = new[0]
+    return PushedOut(found, depth, after, after <= 0.0)
+
+
+def _posed(
+    hand: HandModel, skin: Skin, joints: FloatArray, fitted: HandConfiguration, posture: HandConfiguration
+) -> FloatArray:
+    """Compute the skin's vertices in a posture [m], shape (T, V, 3); arguments as of `push_out`."""
+    rotation = bone_rotations(hand, posture) @ bone_rotations(hand, fitted).swapaxes(2, 3)
+    return carried(skin.weights, skin.vertices, joints, fitted, posture, rotation)
+
+
+class SkinFrame:
+    """Single frame of a skin, posed beside an object; arguments as of `push_out`, of one frame each."""
+
+    def __init__(
+        self,
+        bvh: MeshBvh,
+        hand: HandModel,
+        skin: Skin,
+        joints: FloatArray,
+        fitted: HandConfiguration,
+        posture: HandConfiguration,
+    ) -> None:
+        self.bvh, self.hand, self.skin, self.joints = bvh, hand, skin, joints
+        self.fitted, self.start = fitted, posture
+        stiffness = Stiffness()
+        self.scale = np.sqrt(np.append(stiffness.diagonal(), np.full(5, stiffness.flexion)))
+        self.place(np.zeros(DOF))
+
+    def posture(self) -> HandConfiguration:
+        """Return the posture of the present change."""
+        turn = quaternion_product(quaternion(self.change[None, 3:6]), self.start.orientation)
+        flexion = self.start.flexion + self.change[6:21].reshape(1, 5, 3)
+        return HandConfiguration(
+            self.start.position + self.change[:3], turn, flexion, self.start.abduction + self.change[21:]
+        )
+
+    def place(self, change: FloatArray) -> None:
+        """Compute vertices and their distances to the object after a change of the given posture, shape (26,)."""
+        self.change = change
+        self.vertices = _posed(self.hand, self.skin, self.joints, self.fitted, self.posture())[0]
+        self.closest, self.distance = np.empty_like(self.vertices), np.empty(len(self.vertices))
+        closest_points(self.bvh, np.ascontiguousarray(self.vertices), self.closest, self.distance)
+
+    def is_free(self) -> bool:
+        """Return True if all vertices are outside, by more than a file's rounding of the posture."""
+        return bool(self.distance.min() >= 0.5 * CLEARANCE)
+
+    def freed(self) -> HandConfiguration | None:
+        """Return the nearest posture with all vertices outside; None if the steps do not reach one.
+
+        Where the rows of a deep hand contradict each other, the steps begin again from a free place beside the object.
+        """
+        for _ in range(STEPS):
+            step = self._step()
+            if step is None:
+                break
+            self.place(self.change + step)
+            if self.is_free():
+                return self.posture()
+        if not self._retreat():
+            return None
+        for _ in range(STEPS):
+            step, here = self._step(), self.change
+            if step is None:
+                break
+            share = 1.0
+            self.place(here + step)
+            while not self.is_free() and share > LEAST_SHARE:
+                share *= 0.5
+                self.place(here + share * step)
+            if not self.is_free():
+                self.place(here)
+            if np.abs(self.scale * (self.change - here)).max() < LEAST_SHARE:
+                break
+        return self.posture()
+
+    def _retreat(self) -> bool:
+        """Shift the hand to the nearest free place along 26 directions; False if there is none within `FARTHEST`."""
+        directions = [np.array(index) - 1.0 for index in np.ndindex(3, 3, 3) if index != (1, 1, 1)]
+        for distance in np.arange(REACH, FARTHEST, REACH):
+            for direction in directions:
+                change = np.zeros(DOF)
+                change[:3] = distance / np.linalg.norm(direction) * direction
+                self.place(change)
+                if self.is_free():
+                    return True
+        return False
+
+    def _step(self) -> FloatArray | None:
+        """Compute the step to the posture nearest to the given one that satisfies all rows; None if there is none."""
+        # A vertex on the surface itself has no direction.
+        near = np.flatnonzero((self.distance < REACH) & (np.abs(self.distance) > ON_SURFACE))
+        normal = (self.vertices[near] - self.closest[near]) / self.distance[near, None]
+        motion = self.motion()
+        rows = np.einsum("vi,vij->vj", normal, motion[near])
+        limits, ends = self._limits()
+        bounds = np.append(CLEARANCE - self.distance[near] + rows @ self.change, ends)
+        goal = nearest_to_origin(np.vstack([rows, limits]) / self.scale, bounds)
+        if goal is None:
+            return None
+        step = goal / self.scale - self.change
+        longest = float(np.linalg.norm(motion @ step, axis=1).max())
+        return np.asarray(step * min(1.0, 0.5 * REACH / max(longest, 1e-12)))
+
+    def _limits(self) -> tuple[FloatArray, FloatArray]:
+        """Return rows of A · change ≥ b for the joint limits; a joint beyond its limit may stay."""
+        start = np.append(self.start.flexion, self.start.abduction)
+        low = np.append(self.hand.flexion_min, self.hand.abduction_min)
+        high = np.append(self.hand.flexion_max, self.hand.abduction_max)
+        joints = np.eye(DOF)[6:]
+        return np.vstack([joints, -joints]), np.minimum(np.append(low - start, start - high), 0.0)
+
+    def motion(self) -> FloatArray:
+        """Compute the derivative of the vertices by the change, shape (V, 3, 26)."""
+        posture, hand = self.posture(), self.hand
+        placed = forward_kinematics(hand, *posture).joints[0]
+        bones = bone_rotations(hand, posture)[0]
+        points, weights = self.vertices, self.skin.weights
+        motion = np.zeros((len(points), 3, DOF))
+        motion[:, :, :3] = np.eye(3)
+        for k in range(3):
+            motion[:, :, 3 + k] = np.cross(np.eye(3)[k], points - posture.position[0])
+        for finger in range(5):
+            share = weights[:, 1 + 3 * finger : 4 + 3 * finger]
+            for k in range(3):
+                turned = np.cross(bones[1 + 3 * finger, :, 1], points - placed[finger, k])
+                motion[:, :, 6 + 3 * finger + k] = share[:, k:].sum(axis=1, keepdims=True) * turned
+            spread = hand.abduction_sign * bones[0] @ hand.dorsal[finger]
+            turned = np.cross(spread, points - placed[finger, 0])
+            motion[:, :, 21 + finger] = share.sum(axis=1, keepdims=True) * turned
+        return motion
+
+
+class SkinJudgement(NamedTuple):
+    """Skin of one frame and an object, as the library coal sees them.
+
+    Attributes:
+        depth: Of the deepest vertex inside the object [m], 0 if there is none.
+        crosses: True if a triangle of the skin meets one of the object: possible between vertices that are outside.
+    """
+
+    depth: float
+    crosses: bool
+
+
+def judge_skin(surface: TrueSurface, vertices: FloatArray, faces: IntArray) -> SkinJudgement:
+    """Judge the skin of a frame without the code that repaired it.
+
+    Args:
+        surface: Coal's surface of the object.
+        vertices: Of the skin, in the frame of the object [m], shape (V, 3).
+        faces: Of the skin, shape (F, 3).
+    """
+    import coal
+
+    request, answer = coal.CollisionRequest(), coal.CollisionResult()
+    skin, still = coal_model(vertices, faces), coal.Transform3s()
+    coal.collide(surface.model, still, skin, still, request, answer)
+    depth = max(0.0, -float(surface.signed_distance(vertices).min()))
+    return SkinJudgement(depth, bool(answer.isCollision()))

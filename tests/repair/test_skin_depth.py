@@ -1,0 +1,182 @@
+"""Depth of a skin against trimesh, and freed skins before two judges that share nothing with the repair."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from skin_samples import SkinSample, correction_to, shaken, skin_sample
+
+from hhsim.arrays import BoolArray, FloatArray
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_vector
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.mesh.mesh import Mesh
+from hhsim.repair.skin import moved_skin
+from hhsim.repair.skin_depth import DOF, PushedOut, SkinFrame, judge_skin, push_out, skin_depth
+from hhsim.solver.options import Stiffness
+from hhsim.verify.tree_checks import TrueSurface
+
+ALL = np.ones(12, dtype=bool)
+
+
+def mesh_of(shape: trimesh.Trimesh, at: FloatArray) -> Mesh:
+    """Mesh [m] of a shape around a point."""
+    return Mesh(np.array(shape.vertices) + at, np.array(shape.faces))
+
+
+def moved(sample: SkinSample, posture: HandConfiguration, changed: BoolArray) -> FloatArray:
+    """Skin of a sample in a posture."""
+    return moved_skin(sample.skin, sample.joints, correction_to(sample, posture, changed))
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=15)
+def test_depth_is_that_of_trimesh(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    shape = trimesh.creation.annulus(0.01, 0.03, 0.04, sections=8) if seed % 2 else trimesh.creation.box((0.04,) * 3)
+    mesh = mesh_of(shape, random.normal(0.0, 0.01, 3))
+    points = random.uniform(-0.05, 0.05, (4, 30, 3))
+    points[0] += 1.0
+    depth, deepest = skin_depth(mesh, points)
+    solid: Any = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    signed_distance: Any = trimesh.proximity.signed_distance
+    for frame, vertices in enumerate(points):
+        inside = signed_distance(solid, vertices)
+        assert depth[frame] == pytest.approx(max(0.0, inside.max()), abs=1e-9)
+        assert deepest[frame] == (inside.argmax() if inside.max() > 0.0 else -1)
+    assert depth[0] == 0.0 and deepest[0] == -1
+
+
+def test_depth_in_a_box_is_the_distance_to_its_nearest_face() -> None:
+    mesh = mesh_of(trimesh.creation.box((0.04, 0.06, 0.08)), np.zeros(3))
+    points = np.array(
+        [[[0.0, 0.0, 0.0], [0.019, 0.0, 0.0]], [[0.0, 0.0, 0.039], [0.0, 0.029, 0.03]], [[0.1, 0, 0]] * 2]
+    )
+    depth, deepest = skin_depth(mesh, points)
+    np.testing.assert_allclose(depth, [0.02, 0.001, 0.0], atol=1e-12)
+    assert deepest.tolist()[0] == 0 and deepest[2] == -1
+
+
+def test_vertices_move_with_the_posture_as_their_derivative_says() -> None:
+    sample, frame = skin_sample(), slice(3, 4)
+    mesh = mesh_of(trimesh.creation.icosphere(subdivisions=1, radius=0.01), np.array([1.0, 0.0, 0.0]))
+    of_frame = SkinFrame(
+        build_mesh_bvh(mesh.vertices, mesh.faces),
+        sample.hand,
+        replace(sample.skin, vertices=sample.skin.vertices[frame]),
+        sample.joints[frame],
+        sample.fitted.at(frame),
+        sample.fitted.at(frame),
+    )
+    derivative, here = of_frame.motion(), of_frame.vertices
+    single = sample.skin.weights.max(axis=1) == 1.0
+    for k in range(DOF):
+        change = np.zeros(DOF)
+        change[k] = 1e-6
+        of_frame.place(change)
+        ahead = of_frame.vertices
+        of_frame.place(-change)
+        difference = (ahead - of_frame.vertices) / 2e-6
+        np.testing.assert_allclose(derivative[single, :, k], difference[single], atol=1e-7)
+        np.testing.assert_allclose(derivative[:, :, k], difference, atol=1e-7)
+    np.testing.assert_allclose(here, sample.skin.vertices[3], atol=1e-12)
+
+
+def judged(sample: SkinSample, mesh: Mesh, found: PushedOut) -> None:
+    """Hold a result against the skin itself, measured by coal and by the kernels, and the promises of `PushedOut`."""
+    hand, changed = sample.hand, found.depth > 0.0
+    for mine, given_one in zip(found.posture, sample.fitted):
+        assert np.array_equal(mine[~changed], given_one[~changed])
+    freed = moved(sample, found.posture, changed)
+    np.testing.assert_allclose(found.depth, skin_depth(mesh, sample.skin.vertices)[0], atol=1e-12)
+    np.testing.assert_allclose(found.depth_after, skin_depth(mesh, freed)[0], atol=1e-12)
+    surface = TrueSurface(mesh)
+    for frame in np.flatnonzero(found.is_freed):
+        assert judge_skin(surface, freed[frame], sample.skin.faces).depth == 0.0
+    assert (found.posture.flexion >= np.minimum(hand.flexion_min, sample.fitted.flexion) - 1e-9).all()
+    assert (found.posture.flexion <= np.maximum(hand.flexion_max, sample.fitted.flexion) + 1e-9).all()
+
+
+def energy(sample: SkinSample, posture: HandConfiguration) -> FloatArray:
+    """Coupling energy of the change of each posture, times two [J]."""
+    stiffness = Stiffness()
+    turn = rotation_vector(quaternion_product(posture.orientation, conjugate(sample.fitted.orientation)))
+    angles = np.concatenate(
+        [(a - b).reshape(12, -1) for a, b in zip(posture[2:], sample.fitted[2:])],
+        axis=1,
+    )
+    shift = posture.position - sample.fitted.position
+    parts = zip((shift, turn, angles), (stiffness.translation, stiffness.rotation, stiffness.flexion))
+    return np.asarray(sum(weight * (part**2).sum(axis=1) for part, weight in parts))
+
+
+@pytest.mark.parametrize("depth", [5e-4, 3e-3])
+def test_a_skin_on_a_wall_is_freed_with_less_than_a_shift(depth: float) -> None:
+    # A wall much larger than the hand: shifting the hand out is a way, and the least change is no dearer.
+    sample = skin_sample()
+    lowest = sample.skin.vertices[:, :, 2].min(axis=1)
+    level = float(np.sort(lowest)[5] + depth)
+    mesh = mesh_of(trimesh.creation.box((4.0, 4.0, 4.0)), np.array([0.0, 0.0, level - 2.0]))
+    found = push_out(mesh, sample.hand, sample.skin, sample.joints, sample.fitted, sample.fitted)
+    np.testing.assert_allclose(found.depth, np.maximum(level - lowest, 0.0), atol=1e-9)
+    assert (found.depth > 0.0).any() and (found.depth == 0.0).any() and found.is_freed.all()
+    judged(sample, mesh, found)
+    shift = Stiffness().translation * (found.depth + 1e-5) ** 2
+    assert (energy(sample, found.posture) <= shift * (1.0 + 1e-3) + 1e-15).all()
+
+
+SHAPES = {
+    "ball": trimesh.creation.icosphere(subdivisions=3, radius=0.03),
+    "box": trimesh.creation.box((0.05, 0.05, 0.05)),
+    "plate": trimesh.creation.box((0.1, 0.003, 0.1)),
+    "rod": trimesh.creation.cylinder(0.012, 0.2),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_hand_with_an_object_through_it_is_freed(name: str) -> None:
+    sample = skin_sample()
+    mesh = mesh_of(SHAPES[name], sample.joints[:, 10].mean(axis=0) + [0.0, 0.02, 0.02])
+    found = push_out(mesh, sample.hand, sample.skin, sample.joints, sample.fitted, sample.fitted)
+    assert found.is_freed.all() and found.depth.max() > 1e-3 and not found.depth_after.any()
+    judged(sample, mesh, found)
+
+
+@pytest.mark.soak
+@given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(SHAPES)))
+@settings(max_examples=20)
+def test_any_place_is_freed(seed: int, name: str) -> None:
+    sample, random = skin_sample(), np.random.default_rng(seed)
+    mesh = mesh_of(SHAPES[name], sample.joints[int(random.integers(12)), int(random.integers(21))])
+    start = correction_to(sample, shaken(sample, seed, 1.0), ALL).posture
+    found = push_out(mesh, sample.hand, sample.skin, sample.joints, sample.fitted, start)
+    assert found.is_freed.all()
+    assert skin_depth(mesh, moved(sample, found.posture, ALL))[0].max() <= 1e-12
+
+
+def test_an_object_that_leaves_no_room_is_marked() -> None:
+    # A hand in the middle of a block of 2 m: no free place is near.
+    sample = skin_sample()
+    mesh = mesh_of(trimesh.creation.box((2.0, 2.0, 2.0)), sample.fitted.position[0])
+    one = np.array([0])
+    skin = replace(sample.skin, vertices=sample.skin.vertices[one])
+    found = push_out(mesh, sample.hand, skin, sample.joints[one], sample.fitted.at(one), sample.fitted.at(one))
+    assert not found.is_freed[0] and found.depth_after[0] == found.depth[0] > 0.8
+    assert all(np.array_equal(mine, given_one[one]) for mine, given_one in zip(found.posture, sample.fitted))
+
+
+def test_the_judge_sees_triangles_that_cross_between_vertices() -> None:
+    block = mesh_of(trimesh.creation.box((0.02, 0.02, 0.02)), np.zeros(3))
+    surface = TrueSurface(block)
+    faces = np.array([[0, 1, 2]])
+    wide = np.array([[-0.1, -0.1, 0.0], [0.1, -0.1, 0.0], [0.0, 0.2, 0.0]])
+    assert judge_skin(surface, wide, faces) == (0.0, True)
+    assert judge_skin(surface, wide + [0.0, 0.0, 0.011], faces) == (0.0, False)
+    pierced = wide.copy()
+    pierced[0] = [0.004, 0.0, 0.001]
+    depth, crosses = judge_skin(surface, pierced, faces)
+    assert depth == pytest.approx(0.006, abs=1e-9) and crosses
