@@ -1,4 +1,4 @@
-"""Picture of a hand before and after a repair: the deepest frames, whole and from close by, what is inside in red."""
+"""Picture of a hand before and after a repair: the deepest frames, whole and from close by, red where inside."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError
-from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.render.figure import new_figure, save_figure
 from hhsim.render.hand_picture import BODY_OPACITY, RED
-from hhsim.render.rasterizer import Camera, blend, frame, look_from, shade
-from hhsim.render.triangle_soup import SKIN, STONE, Surface, mesh_surface, near_hands
-from hhsim.render.viewpoint import viewpoint
+from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, look_from, shade
+from hhsim.render.triangle_soup import SKIN, STONE, Surface, mesh_surface, near_hands, painted
+from hhsim.render.viewpoint import AZIMUTHS, View
 from hhsim.system.output_path import check_output_path
 
 if TYPE_CHECKING:
@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 
 SIDE = 320
 """Height and width of a picture [pixels]."""
+ELEVATIONS = (15.0, 50.0, -30.0)
+"""Elevations of the views that are tried [degrees]."""
+TRIAL = 40
+"""Height and width of the pictures that a view is chosen by [pixels]."""
 TITLE = 30
 """Height of the line above it [pixels]."""
 CLOSE = 0.05
@@ -75,22 +79,16 @@ def draw_before_after(
         raise InputError(f"hands of shapes {before.shape} and {after.shape}: expected the same (T, V, 3), and faces")
     bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
 
-    def distances(skin: FloatArray) -> FloatArray:
-        return mesh_signed_distance(bvh, skin.reshape(-1, 3)).reshape(skin.shape[:-1])
-
-    frames = frames or deepest_frames(-distances(before).min(axis=1))
+    frames = frames or deepest_frames(np.array([-mesh_signed_distance(bvh, skin).min() for skin in before]))
     width, height = 4 * SIDE, len(frames) * (SIDE + TITLE)
     figure = new_figure(width / 100, height / 100)
     for row, at in enumerate(frames):
         hands = before[at], after[at]
-        distance = [distances(hand) for hand in hands]
-        skins = [_skin(hand, faces, values < -JUST_INSIDE) for hand, values in zip(hands, distance)]
+        skins = [mesh_surface(Mesh(hand, faces), SKIN) for hand in hands]
         body = mesh_surface(near_hands(mesh, np.concatenate(hands)), STONE)
+        distance = [mesh_signed_distance(bvh, hand) for hand in hands]
         deepest = hands[0][int(distance[0].argmin())]
-        inside = hands[0][distance[0] < -JUST_INSIDE]
-        # The object is see-through: only the hand's own back hides what is inside.
-        view = viewpoint(skins[0], body, inside if len(inside) else deepest[None], np.empty((0, 3)), below=5e-3)
-        rotation = look_from(view.towards)
+        rotation = _view(skins[0], bvh, deepest)
         whole = frame(np.concatenate([*hands, body.points]), rotation, (SIDE, SIDE))
         close = Camera(rotation, deepest, CLOSE, (SIDE, SIDE))
         when = f"frame {at:,}" + ("" if time is None else f" at {time[at]:.2f} s")
@@ -101,7 +99,8 @@ def draw_before_after(
             axes.axis("off")
             camera, side = (whole, close)[column // 2], column % 2
             axes.imshow(
-                blend([(shade(skins[side], camera), 1.0), (shade(body, camera), BODY_OPACITY)]), interpolation="nearest"
+                blend([(_reddened(skins[side], bvh, camera)[0], 1.0), (shade(body, camera), BODY_OPACITY)]),
+                interpolation="nearest",
             )
             _scale(axes, camera)
             depth = max(0.0, -float(distance[side].min()))
@@ -110,10 +109,28 @@ def draw_before_after(
     save_figure(figure, path)
 
 
-def _skin(vertices: FloatArray, faces: IntArray, inside: BoolArray) -> Surface:
-    """Return a skin whose vertices (V,) inside the object are red."""
-    surface = mesh_surface(Mesh(vertices, faces), SKIN)
-    return replace(surface, colors=np.where(inside[faces.ravel(), None], RED, surface.colors))
+def _reddened(skin: Surface, bvh: MeshBvh, camera: Camera) -> tuple[Layer, int]:
+    """Render a skin, red in each pixel that is inside the object; also return their number."""
+    layer, red = shade(skin, camera), shade(painted(skin, RED), camera)
+    # Once for each pixel of the finished picture: a point's distance costs more than its colour.
+    row, column = OVERSAMPLING * np.argwhere(layer.seen()[::OVERSAMPLING, ::OVERSAMPLING]).T
+    rows, columns = layer.depth.shape
+    seen = np.stack([column - 0.5 * columns, 0.5 * rows - row], axis=1) * camera.height / rows
+    place = np.column_stack([seen, layer.depth[row, column]]) @ camera.rotation + camera.center
+    inside = np.zeros(camera.shape, dtype=bool)
+    inside[row // OVERSAMPLING, column // OVERSAMPLING] = mesh_signed_distance(bvh, place) < -JUST_INSIDE
+    everywhere = inside.repeat(OVERSAMPLING, axis=0).repeat(OVERSAMPLING, axis=1)
+    return replace(layer, color=np.where(everywhere[:, :, None], red.color, layer.color)), int(inside.sum())
+
+
+def _view(skin: Surface, bvh: MeshBvh, middle: FloatArray) -> FloatArray:
+    """Return the camera's rotation that shows most of what is inside around a point: the object is see-through."""
+
+    def inside(rotation: FloatArray) -> int:
+        return _reddened(skin, bvh, Camera(rotation, middle, 2.0 * CLOSE, (TRIAL, TRIAL)))[1]
+
+    views = (View(azimuth, elevation) for elevation in ELEVATIONS for azimuth in AZIMUTHS)
+    return max((look_from(view.towards) for view in views), key=inside)
 
 
 def _scale(axes: "Axes", camera: Camera) -> None:
