@@ -6,7 +6,9 @@ meshes are read by hhsim, which knows more formats. Joints that mimic another on
 
 import io
 import re
+import sys
 from collections.abc import Mapping
+from contextlib import redirect_stdout
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -78,6 +80,7 @@ class RobotHand:
         lower, upper: Their ranges [rad, or m of a sliding joint], shape (J,); infinite where there is none.
         fingers: Mapped fingers, F of them, thumb first.
         links: Link of each fingertip.
+        shapes: Hulls of what collides, or of everything where nothing does.
     """
 
     def __init__(self, path: Path, fingers: Mapping[str, str] | None = None) -> None:
@@ -114,6 +117,7 @@ class RobotHand:
             np.where(limited, end, limit) for end, limit in zip(model.jnt_range[own].T, (-np.inf, np.inf))
         )
         self._bodies = [model.body(body).name for body in range(model.nbody)]
+        self.shapes = self._shapes()
         mapping = dict(fingers) if fingers else self._fingers_by_name()
         self.fingers = tuple(finger for finger in FINGERS if finger in mapping)
         self.links = tuple(mapping[finger] for finger in self.fingers)
@@ -124,7 +128,6 @@ class RobotHand:
         places = [self._place(link) for link in self.links]
         self._tip_bodies, self._tip_offsets = zip(*places)
         self._base_bodies = self._first_bodies()
-        self.shapes = self._shapes()
 
     def points(self, angles: FloatArray) -> RobotPoints:
         """Compute fingertips and finger bases at angles of the joints, shape (J,)."""
@@ -185,7 +188,7 @@ class RobotHand:
             return body, np.zeros(3)
         # Its frame is at its joint: the tip is near the point that is farthest from there.
         self._pose(np.clip(np.zeros(len(self.joints)), self.lower, self.upper))
-        own = [shape for shape in self._shapes() if model.geom_bodyid[shape.geom] == body]
+        own = [shape for shape in self.shapes if model.geom_bodyid[shape.geom] == body]
         if not own:
             return body, np.zeros(3)
         data = self._data
@@ -257,7 +260,9 @@ def find_robot(word: str, side: str = "right") -> Path:
     if find_spec("robot_descriptions") is None:
         raise InputError(f"--robot {word} needs robot_descriptions: pip install robot_descriptions, or name a file")
     try:
-        description = import_module(f"robot_descriptions.{word}_hand_mj_description")
+        # It prints that it clones, where an answer in JSON may have to stand.
+        with redirect_stdout(sys.stderr):
+            description = import_module(f"robot_descriptions.{word}_hand_mj_description")
     except Exception as error:
         # It clones a repository on first use, which fails in as many ways as git does.
         reason = " ".join(str(error).split())[:120]
