@@ -298,6 +298,8 @@ def _prepare(root: ElementTree.Element, path: Path) -> tuple[dict[str, tuple[str
     """Make a URDF one that MuJoCo reads: its mimicking joints, and the meshes it names as OBJ."""
     mimics = {}
     for joint in root.findall("joint"):
+        if joint.get("type") == "fixed":
+            continue
         for mimic in joint.findall("mimic"):
             factor, constant = (float(mimic.get(key, usual)) for key, usual in (("multiplier", "1"), ("offset", "0")))
             mimics[joint.get("name", "")] = mimic.get("joint", ""), factor, constant
