@@ -49,6 +49,7 @@ LINES = (
     Line("verify a.h5", "verify"),
     Line("scene sphere short.toml --out scene"),
     Line("score scene/example-submission.csv --out scored.h5"),
+    Line("retarget a.h5 --robot robot.urdf --out robot.npz", "retarget"),
     Line("import grab.csv --out grab.h5 --plot grab.png"),
     Line("sweep plan.toml"),
     Line("sweep plan.toml --scheduler local --out other", "sweep"),
@@ -76,6 +77,7 @@ def test_every_command_works_or_says_what_it_needs(repository: Path, tmp_path: P
     work = tmp_path / "work"
     work.mkdir()
     write_plan(work)
+    (work / "robot.urdf").write_text("<robot/>")
     (work / "grab.csv").write_bytes((repository / "examples" / "grab.csv").read_bytes())
     wrong = [f"hhsim {line.words}: {told}" for line in LINES if (told := what_is_wrong(hhsim, line, work))]
     assert not wrong, "\n".join(wrong)

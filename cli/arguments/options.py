@@ -173,11 +173,11 @@ class Output(OptionGroup, heading="Output"):
     as_json: bool = shared(json)
     quiet: bool = shared(quiet)
 
-    def path(self, stem: str) -> Path:
+    def path(self, stem: str, suffix: str = ".h5") -> Path:
         """Return the path: as named, or a dated name with `stem`."""
         from hhsim.system.output_path import dated_output_path
 
-        return self.out or dated_output_path(stem)
+        return self.out or dated_output_path(stem, suffix)
 
 
 class SolverChoice(OptionGroup, heading="Solver"):

@@ -115,9 +115,17 @@ def _files(folder: Path) -> list[Path]:
     # A row says all that its result does; results beside a sweep's are others'.
     for path in sorted(folder.iterdir()):
         others = path.suffix.lower() in SUFFIXES and path.stem not in rows and not path.name.startswith(".")
-        if others and hdf5_format(path) == FORMAT:
+        if others and _may_be_a_result(path):
             found.append(path)
     return found
+
+
+def _may_be_a_result(path: Path) -> bool:
+    """Return True for a result, and for a file that is being written, which `load_result` names."""
+    try:
+        return hdf5_format(path) == FORMAT
+    except BlockingIOError:
+        return True
 
 
 SAME = 1e-6

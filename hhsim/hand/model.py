@@ -29,6 +29,7 @@ little finger, y to the fingers, z out of the back). Keys; a left hand is its mi
 """
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -231,9 +232,17 @@ class HandModel:
         """Return the default hand with the sizes of a TOML file; the module's docstring explains the keys.
 
         Raises:
-            InputError: No such file, broken TOML, an unknown key, or a size of wrong shape or sign.
+            InputError: No such file, a robot's URDF or MJCF, broken TOML, an unknown key, or a size of wrong shape or
+                sign.
         """
-        return cls.of_text(read_toml_text(Path(path), "hand"), str(path), side)
+        text = read_toml_text(Path(path), "hand")
+        if robot := re.match(r"\s*<(?:.*<)?(robot|mujoco)\b", text, re.DOTALL):
+            what = "URDF" if robot[1] == "robot" else "MJCF"
+            raise InputError(
+                f"{path}: a {what}, which is of a robot's hand; expected the sizes of a person's hand (TOML); "
+                f"hhsim retarget RESULT --robot {path} is for it"
+            )
+        return cls.of_text(text, str(path), side)
 
     @classmethod
     def of_text(cls, text: str, where: str, side: Side = "right") -> "HandModel":

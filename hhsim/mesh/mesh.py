@@ -146,13 +146,15 @@ def load_mesh(
         unit: Length unit of the file: m, cm, mm or inch.
         size: Longest extent of the mesh [m]; replaces `unit`.
         thickness: Makes a sheet this thick [m] of each open part, instead of closing it.
-        solid: False takes the triangles as they are, closed or not: for contact with the mesh itself.
+        solid: False takes the triangles as they are, closed or not, and turns those whose turning alone gives them an
+            inside: for contact with the mesh itself.
 
     Raises:
         InputError: No such file, an unknown unit, or a size or a thickness out of its range.
         MeshError: Unreadable, empty, not finite, of absurd size, or without an inside where it is to be solid.
     """
     # The checks bring the compiler; who only reads the catalogue does without it.
+    from hhsim.mesh.repair import turned_triangles
     from hhsim.mesh.solidify import solid_surface
 
     path = Path(path)
@@ -182,6 +184,11 @@ def load_mesh(
         surface = solid_surface(mesh.vertices, mesh.faces, str(path), unit_length, thick)
         repairs, warnings = (*surface.merged, *surface.repairs), tuple(surface.warnings)
         mesh = replace(mesh, vertices=surface.vertices, faces=surface.faces, repairs=repairs)
+    else:
+        turned, said = turned_triangles(mesh.vertices, mesh.faces)
+        if turned.any():
+            faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)
+            mesh = replace(mesh, faces=faces, repairs=tuple(said))
     mesh = mesh.scaled(unit_length)
     longest = float(mesh.extent.max())
     if size is None and not SMALLEST_USUAL_EXTENT <= longest <= LARGEST_USUAL_EXTENT:

@@ -115,13 +115,37 @@ def closed_surface(vertices: FloatArray, faces: IntArray, name: str, unit_length
     if one_sided:
         raise surface.error("one-sided like a Möbius strip, so it has no inside")
     if turned:
-        surface.repairs.append(f"turned {counted(turned, 'triangle')} wound against the neighbours")
+        surface.repairs.append(_turned(turned))
     _close_holes(surface)
     _require_closed(surface)
     turn_outward(surface)
     resolve_overlaps(surface)
     surface.vertices, surface.faces = used_vertices(surface.vertices, surface.faces)
     return surface
+
+
+def turned_triangles(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, list[str]]:
+    """Mark the faces (F,) to turn where that alone gives triangles an inside, all else as it is; and say so.
+
+    None is marked where the surface is open, one-sided, or without volume whichever way it is wound.
+    """
+    surface = MeshInRepair(*merged_vertices(vertices, faces), "")
+    before = surface.faces
+    unchanged = np.zeros(len(faces), dtype=bool), list[str]()
+    surface.faces, turned, one_sided = alike_wound(before.copy())
+    if one_sided or not is_closed(surface.faces):
+        return unchanged
+    if turned:
+        surface.repairs.append(_turned(turned))
+    try:
+        turn_outward(surface)
+    except MeshError:
+        return unchanged
+    return (surface.faces != before).any(axis=1), surface.repairs
+
+
+def _turned(count: int) -> str:
+    return f"turned {counted(count, 'triangle')} wound against the neighbours"
 
 
 def merge_and_clean(surface: MeshInRepair) -> None:

@@ -12,7 +12,7 @@ from typing import Any, SupportsIndex, TypeAlias
 import h5py
 import numpy as np
 
-from hhsim.arrays import AnyArray
+from hhsim.arrays import AnyArray, FloatArray, IntArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
 from hhsim.hand.fingers import BODIES
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
@@ -29,6 +29,8 @@ from hhsim.result.schema import (
     LIVE_TICK_COLUMNS,
     OBJECT_COLUMNS,
     SCHEMA_VERSIONS,
+    SKIN,
+    SKIN_COLUMNS,
     STATIC_COLUMNS,
     SUFFIXES,
     TICK_COLUMNS,
@@ -237,6 +239,27 @@ class Result:
         if (np.diff(ticks) < 0).any() or (ticks[:1] < 0).any() or ((bodies < -1) | (bodies >= BODIES)).any():
             raise InputError(f"{self.path} is damaged: a contact of no tick, or of no body")
         return int(np.searchsorted(ticks, self.ticks))
+
+    @cached_property
+    def skin_faces(self) -> IntArray | None:
+        """Triangles of the shown hand's skin, shape (F, 3); None where a result has none; InputError for damage."""
+        with _opened(self.path) as file:
+            if SKIN not in file:
+                return None
+            for column in SKIN_COLUMNS:
+                _check_dataset(file[SKIN], column, column.shape, self.path)
+            vertices, found = file[SKIN]["vertices"], np.asarray(file[SKIN]["faces"], np.int64)
+            if len(vertices) < self.ticks or not len(found) or not 0 <= found.min() <= found.max() < vertices.shape[1]:
+                raise InputError(f"{self.path} is damaged: its skin does not fit its ticks or its triangles")
+            return found
+
+    def skin(self, rows: slice) -> FloatArray:
+        """Read the skin's vertices at some ticks [m], shape (T, V, 3), in the view's frame."""
+        with _opened(self.path) as file:
+            found = np.asarray(_finite_numbers(file[SKIN]["vertices"], rows), np.float64)
+        if self.view is None:
+            return found
+        return self.moved_since_first(rows).seen_points(found)
 
     def phase_at(self, tick: int) -> str:
         """Name of the phase of a tick; "" for none."""

@@ -284,6 +284,15 @@ STATIC_COLUMNS: tuple[Column, ...] = (
 )
 """Datasets that do not change with time; `name` is relative to the root."""
 
+SKIN = "skin"
+"""Optional group of results whose shown hand has a mesh of its own."""
+
+SKIN_COLUMNS: tuple[Column, ...] = (
+    Column("vertices", (-1, -1, 3), "<f4", "m", "vertices of the shown hand's skin at each tick, world"),
+    Column("faces", (-1, 3), "<i8", "1", "its triangles: three vertices, outward by the right hand"),
+)
+"""Datasets under /skin; pictures show the skin in place of the phalanges and the palm."""
+
 LIVE_TICK_COLUMNS: tuple[Column, ...] = (
     Column("record", (), "<i8", "1", "number of the tick's record since the loop began; a gap: records that were lost"),
     Column(

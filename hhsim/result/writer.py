@@ -10,6 +10,7 @@ import contextlib
 import json
 import math
 import os
+import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,8 @@ from hhsim.result.schema import (
     FREE_COLUMNS,
     OBJECT_COLUMNS,
     SCHEMA_VERSION,
+    SKIN,
+    SKIN_COLUMNS,
     STATIC_COLUMNS,
     TICK_COLUMNS,
     Column,
@@ -259,12 +262,43 @@ def state(path: Path, name: str, document: Mapping[str, Any]) -> None:
     Raises:
         OutputError: The file cannot be written.
     """
-    with _output_errors(path):
-        with h5py.File(path, "r+") as file:
-            file.attrs[name] = json.dumps(document)
-            file.flush()
-            size = int(file.id.get_filesize())
-        seal_file(path, size)
+    with _output_errors(path), _amended(path) as file:
+        file.attrs[name] = json.dumps(document)
+
+
+def add_skin(path: Path, vertices: AnyArray, faces: AnyArray) -> None:
+    """Add the skin of the shown hand to a complete result, or replace it, and seal it anew.
+
+    Args:
+        path: The result.
+        vertices: Vertices at each tick [m], world, shape (T, V, 3).
+        faces: Triangles, shape (F, 3).
+
+    Raises:
+        OutputError: The file cannot be written, and stays as it was.
+    """
+    arrays = _checked({"vertices": vertices, "faces": faces}, SKIN_COLUMNS, lambda column: column.shape)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with _output_errors(path):
+            shutil.copyfile(path, partial)
+            with _amended(partial) as file:
+                file.pop(SKIN, None)
+                for column in SKIN_COLUMNS:
+                    _describe(file.create_dataset(f"{SKIN}/{column.name}", data=arrays[column.name]), column)
+            partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _amended(path: Path) -> Iterator[h5py.File]:
+    """Open a complete result for a change, and seal it anew after it."""
+    with h5py.File(path, "r+") as file:
+        yield file
+        file.flush()
+        size = int(file.id.get_filesize())
+    seal_file(path, size)
 
 
 @dataclass

@@ -5,6 +5,7 @@ of time and memory therefore reads each file first: a fork, which has h5py alrea
 seal (`hhsim.system.checksummed_file`) is checked before that: it shows accidents, and does not authenticate.
 """
 
+import errno
 import sys
 import time
 from collections.abc import Iterator
@@ -83,7 +84,15 @@ def open_hdf5(path: Path, shipped: bool = False) -> h5py.File:
             _KNOWN[state] = fault
     if fault:
         raise DamagedFileError(fault)
-    return h5py.File(path, "r")
+    try:
+        return h5py.File(path, "r")
+    except BlockingIOError:
+        raise _written(path) from None
+
+
+def _written(path: Path) -> BlockingIOError:
+    """Return the error for a file that another process is writing; it names the file, which h5py's own does not."""
+    return BlockingIOError(errno.EWOULDBLOCK, "another process is writing it", str(path))
 
 
 def hdf5_format(path: Path) -> str:
@@ -138,7 +147,7 @@ def probe(path: Path, size: int, seconds: int, patience: float) -> str:
 
     code, reason = call_in_child(read, seconds, patience, MEMORY)
     if code == _BUSY:
-        raise BlockingIOError("another process is writing it")
+        raise _written(path)
     if code == TIMED_OUT:
         return f"a damaged file: reading it does not end within {seconds} s"
     if code == _UNSOUND:

@@ -8,11 +8,12 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.kernels.contact.surface import ContactPoints
+from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.run_ticks import HOLD
 from hhsim.render.hand_meshes import PIECES, hand_surface
 from hhsim.render.hand_picture import GHOST, PieceForce, arrow
-from hhsim.render.triangle_soup import Surface, painted
+from hhsim.render.triangle_soup import SKIN, Surface, mesh_surface, painted
 from hhsim.result.reader import Result
 from hhsim.view.plots import SHOWN_COLUMNS, body_forces, shown_ticks, sizes
 from hhsim.view.scene_log import ShownScene, contact_points, force_places
@@ -46,6 +47,9 @@ def moment(result: Result, scene: ShownScene, tick: int, pieces: Sequence[Surfac
     graphic, haptic = (
         hand_surface(scene.hand, (part[0] for part in pose), pieces) for pose in (ticks.graphic, ticks.haptic)
     )
+    if result.skin_faces is not None:
+        (vertices,) = result.skin(slice(tick, tick + 1))
+        graphic = mesh_surface(Mesh(vertices, result.skin_faces), SKIN)
     contacts, force = contact_points(scene, ticks), body_forces(ticks.phalanx, ticks.total)
     places = force_places(ticks, contacts, force, scene.hand.radius)[0]
     felt = np.flatnonzero(sizes(force[0]) >= FORCE_FLOOR)

@@ -8,6 +8,7 @@ World in metres, z up. Each rigid piece of a hand is a mesh that is sent once, m
 | world/spheres | the leaf spheres of its tree, where they are asked for |
 | world/graphic/… | the graphic hand: each phalanx, and the palm |
 | world/haptic/… | the haptic hand |
+| world/skin | the shown hand's own mesh, where a result has one; the graphic hand's pieces are hidden then |
 | world/contacts/points, normals | touching pairs: the point of the hand, and the normal from the object to the hand |
 | world/forces | the contact force on each phalanx and on the palm, in red, as long as `FORCE_LENGTH` says |
 | plots/… | `hhsim.view.plots` |
@@ -25,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.surface import ContactPoints
@@ -36,7 +37,7 @@ from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
-from hhsim.render.triangle_soup import STONE, Surface, mesh_surface
+from hhsim.render.triangle_soup import SKIN, STONE, Surface, mesh_surface
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.view.plots import Plot, ShownTicks, body_forces, sizes
@@ -60,7 +61,7 @@ POINT_RADIUS = 1.2e-3
 NORMAL_LENGTH = 8e-3
 NORMAL_RADIUS = 5e-4
 
-OBJECT, SPHERES = "world/object", "world/spheres"
+OBJECT, SPHERES, SKIN_MESH = "world/object", "world/spheres", "world/skin"
 EVENT_LEVELS = ("INFO", "WARN", "ERROR")
 """rerun's names of the levels of a session's log."""
 
@@ -184,6 +185,20 @@ class RerunScene:
             columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values).ravel())
             self._columns(plot.path, times, columns.partition(np.full(len(values), len(plot.series))))
 
+    def log_skin(self, ticks: ShownTicks, vertices: FloatArray, faces: IntArray) -> None:
+        """Send the skin of some ticks [m], world, shape (T, V, 3), and its triangles, shape (F, 3)."""
+        import rerun as rr
+
+        color = rr.components.AlbedoFactor(np.append(SKIN, 1.0))
+        self._fixed(SKIN_MESH, rr.Mesh3D.from_fields(triangle_indices=faces, albedo_factor=color))
+        times = [rr.TimeColumn("tick", sequence=ticks.tick), rr.TimeColumn("time", duration=ticks.time)]
+        normals = np.array([vertex_normals(points, faces) for points in vertices])
+        columns = rr.Mesh3D.columns(
+            vertex_positions=vertices.reshape(-1, 3).astype(np.float32),
+            vertex_normals=normals.reshape(-1, 3).astype(np.float32),
+        )
+        self._columns(SKIN_MESH, times, columns.partition(np.full(len(vertices), vertices.shape[1])))
+
     def log_states(self, lane: str, tick: Sequence[int], time: Sequence[float], states: Sequence[str]) -> None:
         """Send when a lane of the state timeline changed to which state; "" for none."""
         import rerun as rr
@@ -253,6 +268,15 @@ def rerun_poses(translation: FloatArray, quaternion: FloatArray) -> Any:
 
     turn = np.roll(quaternion, -1, axis=1).astype(np.float32)
     return rr.Transform3D.columns(translation=translation.astype(np.float32), quaternion=turn)
+
+
+def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Return unit normals of vertices (V, 3), the means of their triangles' by area; 0 where no triangle is."""
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    area, normals = np.cross(b - a, c - a), np.empty_like(vertices)
+    for axis in range(3):
+        normals[:, axis] = np.bincount(faces.ravel(), np.repeat(area[:, axis], 3), minlength=len(vertices))
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300))
 
 
 def rerun_spheres(tree: SphereTree) -> Any:

@@ -103,8 +103,8 @@ def send_ticks(viewer: RerunScene, result: Result, every: int, progress: Progres
         changes[phase.first_tick] = phase.name
         if phase.last_tick + 1 < result.ticks:
             changes[phase.last_tick + 1] = ""
-    ticks = sorted(changes)
-    viewer.log_states("phase", ticks, [float(time[tick]) for tick in ticks], [changes[tick] for tick in ticks])
+    starts = sorted(changes)
+    viewer.log_states("phase", starts, [float(time[tick]) for tick in starts], [changes[tick] for tick in starts])
     log_lane(viewer, "ticks", time, result["status"], status_words)
     if result.live is not None:
         log_lane(viewer, "fingers", time, result[f"{LIVE_TICK}/safety"], why_free_or_held)
@@ -124,7 +124,10 @@ def send_ticks(viewer: RerunScene, result: Result, every: int, progress: Progres
         moved = result.moved_since_first(slice(first, first + count)) if result.driven else None
         kept = np.arange(0, count, every)
         numbers = np.arange(first, first + count)
-        viewer.log_ticks(shown_ticks(block.__getitem__, numbers, kept, kept, more, moved))
+        ticks = shown_ticks(block.__getitem__, numbers, kept, kept, more, moved)
+        viewer.log_ticks(ticks)
+        if result.skin_faces is not None:
+            viewer.log_skin(ticks, result.skin(slice(first, first + count, every)), result.skin_faces)
     progress("ticks", result.ticks, result.ticks)
 
 
@@ -178,7 +181,8 @@ def arranged(result: Result, scene: ShownScene) -> "rrb.Blueprint":
     title = f"{result.path.name}: graphic hand, haptic hand (blue), contact forces (red)"
     extent = float(np.linalg.norm(high - low))
     # The viewer draws spheres with flat facets: the mesh would show through where no sphere leaves it.
-    hidden, tops = [OBJECT] if scene.spheres else [], {TIME: max(top, 1.0)}
+    hidden = [*([OBJECT] if scene.spheres else []), *(["world/graphic"] if result.skin_faces is not None else [])]
+    tops = {TIME: max(top, 1.0)}
     return blueprint(0.5 * (low + high), extent, title, result_plots(result), hidden=hidden, tops=tops)
 
 

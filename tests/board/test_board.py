@@ -4,6 +4,8 @@ import csv
 import io
 import json
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -182,6 +184,20 @@ def test_a_folder_of_results_is_read_and_what_is_none_is_told(result: Result, tm
         collect([tmp_path / "empty"])
     with pytest.raises(InputError, match="no such folder"):
         collect([tmp_path / "nowhere"])
+
+
+def test_a_result_that_is_being_written_is_named_and_left_out(result: Result, tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    writes = "import h5py, sys; file = h5py.File(sys.argv[1], 'w'); file.flush(); print(flush=True); input()"
+    command = [sys.executable, "-c", writes, str(path)]
+    says = f"{path} is still being written by another process"
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as writer:
+        assert writer.stdout is not None
+        writer.stdout.readline()
+        (note,) = collect([tmp_path, result.path]).notes
+        assert says in note
+        with pytest.raises(InputError, match=re.escape(says)):
+            collect([tmp_path])
 
 
 def test_every_file_has_the_same_runs(tmp_path: Path) -> None:

@@ -276,3 +276,14 @@ def test_a_hand_is_read_as_it_was_written(tmp_path: Path) -> None:
     for key in keys:
         assert np.abs(getattr(again, key) - getattr(hand, key)).max() < 1e-6, key
     assert again.hand_breadth == round(hand.hand_breadth, 6)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"), [('<?xml version="1.0"?>\n<robot name="r"/>', "URDF"), ("<mujoco/>", "MJCF")]
+)
+def test_the_file_of_a_robots_hand_is_named_with_the_command_for_it(tmp_path: Path, text: str, what: str) -> None:
+    path = tmp_path / "robot.urdf"
+    path.write_text(text)
+    says = f"{path}: a {what}, which is of a robot's hand"
+    with pytest.raises(InputError, match=re.escape(says) + f".*hhsim retarget RESULT --robot {re.escape(str(path))}"):
+        HandModel.from_toml(path)

@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from hhsim.errors import InputError, MeshError
 from hhsim.mesh import repair
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.mesh.mesh import Mesh, load_mesh, mass_properties
+from hhsim.trees.contact_surface import encloses
 from tools.shapes.generators import cube, sphere
 
 
@@ -277,3 +279,38 @@ def test_what_encloses_nothing_is_refused() -> None:
         mass_properties(replace(box, faces=box.faces[:, ::-1]))
     loose = Mesh(box.triangles.reshape(-1, 3), np.arange(36).reshape(12, 3))
     assert mass_properties(loose).volume == pytest.approx(0.07**3)
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 10**6), part=st.floats(0.0, 1.0), soup=st.booleans())
+def test_turned_triangles_are_turned_back_whether_the_mesh_is_made_solid_or_not(
+    seed: int, part: float, soup: bool
+) -> None:
+    ball = sphere(0.08, subdivisions=1)
+    vertices, faces = ball.vertices, ball.faces
+    if soup:
+        vertices, faces = ball.triangles.reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3)
+    turned = np.random.default_rng(seed).random(len(faces)) < part
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "ball.ply"
+        wrong = Mesh(vertices, np.where(turned[:, None], faces[:, ::-1], faces))
+        trimesh.Trimesh(wrong.vertices, wrong.faces, process=False).export(path)
+        as_it_is, solid = load_mesh(path, solid=False), load_mesh(path)
+    # What is stored is float32.
+    assert as_it_is.volume == pytest.approx(ball.volume, rel=1e-5) and encloses(as_it_is)
+    assert as_it_is.repairs == tuple(text for text in solid.repairs if not text.startswith("merged"))
+    np.testing.assert_array_equal((as_it_is.faces != wrong.faces).any(axis=1), turned)
+    assert bool(as_it_is.repairs) == turned.any()
+
+
+@pytest.mark.parametrize("drop", [0, 1])
+def test_triangles_that_no_turning_closes_stay_as_they_are(tmp_path: Path, drop: int) -> None:
+    # A ball without a triangle, one that is turned; or each triangle twice, from both sides.
+    ball = sphere(0.08, subdivisions=1)
+    faces = np.concatenate([ball.faces, ball.faces[:, ::-1]])
+    if drop:
+        faces = ball.faces[1:].copy()
+        faces[3] = faces[3][::-1]
+    read = load_mesh(save(tmp_path / "ball.ply", Mesh(ball.vertices, faces)), solid=False)
+    np.testing.assert_array_equal(read.faces, faces)
+    assert read.repairs == () and not encloses(read)

@@ -137,5 +137,6 @@ def test_a_file_that_is_being_written_says_so(tmp_path: Path) -> None:
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as writer:
         assert writer.stdout is not None
         writer.stdout.readline()
-        with pytest.raises(BlockingIOError):
+        with pytest.raises(BlockingIOError) as caught:
             open_hdf5(path)
+        assert caught.value.filename == str(path) and caught.value.strerror == "another process is writing it"

@@ -1,0 +1,336 @@
+"""A robot's hand from a URDF or an MJCF file: joints, fingertips and link shapes, by MuJoCo.
+
+MuJoCo reads both kinds of file. Of a URDF it gets the collision shapes, or the visual ones where there are no others;
+meshes are read by hhsim, which knows more formats. Joints that mimic another one follow it.
+"""
+
+import io
+import re
+import sys
+from collections.abc import Mapping
+from contextlib import redirect_stdout
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand.fingers import FINGERS
+from hhsim.mesh.file import read_triangles
+from hhsim.system.input_file import read_input_text
+
+NAMED = ("allegro", "shadow")
+"""Hands whose public descriptions the package robot_descriptions brings (MuJoCo Menagerie)."""
+WORDS = {
+    "thumb": ("thumb", "th"),
+    "index": ("index", "ff", "if"),
+    "middle": ("middle", "mf"),
+    "ring": ("ring", "rf"),
+    "little": ("little", "pinky", "lf"),
+}
+"""Beginnings of the words by which links name their finger."""
+TIP_RADIUS = 0.008
+"""Distance of a person's tip centre from the end of the finger [m]: where it lies in a link without a frame there."""
+OPTIONS = (
+    '<mujoco><compiler angle="radian" strippath="false" fusestatic="false" discardvisual="false" '
+    'balanceinertia="true" boundmass="1e-4" boundinertia="1e-9"/></mujoco>'
+)
+"""MuJoCo's settings for a URDF: links without a joint or a mass are kept."""
+
+
+class LinkShape(NamedTuple):
+    """Convex hull of a shape of a link, in the shape's frame.
+
+    Attributes:
+        link: Name of the link.
+        vertices: Corners of the hull [m], shape (V, 3).
+        planes: Outward unit normals and offsets of its faces, shape (P, 4): n·x + d ≤ 0 inside.
+        geom: Number of the shape in MuJoCo's model.
+    """
+
+    link: str
+    vertices: FloatArray
+    planes: FloatArray
+    geom: int
+
+
+class RobotPoints(NamedTuple):
+    """Points of a robot's hand in the frame of its root [m], and their derivatives by the joints.
+
+    Attributes:
+        tips, bases: Fingertips and first joints of the fingers, shape (F, 3).
+        tips_by_joint, bases_by_joint: Derivatives, shape (F, 3, J).
+    """
+
+    tips: FloatArray
+    bases: FloatArray
+    tips_by_joint: FloatArray
+    bases_by_joint: FloatArray
+
+
+class RobotHand:
+    """A robot's hand.
+
+    Attributes:
+        joints: Names of the joints, J of them, in the order of every array of angles.
+        lower, upper: Their ranges [rad, or m of a sliding joint], shape (J,); infinite where there is none.
+        fingers: Mapped fingers, F of them, thumb first.
+        links: Link of each fingertip.
+        shapes: Hulls of what collides, or of everything where nothing does.
+    """
+
+    def __init__(self, path: Path, fingers: Mapping[str, str] | None = None) -> None:
+        """Read a file; `fingers` maps fingers to links or sites, by default those whose names say so.
+
+        Raises:
+            InputError: MuJoCo is not installed, no such file, none of a robot, or no fingers by their names.
+        """
+        if find_spec("mujoco") is None:
+            raise InputError("a robot's hand needs mujoco, which is not installed: pip install 'hhsim[retarget]'")
+        import mujoco
+
+        self.name = str(path)
+        self._mujoco: Any = mujoco
+        self._model, mimics = _model(path)
+        self._data = mujoco.MjData(self._model)
+        model = self._model
+        hinges = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+        if not model.njnt or not np.isin(model.jnt_type, hinges).all():
+            raise InputError(f"{path}: expected a hand on a fixed root, whose joints turn or slide")
+        names = [model.joint(joint).name for joint in range(model.njnt)]
+        # All positions are `following @ those of the own joints + constant`.
+        own = [joint for joint, name in enumerate(names) if name not in mimics]
+        self.joints = tuple(names[joint] for joint in own)
+        self._constant, self._following = np.zeros(model.njnt), np.zeros((model.njnt, len(own)))
+        self._following[own, range(len(own))] = 1.0
+        for name, (leader, factor, constant) in mimics.items():
+            if leader not in self.joints:
+                raise InputError(f"{path}: joint {name} mimics '{leader}', which is no joint of its own")
+            self._following[names.index(name), self.joints.index(leader)] = factor
+            self._constant[names.index(name)] = constant
+        limited = model.jnt_limited.astype(bool)[own]
+        self.lower, self.upper = (
+            np.where(limited, end, limit) for end, limit in zip(model.jnt_range[own].T, (-np.inf, np.inf))
+        )
+        self._bodies = [model.body(body).name for body in range(model.nbody)]
+        self.shapes = self._shapes()
+        mapping = dict(fingers) if fingers else self._fingers_by_name()
+        self.fingers = tuple(finger for finger in FINGERS if finger in mapping)
+        self.links = tuple(mapping[finger] for finger in self.fingers)
+        if len(self.fingers) < 2:
+            raise InputError(
+                f"{path}: {len(self.fingers)} finger mapped; expected at least two, such as thumb and index"
+            )
+        places = [self._place(link) for link in self.links]
+        self._tip_bodies, self._tip_offsets = zip(*places)
+        self._base_bodies = self._first_bodies()
+
+    def points(self, angles: FloatArray) -> RobotPoints:
+        """Compute fingertips and finger bases at angles of the joints, shape (J,)."""
+        mujoco, model, data = self._mujoco, self._model, self._data
+        self._pose(angles)
+        mujoco.mj_comPos(model, data)
+        found = []
+        for bodies, offsets in (
+            (self._tip_bodies, self._tip_offsets),
+            (self._base_bodies, np.zeros((len(self.links), 3))),
+        ):
+            place, by_joint = np.empty((len(bodies), 3)), np.empty((len(bodies), 3, model.nv))
+            for row, (body, offset) in enumerate(zip(bodies, offsets)):
+                place[row] = data.xpos[body] + data.xmat[body].reshape(3, 3) @ offset
+                mujoco.mj_jac(model, data, by_joint[row], None, place[row], body)
+            found.append((place, by_joint @ self._following))
+        (tips, tips_by_joint), (bases, bases_by_joint) = found
+        return RobotPoints(tips, bases, tips_by_joint, bases_by_joint)
+
+    def shape_poses(self, angles: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return places (S, 3) [m] and rotations (S, 3, 3) of `shapes` in the root's frame at angles (J,)."""
+        self._pose(angles)
+        geoms = [shape.geom for shape in self.shapes]
+        return self._data.geom_xpos[geoms].copy(), self._data.geom_xmat[geoms].reshape(-1, 3, 3).copy()
+
+    def _pose(self, angles: FloatArray) -> None:
+        self._data.qpos[:] = self._following @ angles + self._constant
+        self._mujoco.mj_kinematics(self._model, self._data)
+
+    def _leaves(self) -> list[int]:
+        return sorted(set(range(1, self._model.nbody)) - set(self._model.body_parentid.tolist()))
+
+    def _fingers_by_name(self) -> dict[str, str]:
+        leaves = [self._bodies[body] for body in self._leaves()]
+        found: dict[str, list[str]] = {}
+        for link in leaves:
+            for finger, words in WORDS.items():
+                if any(word.startswith(words) for word in re.split(r"[^a-z]+", link.lower())):
+                    found.setdefault(finger, []).append(link)
+        if len(found) < 2 or any(len(links) > 1 for links in found.values()):
+            raise InputError(
+                f"{self.name}: the last links' names do not tell the fingers: {', '.join(leaves)}; name them: "
+                "--map thumb=LINK,index=LINK"
+            )
+        return {finger: links[0] for finger, links in found.items()}
+
+    def _place(self, link: str) -> tuple[int, FloatArray]:
+        """Return the body of a fingertip, and the tip in its frame [m], shape (3,)."""
+        model = self._model
+        sites = [model.site(site).name for site in range(model.nsite)]
+        if link in sites:
+            site = sites.index(link)
+            return int(model.site_bodyid[site]), np.array(model.site_pos[site])
+        if link not in self._bodies:
+            raise UnknownNameError(f"link of {self.name}", link, [*self._bodies[1:], *sites])
+        body = self._bodies.index(link)
+        if not model.body_jntnum[body]:
+            return body, np.zeros(3)
+        # Its frame is at its joint: the tip is near the point that is farthest from there.
+        self._pose(np.clip(np.zeros(len(self.joints)), self.lower, self.upper))
+        own = [shape for shape in self.shapes if model.geom_bodyid[shape.geom] == body]
+        if not own:
+            return body, np.zeros(3)
+        data = self._data
+        turn, place = data.xmat[body].reshape(3, 3), data.xpos[body]
+        corners = [s.vertices @ data.geom_xmat[s.geom].reshape(3, 3).T + data.geom_xpos[s.geom] for s in own]
+        reach = (np.concatenate(corners) - place) @ turn
+        farthest = reach[np.linalg.norm(reach, axis=1).argmax()]
+        length = float(np.linalg.norm(farthest))
+        return body, farthest * max(0.0, 1.0 - TIP_RADIUS / length)
+
+    def _first_bodies(self) -> list[int]:
+        """Return the first moving body of each finger below the palm, which is what all fingers share."""
+        parent, moving = self._model.body_parentid, self._model.body_jntnum
+        chains = []
+        for body in self._tip_bodies:
+            chain = [int(body)]
+            while chain[-1]:
+                chain.append(int(parent[chain[-1]]))
+            chains.append(chain[::-1])
+        shared = set(chains[0]).intersection(*chains[1:])
+        return [next((body for body in chain if body not in shared and moving[body]), chain[-1]) for chain in chains]
+
+    def _shapes(self) -> list[LinkShape]:
+        """Return the hulls of what collides, or of everything where nothing does; planes and fields are left out."""
+        from scipy.spatial import ConvexHull
+
+        model = self._model
+        collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+        shapes = []
+        for geom in np.flatnonzero(collides if collides.any() else np.ones(model.ngeom, dtype=bool)):
+            corners = self._corners(int(geom))
+            if corners is not None:
+                hull = ConvexHull(corners)
+                link = self._bodies[model.geom_bodyid[geom]]
+                shapes.append(LinkShape(link, corners[hull.vertices], hull.equations, int(geom)))
+        return shapes
+
+    def _corners(self, geom: int) -> FloatArray | None:
+        import trimesh
+
+        model, kinds = self._model, self._mujoco.mjtGeom
+        kind, (a, b, c) = model.geom_type[geom], model.geom_size[geom]
+        ball = trimesh.creation.icosphere(subdivisions=3).vertices
+        if kind == kinds.mjGEOM_MESH:
+            first, count = (int(of[model.geom_dataid[geom]]) for of in (model.mesh_vertadr, model.mesh_vertnum))
+            return np.array(model.mesh_vert[first : first + count], dtype=np.float64)
+        if kind == kinds.mjGEOM_BOX:
+            return np.array(np.meshgrid(*([-s, s] for s in (a, b, c)))).reshape(3, -1).T
+        if kind == kinds.mjGEOM_CYLINDER:
+            return np.asarray(trimesh.creation.cylinder(radius=a, height=2.0 * b, sections=64).vertices)
+        if kind == kinds.mjGEOM_CAPSULE:
+            return np.concatenate([a * ball + [0.0, 0.0, end] for end in (-b, b)])
+        if kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
+            return np.asarray(ball * ((a, a, a) if kind == kinds.mjGEOM_SPHERE else (a, b, c)))
+        return None
+
+
+def find_robot(word: str, side: str = "right") -> Path:
+    """Return the file of a robot's hand: a path, or a name of `NAMED` by the package robot_descriptions.
+
+    Raises:
+        InputError: No such file, or the package is missing, or cannot get the description.
+    """
+    if word not in NAMED:
+        path = Path(word)
+        if not path.is_file():
+            raise InputError(f"{word}: no such file; expected a URDF or an MJCF, or one of {', '.join(NAMED)}")
+        return path
+    if find_spec("robot_descriptions") is None:
+        raise InputError(f"--robot {word} needs robot_descriptions: pip install robot_descriptions, or name a file")
+    try:
+        # It prints that it clones, where an answer in JSON may have to stand.
+        with redirect_stdout(sys.stderr):
+            description = import_module(f"robot_descriptions.{word}_hand_mj_description")
+    except Exception as error:
+        # It clones a repository on first use, which fails in as many ways as git does.
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(f"robot_descriptions cannot get the {word} hand: {reason}; name a file instead") from None
+    return Path(getattr(description, f"MJCF_PATH_{side.upper()}"))
+
+
+def _model(path: Path) -> tuple[Any, dict[str, tuple[str, float, float]]]:
+    """Compile a file; also return the leader, factor and constant of each joint that mimics another."""
+    import mujoco
+
+    try:
+        text = read_input_text(path)
+        root = ElementTree.fromstring(text)
+    except (OSError, UnicodeDecodeError, ElementTree.ParseError) as error:
+        raise InputError(f"{path}: cannot be read as a robot's URDF or MJCF: {error}") from None
+    if root.tag not in ("robot", "mujoco"):
+        raise InputError(f"{path}: <{root.tag}>; expected a URDF (<robot>) or an MJCF (<mujoco>)")
+    try:
+        if root.tag == "mujoco":
+            return mujoco.MjSpec.from_file(str(path)).compile(), {}
+        mimics, assets = _prepare(root, path)
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"), assets=assets)
+        for mesh in spec.meshes:
+            # A flat or open mesh has no volume; its mass plays no part.
+            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+        return spec.compile(), mimics
+    except ValueError as error:
+        raise InputError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from None
+
+
+def _prepare(root: ElementTree.Element, path: Path) -> tuple[dict[str, tuple[str, float, float]], dict[str, bytes]]:
+    """Make a URDF one that MuJoCo reads: its mimicking joints, and the meshes it names as OBJ."""
+    mimics = {}
+    for joint in root.findall("joint"):
+        if joint.get("type") == "fixed":
+            continue
+        for mimic in joint.findall("mimic"):
+            factor, constant = (float(mimic.get(key, usual)) for key, usual in (("multiplier", "1"), ("offset", "0")))
+            mimics[joint.get("name", "")] = mimic.get("joint", ""), factor, constant
+            joint.remove(mimic)
+    collides = root.find("link/collision") is not None
+    for link in root.findall("link"):
+        for visual in link.findall("visual"):
+            if collides:
+                link.remove(visual)
+            else:
+                visual.tag = "collision"
+    for own in root.findall("mujoco"):
+        root.remove(own)
+    root.insert(0, ElementTree.fromstring(OPTIONS))
+    assets: dict[str, bytes] = {}
+    for number, mesh in enumerate(root.iter("mesh")):
+        vertices, faces = read_triangles(_mesh_path(mesh.get("filename", ""), path))
+        text = io.StringIO()
+        np.savetxt(text, vertices, "v %.9g %.9g %.9g")
+        np.savetxt(text, faces + 1, "f %d %d %d")
+        name = f"mesh{number}.obj"
+        assets[name] = text.getvalue().encode()
+        mesh.set("filename", name)
+    return mimics, assets
+
+
+def _mesh_path(name: str, path: Path) -> Path:
+    """Return the file that a URDF names; of a `package://` address the rest, in a folder above the URDF."""
+    plain = re.sub(r"^(package|file)://", "", name)
+    parts = Path(plain).parts
+    folders = (path.parent, *path.parent.resolve().parents)
+    # The package's own folder may have another name.
+    tries = [folder.joinpath(*tail) for tail in (parts, parts[1:]) for folder in folders if tail]
+    return next((found for found in tries if found.is_file()), path.parent / plain)

@@ -1,0 +1,93 @@
+"""Motion of a robot's hand made of a result: fingertips where the shown hand has them, and the file of it."""
+
+import csv
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import OutputError
+from hhsim.hand.fingers import FINGERS
+from hhsim.repair.link_depth import LinkDepth, link_depths
+from hhsim.repair.retarget import Retargeted, retarget
+from hhsim.repair.robot_hand import RobotHand
+from hhsim.replay.stored_scene import stored_mesh
+from hhsim.result.reader import Result
+from hhsim.system.output_path import check_output_path
+from hhsim.system.progress import Progress, silent
+from hhsim.trees.contact_surface import encloses
+
+SUFFIXES = (".npz", ".csv")
+
+
+@dataclass(frozen=True)
+class RobotMotion:
+    """Motion of a robot's hand, world, and how deep it is in the object.
+
+    Attributes:
+        joints, fingers: Names of joints and mapped fingers, in the order of the arrays of `motion`.
+        time: Of each tick [s], shape (T,).
+        motion: Joints, pose of the robot's root in the world, and fingertip errors.
+        depth: Depth of its links in the object; None for an object without an inside.
+    """
+
+    joints: tuple[str, ...]
+    fingers: tuple[str, ...]
+    time: FloatArray
+    motion: Retargeted
+    depth: LinkDepth | None
+
+
+def robot_motion(result: Result, robot: RobotHand, progress: Progress = silent) -> RobotMotion:
+    """Compute the motion of a robot's hand by the shown hand of a result, tick by tick.
+
+    Raises:
+        InputError: A result without ticks, or whose mesh cannot be read.
+    """
+    seen = result.seen_from_object
+    fingers = [FINGERS.index(finger) for finger in robot.fingers]
+    joints = seen["graphic/joints"][:, fingers]
+    motion = retarget(robot, joints[:, :, 3], joints[:, :, 0], progress)
+    mesh = stored_mesh(result)
+    depth = link_depths(robot, motion, mesh, progress) if encloses(mesh) else None
+    if result.driven:
+        moved = result.moved_since_first()
+        motion = motion._replace(
+            position=moved.points(motion.position), orientation=moved.orientations(motion.orientation)
+        )
+    return RobotMotion(robot.joints, robot.fingers, seen["time"], motion, depth)
+
+
+def check_motion_path(path: Path) -> None:
+    """Raise OutputError unless a motion can be written to `path`, an `.npz` or a `.csv`."""
+    check_output_path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise OutputError(f"{path}: a robot's motion is written as {' or '.join(SUFFIXES)}")
+
+
+def motion_bytes(found: RobotMotion, suffix: str) -> bytes:
+    """Return the content of a file of one of `SUFFIXES`; SI units, quaternions (w, x, y, z)."""
+    motion = found.motion
+    if suffix.lower() == ".npz":
+        image = io.BytesIO()
+        np.savez_compressed(
+            image,
+            time=found.time,
+            joint_names=np.array(found.joints),
+            angles=motion.angles,
+            root_position=motion.position,
+            root_orientation=motion.orientation,
+            finger_names=np.array(found.fingers),
+            fingertip_error=motion.error,
+        )
+        return image.getvalue()
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    root = [*(f"root_{axis} [m]" for axis in "xyz"), *(f"root_q{part}" for part in "wxyz")]
+    table.writerow(["time [s]", *found.joints, *root, *(f"{finger}_error [m]" for finger in found.fingers)])
+    columns = found.time[:, None], motion.angles, motion.position, motion.orientation, motion.error
+    # As Python's numbers: they are written with as many digits as give the same number back.
+    table.writerows(np.concatenate(columns, axis=1).tolist())
+    return text.getvalue().encode()
