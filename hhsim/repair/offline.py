@@ -15,7 +15,7 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.repair.hand_change import finite_frames
+from hhsim.repair.hand_change import change_between, finite_frames
 from hhsim.repair.hand_judge import HandJudge, farthest
 from hhsim.repair.projection import Projection
 from hhsim.repair.smoothing import smoothed
@@ -104,8 +104,9 @@ def repair_frames(
         found, chosen = search.chosen()
         if options.smooth:
             found = search.smoothed(found)
+        changed = (change_between(own, found) != 0.0).any(axis=1)
         for values, repaired in zip(posture, found, strict=True):
-            values[known] = repaired
+            values[known[changed]] = repaired[changed]
         origin[known] = chosen
         depth_before[known] = _depth(search.recorded_clearance)
         depth[known] = _depth(search.judge.clearance(found))
