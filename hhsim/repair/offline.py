@@ -16,7 +16,7 @@ from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.repair.hand_change import change_between, finite_frames
-from hhsim.repair.hand_judge import HandJudge, farthest
+from hhsim.repair.hand_judge import CLEAR, HandJudge, farthest
 from hhsim.repair.projection import Projection
 from hhsim.repair.smoothing import smoothed
 from hhsim.repair.track_choice import choose_tracks
@@ -223,7 +223,7 @@ class _Search:
         """Return goals, where they are inside the nearest free hands to them, reached from the hands found."""
         made = goals.copy()
         clearance = self.judge.clearance(goals)
-        for t in np.flatnonzero(~(clearance >= 0.0)).tolist():
+        for t in np.flatnonzero(~(clearance >= CLEAR)).tolist():
             start = found.part(t, t + 1)
             with suppress(HhsimError):
                 self.follower.place(start)

@@ -147,11 +147,12 @@ def test_a_projection_ends_outside_by_coal(seed: int, name: str) -> None:
     projection = Projection(written, HandJudge(HAND, case.surface))
     free = projection.made_free(frames, frames)
     inside = projection.clearance(frames)[0] < 0.0
-    assert change_between(frames, free).any() == inside
-    # The shift that frees a hand where the programs do not is at most 5 cm.
+    assert inside or not change_between(frames, free).any()
+    # The shift that frees a hand where the programs do not is at most 5 cm: beyond, the hand stays as it was.
     if projection.clearance(free)[0] >= 0.0:
         assert case.coal_clearance_of(written.placed(free)) >= 0.0
     else:
+        assert not change_between(frames, free).any()
         assert case.coal_clearance_of(written.placed(frames)) < -0.005
 
 
