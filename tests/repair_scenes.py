@@ -13,6 +13,7 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.scene import open_scene
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
+from hhsim.verify.coal_distance import frame_along
 
 HAND = HandModel.default()
 
@@ -65,6 +66,7 @@ def ring_case(frames: int = 3, depth: float = 1e-3) -> Case:
     wire, inner = 0.002, 0.5 * float(HAND.radius[1, 1] + HAND.radius[1, 2])
     ring = trimesh.creation.torus(major_radius=inner + 0.002 + wire, minor_radius=wire)
     aside = np.cross(axis, [0.0, 0.0, 1.0])
-    turn = trimesh.geometry.align_vectors([0.0, 0.0, 1.0], axis)
+    turn = np.eye(4)
+    turn[:3, :3] = frame_along(axis)
     turn[:3, 3] = 0.5 * (joints[0] + joints[1]) + (0.002 + depth) * np.cross(aside, axis)
     return shape_case(ring.apply_transform(turn), hand)

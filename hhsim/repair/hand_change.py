@@ -17,12 +17,18 @@ LOW_PASS /= LOW_PASS.sum()
 
 def finite_frames(hands: HandConfiguration) -> BoolArray:
     """Return True for hands of finite numbers, shape (T,)."""
-    return np.logical_and.reduce([np.isfinite(values).all(axis=tuple(range(1, values.ndim))) for values in hands])
+    finite = [np.isfinite(values).all(axis=tuple(range(1, values.ndim))) for values in hands]
+    return np.asarray(np.logical_and.reduce(finite))
 
 
 def change_between(first: HandConfiguration, second: HandConfiguration) -> FloatArray:
-    """Return the changes from the first to the second hands, shape (T, 26), the palm's rotation from the left."""
+    """Return the changes from the first to the second hands, shape (T, 26), the palm's rotation from the left.
+
+    That of equal hands is exactly zero.
+    """
     turn = rotation_vector(quaternion_product(second.orientation, conjugate(first.orientation)))
+    # The product of a rotation and its inverse is the identity up to rounding only.
+    turn[(first.orientation == second.orientation).all(axis=1)] = 0.0
     flexion = (second.flexion - first.flexion).reshape(len(turn), 15)
     return np.concatenate([second.position - first.position, turn, flexion, second.abduction - first.abduction], axis=1)
 

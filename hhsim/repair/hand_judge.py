@@ -11,6 +11,9 @@ from hhsim.metrics.mesh_penetration import FAR, mesh_clearance
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.trees.contact_surface import ContactSurface, encloses
 
+CLEAR = 2e-6
+"""Clearance that a hand needs which the solver did not make [m]: above the error of the measure."""
+
 
 class HandJudge:
     """Clearance of hands by closest points, with nothing of the solver.

@@ -15,8 +15,8 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.repair.hand_change import finite_frames
-from hhsim.repair.hand_judge import HandJudge, farthest
+from hhsim.repair.hand_change import change_between, finite_frames
+from hhsim.repair.hand_judge import CLEAR, HandJudge, farthest
 from hhsim.repair.projection import Projection
 from hhsim.repair.smoothing import smoothed
 from hhsim.repair.track_choice import choose_tracks
@@ -29,8 +29,6 @@ AS_RECORDED, FORWARD, BACKWARD, RESTARTED = 0, 1, 2, 3
 """Origins of a frame: the recorded hand itself, a pass, and from 3 on the restarts in the order in which they began."""
 USUAL_CORRECTION = 2e-3
 """A correction up to this plus 1.5 times the depth is that of a hand on its own side of the object [m]."""
-MOST_RESTARTS = 24
-"""Frames at which tracks are begun anew, at most."""
 TRACKS_A_RESTART = 2
 """Starts of a frame that are followed on."""
 RESTART_SPACING = 10
@@ -104,8 +102,9 @@ def repair_frames(
         found, chosen = search.chosen()
         if options.smooth:
             found = search.smoothed(found)
+        changed = (change_between(own, found) != 0.0).any(axis=1)
         for values, repaired in zip(posture, found, strict=True):
-            values[known] = repaired
+            values[known[changed]] = repaired[changed]
         origin[known] = chosen
         depth_before[known] = _depth(search.recorded_clearance)
         depth[known] = _depth(search.judge.clearance(found))
@@ -126,6 +125,21 @@ def _depth(clearance: FloatArray) -> FloatArray:
     return np.maximum(0.0, 0.0 - clearance)
 
 
+class _Track(NamedTuple):
+    """Hands of consecutive frames, their displacement from the recorded ones, and whether they do not penetrate."""
+
+    origin: int
+    first: int
+    hands: HandConfiguration
+    off: FloatArray
+    valid: BoolArray
+
+    def passes(self, frame: int, off: FloatArray) -> bool:
+        """Return True if the track has the same hand at a frame."""
+        at = frame - self.first
+        return 0 <= at < len(self.off) and bool(farthest(off, self.off[at]) < SAME_HAND)
+
+
 class _Search:
     """Tracks of one recording and what was measured of them."""
 
@@ -144,53 +158,57 @@ class _Search:
         self.written = WrittenHand(np.roll(self.points, 1, axis=1), hand, frames, tip_on_surface=False)
         self.projection = Projection(self.written, self.judge)
         self.recorded_clearance = self.judge.clearance(frames)
-        self.tracks: list[HandConfiguration] = []
-        self.off: list[FloatArray] = []
-        self.valid: list[BoolArray] = []
-        self.origins: list[int] = []
+        self.tracks: list[_Track] = []
+        self.nearest = np.full(frames.ticks, np.inf)
+        self.least_move = np.full(frames.ticks, np.inf)
         self._add(AS_RECORDED, frames)
-        if not self.valid[0].all():
+        if np.isinf(self.nearest).any():
             self._add(FORWARD, self.follower.follow(range(frames.ticks), self._reporter("forward")))
             self._add(BACKWARD, self.follower.follow(range(frames.ticks)[::-1], self._reporter("backward")))
 
-    def _add(self, origin: int, track: HandConfiguration) -> None:
-        self.tracks.append(track)
-        self.origins.append(origin)
-        self.off.append(self.judge.points(track) - self.points)
-        self.valid.append(self.judge.clearance(track) >= 0.0)
-
-    def _choice(self) -> IntArray:
-        return choose_tracks(np.stack(self.off), np.stack(self.valid))
+    def _add(self, origin: int, hands: HandConfiguration) -> None:
+        """Add the part of a track that has hands, and note where it is the nearest."""
+        there = np.flatnonzero(finite_frames(hands))
+        if not there.size:
+            return
+        part = slice(int(there[0]), int(there[-1]) + 1)
+        own = hands.at(part)
+        off, valid = self.judge.points(own) - self.points[part], self.judge.clearance(own) >= 0.0
+        self.tracks.append(_Track(origin, part.start, own, off, valid))
+        square = np.where(valid, (off**2).sum(axis=-1).mean(axis=-1), np.inf)
+        move = np.where(valid, np.linalg.norm(off, axis=-1).max(axis=-1), np.inf)
+        self.nearest[part] = np.minimum(self.nearest[part], square)
+        self.least_move[part] = np.minimum(self.least_move[part], move)
 
     def chosen(self) -> tuple[HandConfiguration, IntArray]:
         """Return the chosen hand of each frame, and its origin; the recorded one where there is none."""
-        choice, frames = self._choice(), np.arange(self.frames.ticks)
-        choice[~np.stack(self.valid)[choice, frames]] = 0
-        stacked = (np.stack(values)[choice, frames] for values in zip(*self.tracks, strict=True))
-        return HandConfiguration(*stacked), np.array(self.origins)[choice]
+        first = [track.first for track in self.tracks]
+        choice = choose_tracks(first, [track.off for track in self.tracks], [track.valid for track in self.tracks])
+        found = self.frames.copy()
+        for k in np.unique(choice).tolist():
+            frames = np.flatnonzero(choice == k)
+            for values, own in zip(found, self.tracks[k].hands, strict=True):
+                values[frames] = own[frames - first[k]]
+        return found, np.array([track.origin for track in self.tracks])[choice]
 
     def restart(self) -> None:
         """Begin further tracks at the frames whose correction is largest beyond what their depth explains."""
         usual = np.minimum(self.options.max_correction, USUAL_CORRECTION + 1.5 * _depth(self.recorded_clearance))
         open_frames = np.ones(self.frames.ticks, bool)
-        for number in range(MOST_RESTARTS):
-            choice, frames = self._choice(), np.arange(self.frames.ticks)
-            off, valid = np.stack(self.off)[choice, frames], np.stack(self.valid)[choice, frames]
-            excess = np.where(valid, np.linalg.norm(off, axis=-1).max(axis=-1), np.inf) - usual
-            excess[~open_frames] = -np.inf
+        for number in range(self.frames.ticks):
+            excess = np.where(open_frames, self.least_move - usual, -np.inf)
             worst = int(excess.argmax())
             if not excess[worst] > 0.0:
                 break
-            self.progress("restarts", number, MOST_RESTARTS)
-            nearest = np.where(valid, (off**2).sum(axis=-1).mean(axis=-1), np.inf)
+            self.progress("restarts", int((~open_frames).sum()), self.frames.ticks)
             open_frames[max(0, worst - RESTART_SPACING) : worst + RESTART_SPACING + 1] = False
             one = self.written.at(worst)
             seed = self.projection.nearest(one, one.fitted)
             for start in self.follower.starts(self.judge, worst, seed)[:TRACKS_A_RESTART]:
-                if start.correction**2 < nearest[worst] - SAME_HAND**2:
-                    self._add(RESTARTED + number, self._followed_on(worst, start.reached, nearest))
+                if start.correction**2 < self.nearest[worst] - SAME_HAND**2:
+                    self._add(RESTARTED + number, self._followed_on(worst, start.reached))
 
-    def _followed_on(self, frame: int, reached: HandConfiguration, nearest: FloatArray) -> HandConfiguration:
+    def _followed_on(self, frame: int, reached: HandConfiguration) -> HandConfiguration:
         """Return the track through a hand at a frame, forward and backward while it may still be the nearest."""
         track = HandConfiguration(*(np.full_like(values, np.nan) for values in self.frames))
         put(track, frame, reached)
@@ -205,11 +223,9 @@ class _Search:
                 if at is None:
                     break
                 put(track, t, at)
-                points = self.judge.points(at)
-                square = float(((points - self.points[t]) ** 2).sum(axis=-1).mean())
-                dearer = 0 if square < nearest[t] else dearer + 1
-                joined = any(farthest(points[0] - self.points[t], off[t]) < SAME_HAND for off in self.off)
-                if joined or dearer >= MOST_DEARER:
+                off = self.judge.points(at)[0] - self.points[t]
+                dearer = 0 if (off**2).sum(axis=-1).mean() < self.nearest[t] else dearer + 1
+                if any(track.passes(t, off) for track in self.tracks) or dearer >= MOST_DEARER:
                     break
         return track
 
@@ -222,7 +238,7 @@ class _Search:
         """Return goals, where they are inside the nearest free hands to them, reached from the hands found."""
         made = goals.copy()
         clearance = self.judge.clearance(goals)
-        for t in np.flatnonzero(~(clearance >= 0.0)).tolist():
+        for t in np.flatnonzero(~(clearance >= CLEAR)).tolist():
             start = found.part(t, t + 1)
             with suppress(HhsimError):
                 self.follower.place(start)

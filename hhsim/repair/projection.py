@@ -14,7 +14,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, closest_points
 from hhsim.recordings.correction import BONES, Correction
 from hhsim.repair.hand_change import NUMBERS, REACH, change_between, changed_hand, finite_frames
-from hhsim.repair.hand_judge import HandJudge, farthest
+from hhsim.repair.hand_judge import CLEAR, HandJudge, farthest
 from hhsim.repair.smoothing import smoothed
 from hhsim.repair.tracks import put
 from hhsim.repair.written_hand import WrittenHand
@@ -25,8 +25,6 @@ from hhsim.trees.contact_surface import ContactSurface
 
 NEAR = 2e-3
 """Balls up to this far from the surface [m] are rows of the program."""
-CLEAR = 2e-6
-"""Clearance of a projected hand [m]: above the error of the measure."""
 FIRST_GAP, LARGEST_GAP = 2e-5, 1e-3
 """Clearance that a program asks of the balls [m], doubled while the hand between them still penetrates."""
 LONGEST_STEP = 4e-3
@@ -149,7 +147,8 @@ class Projection:
     ) -> HandConfiguration:
         """Return the goals, where their written hands penetrate the free hands nearest to them."""
         made = goals.copy()
-        inside = np.flatnonzero(self.clearance(goals) < 0.0).tolist()
+        changed = change_between(self.written.fitted, goals).any(axis=1)
+        inside = np.flatnonzero(self.clearance(goals) < np.where(changed, CLEAR, 0.0)).tolist()
         for done, frame in enumerate(inside):
             progress("written hands", done, len(inside))
             goal = goals.part(frame, frame + 1)

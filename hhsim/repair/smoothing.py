@@ -14,6 +14,10 @@ ROUNDS = 8
 STEADY = 1.05
 """Ratio of mean accelerations, repaired to recorded, at which smoothing ends."""
 
+WORTH = 0.97
+"""A further round is kept if it lowers the mean acceleration to this share: each moves hands farther from the recorded
+ones."""
+
 Measure = Callable[[HandConfiguration], FloatArray]
 MadeFree = Callable[[HandConfiguration, HandConfiguration], HandConfiguration]
 
@@ -39,11 +43,11 @@ def smoothed(
         made_free: Free hands near the second argument's, reached from the first's, which are free.
     """
     origin = points(recorded)
-    steady = STEADY * mean_acceleration(origin)
+    steady, before = STEADY * mean_acceleration(origin), np.inf
     for number in range(ROUNDS):
         change = change_between(recorded, found)
         at = points(found)
-        if not change.any() or (number and mean_acceleration(at) <= steady):
+        if not change.any() or (number and before <= steady):
             break
         progress("smoothing", number, ROUNDS)
         better = made_free(found, changed_hand(recorded, low_pass(change)))
@@ -52,7 +56,11 @@ def smoothed(
         largest = np.lib.stride_tricks.sliding_window_view(moved, 2 * REACH + 1).max(axis=1)
         accepted = farthest(points(better), origin) <= np.maximum(limit, largest)
         accepted &= (clearance(better) >= 0.0) & (clearance(found) >= 0.0)
-        found = HandConfiguration(
+        calmer = HandConfiguration(
             *(np.where(accepted.reshape(-1, *[1] * (new.ndim - 1)), new, old) for new, old in zip(better, found))
         )
+        now = mean_acceleration(points(calmer))
+        if now > WORTH * before:
+            break
+        found, before = calmer, now
     return found

@@ -35,6 +35,7 @@ def test_a_change_leads_from_the_first_to_the_second_hand(seed: int) -> None:
 
 def test_no_change_keeps_every_bit() -> None:
     hand = hands(3)
+    assert not change_between(hand, hand.copy()).any()
     for before, after in zip(hand, changed_hand(hand, np.zeros((5, NUMBERS)))):
         np.testing.assert_array_equal(before, after)
 

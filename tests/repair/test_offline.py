@@ -1,5 +1,7 @@
 """Repaired frames against coal, in scenes, in a ring, in a sheet, in a block, and at random."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
@@ -11,6 +13,7 @@ from sphere_scenes import random_hand
 
 from hhsim.hand.configuration import sequence
 from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.mesh import load_mesh
 from hhsim.repair.hand_change import mean_acceleration
 from hhsim.repair.hand_judge import HandJudge, farthest
 from hhsim.repair.offline import AS_RECORDED, RESTARTED, OfflineOptions, RepairedFrames, repair_frames
@@ -39,6 +42,27 @@ def test_no_repaired_frame_penetrates_by_coal(name: str, script: str) -> None:
     points = HandJudge(case.hand, case.surface).points
     assert mean_acceleration(points(found.posture)) <= 1.1 * mean_acceleration(points(case.frames))
     np.testing.assert_allclose(found.correction, farthest(points(found.posture), points(case.frames)), atol=1e-12)
+
+
+REAL = ["claw_hammer.obj", "blue_cup.obj", "ycb_banana.obj", "object_sim_toruslarge.stl", "quadknot.obj"]
+
+
+@pytest.mark.parametrize("file", sampled(REAL, lambda place, _: place == 4))
+def test_no_repaired_frame_penetrates_a_real_mesh_by_coal(shared_data: Path, file: str) -> None:
+    if not (shared_data / "meshes" / file).exists():
+        pytest.skip(f"no mesh {file} in {shared_data / 'meshes'}")
+    mesh = load_mesh(shared_data / "meshes" / file, size=0.15)
+    mesh = mesh.transformed(np.eye(3), -mesh.bounds.mean(axis=0))
+    # A hand that closes over the object, its palm 1 cm too low.
+    frames = held(8, float(mesh.bounds[1, 2]) + 0.01)
+    frames.position[:, 1] = -0.06
+    frames.flexion[:] = np.linspace(0.0, 1.1, 8)[:, None, None]
+    case = Case(HAND, mesh, contact_surface("mesh", mesh, None), frames)
+    found = repaired(case, OfflineOptions(max_correction=0.1))
+    assert (found.depth_before > 0.002).sum() >= 3
+    assert not found.depth.any()
+    np.testing.assert_array_equal(found.marked, found.correction > 0.1)
+    assert case.coal_clearance(found.posture) >= 0.0
 
 
 def test_the_same_frames_give_the_same_bytes_and_free_ones_stay() -> None:

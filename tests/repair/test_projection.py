@@ -1,0 +1,191 @@
+"""Written hands: bones against our kinematics, derivatives against differences, and clearances by coal."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from repair_scenes import HAND, Case, held, scene_case, shape_case
+from sphere_scenes import random_hand
+
+from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.hand.forward_kinematics import forward_kinematics
+from hhsim.hand.model import HandModel
+from hhsim.recordings.correction import moved_joints
+from hhsim.repair.hand_change import NUMBERS, change_between, changed_hand
+from hhsim.repair.hand_judge import HandJudge
+from hhsim.repair.offline import OfflineOptions, repair_frames
+from hhsim.repair.projection import Projection, WrittenFrames, correct
+from hhsim.repair.smoothing import smoothed
+from hhsim.repair.written_hand import WrittenHand, bone_frames
+from hhsim.system.progress import silent
+
+LEFT = HandModel.default("left")
+
+
+def keypoints(hand: HandModel, frames: HandConfiguration) -> FloatArray:
+    placed = forward_kinematics(hand, *frames)
+    return np.concatenate([placed.position[:, None], placed.joints.reshape(-1, 20, 3)], axis=1)
+
+
+def residual(joints: FloatArray, size: float) -> FloatArray:
+    """Recorded joints that our hand does not fit: each is off by the same vector in every frame."""
+    return joints + np.random.default_rng(7).normal(0.0, size, joints.shape[1:])
+
+
+@pytest.mark.parametrize("hand", [HAND, LEFT], ids=["right", "left"])
+@settings(max_examples=20)
+@given(st.integers(0, 2**32))
+def test_joints_of_our_hand_move_to_where_our_kinematics_puts_them(hand: HandModel, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    fitted, posture = (random_hand(random, hand, 0.1) for _ in range(2))
+    written = WrittenHand(keypoints(hand, fitted), hand, fitted, tip_on_surface=False)
+    np.testing.assert_allclose(written.moved(written.joints, posture), keypoints(hand, posture), atol=1e-12)
+    frames = bone_frames(hand, posture)
+    np.testing.assert_allclose(frames @ frames.swapaxes(-1, -2), np.tile(np.eye(3), (1, 16, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(frames), 1.0)
+
+
+@pytest.mark.parametrize("hand", [HAND, LEFT], ids=["right", "left"])
+def test_derivatives_of_the_balls_are_their_differences(hand: HandModel) -> None:
+    random = np.random.default_rng(1)
+    fitted, posture = (random_hand(random, hand, 0.1) for _ in range(2))
+    written = WrittenHand(residual(keypoints(hand, fitted), 2e-3), hand, fitted, tip_on_surface=True)
+    points, radii, motion = written.samples(posture)
+    step = 1e-6
+    for number in range(NUMBERS):
+        change = np.zeros((1, NUMBERS))
+        change[0, number] = step
+        ends = [written.samples(changed_hand(posture, sign * change))[0] for sign in (1.0, -1.0)]
+        np.testing.assert_allclose((ends[0] - ends[1]) / (2.0 * step), motion[:, :, number], atol=1e-8)
+    assert (radii > 0.0).all()
+    assert len(points) == len(radii)
+
+
+def test_tips_on_the_skin_are_drawn_in_by_their_radius() -> None:
+    frames = held(1)
+    joints = keypoints(HAND, frames)
+    skin = joints.copy()
+    last = joints[:, 4::4] - joints[:, 3::4]
+    skin[:, 4::4] += HAND.radius[:, 3:] * last / np.linalg.norm(last, axis=-1, keepdims=True)
+    np.testing.assert_allclose(WrittenHand(skin, HAND, frames, tip_on_surface=True).axes, joints, atol=1e-15)
+
+
+def corrected(case: Case, joints: FloatArray, tip_on_surface: bool = False, limit: float = 0.03) -> WrittenFrames:
+    found = repair_frames(case.hand, case.surface, case.frames, OfflineOptions(max_correction=limit))
+    arguments = (joints, case.hand, case.frames, found.posture, case.surface)
+    return correct(*arguments, tip_on_surface=tip_on_surface, max_correction=limit)
+
+
+@pytest.mark.parametrize("size", [0.0, pytest.param(1e-3, marks=pytest.mark.soak), 3e-3])
+def test_no_written_hand_penetrates_by_coal(size: float) -> None:
+    case = scene_case("cup", "handle", 66)
+    joints = residual(keypoints(case.hand, case.frames), size)
+    found = corrected(case, joints)
+    changed = found.correction.changed
+    assert (found.depth_before > 0.004).any()
+    assert not found.depth.any()
+    assert not found.marked.any()
+    assert (changed | (found.depth_before == 0.0)).all()
+    # Far from contact nothing is touched, not a bit of it.
+    assert not changed[:5].any()
+    np.testing.assert_array_equal(found.correction.joints[~changed], joints[~changed])
+    np.testing.assert_array_equal(found.correction.rotation[~changed], np.tile(np.eye(3), ((~changed).sum(), 16, 1, 1)))
+    written = WrittenHand(joints, case.hand, case.frames, tip_on_surface=False).placed(found.correction.posture)
+    np.testing.assert_allclose(written.joints.reshape(-1, 20, 3), found.correction.joints[:, 1:], atol=1e-9)
+    assert case.coal_clearance_of(written.at(np.flatnonzero(changed)[::4])) >= 0.0
+    shift = found.correction.posture.position - case.frames.position
+    again = moved_joints(joints, case.frames.position, shift, found.correction.rotation)
+    np.testing.assert_allclose(found.correction.joints, again, atol=1e-12)
+    bones = [np.linalg.norm(np.diff(j[:, 1:].reshape(-1, 5, 4, 3), axis=2), axis=-1) for j in (joints, again)]
+    np.testing.assert_allclose(bones[0], bones[1], atol=1e-12)
+
+
+def test_a_recorded_hand_that_is_outside_stays_whatever_our_repair_would_change() -> None:
+    case = shape_case(trimesh.creation.box((0.5, 0.5, 0.1)), held(4))
+    fitted = held(4)
+    # A unit quaternion up to rounding, whose product with its inverse is no identity.
+    fitted.orientation[:] = np.array([0.9, 0.1, 0.3, 0.0]) / np.linalg.norm([0.9, 0.1, 0.3])
+    fitted.position[:, 2] = 0.3
+    joints = keypoints(HAND, fitted)
+    repaired = fitted._replace(position=fitted.position + 0.01)
+    kept = correct(joints, HAND, fitted, repaired, case.surface, tip_on_surface=False)
+    assert not kept.correction.changed.any()
+    for before, after in zip(fitted, kept.correction.posture):
+        np.testing.assert_array_equal(before, after)
+    np.testing.assert_array_equal(kept.correction.joints, joints)
+
+
+def test_missing_joints_and_hands_stay_missing() -> None:
+    case = shape_case(trimesh.creation.icosphere(3, 0.03), held(4, 0.04))
+    joints = keypoints(HAND, case.frames)
+    joints[1, 5:9] = np.nan
+    lost = case.frames.copy()
+    lost.orientation[2] = np.nan
+    found = corrected(case._replace(frames=lost), joints)
+    np.testing.assert_array_equal(np.isnan(found.correction.joints), np.isnan(joints))
+    np.testing.assert_array_equal(np.isnan(found.depth), np.arange(4) == 2)
+    assert not found.correction.changed[2]
+    assert not found.marked.any()
+    assert found.correction.changed[[0, 1, 3]].all()
+
+
+@settings(max_examples=24)
+@given(st.integers(0, 2**32), st.sampled_from(["ball", "box", "ring"]))
+def test_a_projection_ends_outside_by_coal(seed: int, name: str) -> None:
+    random = np.random.default_rng(seed)
+    shapes = {
+        "ball": lambda: trimesh.creation.icosphere(2, random.uniform(0.01, 0.05)),
+        "box": lambda: trimesh.creation.box(random.uniform(0.01, 0.08, 3)),
+        "ring": lambda: trimesh.creation.torus(0.03, random.uniform(0.004, 0.02)),
+    }
+    frames = random_hand(random, HAND, 0.05)
+    case = shape_case(shapes[name](), frames)
+    joints = residual(keypoints(HAND, frames), 2e-3)
+    written = WrittenHand(joints, HAND, frames, tip_on_surface=False)
+    projection = Projection(written, HandJudge(HAND, case.surface))
+    free = projection.made_free(frames, frames)
+    inside = projection.clearance(frames)[0] < 0.0
+    assert inside or not change_between(frames, free).any()
+    # The shift that frees a hand where the programs do not is at most 5 cm: beyond, the hand stays as it was.
+    if projection.clearance(free)[0] >= 0.0:
+        assert case.coal_clearance_of(written.placed(free)) >= 0.0
+    else:
+        assert not change_between(frames, free).any()
+        assert case.coal_clearance_of(written.placed(frames)) < -0.005
+
+
+def test_the_projection_of_a_shallow_hand_moves_little_more_than_its_depth() -> None:
+    case = shape_case(trimesh.creation.box((0.5, 0.5, 0.1)), held(1, 0.5))
+    judge = HandJudge(HAND, case.surface)
+    gap = float(judge.clearance(case.frames, np.inf)[0])
+    frames = case.frames._replace(position=case.frames.position - [0.0, 0.0, gap + 1e-3])
+    written = WrittenHand(keypoints(HAND, frames), HAND, frames, tip_on_surface=False)
+    free = Projection(written, judge).made_free(frames, frames)
+    moved = np.linalg.norm(written.samples(free)[0] - written.samples(frames)[0], axis=1).max()
+    # Some ball of the hand has to rise by the depth; the program asks for 20 µm more.
+    assert 1e-3 <= moved < 2e-3
+
+
+def test_smoothing_takes_noise_and_keeps_out_of_the_way() -> None:
+    random = np.random.default_rng(0)
+    recorded = held(40)
+    noise = recorded._replace(position=recorded.position + random.normal(0.0, 1e-3, (40, 3)))
+
+    def points(hands: HandConfiguration) -> FloatArray:
+        return keypoints(HAND, hands)
+
+    def clearance(hands: HandConfiguration) -> FloatArray:
+        return hands.position[:, 2] + 0.01
+
+    def unchanged(_: HandConfiguration, goals: HandConfiguration) -> HandConfiguration:
+        return goals
+
+    calm = smoothed(recorded, noise, 0.01, points, clearance, unchanged, silent)
+    second = [np.abs(np.diff(hands.position, 2, axis=0)).mean() for hands in (noise, calm)]
+    assert second[1] < 0.2 * second[0]
+    refused = smoothed(recorded, noise, 0.01, points, lambda hands: np.full(40, -1.0), unchanged, silent)
+    np.testing.assert_array_equal(refused.position, noise.position)
+    none = smoothed(recorded, sequence(recorded), 0.01, points, clearance, unchanged, silent)
+    np.testing.assert_array_equal(none.position, recorded.position)
