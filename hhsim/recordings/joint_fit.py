@@ -28,9 +28,12 @@ USUAL_ABDUCTION = 0.35
 """Standard deviation of an abduction [rad]."""
 USUAL_STEP = 0.1
 """Standard deviation of an angle's step from a sample to the next [rad]."""
+MEMORY = 1000.0
+"""Number of samples over which an abduction that the joints leave open goes back to zero."""
 USUAL_TILT = 0.35
 """Standard deviation of a dorsal axis from the usual one [rad]."""
-TILTS = ((-0.5, -0.8), (0.8, 0.8)), *(((-0.1, -0.8), (1.0, 0.8)),) * 4
+Bounds = tuple[tuple[float, float], tuple[float, float]]
+TILTS: tuple[Bounds, ...] = ((-0.5, -0.8), (0.8, 0.8)), *(((-0.1, -0.8), (1.0, 0.8)),) * 4
 """Smallest and largest tangents of a dorsal axis' tilt, along and across the finger.
 
 An axis that leans back points along a bent finger, whose abduction then turns it without moving it.
@@ -40,7 +43,7 @@ PASSES = 3
 FINEST = 1e-6
 """Smallest distance from a plane that counts as an outlier [m]."""
 LARGEST_STEP = 0.8
-"""Change of an angle from a sample to the next above which the fit follows the sample before [rad]."""
+"""Largest step of an angle between samples whose joints hardly move [rad]; a larger one is a flip."""
 NOISE_FLOOR = 1e-8
 """Smallest noise of recorded joints [m]: its weights decide only what the joints leave open."""
 FREE = 5
@@ -50,14 +53,14 @@ SUBSAMPLE = 400
 BLOCK = 8192
 """Number of samples that are solved at once; a block's first sample is coupled to the last one of the block before."""
 ANCHORS = 4
-"""Number of runs without jumps that are tried as the right ones."""
+"""Number of runs without flips that are tried as the right ones."""
 ITERATIONS = 40
 CONVERGED = 1e-11
 """Largest change of an angle in the last step [rad]."""
 SETTLED = 1e-7
 """Share of the cost that a last step takes away."""
-DAMPING = 1e-9
-"""First damping of a sample's step [m² / rad²]."""
+DAMPING = 1e-6
+"""First damping of a sample that a step made worse [m² / rad²]."""
 
 
 def anatomic_limits(axes: FingerAxes, side: HandSide) -> tuple[FloatArray, FloatArray]:
@@ -141,7 +144,7 @@ def fitted_axes(joints: FloatArray, base: FloatArray, side: HandSide) -> FingerA
     return FingerAxes(*fitted)
 
 
-def _leaning(points: FloatArray, usual: FingerAxes, bounds: tuple[tuple[float, float], ...]) -> FingerAxes:
+def _leaning(points: FloatArray, usual: FingerAxes, bounds: Bounds) -> FingerAxes:
     """Return a finger's axes from joints and tip from its base on, shape (T, 3, 3), and usual axes, shape (3,)."""
     from scipy.optimize import least_squares
 
@@ -196,11 +199,6 @@ def _noise(squares: FloatArray, free: int) -> float:
     return max(float(np.sqrt(np.median(squares) / free)), NOISE_FLOOR) if squares.size else NOISE_FLOOR
 
 
-def _jumps(first: FloatArray, second: FloatArray) -> BoolArray:
-    """Return True where an angle changes by more than `LARGEST_STEP`, shape (…)."""
-    return np.asarray((np.abs(second - first) > LARGEST_STEP).any(axis=-1))
-
-
 def _spread(count: int) -> IntArray:
     """Return at most `SUBSAMPLE` indices, evenly spread."""
     return np.asarray(np.unique(np.linspace(0, count - 1, min(count, SUBSAMPLE)).round().astype(np.int64)))
@@ -237,21 +235,27 @@ class _Finger:
         return np.where((squares[1] < squares[0])[:, None], found[1], found[0])
 
     def _unbroken(self, points: FloatArray, angles: FloatArray, noise: float) -> FloatArray:
-        """Return angles without jumps to another minimum, the nearest of those followed from the longest runs."""
-        edges = np.flatnonzero(_jumps(angles[:-1], angles[1:])) + 1
+        """Return angles without flips to another minimum, the nearest of those followed from the longest runs."""
+        edges = np.flatnonzero(self._flips(points[:-1], angles[:-1], points[1:], angles[1:])) + 1
         if not edges.size:
             return angles
         runs = sorted(np.split(np.arange(len(angles)), edges), key=len, reverse=True)[:ANCHORS]
         found = [self._outward(points, angles, run, noise) for run in runs]
         return min(found, key=lambda each: float(self._squares(points, each).sum()))
 
+    def _flips(self, start: FloatArray, first: FloatArray, end: FloatArray, second: FloatArray) -> BoolArray:
+        """Return True where angles step by more than `LARGEST_STEP`, and joints by less than such a step moves."""
+        moved = np.linalg.norm(end - start, axis=-1).max(axis=-1)
+        large = (np.abs(second - first) > LARGEST_STEP).any(axis=-1)
+        return np.asarray(large & (moved < LARGEST_STEP * self.length[-1]))
+
     def _outward(self, points: FloatArray, angles: FloatArray, run: IntArray, noise: float) -> FloatArray:
-        """Return angles followed sample by sample from a run on, where those given jump."""
+        """Return angles followed sample by sample from a run on, where those given flip."""
         angles = angles.copy()
         for onward in (range(run[-1] + 1, len(angles)), range(run[0] - 1, -1, -1)):
             for k in onward:
-                near = angles[k - onward.step]
-                if _jumps(near, angles[k]):
+                near, at = angles[k - onward.step], points[k - onward.step]
+                if self._flips(at, near, points[k], angles[k]):
                     angles[k] = self._solved(points[k : k + 1], near[None], noise, near)[0]
         return angles
 
@@ -289,8 +293,9 @@ class _Finger:
         from scipy.linalg import solveh_banded
 
         count = len(points)
-        step, still = (noise / USUAL_STEP) ** 2, (noise / USUAL_ABDUCTION) ** 2
-        damping = np.full((count, 1), DAMPING)
+        step = (noise / USUAL_STEP) ** 2
+        still = step / MEMORY**2
+        damping = np.zeros((count, 1))
 
         def costs(trial: FloatArray) -> FloatArray:
             """Return the cost of each sample, with that of the step to it."""
@@ -333,7 +338,7 @@ class _Finger:
                 angles, cost, damping = trial, now, 0.1 * damping
             else:
                 worse = (now > cost)[:, None]
-                damping = np.where(worse, 100.0 * damping + 1e-6, damping)
+                damping = np.where(worse, 100.0 * damping + DAMPING, damping)
             if change < CONVERGED or 0.0 <= fallen < SETTLED * float(cost.sum()):
                 break
         return angles
