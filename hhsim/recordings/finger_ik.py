@@ -2,7 +2,8 @@
 
 The model's finger is a plane chain that abducts about its dorsal axis w and then flexes about axes across u, the
 direction of the straight finger. The abduction is the plane nearest to the three bones: the least eigenvector of a
-2 × 2 matrix, which is defined for a fist too. The flexions are angles in that plane.
+2 × 2 matrix, which is defined for a fist too. The flexions are angles in that plane. Live tracking computes the same;
+recordings are fitted over time by `hhsim.recordings.joint_fit`.
 """
 
 from functools import lru_cache

@@ -175,7 +175,12 @@ def _leaning(points: FloatArray, usual: FingerAxes, bounds: Bounds) -> FingerAxe
         ).x
         off = residuals(tilt, noise)[: 3 * len(points)].reshape(-1, 3)
         noise = _noise((off**2).sum(axis=1), 2)
-    return _tilted(usual, tilt)
+    distal, dorsal, across = _tilted(usual, tilt)
+    # A finger that is always far aside has its zero moved, or its abduction would meet a limit.
+    mean = float(_abduction((points @ distal).reshape(1, -1), (points @ across).reshape(1, -1), noise)[0])
+    turn = mean - float(np.clip(mean, -USUAL_ABDUCTION, USUAL_ABDUCTION))
+    cosine, sine = np.cos(turn), np.sin(turn)
+    return FingerAxes(cosine * distal + sine * across, dorsal, cosine * across - sine * distal)
 
 
 def _tilted(usual: FingerAxes, tilt: FloatArray) -> FingerAxes:
@@ -217,22 +222,16 @@ class _Finger:
     def followed(self) -> FloatArray:
         """Return the angles of all samples, shape (T, 4)."""
         chosen = self.points[_spread(len(self.points))]
-        angles = self._nearest(chosen, NOISE_FLOOR, None)
+        angles = self._solved(chosen, self._start(chosen, NOISE_FLOOR), NOISE_FLOOR, None)
         noise = _noise(self._squares(chosen, angles), FREE)
         blocks: list[FloatArray] = []
         for first in range(0, len(self.points), BLOCK):
             points = self.points[first : first + BLOCK]
             before = blocks[-1][-1] if blocks else None
-            angles = self._unbroken(points, self._nearest(points, noise, before), noise)
-            blocks.append(self._solved(points, angles, noise, before))
+            angles = self._solved(points, self._start(points, noise), noise, before)
+            steady = self._unbroken(points, angles, noise)
+            blocks.append(angles if steady is angles else self._solved(points, steady, noise, before))
         return np.concatenate(blocks)
-
-    def _nearest(self, points: FloatArray, noise: float, before: FloatArray | None) -> FloatArray:
-        """Return the nearer of two minima of each sample: from the plane of the joints, and from that of the bones."""
-        starts = (self._start(points, plane, noise) for plane in (points, np.diff(points, axis=1, prepend=0.0)))
-        found = [self._solved(points, start, noise, before) for start in starts]
-        squares = [self._squares(points, angles) for angles in found]
-        return np.where((squares[1] < squares[0])[:, None], found[1], found[0])
 
     def _unbroken(self, points: FloatArray, angles: FloatArray, noise: float) -> FloatArray:
         """Return angles without flips to another minimum, the nearest of those followed from the longest runs."""
@@ -259,9 +258,16 @@ class _Finger:
                     angles[k] = self._solved(points[k : k + 1], near[None], noise, near)[0]
         return angles
 
-    def _start(self, points: FloatArray, plane: FloatArray, noise: float) -> FloatArray:
-        """Return angles in the plane nearest to the vectors `plane` of each sample, shape (T, 3, 3)."""
-        turn = _abduction(plane @ self.distal, plane @ self.across, noise)
+    def _start(self, points: FloatArray, noise: float) -> FloatArray:
+        """Return angles in the plane of the joints or in that of the bones, whichever is nearer, of each sample."""
+        planes = (points, np.diff(points, axis=1, prepend=0.0))
+        found = [self._in_plane(points, vectors, noise) for vectors in planes]
+        squares = [self._squares(points, angles) for angles in found]
+        return np.where((squares[1] < squares[0])[:, None], found[1], found[0])
+
+    def _in_plane(self, points: FloatArray, vectors: FloatArray, noise: float) -> FloatArray:
+        """Return angles of joints in the plane nearest to vectors of each sample, shape (T, 3, 3)."""
+        turn = _abduction(vectors @ self.distal, vectors @ self.across, noise)
         along, aside, above = (points @ axis for axis in (self.distal, self.across, self.dorsal))
         onward = np.cos(turn)[:, None] * along + np.sin(turn)[:, None] * aside
         steps = [np.diff(part, axis=1, prepend=0.0) for part in (-above, onward)]

@@ -1,7 +1,7 @@
 """Recordings of joint centres: the palm and the angles of our hand that fit them, for every device.
 
 The palm frame follows from wrist and knuckles (its origin where our knuckles meet the recorded ones), the fingers'
-angles from the bones (`hhsim.recordings.finger_ik`). The device's own frames of palm and joints are not used: they
+angles from the joints (`hhsim.recordings.joint_fit`). The device's own frames of palm and joints are not used: they
 differ between devices, joint centres do not.
 """
 

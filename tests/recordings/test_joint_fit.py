@@ -140,6 +140,19 @@ def test_a_thumb_with_a_rolled_plane_is_fitted(side: Literal["right", "left"], a
     assert np.linalg.norm(worse, axis=3)[:, 0].max() > 1e-3, "the usual axes do not fit it"
 
 
+def test_a_finger_that_is_always_far_aside_has_its_zero_moved() -> None:
+    hand, axes = HandModel.default(), finger_axes("right")
+    flexion, abduction = wave(hand, 150, 12, share=0.5)
+    aside = abduction - 1.2
+    joints = finger_joints(hand.base, hand.length, flexion, aside, axes)
+    usual = finger_joints(hand.base, hand.length, *fitted_angles(joints, hand.base, hand.length, axes, "right"), axes)
+    found = fitted_axes(joints, hand.base, "right")
+    angles = fitted_angles(joints, hand.base, hand.length, found, "right")
+    ours = finger_joints(hand.base, hand.length, *angles, found)
+    assert np.linalg.norm(usual - joints, axis=3)[:, 1:].max() > 1e-3, "no abduction reaches it from the usual zero"
+    assert np.linalg.norm(ours - joints, axis=3)[:, 1:].max() < 1e-4
+
+
 def test_axes_that_no_abduction_shows_stay_the_usual_ones() -> None:
     hand, axes = HandModel.default(), finger_axes("right")
     flexion = wave(hand, 100, 8)[0]
