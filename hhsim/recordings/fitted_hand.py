@@ -98,9 +98,8 @@ def _fitted(
     rms, largest = fit_error(at, finger_joints(bones.base, bones.length, flexion, abduction, axes))
     bones = replace(bones, rms=rms, largest=largest)
     fitted = recording.changed(flexion=flexion, abduction=abduction, bones=bones)
-    text = (
-        f"finger axes fitted, too: joints are {1e3 * np.nanmax(rms):.1f} mm off in the worst finger's root mean square"
-    )
+    worst = int(np.nanargmax(rms))
+    text = f"finger axes fitted: joints {1e3 * rms[worst]:.1f} mm off (rms) in the {FINGERS[worst]}, less in the others"
     keys = {"distal": axes.distal * mirror, "dorsal": axes.dorsal * mirror}
     return fitted.found(note(text)), keys | recorded_limits(flexion, abduction, axes, bones.hand)
 
