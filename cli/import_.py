@@ -1,5 +1,6 @@
 """`hhsim import`."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -228,6 +229,7 @@ def command(
       hhsim import dexmo.csv --open 0,1 --fist 2,3 --save-calibration glove.toml
     """
     from hhsim.errors import OutputError, named
+    from hhsim.hand.model import HandModel
     from hhsim.motion.file import check_trajectory_path, save_trajectory
     from hhsim.motion.trajectory import UNCHECKED
     from hhsim.recordings.dexmo_regression import format_calibration
@@ -257,6 +259,8 @@ def command(
     with named(file):
         if fit_hand is not None:
             recording, hand_text = fitted_hand(recording, file.name)
+            if repair_options.limits is not None and repairs.hand_file is None:
+                repair_options = replace(repair_options, limits=HandModel.of_text(hand_text, str(fit_hand)))
         repaired = repair(recording, repair_options)
     save_trajectory(repaired.trajectory, output_path)
     if dexmo.save_calibration is not None:

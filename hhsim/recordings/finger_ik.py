@@ -2,10 +2,12 @@
 
 The model's finger is a plane chain that abducts about its dorsal axis w and then flexes about axes across u, the
 direction of the straight finger. The abduction is the plane nearest to the three bones: the least eigenvector of a
-2 × 2 matrix, which is defined for a fist too. The flexions are angles in that plane.
+2 × 2 matrix, which is defined for a fist too. The flexions are angles in that plane. Live tracking computes the same;
+recordings are fitted over time by `hhsim.recordings.joint_fit`.
 """
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,25 +57,39 @@ def usual_fingers(side: HandSide = "right") -> dict[str, FloatArray]:
     return sizes | {key: sizes[key] * mirror for key in ("base", "distal", "dorsal")}
 
 
+class FingerAxes(NamedTuple):
+    """Unit axes of a hand's fingers at zero abduction, palm frame, shape (5, 3) each.
+
+    Attributes:
+        distal: Direction of the straight finger.
+        dorsal: Direction out of its back, about which it abducts.
+        across: Direction of a positive abduction, to the thumb's side.
+    """
+
+    distal: FloatArray
+    dorsal: FloatArray
+    across: FloatArray
+
+
 @lru_cache
-def finger_axes(side: HandSide) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the model's finger axes, each of shape (5, 3): distal, dorsal, and across to the thumb's side."""
+def finger_axes(side: HandSide) -> FingerAxes:
+    """Return the default hand's finger axes."""
     distal, dorsal = (usual_fingers(side)[key] for key in ("distal", "dorsal"))
     distal = distal / np.linalg.norm(distal, axis=1, keepdims=True)
     dorsal = dorsal - np.einsum("fi,fi->f", dorsal, distal)[:, None] * distal
     dorsal /= np.linalg.norm(dorsal, axis=1, keepdims=True)
-    return distal, dorsal, (-1.0 if side == "left" else 1.0) * np.cross(dorsal, distal)
+    return FingerAxes(distal, dorsal, (-1.0 if side == "left" else 1.0) * np.cross(dorsal, distal))
 
 
 def finger_joints(
-    base: FloatArray, length: FloatArray, flexion: FloatArray, abduction: FloatArray, side: HandSide
+    base: FloatArray, length: FloatArray, flexion: FloatArray, abduction: FloatArray, axes: FingerAxes
 ) -> FloatArray:
     """Compute joints and tips of fingers of any size in a posture [m], palm frame, shape (T, 5, 4, 3).
 
     `base` has the fingers' first joints and `length` their bones' lengths [m], shape (5, 3) each; the angles [rad] have
     the shapes (T, 5, 3) and (T, 5).
     """
-    distal, dorsal, across = finger_axes(side)
+    distal, dorsal, across = axes
     turn = abduction[..., None]
     forward = np.cos(turn) * distal + np.sin(turn) * across
     total = np.cumsum(flexion, axis=2)[..., None]

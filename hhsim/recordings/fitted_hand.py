@@ -1,9 +1,11 @@
-"""Hand model with the sizes of a recorded hand: its bones, and its radii or radii in proportion to it."""
+"""Hand model with the sizes of a recorded hand: bones, finger axes, limits, and radii or radii in proportion."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import OutputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import (
@@ -15,8 +17,10 @@ from hhsim.hand.model import (
     default_fingers,
     format_hand_file,
 )
-from hhsim.recordings.finger_ik import usual_fingers
-from hhsim.recordings.frames import turned
+from hhsim.recordings.finger_ik import finger_joints, usual_fingers
+from hhsim.recordings.frames import in_palm, turned
+from hhsim.recordings.joint_fit import fitted_angles, fitted_axes, recorded_limits
+from hhsim.recordings.recorded_bones import RecordedBones, fit_error
 from hhsim.recordings.recording import Recording, note
 from hhsim.system.input_file import read_input
 from hhsim.system.output_path import check_output_path
@@ -28,11 +32,14 @@ SHORTEST = 0.004
 
 
 def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
-    """Fit a hand to the joint centres of a recording: its bones, and its radii or radii in proportion to it.
+    """Fit a hand to the joint centres of a recording: bones, finger axes, limits, and radii or radii in proportion.
+
+    Limits are the default hand's, widened to hold the recorded motion. A recording without a world frame holds no joint
+    centres any more: its fingers keep the default hand's axes and limits.
 
     Returns:
-        The recording with its palm moved so that the hand's knuckles are the recorded ones, and the text of a hand file
-        with a right hand, or the mirror of a left one, whose first line names the source.
+        The recording with the angles of this hand and its palm moved so that the hand's knuckles are the recorded ones,
+        and the text of a hand file with a right hand, or the mirror of a left one, whose first line names the source.
 
     Raises:
         TrajectoryError: No joint centres, or bones that are no hand's.
@@ -63,10 +70,13 @@ def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
             f"expected more than {1e3 * SHORTEST:g} mm"
         )
     mirror = MIRROR if bones.hand == "left" else np.ones(3)
+    axes: dict[str, FloatArray] = {}
+    if recording.joints is not None:
+        recording, axes = _fitted(recording, recording.joints, bones, mirror)
     base = bones.base * mirror
     # From the recording's palm origin to that of this hand, palm frame [m].
     shift = base[1:].mean(axis=0) - ours["base"][1:].mean(axis=0)
-    sizes = {"base": base - shift, "length": length} | ({} if bones.radius is None else {"radius": radius})
+    sizes = {"base": base - shift, "length": length} | axes | ({} if bones.radius is None else {"radius": radius})
     fingers = {finger: {key: rows[f] for key, rows in sizes.items()} for f, finger in enumerate(FINGERS)}
     radii = "radii in proportion to its length and breadth" if bones.radius is None else "radii as recorded"
     text = format_hand_file(bones.hand_length, breadth, fingers, f"Fitted to {source}: bones as medians, {radii}.")
@@ -75,6 +85,23 @@ def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
     moved = recording.changed(position=recording.position + turned(recording.orientation, shift * mirror))
     by = f"palm moved by {1e3 * np.linalg.norm(shift):.1f} mm in the hand: its knuckles are the fitted hand's"
     return moved.found(note(by)), text
+
+
+def _fitted(
+    recording: Recording, joints: FloatArray, bones: RecordedBones, mirror: FloatArray
+) -> tuple[Recording, dict[str, FloatArray]]:
+    """Return the recording in the angles of a hand with its own finger axes, and these axes and limits by file keys."""
+    fingers = joints[:, 1:].reshape(-1, len(FINGERS), 4, 3)
+    at = in_palm(fingers - recording.position[:, None, None], recording.orientation)
+    axes = fitted_axes(at, bones.base, bones.hand)
+    flexion, abduction = fitted_angles(at, bones.base, bones.length, axes, bones.hand)
+    rms, largest = fit_error(at, finger_joints(bones.base, bones.length, flexion, abduction, axes))
+    bones = replace(bones, rms=rms, largest=largest)
+    fitted = recording.changed(flexion=flexion, abduction=abduction, bones=bones)
+    worst = int(np.nanargmax(rms))
+    text = f"finger axes fitted: joints {1e3 * rms[worst]:.1f} mm off (rms) in the {FINGERS[worst]}, less in the others"
+    keys = {"distal": axes.distal * mirror, "dorsal": axes.dorsal * mirror}
+    return fitted.found(note(text)), keys | recorded_limits(flexion, abduction, axes, bones.hand)
 
 
 def check_hand_path(path: Path) -> None:

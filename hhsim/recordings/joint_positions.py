@@ -1,7 +1,7 @@
 """Recordings of joint centres: the palm and the angles of our hand that fit them, for every device.
 
 The palm frame follows from wrist and knuckles (its origin where our knuckles meet the recorded ones), the fingers'
-angles from the bones (`hhsim.recordings.finger_ik`). The device's own frames of palm and joints are not used: they
+angles from the joints (`hhsim.recordings.joint_fit`). The device's own frames of palm and joints are not used: they
 differ between devices, joint centres do not.
 """
 
@@ -17,11 +17,12 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles, palm_origin
+from hhsim.recordings.finger_ik import finger_axes, finger_joints, palm_from_knuckles, palm_origin
 from hhsim.recordings.frames import FileFrame, in_palm, to_our_world, world_matrix
 from hhsim.recordings.hand_side import UNITY, in_right_handed_world, known_side
+from hhsim.recordings.joint_fit import fitted_angles
 from hhsim.recordings.joint_names import KEYPOINTS
-from hhsim.recordings.recorded_bones import recorded_bones
+from hhsim.recordings.recorded_bones import median_bones, recorded_bones
 from hhsim.recordings.recording import Finding, Recording, note, readings
 from hhsim.recordings.registry import ReadOptions
 from hhsim.recordings.unit_detection import LENGTH_UNITS, TIME_UNITS
@@ -29,6 +30,8 @@ from hhsim.system.counted import counted
 
 HAND_LENGTHS = (0.12, 0.26)
 """Range of distances from the wrist to the middle fingertip [m], children's hands included."""
+TINY = 1e-300
+"""Smallest divisor."""
 MOST_REPEATED = 0.2
 """Share of samples that repeat the one before from which on the device is slower than the file."""
 
@@ -173,10 +176,16 @@ def fitted_posture(fingers: FloatArray, palm: FloatArray, side: HandSide) -> tup
     Raises:
         TrajectoryError: No finger is whole in any sample.
     """
-    flexion, abduction, off = finger_angles(in_palm(np.diff(fingers, axis=2), palm), side)
-    if not np.isfinite(off).any():
+    origin, axes = palm_origin(fingers[:, 1:, 0], palm, side), finger_axes(side)
+    joints = in_palm(fingers - origin[:, None, None], palm)
+    base, length = median_bones(joints)
+    flexion, abduction = fitted_angles(joints, base, length, axes, side)
+    if not np.isfinite(abduction).any():
         raise TrajectoryError("no sample holds the joints of a whole finger")
-    posture = HandConfiguration(palm_origin(fingers[:, 1:, 0], palm, side), palm, flexion, abduction)
+    posture = HandConfiguration(origin, palm, flexion, abduction)
+    bones, ours = np.diff(joints, axis=2), np.diff(finger_joints(base, length, flexion, abduction, axes), axis=2)
+    cosine = (bones * ours).sum(axis=3) / np.maximum(np.linalg.norm(bones, axis=3) * np.linalg.norm(ours, axis=3), TINY)
+    off = np.arccos(np.clip(cosine, -1.0, 1.0))
     return posture, note(f"bones are {np.degrees(np.nanmedian(off)):.1f}° off our plane fingers in the median")
 
 

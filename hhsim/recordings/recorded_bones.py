@@ -14,7 +14,7 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.finger_ik import finger_joints
+from hhsim.recordings.finger_ik import finger_axes, finger_joints
 from hhsim.recordings.frames import in_palm
 
 
@@ -71,13 +71,12 @@ def recorded_bones(
             the skin.
     """
     at = in_palm(joints - posture.position[:, None, None], posture.orientation)
-    lengths = np.linalg.norm(np.diff(at, axis=2), axis=3)
-    base, length = _finite(np.median, at[:, :, 0]), _finite(np.median, lengths)
-    off = np.linalg.norm(at - finger_joints(base, length, posture.flexion, posture.abduction, hand), axis=3)
+    base, length = median_bones(at)
+    ours = finger_joints(base, length, posture.flexion, posture.abduction, finger_axes(hand))
+    rms, largest = fit_error(at, ours)
     usual = None if radius is None else _finite(np.median, radius)
     palm = np.linalg.norm(joints[:, 2, 0] - wrist, axis=1)
     tip = 0.0 if usual is None else float(usual[2, 3])
-    of_finger = off.swapaxes(1, 2).reshape(-1, len(FINGERS))
     return RecordedBones(
         hand=hand,
         hand_length=float(_finite(np.median, palm) + length[2].sum() + tip),
@@ -85,9 +84,24 @@ def recorded_bones(
         length=length,
         radius=usual if usual is not None and np.isfinite(usual).all() else None,
         tip_on_surface=usual is None,
-        rms=np.sqrt(_finite(np.mean, of_finger**2)),
-        largest=np.nan_to_num(_finite(np.max, of_finger)),
+        rms=rms,
+        largest=largest,
     )
+
+
+def fit_error(joints: FloatArray, ours: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Compute each finger's root mean square and largest distance between joints (T, 5, 4, 3) [m], shape (5,) each."""
+    off = np.linalg.norm(joints - ours, axis=3).swapaxes(1, 2).reshape(-1, len(FINGERS))
+    return np.sqrt(_finite(np.mean, off**2)), np.nan_to_num(_finite(np.max, off))
+
+
+def median_bones(joints: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return first joints and lengths of bones [m], shape (5, 3) each, as medians over the recording.
+
+    The joints have the shape (T, 5, 4, 3), palm frame, NaN where missing.
+    """
+    lengths = np.linalg.norm(np.diff(joints, axis=2), axis=3)
+    return _finite(np.median, joints[:, :, 0]), _finite(np.median, lengths)
 
 
 def _finite(statistic: Callable[[FloatArray], Any], rows: FloatArray) -> FloatArray:

@@ -19,7 +19,7 @@ from hhsim.motion.sample_flags import MENDED, SampleFlag, marked
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.validation import MIN_QUATERNION_NORM, continuous_orientation
 from hhsim.recordings.column_map import JOINT_NAMES
-from hhsim.recordings.finger_ik import finger_joints, usual_fingers
+from hhsim.recordings.finger_ik import finger_axes, finger_joints, usual_fingers
 from hhsim.recordings.outliers import repair_glitches
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.timestamp_repair import repair_stamps
@@ -285,8 +285,8 @@ def _limited(recording: Recording, limits: JointLimits | HandModel | None) -> Re
 def _tips_moved(first: Recording, second: Recording) -> float:
     """Compute the largest distance between the fingertips of two recordings of one hand, palm frame [m]."""
     length = usual_fingers()["length"] if first.bones is None else first.bones.length
-    origin = np.zeros((len(FINGERS), 3))
-    tips = [finger_joints(origin, length, r.flexion, r.abduction, first.hand)[:, :, 3] for r in (first, second)]
+    origin, axes = np.zeros((len(FINGERS), 3)), finger_axes(first.hand)
+    tips = [finger_joints(origin, length, r.flexion, r.abduction, axes)[:, :, 3] for r in (first, second)]
     return float(np.linalg.norm(tips[1] - tips[0], axis=2).max())
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, rotation_matrix
-from hhsim.recordings.finger_ik import finger_angles, finger_joints, palm_origin, palm_rotation
+from hhsim.recordings.finger_ik import finger_angles, finger_axes, finger_joints, palm_origin, palm_rotation
 from hhsim.recordings.frames import in_palm, quaternions_of, turned
 
 
@@ -27,7 +27,7 @@ def test_the_angles_of_our_own_hand_come_back(side: Literal["right", "left"]) ->
     fitted_flexion, fitted_abduction, off = finger_angles(bones, side)
     assert np.abs(fitted_flexion - flexion).max() < 1e-9, "a fist has not turned the other way round"
     assert np.abs(fitted_abduction - abduction).max() < 1e-9 and off.max() < 1e-6
-    local = finger_joints(hand.base, hand.length, flexion, abduction, side)
+    local = finger_joints(hand.base, hand.length, flexion, abduction, finger_axes(side))
     assert np.allclose(in_palm(joints - position[:, None, None], orientation), local, atol=1e-12)
     knuckles = joints[:, 1:, 0]
     assert np.allclose(palm_origin(knuckles, orientation, side), position, atol=1e-9)
@@ -63,7 +63,7 @@ def test_where_the_bones_decide_nothing_a_finger_is_not_spread() -> None:
     # All three straight down from the palm: any abduction has that plane, and noise would choose one at random.
     hand = HandModel.default()
     flexion = np.tile([0.5 * np.pi, 0.0, 0.0], (200, 5, 1))
-    joints = finger_joints(hand.base, hand.length, flexion, np.zeros((200, 5)), "right")
+    joints = finger_joints(hand.base, hand.length, flexion, np.zeros((200, 5)), finger_axes("right"))
     noisy = joints + np.random.default_rng(11).normal(0.0, 2e-4, joints.shape)
     _, abduction, _ = finger_angles(np.diff(noisy, axis=2), "right")
     # A hundredth of a radian a bone, squared, over a weight of 0.05.
