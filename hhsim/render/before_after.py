@@ -59,6 +59,7 @@ def draw_before_after(
     path: Path,
     frames: Sequence[int] = (),
     time: FloatArray | None = None,
+    numbers: Sequence[int] = (),
 ) -> None:
     """Draw frames of a hand before and after, a row each: both whole, then both from close by at the deepest point.
 
@@ -69,6 +70,7 @@ def draw_before_after(
         path: File of the picture; its ending says which kind.
         frames: Frames in the order of the rows; without any, those of `deepest_frames`.
         time: Time of each frame [s], shape (T,), for the titles.
+        numbers: Numbers of the frames for the titles, if the arrays hold only some of a recording.
 
     Raises:
         InputError: Arrays that do not fit together.
@@ -91,7 +93,7 @@ def draw_before_after(
         rotation = _view(skins[0], bvh, deepest)
         whole = frame(np.concatenate([*hands, body.points]), rotation, (SIDE, SIDE))
         close = Camera(rotation, deepest, CLOSE, (SIDE, SIDE))
-        when = f"frame {at:,}" + ("" if time is None else f" at {time[at]:.2f} s")
+        when = f"frame {numbers[at] if numbers else at:,}" + ("" if time is None else f" at {time[at]:.2f} s")
         for column in range(4):
             # On whole pixels, so that nothing is drawn anew.
             corner = column * SIDE / width, 1.0 - (row + 1) * (SIDE + TITLE) / height

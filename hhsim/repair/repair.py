@@ -12,15 +12,18 @@ from hhsim.mesh.catalogue import resolve_object
 from hhsim.metrics.field.field_table import field_rows, field_table
 from hhsim.metrics.field.field_verdict import field_verdict
 from hhsim.metrics.field.hands import FieldPair
+from hhsim.recordings.correction import Correction
 from hhsim.recordings.fitted_hand import fitted_hand
 from hhsim.recordings.object_poses import in_our_world, read_object_poses
 from hhsim.recordings.recording import Finding, Recording
 from hhsim.recordings.registry import ReadOptions, read_recording, write_recording
 from hhsim.recordings.unit_detection import repair_units
+from hhsim.render.before_after import deepest_frames, draw_before_after
+from hhsim.render.hand_meshes import FINE, hand_surface, piece_surfaces
 from hhsim.repair.offline import OfflineOptions, repair_frames
 from hhsim.repair.page import repair_page
 from hhsim.repair.projection import correct
-from hhsim.repair.recorded_scene import corrected_angles, recorded_scene
+from hhsim.repair.recorded_scene import RecordedScene, corrected_angles, recorded_scene
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
 from hhsim.repair.result_file import write_result
 from hhsim.result.reader import load_result
@@ -102,8 +105,24 @@ def repair_recording(
         paths=paths,
         table=field_table(rows, f"{request.recording.name} with {scene.mesh.name}"),
     )
-    write_atomically(paths["report"], repair_page(outcome, before, after).encode())
+    progress("picture", 0, 1)
+    _draw(recorded, seen, before, paths["picture"])
+    write_atomically(paths["report"], repair_page(outcome, before, after, paths["picture"].read_bytes()).encode())
     return outcome
+
+
+def _draw(recorded: RecordedScene, seen: Correction, before: FieldHands, path: Path) -> None:
+    """Draw our hand in the deepest frames, as recorded and as repaired."""
+    chosen = deepest_frames(np.nan_to_num(-before.distance))
+    hand = recorded.scene.hand
+    pieces = piece_surfaces(hand, *FINE)
+    skins = [
+        [hand_surface(hand, posture.at(frame), pieces) for frame in chosen] for posture in (seen.fitted, seen.posture)
+    ]
+    shown = [np.stack([skin.points for skin in frames]) for frames in skins]
+    numbers = recorded.frames[chosen].tolist()
+    time = recorded.scene.ticks.time[chosen]
+    draw_before_after(recorded.scene.mesh, *shown, skins[0][0].faces, path, range(len(chosen)), time, numbers)
 
 
 def _paths(request: RepairRequest) -> dict[str, Path]:
