@@ -17,6 +17,7 @@ from .lazy_group import LazyGroup
 
 COMMANDS = {
     "replay": "Replay a hand motion against an object, every tick measured.",
+    "repair": "Repair a recording: the same, without penetration.",
     "sweep": "Replay all that a plan names, each with each, and resume.",
     "board": "Set results of sweeps and machines side by side, in one table.",
     "live": "Put a glove in the loop at 1 kHz, safely, and record it.",

@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
@@ -11,9 +11,6 @@ from .arguments.option_group import GroupedCommand, OptionGroup, option
 from .arguments.options import FILE, JOBS, UNITS, Number, file, metres
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
 from .import_ import FileSettings, HandData
-
-if TYPE_CHECKING:
-    pass
 
 
 class ObjectSettings(OptionGroup, heading="Object"):
@@ -48,7 +45,10 @@ class RepairLimits(OptionGroup, heading="Repair"):
 @FileSettings.argument("reading")
 @HandData.argument("data")
 @click.option("--out", type=FILE, required=True, metavar="FILE|DIR", help="Repaired recording; of a manifest a folder.")
-@click.option("--workers", type=JOBS, metavar="N", help="Processes that share a manifest. Default: one a core.")
+@click.option("--jobs", type=JOBS, metavar="N", help="Processes that share a manifest. Default: one a core.")
+@click.option(
+    "--scheduler", metavar="ADDRESS", default="", help="Dask cluster that shares a manifest: tcp://host:8786, or local."
+)
 @options.json
 @options.quiet
 def command(
@@ -58,7 +58,8 @@ def command(
     reading: FileSettings,
     data: HandData,
     out: Path,
-    workers: int | None,
+    jobs: int | None,
+    scheduler: str,
     as_json: bool,
     quiet: bool,
 ) -> int:
@@ -79,7 +80,10 @@ def command(
     announce_compilation(quiet=quiet)
     from hhsim.repair.repair import repair_recording
     from hhsim.repair.request import RepairRequest
+    from hhsim.sweep.repair_manifest import is_manifest
 
+    if is_manifest(recording):
+        return _many(recording, out, jobs or 0, scheduler, as_json=as_json, quiet=quiet)
     if thing.object is None:
         raise click.UsageError("--object names the object that the hand holds; a manifest names it in each row")
     request = RepairRequest(
@@ -109,6 +113,21 @@ def command(
             print_line(f"{len(outcome.marked)} of {outcome.frames} frames without a repair: {listed}")
         print_line(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
     return 0 if outcome.ok else 1
+
+
+def _many(manifest: Path, out: Path, jobs: int, scheduler: str, *, as_json: bool, quiet: bool) -> int:
+    """Repair the recordings of a manifest; returns the exit code."""
+    from hhsim.repair.repair import repair_recording
+    from hhsim.sweep.repair_batch import run_manifest
+
+    with progress(quiet=quiet, lines=True) as report:
+        found = run_manifest(manifest, out, repair_recording, workers=jobs, scheduler=scheduler, progress=report)
+    if as_json:
+        print_json({"recordings": found.table.records, "failed": dict(found.failed), "page": str(found.page)})
+    elif not quiet:
+        print_table(found.table)
+        print_line(f"{len(found.failed)} without a repair within the limits; all of it is in {found.page}")
+    return 1 if found.failed else 0
 
 
 def _read_fields(reading: FileSettings, data: HandData) -> dict[str, Any]:

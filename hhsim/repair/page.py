@@ -39,15 +39,17 @@ MOST_LISTED = 20
 
 def repair_page(outcome: RepairOutcome, before: FieldHands, after: FieldHands, worst: bytes = b"") -> str:
     """Return the page of a repair; `worst` is a PNG of its deepest frames."""
+    table = outcome.table
+    assert table is not None
     return render(
         "repair/repair.html",
-        title=outcome.table.title,
+        title=table.title,
         generator=GENERATOR,
         version=__version__,
         verdict=outcome.verdict,
         missed=not outcome.ok,
         marked=_marked(outcome),
-        figures=outcome.table,
+        figures=table,
         curve=depth_figure(before, after),
         worst=worst,
         findings=outcome.findings,

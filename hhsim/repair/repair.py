@@ -11,7 +11,7 @@ from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.catalogue import resolve_object
 from hhsim.metrics.field.field_table import field_rows, field_table
 from hhsim.metrics.field.field_verdict import field_verdict
-from hhsim.metrics.field.hands import FieldPair
+from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.recordings.correction import Correction
 from hhsim.recordings.fitted_hand import fitted_hand
 from hhsim.recordings.object_poses import in_our_world, read_object_poses
@@ -122,7 +122,8 @@ def _draw(recorded: RecordedScene, seen: Correction, before: FieldHands, path: P
     shown = [np.stack([skin.points for skin in frames]) for frames in skins]
     numbers = recorded.frames[chosen].tolist()
     time = recorded.scene.ticks.time[chosen]
-    draw_before_after(recorded.scene.mesh, *shown, skins[0][0].faces, path, range(len(chosen)), time, numbers)
+    faces, rows = skins[0][0].faces, range(len(chosen))
+    draw_before_after(recorded.scene.mesh, shown[0], shown[1], faces, path, rows, time, numbers)
 
 
 def _paths(request: RepairRequest) -> dict[str, Path]:

@@ -40,6 +40,7 @@ from hhsim.recordings.formats.mano import READINGS
 from hhsim.repair.request import RepairRequest
 from hhsim.sweep.cell import SweptObject
 from hhsim.sweep.plan import WILD, checked_object
+from hhsim.system.input_file import open_input
 from hhsim.system.settings_file import (
     Settings,
     Version,
@@ -105,6 +106,17 @@ class PlannedRepair:
     name: str
     request: RepairRequest
     time_limit: float
+
+
+def is_manifest(path: Path) -> bool:
+    """Return True for a TOML file, and for a table with the columns of a manifest."""
+    if path.suffix.lower() == ".toml":
+        return True
+    if path.suffix.lower() != ".csv" or not path.is_file():
+        return False
+    with open_input(path) as file:
+        header = file.readline(4096).decode(errors="replace").removeprefix("\ufeff").strip().split(",")
+    return {"recording", "object"} <= {name.strip() for name in header}
 
 
 def load_manifest(path: Path, out: Path) -> tuple[str, list[PlannedRepair]]:
