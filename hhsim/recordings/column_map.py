@@ -55,7 +55,7 @@ from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS
 from hhsim.motion.csv_table import Table
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import RawChannel
-from hhsim.recordings.frames import OURS, axes_matrix, to_our_frames, turned, world_matrix
+from hhsim.recordings.frames import OURS, FileFrame, axes_matrix, to_our_frames, turned, world_matrix
 from hhsim.recordings.recording import Finding, Recording, note, unreadable
 from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
 from hhsim.system.counted import counted
@@ -187,6 +187,15 @@ class ColumnMap(Settings, frozen=True, kw_only=True, rename={"joints": "joint"})
         return {name: RawColumn(of) if isinstance(of, str) else of for name, of in self.raw.items()}
 
     @property
+    def names(self) -> set[str]:
+        """Names of all columns that the mapping names."""
+        single = [self.time, *self.joint_columns.values(), *self.raw_columns.values()]
+        listed = [part.columns for part in (self.position, self.orientation) if part is not None]
+        return {part.column for part in single if part is not None and part.column} | {
+            n for part in listed for n in part
+        }
+
+    @property
     def stated(self) -> frozenset[str]:
         """Units that the mapping states ("time", "length", "angle"); the others are stated by an option or detected."""
         own = any(joint.unit is not None for joint in self.joint_columns.values())
@@ -275,6 +284,10 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         hand_length=columns.hand_length,
         raw=raw,
         findings=tuple(findings),
+        file_frame=FileFrame(
+            world_matrix(columns.world_up),
+            LENGTH_UNITS[(columns.position and columns.position.unit) or "m"],
+        ),
     )
     text = f"{counted(len(followed), 'joint')} not measured but made from others: {', '.join(followed)}"
     return recording.flagged(np.full(count, bool(followed)), SampleFlag.ESTIMATED, text)

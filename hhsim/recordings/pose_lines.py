@@ -20,7 +20,7 @@ from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.hand_side import frames_with_hand
 from hhsim.recordings.json_document import keys_of, number, objects, read_json
-from hhsim.recordings.recording import Finding, note
+from hhsim.recordings.recording import Finding, note, unused
 from hhsim.system.input_file import read_input_text
 
 HANDS: dict[str, HandSide] = {"0": "left", "1": "right"}
@@ -64,6 +64,8 @@ def read_pose_lines(text: str, key: str, wanted: HandSide) -> PoseLines:
     if not any(frames):
         raise TrajectoryError(f"no hand_poses with {key} in JSON that is {keys_of(document)}")
     side, shown, findings = frames_with_hand(frames, wanted)
+    keys = dict.fromkeys(key for line in lines for key in line)
+    findings += unused({key: () for key in keys if key not in ("timestamp_ns", "hand_poses")})
     seen = [(number(lines[k].get("timestamp_ns")), frames[k][side]) for k in shown]
     kept = seen[:1]
     for stamp, pose in seen[1:]:

@@ -24,7 +24,7 @@ from hhsim.recordings.hand_side import SIDES, frames_with_hand
 from hhsim.recordings.joint_positions import fitted_posture
 from hhsim.recordings.json_document import keys_of, number, objects, read_json, vector
 from hhsim.recordings.recorded_bones import recorded_bones
-from hhsim.recordings.recording import Recording, note
+from hhsim.recordings.recording import Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 MILLIMETRE = 1e-3
@@ -59,6 +59,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     stated = metadata.get("frames")
     if isinstance(stated, int) and stated != len(frames):
         findings.append(note(f"{len(frames)} frames where the file says {stated}: some are lost"))
+    if isinstance(document, dict):
+        findings += unused({key: () for key in document if key not in ("frames", "metadata")})
     found = [(frames[k], _hand(frames[k], side)) for k in shown]
     direction, normal, wrist = (
         np.array([vector(seen.get(key)) for _, seen in found]) for key in ("direction", "palmNormal", "wrist")

@@ -1,8 +1,8 @@
 """Recordings from `.npz`.
 
 Arrays: t [s] (T,), wrist_pos [m] (T, 3), wrist_quat or wrist_quat_wxyz (T, 4), flex [rad] (T, 5, 3), abd [rad] (T, 5),
-and, if they are there, valid (T,), the object's pose object_pos [m] (T, 3) and object_quat or object_quat_wxyz (T, 4),
-and meta, a JSON text with source, frame and hand.
+and, if they are there, valid (T,), the object's pose, object_pos [m] (T, 3) and object_quat or object_quat_wxyz (T, 4)
+or other names of `hhsim.recordings.object_poses`, and meta, a JSON text with source, frame and hand.
 
 The pose is that of the palm. Its axes are those of the options, else of the words of `frame` in `FRAMES`, else ours.
 """
@@ -10,13 +10,14 @@ The pose is that of the palm. Its axes are those of the options, else of the wor
 import json
 from typing import Any
 
-from hhsim.arrays import FloatArray
+import numpy as np
+
 from hhsim.errors import TrajectoryError
 from hhsim.motion.npz_arrays import numbers, read_npz
-from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.recordings.frames import OURS, to_our_palm, to_our_world
-from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.frames import OURS, FileFrame, to_our_palm, to_our_world, world_matrix
+from hhsim.recordings.object_poses import placed, poses_in
+from hhsim.recordings.recording import Finding, Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 QUATERNIONS = {"wrist_quat_wxyz": (0, 1, 2, 3), "wrist_quat": (0, 1, 2, 3), "wrist_quat_xyzw": (3, 0, 1, 2)}
@@ -46,7 +47,11 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if time.ndim != 1:
         raise TrajectoryError(f"array 't' has shape {time.shape}; expected (T,)")
     count = len(time)
-    position, orientation = _pose(arrays, "wrist", count)
+    turn = next(key for key in QUATERNIONS if key in arrays)
+    position, orientation = (
+        numbers(arrays, "wrist_pos", count, 3),
+        numbers(arrays, turn, count, 4)[:, QUATERNIONS[turn]],
+    )
     meta = _meta(arrays)
     frame = meta.get("frame", "").lower()
     findings: list[Finding] = []
@@ -59,7 +64,9 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if tuple(axes) != OURS or up != "z":
         findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
     position, orientation = to_our_world(position, to_our_palm(orientation, axes), up)
-    moved = {"object_pos", *(key.replace("wrist", "object") for key in QUATERNIONS)} & set(arrays)
+    poses = poses_in(arrays, count, options, order="wxyz")
+    used = {"t", "wrist_pos", turn, "flex", "abd", "valid", "meta", *(poses.names if poses is not None else ())}
+    findings += unused({key: np.shape(values) for key, values in arrays.items() if key not in used})
     recording = Recording(
         time=time,
         position=position,
@@ -72,27 +79,18 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         source=meta.get("source", ""),
         licence=meta.get("licence", ""),
         device=meta.get("device", ""),
-        object_motion=ObjectMotion(*to_our_world(*_pose(arrays, "object", count), up)) if moved else None,
+        file_frame=FileFrame(world_matrix(up)),
         hand="left" if meta.get("hand", "").lower().startswith("left") else "right" if "hand" in meta else "",
     )
     if meta.get("note"):
         findings.append(note(f"the file says: {meta['note']}"))
-    recording = recording.found(*findings)
+    recording = placed(recording.found(*findings), poses)
     if "valid" in arrays:
         doubtful = numbers(arrays, "valid", count) == 0.0
         if doubtful.any():
             text = "not valid, says the file: kept where there are numbers"
             recording = recording.flagged(doubtful, SampleFlag.INVALID, text)
     return recording
-
-
-def _pose(arrays: dict[str, Any], what: str, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return position and (w, x, y, z) of the "wrist" or "object" in the recording's world."""
-    orders = {key.replace("wrist", what): order for key, order in QUATERNIONS.items()}
-    key = next((key for key in orders if key in arrays), "")
-    if not key or f"{what}_pos" not in arrays:
-        raise TrajectoryError(f"only one of {what}_pos and {what}_quat; expected both, or neither")
-    return numbers(arrays, f"{what}_pos", count, 3), numbers(arrays, key, count, 4)[:, orders[key]]
 
 
 def _meta(arrays: dict[str, Any]) -> dict[str, str]:

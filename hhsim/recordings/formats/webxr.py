@@ -30,9 +30,13 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one in more frames; raises TrajectoryError."""
     document = read_json(content.text)
     packed = isinstance(document, dict) and isinstance(document.get("schema"), list)
-    frames = list(_iwer_frames(document)) if packed else read_frames(document)
+    if packed:
+        frames = list(_iwer_frames(document))
+        beside = {key: value for key, value in document.items() if key not in ("schema", "frames")}
+    else:
+        frames, beside = read_frames(document)
     device = "WebXR through iwer" if packed else ""
-    joints = joints_of_frames(frames, "webxr", options, up="y", may_be_mirrored=True, device=device)
+    joints = joints_of_frames(frames, beside, "webxr", options, up="y", may_be_mirrored=True, device=device)
     return recording_of_joints(joints, content.name, options)
 
 
