@@ -2,7 +2,7 @@
 
 | file | holds |
 |---|---|
-| ARCTIC's .mano.npy | a dictionary of right and left, each rot (T, 3), pose (T, 45), trans [m] (T, 3), shape, fitting_err |
+| ARCTIC's .mano.npy | a dictionary of right and left, each rot (T, 3), pose (T, 45), trans [m] (T, 3), shape |
 | .npz | the same as plain arrays, right_rot or rot_r, …, and obj_rot, obj_trans [mm], obj_arti |
 | .npz of GRAB's arrays | rhand_global_orient, rhand_fullpose (or rhand_hand_pose), rhand_transl, lhand_…, framerate |
 
@@ -77,18 +77,13 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if not hands:
         held = ", ".join(list(arrays)[:6]) or "nothing"
         raise TrajectoryError(f"no hand, it holds {held}; expected right and left with rot, pose and trans")
-    side, remarks = chosen_side(
-        {each: len(np.atleast_1d(arrays[of["pose"]])) for each, of in hands.items()}, options.hand
-    )
-    fields = hands[side]
+    samples = {side: len(np.atleast_1d(arrays[held[_key(held, "pose")]])) for side, held in hands.items()}
+    side, remarks = chosen_side(samples, options.hand)
+    fields = {field: hands[side][key] for field in FIELDS if (key := _key(hands[side], field))}
     pose = numbers(arrays, fields["pose"])
-    pose = pose.reshape(len(pose), -1) if pose.ndim > 1 and pose.size else pose
     if pose.ndim != 2:
         raise TrajectoryError(f"'{fields['pose']}' has shape {pose.shape}; expected (T, {ANGLES})")
-    count, key = (
-        len(pose),
-        next(key for key in FIELDS["pose"] if fields["pose"].lower().replace("/", "_").find(key) >= 0),
-    )
+    count, key = len(pose), _key(hands[side], "pose")
     usual = "pca-flat" if key == "hand_pose" and pose.shape[1] < ANGLES else READINGS.get(key)
     arctic = key == "pose"
     poses, found = _object(content, arrays, count, arctic, options)
@@ -97,7 +92,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         found.append(note("no shape of the hand: the model's mean one, whose bones may be millimetres off"))
     rate = float(numbers(arrays, "framerate").ravel()[0]) if np.size(arrays.get("framerate", ())) == 1 else np.nan
     used = {*fields.values(), "framerate", *(poses.names if poses is not None else ())}
-    other = {name for each, of in hands.items() if each != side for name in of.values()}
+    other = {name for each, held in hands.items() if each != side for name in held.values()}
     found += unused({name: np.shape(values) for name, values in arrays.items() if name not in used | other})
     hand = ManoPoses(
         numbers(arrays, fields["rotation"], count, 3),
