@@ -242,7 +242,7 @@ def _of_rows(name: str, given: Any, order: str | None, options: ReadOptions) -> 
     if seen.any() and off.mean() > 0.5:
         if (np.linalg.norm(values[seen, 1:4], axis=1) > 2.0 * np.pi + UNIT_TOLERANCE).any():
             raise TrajectoryError(f"'{name}' is neither position and unit quaternion nor ARCTIC's row")
-        text = f"'{name}' as ARCTIC's rows: rotation vector, translation in mm; the articulation is not used"
+        text = f"'{name}' as ARCTIC's rows: rotation vector, translation in mm; its articulation is left out"
         turns = _quaternions(name, values[:, 1:4], None, options)
         return ObjectPoses(values[:, 4:], turns, 1e-3, (name,), (note(text),))
     return ObjectPoses(values[:, :3], _quaternions(name, values[:, 3:], order, options), None, (name,))
@@ -392,14 +392,16 @@ def _read(path: Path, time: FloatArray, options: ReadOptions, findings: list[Fin
         return _at(poses, factor * stamps, time)
 
 
+ROWS = "rows"
+"""Name of an array or a list that has none."""
 STATED = ("unit", "units", "length_unit")
 """Names of what states the unit of a file of poses."""
 
 
 def _arrays_of(content: Content, findings: list[Finding]) -> tuple[dict[str, Any], str]:
-    """Return the arrays of a file by their names, "poses" if it has none, and the unit that it states, or ""."""
+    """Return the arrays of a file by their names, `ROWS` without one, and the unit that it states, or ""."""
     if content.head.startswith(b"\x93NUMPY"):
-        return {"": read_npy(content.data)}, ""
+        return {ROWS: read_npy(content.data)}, ""
     if content.head.startswith(b"PK"):
         held = read_npz(content.data)
         return held, _stated(held)
@@ -412,7 +414,7 @@ def _arrays_of(content: Content, findings: list[Finding]) -> tuple[dict[str, Any
     if bare:
         rows, broken = table.numbers(table.header)
         findings += unreadable(broken)
-        return {"": rows}, _stated(table.remarks)
+        return {ROWS: rows}, _stated(table.remarks)
     arrays, used = table_arrays(table, findings, alone=True)
     column = time_column(table.header)
     if not arrays:
@@ -435,7 +437,7 @@ def _of_json(document: Any) -> tuple[dict[str, Any], str]:
         raise TrajectoryError(f"JSON that is {keys_of(document)}; expected a list of poses")
     if isinstance(document[0], dict):
         return record_arrays(record for record in document if isinstance(record, dict)), unit
-    return record_arrays({"rows": row} for row in document), unit
+    return record_arrays({ROWS: row} for row in document), unit
 
 
 def _stated(held: Mapping[str, Any]) -> str:
@@ -447,13 +449,12 @@ def _unnamed(arrays: Mapping[str, Any]) -> tuple[str, FloatArray, FloatArray | N
     tails = [(4, 4), (3, 4), *((width + extra,) for width in WIDTHS for extra in (0, 1))]
     fitting = [name for name, values in arrays.items() if np.shape(values)[1:] in tails or np.shape(values) in tails]
     if len(fitting) != 1:
-        held = ", ".join(f"{name or 'an array'} {np.shape(values)}" for name, values in list(arrays.items())[:6])
+        held = ", ".join(f"{name} {np.shape(values)}" for name, values in list(arrays.items())[:6])
         reason = "several arrays that may be poses" if fitting else "no poses"
         raise TrajectoryError(f"{reason}, it holds {held or 'nothing'}; expected (T, 4, 4), (T, 3, 4) or (T, 7)")
     rows = as_numbers(f"'{fitting[0]}'", arrays[fitting[0]])
     stamped = rows.ndim == 2 and rows.shape[1] - 1 in WIDTHS
-    name = fitting[0] or "rows of numbers"
-    return (name, rows[:, 1:], rows[:, 0]) if stamped else (name, rows, None)
+    return (fitting[0], rows[:, 1:], rows[:, 0]) if stamped else (fitting[0], rows, None)
 
 
 def _metre(poses: ObjectPoses, unit: str, options: ReadOptions, findings: list[Finding]) -> float:

@@ -104,7 +104,7 @@ def _ordered(joints: JointPositions, options: ReadOptions, where: str = "") -> J
     if options.joint_order == "openxr":
         raise InputError(f"--joint-order openxr: {COUNT} joints a sample; expected 25 or 26")
     word = next((word for word in JOINT_ORDERS if word in where.lower()), None)
-    order = options.joint_order or _order_by_bones(joints.position) or word
+    order = options.joint_order or order_by_bones(joints.position) or word
     if order is None:
         raise TrajectoryError("the joints may be in MediaPipe's or in MANO's order; say --joint-order mediapipe|mano")
     places = tuple(JOINT_ORDERS[order].index(joint) for joint in KEYPOINTS)
@@ -116,7 +116,7 @@ def _ordered(joints: JointPositions, options: ReadOptions, where: str = "") -> J
     return replace(joints, position=joints.position[:, list(places)], what=what, joint_order=places)
 
 
-def _order_by_bones(points: FloatArray) -> str | None:
+def order_by_bones(points: FloatArray) -> str | None:
     """Return the order in which rows of 21 joints, shape (T, 21, 3), are a hand; None if two are as plausible."""
     whole = points[np.isfinite(points).all(axis=(1, 2)) & (np.ptp(points, axis=1) > 0.0).any(axis=1)]
     if not len(whole):
