@@ -1,7 +1,7 @@
 """Poses of an object, in a file of their own (`--object-poses`) or among the arrays, columns or keys of a recording.
 
-Names have a word for the object (`object`, `obj`), which a file of its own may leave out, and one of these; a name may
-end with the order of a quaternion (`_wxyz`, `_xyzw`) and with a unit (`_m`, `_cm`, `_mm`):
+Names have a word for the object (object, obj), which a file of its own may leave out, and one of these; a name may end
+with the order of a quaternion (_wxyz, _xyzw) and with a unit (_m, _cm, _mm):
 
 | names | hold, one row a sample or a single one |
 |---|---|
@@ -10,7 +10,7 @@ end with the order of a quaternion (`_wxyz`, `_xyzw`) and with a unit (`_m`, `_c
 | rotvec, axis_angle, rotmat | rotation vector [rad], matrix |
 | pose, transform, transformation, matrix | matrix (4 × 4, 3 × 4), position and quaternion (7), ARCTIC's row (7) |
 | columns px, tx, x, pos_x, qw, quat_w, rotvec_x, m00, pose_0, … | the same, number by number |
-| `transl` with `global_orient` | GRAB's object |
+| transl with global_orient | GRAB's object |
 
 ARCTIC's row is articulation [rad], rotation vector, translation [mm] (its docs/data/data_doc.md); its last four numbers
 are no unit quaternion. GRAB multiplies vertices by the matrix from the right (its tools/objectmodel.py), so its object
@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import TrajectoryError, named
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_from_matrix, quaternion_product
 from hhsim.motion.csv_table import Table, lacks_names, read_header, read_table
@@ -344,33 +344,37 @@ def placed(recording: Recording, poses: ObjectPoses | None) -> Recording:
 def with_object_poses(recording: Recording, path: Path, options: ReadOptions) -> Recording:
     """Return a recording, with stamps in s, whose object moves as the poses of a file say; errors of reading them."""
     findings: list[Finding] = []
-    moved = read_object_poses(path, recording.time + recording.first_stamp, options, findings)
+    time = recording.time + recording.first_stamp
+    moved = read_object_poses(path, time, options, findings, rows=recording.rows)
     before = [note("the object's pose in the recording is replaced")] if recording.object_motion is not None else []
     poses = ObjectPoses(*moved, 1.0, (path.name,), (*before, *findings))
     return placed(recording, poses)
 
 
-def read_object_poses(path: Path, time: FloatArray, options: ReadOptions, findings: list[Finding]) -> ObjectMotion:
+def read_object_poses(
+    path: Path, time: FloatArray, options: ReadOptions, findings: list[Finding], rows: IntArray | None = None
+) -> ObjectMotion:
     """Read the poses of an object at stamps [s], shape (T,), in the recording's file coordinates [m].
 
-    Poses with stamps are interpolated, others are one a sample, and a single one is of an object at rest. With
-    `options.camera_poses` they are relative to a camera that moves, and camera · object is returned. What was assumed
-    is added to `findings`.
+    Poses with stamps are interpolated, others are one a sample, or one a frame of which the samples are `rows`, shape
+    (T,), and a single one is of an object at rest. With `options.camera_poses` they are relative to a camera that
+    moves, and camera · object is returned. What was assumed is added to `findings`.
 
     Raises:
         TrajectoryError: No such file, another content, number of rows, unit or order, or stamps that end before the
             recording's; one line that begins with the path.
     """
-    motion = _read(path, time, options, findings)
+    rows = np.arange(len(time)) if rows is None else rows
+    motion = _read(path, time, rows, options, findings)
     if options.camera_poses is None:
         return motion
-    camera = _read(options.camera_poses, time, options, findings)
+    camera = _read(options.camera_poses, time, rows, options, findings)
     findings.append(note(f"the object is relative to the camera of {options.camera_poses.name}"))
     place = camera.position + turned(camera.orientation, motion.position)
     return ObjectMotion(place, quaternion_product(camera.orientation, motion.orientation))
 
 
-def _read(path: Path, time: FloatArray, options: ReadOptions, findings: list[Finding]) -> ObjectMotion:
+def _read(path: Path, time: FloatArray, rows: IntArray, options: ReadOptions, findings: list[Finding]) -> ObjectMotion:
     with named(path):
         arrays, unit = _arrays_of(Content(path, what="poses of an object"), findings)
         column = time_column(arrays)
@@ -378,8 +382,8 @@ def _read(path: Path, time: FloatArray, options: ReadOptions, findings: list[Fin
         others = {name: values for name, values in arrays.items() if column is None or name != column.name}
         poses = poses_in(others, None, options, alone=True)
         if poses is None:
-            name, rows, first = _unnamed(others)
-            poses = _of_rows(name, rows, None, options)
+            name, values, first = _unnamed(others)
+            poses = _of_rows(name, values, None, options)
             stamps = first if stamps is None else stamps
         metre = _metre(poses, unit, options, findings)
         left = {name: np.shape(values) for name, values in others.items() if name not in (*poses.names, *STATED)}
@@ -387,8 +391,11 @@ def _read(path: Path, time: FloatArray, options: ReadOptions, findings: list[Fin
         poses = poses._replace(position=metre * poses.position)
         factor = TIME_UNITS[column.unit] if column is not None and column.unit else 1.0
         if stamps is None or len(poses.position) == 1:
-            poses = _counted(poses, len(time))
-            return ObjectMotion(poses.position, poses.orientation)
+            motion = ObjectMotion(poses.position, poses.orientation)
+            if len(time) < len(poses.position) > int(rows.max(initial=0)) and (rows != np.arange(len(time))).any():
+                # The recording has no samples of frames without a hand, where the object has its pose.
+                return motion.at(rows)
+            return ObjectMotion(*_counted(poses, len(time))[:2])
         return _at(poses, factor * stamps, time)
 
 

@@ -17,6 +17,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.csv_file import format_csv
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.recordings.column_map import ColumnMap
+from hhsim.recordings.joint_names import WEBXR_JOINTS
 from hhsim.recordings.object_poses import read_object_poses, with_object_poses
 from hhsim.recordings.recording import Finding, Recording
 from hhsim.recordings.registry import ReadOptions
@@ -298,6 +299,7 @@ def test_an_object_in_a_recording_is_read_and_the_rest_is_named(form: str) -> No
 def test_without_a_stated_world_the_axes_are_kept_so_hand_and_object_stay_together() -> None:
     recording = read_as("keypoints", arrays_npz(keypoints=POINTS, t=TIME, obj_pose=MATRIX))
     assert_pose(recording.object_motion)
+    assert recording.joints is not None
     np.testing.assert_allclose(recording.joints, POINTS, atol=1e-12)
     assert "its axes are the world's" in words(recording)
 
@@ -343,7 +345,6 @@ def test_an_objects_pose_beside_mano_poses_and_in_parquet(tmp_path: Path) -> Non
     assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
     assert "not used: a" in words(recording)
     pyarrow = pytest.importorskip("pyarrow")
-    from joint_samples import WEBXR_JOINTS
     from pyarrow import parquet
 
     hands = np.stack([0.0 * SAMPLE.named(WEBXR_JOINTS), SAMPLE.named(WEBXR_JOINTS)], axis=1)
@@ -384,6 +385,10 @@ def test_a_file_of_poses_moves_the_object_of_a_recording_in_its_coordinates(tmp_
     assert "the object's pose in the recording is replaced" not in words(recording)
     again = with_object_poses(recording, tmp_path / "poses.npz", options)
     assert "the object's pose in the recording is replaced" in words(again)
+    fewer = recording.chosen(np.arange(1, COUNT, 3))
+    (tmp_path / "poses.npy").write_bytes(array_npy(MATRIX))
+    moved = with_object_poses(fewer, tmp_path / "poses.npy", options).object_motion
+    assert_pose(moved, FRAME_PLACE[1::3], FRAME_TURN[1::3])
     (tmp_path / "poses.npz").write_bytes(arrays_npz(object_pose=MATRIX, t=TIME))
     with pytest.raises(
         TrajectoryError, match=r"poses\.npz: stamps from 0 to .*; expected poses for the recording's 5000"
