@@ -5,8 +5,8 @@ with the order of a quaternion (_wxyz, _xyzw) and with a unit (_m, _cm, _mm):
 
 | names | hold, one row a sample or a single one |
 |---|---|
-| pos, position, trans, transl, translation, location | position (3) |
-| quat, quaternion, rot, rotation, orient, orientation | quaternion (4), rotation vector [rad] (3) or matrix (3 × 3) |
+| pos, position, t, trans, transl, translation, location | position (3) |
+| quat, quaternion, R, rot, rotation, orient, orientation | quaternion (4), rotation vector [rad] (3), matrix (3 × 3) |
 | rotvec, axis_angle, rotmat | rotation vector [rad], matrix |
 | pose, transform, transformation, matrix | matrix (4 × 4, 3 × 4), position and quaternion (7), ARCTIC's row (7) |
 | columns px, tx, x, pos_x, qw, quat_w, rotvec_x, m00, pose_0, … | the same, number by number |
@@ -14,7 +14,8 @@ with the order of a quaternion (_wxyz, _xyzw) and with a unit (_m, _cm, _mm):
 
 ARCTIC's row is articulation [rad], rotation vector, translation [mm] (its docs/data/data_doc.md); its last four numbers
 are no unit quaternion. GRAB multiplies vertices by the matrix from the right (its tools/objectmodel.py), so its object
-turns by the transposed one. The pose takes points of the object's mesh to the frame of the recorded hand.
+turns by the transposed one. The pose takes points of the object's mesh to the frame of the recorded hand. It is missing
+where a number is NaN, or the quaternion or the matrix all zeros.
 """
 
 import re
@@ -39,10 +40,10 @@ from hhsim.recordings.registry import Content, ReadOptions
 from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, LENGTH_UNITS, TIME_UNITS, time_column
 
 OBJECT_WORDS = {"object", "obj"}
-POSITIONS = {"pos", "position", "positions", "trans", "transl", "translation", "translations", "location"}
+POSITIONS = {"t", "pos", "position", "positions", "trans", "transl", "translation", "translations", "location"}
 VECTORS = {"rotvec", "axisangle"}
 TURNS = {"quat", "quaternion", "quaternions", "rot", "rotation", "rotations", "orient", "orientation", "orientations"}
-TURNS |= {"globalorient", "rotmat", *VECTORS}
+TURNS |= {"r", "globalorient", "rotmat", *VECTORS}
 POSES = {"pose", "poses", "transform", "transforms", "transformation", "matrix", "matrices"}
 ORDERS = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}
 """Places of w, x, y, z in a quaternion of each order."""
@@ -55,6 +56,9 @@ STAMP_SLACK = 1e-6
 """Largest time of a sample before the first pose or after the last one [s], for stamps that were rounded."""
 WIDTHS = (7, 12, 16)
 """Numbers of a pose without names: position and quaternion (or ARCTIC's row), 3 × 4 matrix, 4 × 4 matrix."""
+TURN_SHAPES = ((4,), (3,), (3, 3), (9,))
+POSE_SHAPES = ((4, 4), (3, 4), *((width,) for width in WIDTHS))
+"""Shapes of a row of an orientation and of a pose."""
 
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
 _COLUMN = re.compile(r"(?:(?P<kind>p|t|q)?(?P<axis>[wxyz])|m?(?P<place>[0-9]+))")
@@ -130,16 +134,22 @@ def poses_in(
     *,
     order: str | None = None,
     alone: bool = False,
+    strict: bool = False,
 ) -> ObjectPoses | None:
     """Return the poses among named arrays, for `count` samples if it is given; None if no name tells of any.
 
-    `order` is that of quaternions whose name does not say it; `alone` takes names without a word for the object.
+    `order` is that of quaternions whose name does not say it; `alone` takes names without a word for the object. Arrays
+    of another shape are none; a position or an orientation without the other is none, or refused if `strict`.
 
     Raises:
-        TrajectoryError: A position or an orientation alone, another shape or number of rows, no rotation, or a
-            quaternion of unknown order.
+        TrajectoryError: Another number of rows, no rotation, a quaternion of unknown order, or as `strict` says.
     """
-    meanings = {name: meaning for name in arrays if (meaning := _meaning(name, alone)) is not None}
+    tails = {"position": ((3,),), "pose": POSE_SHAPES}
+    meanings = {}
+    for name, values in arrays.items():
+        meaning, shape = _meaning(name, alone), np.shape(values)
+        if meaning is not None and {shape, shape[1:]} & {*tails.get(meaning.kind, TURN_SHAPES)}:
+            meanings[name] = meaning
     names = {meaning.kind.replace("vector", "turn"): name for name, meaning in reversed(meanings.items())}
     if not names:
         return None
@@ -148,6 +158,8 @@ def poses_in(
         meaning = meanings[names["pose"]]
         poses = _of_rows(names["pose"], arrays[names["pose"]], meaning.order or order, options)
         poses = poses._replace(metre=meaning.metre or poses.metre)
+    elif len(names) < 2 and not strict:
+        return None
     elif len(names) < 2:
         (name,) = names.values()
         raise TrajectoryError(
@@ -171,6 +183,9 @@ def poses_in(
         poses = ObjectPoses(position, orientation, meanings[place].metre, (place, turn), findings)
     if options.pose_unit is not None:
         poses = poses._replace(metre=UNITS[options.pose_unit])
+    lost = np.isnan(np.concatenate(poses[:2], axis=1)).any(axis=1, keepdims=True)
+    position, orientation = (np.where(lost, np.nan, each) for each in poses[:2])
+    poses = poses._replace(position=position, orientation=orientation)
     return poses if count is None else _counted(poses, count)
 
 
@@ -200,7 +215,7 @@ def _rows(name: str, given: Any, *tails: tuple[int, ...]) -> FloatArray:
 
 
 def _quaternions(name: str, given: Any, order: str | None, options: ReadOptions) -> FloatArray:
-    values = _rows(name, given, (4,), (3,), (3, 3), (9,))
+    values = _rows(name, given, *TURN_SHAPES)
     if values.shape[1:] == (3,):
         return np.where(np.isnan(values).any(axis=1, keepdims=True), np.nan, quaternion(np.nan_to_num(values)))
     if values.shape[1:] != (4,):
@@ -208,6 +223,7 @@ def _quaternions(name: str, given: Any, order: str | None, options: ReadOptions)
     order = order or options.pose_order
     if order is None:
         raise TrajectoryError(f"'{name}' does not say the order of its quaternions; expected --pose-order wxyz|xyzw")
+    values[(values == 0.0).all(axis=1)] = np.nan
     norm = np.linalg.norm(values, axis=1, keepdims=True)
     wrong = np.flatnonzero(np.abs(norm - 1.0) > UNIT_TOLERANCE)
     if wrong.size:
@@ -227,8 +243,9 @@ def _of_matrices(name: str, matrix: FloatArray) -> FloatArray:
 
 def _of_rows(name: str, given: Any, order: str | None, options: ReadOptions) -> ObjectPoses:
     """Return the poses in rows of 7 numbers, or of a matrix."""
-    values = _rows(name, given, (4, 4), (3, 4), (7,), (12,), (16,))
+    values = _rows(name, given, *POSE_SHAPES)
     if values.shape[1:] != (7,):
+        values[(values == 0.0).reshape(len(values), -1).all(axis=1)] = np.nan
         matrix = values.reshape(len(values), -1, 4)
         last = matrix[:, 3:, :]
         wrong = (np.abs(last - [0.0, 0.0, 0.0, 1.0]) > UNIT_TOLERANCE).any(axis=(1, 2))
@@ -342,7 +359,7 @@ def placed(recording: Recording, poses: ObjectPoses | None) -> Recording:
 
 
 def with_object_poses(recording: Recording, path: Path, options: ReadOptions) -> Recording:
-    """Return a recording, with stamps in s, whose object moves as the poses of a file say; errors of reading them."""
+    """Return a recording in our units, whose object moves as the poses of a file say; errors of reading them."""
     findings: list[Finding] = []
     time = recording.time + recording.first_stamp
     moved = read_object_poses(path, time, options, findings, rows=recording.rows)
@@ -377,10 +394,10 @@ def read_object_poses(
 def _read(path: Path, time: FloatArray, rows: IntArray, options: ReadOptions, findings: list[Finding]) -> ObjectMotion:
     with named(path):
         arrays, unit = _arrays_of(Content(path, what="poses of an object"), findings)
-        column = time_column(arrays)
+        column = time_column(name for name, values in arrays.items() if np.shape(values)[1:] in ((), (1,)))
         stamps = None if column is None else np.ravel(as_numbers(f"'{column.name}'", arrays[column.name]))
         others = {name: values for name, values in arrays.items() if column is None or name != column.name}
-        poses = poses_in(others, None, options, alone=True)
+        poses = poses_in(others, None, options, alone=True, strict=True)
         if poses is None:
             name, values, first = _unnamed(others)
             poses = _of_rows(name, values, None, options)
@@ -453,7 +470,7 @@ def _stated(held: Mapping[str, Any]) -> str:
 
 def _unnamed(arrays: Mapping[str, Any]) -> tuple[str, FloatArray, FloatArray | None]:
     """Return the only array that can be poses, and the stamps in its first column if it has one."""
-    tails = [(4, 4), (3, 4), *((width + extra,) for width in WIDTHS for extra in (0, 1))]
+    tails = [*POSE_SHAPES, *((width + 1,) for width in WIDTHS)]
     fitting = [name for name, values in arrays.items() if np.shape(values)[1:] in tails or np.shape(values) in tails]
     if len(fitting) != 1:
         held = ", ".join(f"{name} {np.shape(values)}" for name, values in list(arrays.items())[:6])

@@ -66,6 +66,7 @@ FILES: dict[str, tuple[str, bytes]] = {
     "npz pose7": (".npz", arrays_npz(pose_xyzw=np.concatenate([PLACE, XYZW], axis=1))),
     "npz axis-angle": (".npz", arrays_npz(object_pos_cm=100.0 * PLACE, object_axis_angle=TURN.as_rotvec())),
     "npz matrices": (".npz", arrays_npz(objectPosition=PLACE, objectRotation=TURN.as_matrix())),
+    "npz R and t": (".npz", arrays_npz(R=TURN.as_matrix(), t=PLACE, timestamps=TIME)),
     "npz of GRAB": (".npz", arrays_npz(object_transl=PLACE, object_global_orient=-TURN.as_rotvec())),
     "csv wxyz": (".csv", csv("px,py,pz,qw,qx,qy,qz", PLACE, WXYZ)),
     "csv xyzw": (
@@ -361,7 +362,6 @@ def test_an_objects_pose_beside_mano_poses_and_in_parquet(tmp_path: Path) -> Non
 def test_wrong_rows_and_units_in_a_recording_are_refused() -> None:
     for arrays, said in (
         ({"obj_pose": MATRIX[:-1]}, f"{COUNT - 1} poses of the object .obj_pose. for {COUNT} samples"),
-        ({"object_pos": PLACE}, "'object_pos' is only one of an object's position"),
         (
             {"object_pos": 1e3 * PLACE + 500.0, "object_quat_wxyz": WXYZ},
             "the object is .* m from the hand; expected the unit",
@@ -371,6 +371,25 @@ def test_wrong_rows_and_units_in_a_recording_are_refused() -> None:
             read_as("keypoints", arrays_npz(keypoints=POINTS, t=TIME, **arrays), world_up="y")
     data = arrays_npz(keypoints=POINTS, t=TIME, object_pos=1e3 * PLACE, object_quat_wxyz=WXYZ)
     assert_pose(read_as("keypoints", data, world_up="y", pose_unit="mm").object_motion, FRAME_PLACE, FRAME_TURN)
+
+
+def test_arrays_that_are_no_pose_are_named_and_do_not_stop_the_import() -> None:
+    two = np.stack([MATRIX, MATRIX], axis=1)
+    for arrays, left in (
+        ({"object_pos": PLACE}, "object_pos (40, 3)"),
+        ({"object_pose": two}, "object_pose (40, 2, 4, 4)"),
+    ):
+        recording = read_as("keypoints", arrays_npz(keypoints=POINTS, t=TIME, **arrays), world_up="y")
+        assert recording.object_motion is None and f"not used: {left}" in words(recording)
+
+
+def test_rows_of_zeros_are_missing(tmp_path: Path) -> None:
+    zeros = np.where(np.arange(COUNT)[:, None, None] == 3, 0.0, MATRIX)
+    quaternions = np.where(np.arange(COUNT)[:, None] == 3, 0.0, WXYZ)
+    for data in (arrays_npz(T=zeros), arrays_npz(pos=PLACE, quat_wxyz=quaternions)):
+        motion, _ = read(tmp_path, data, ".npz")
+        assert (np.isnan(motion.position).any(axis=1) == (np.arange(COUNT) == 3)).all()
+        assert (np.isnan(motion.orientation).any(axis=1) == (np.arange(COUNT) == 3)).all()
 
 
 def recorded(**options: Any) -> Recording:

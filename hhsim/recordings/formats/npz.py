@@ -64,7 +64,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if tuple(axes) != OURS or up != "z":
         findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
     position, orientation = to_our_world(position, to_our_palm(orientation, axes), up)
-    poses = poses_in(arrays, count, options, order="wxyz")
+    poses = poses_in(arrays, count, options, order="wxyz", strict=True)
     used = {"t", "wrist_pos", turn, "flex", "abd", "valid", "meta", *(poses.names if poses is not None else ())}
     findings += unused({key: np.shape(values) for key, values in arrays.items() if key not in used})
     recording = Recording(
