@@ -64,10 +64,15 @@ def read_frames(document: Any) -> tuple[list[Frame], dict[str, Any]]:
         beside = {key: value for key, value in document.items() if value is not frames and key not in SIDE_KEYS}
     if not isinstance(frames, list) or not frames:
         raise TrajectoryError(f"no frames in JSON that is {keys_of(document)}; expected a list of frames with joints")
-    return [_frame(frame, usual) for frame in frames], beside
+    # A key that has held a hand has none of the other values, also in frames that show no hand.
+    hand_keys: set[str] = set()
+    found = [_frame(frame, usual, hand_keys) for frame in frames]
+    others = [{key: value for key, value in frame.beside.items() if key not in hand_keys} for frame in found]
+    return [frame._replace(beside=each) for frame, each in zip(found, others)], beside
 
 
-def _frame(frame: Any, usual: HandSide) -> Frame:
+def _frame(frame: Any, usual: HandSide, hand_keys: set[str]) -> Frame:
+    """Return a frame, and add the keys of its hands to `hand_keys`."""
     hands: dict[HandSide, Mapping[str, Joint]] = {}
     for side, hand in _hands(frame, usual, 0):
         hands.setdefault(side, hand)
@@ -75,11 +80,9 @@ def _frame(frame: Any, usual: HandSide) -> Frame:
         return Frame(hands, np.nan, None)
     column = time_column(frame)
     name = None if column is None else column.name
-    beside = {
-        key: value
-        for key, value in frame.items()
-        if key != name and key not in SIDE_KEYS and not joint_name(key).joint and not any(_hands(value, usual, 1))
-    }
+    unknown = {key: value for key, value in frame.items() if key not in hand_keys and not joint_name(key).joint}
+    hand_keys |= {key for key, value in unknown.items() if any(_hands(value, usual, 1))}
+    beside = {key: value for key, value in unknown.items() if key not in (name, *SIDE_KEYS)}
     return Frame(hands, number(frame.get(name)), None if column is None else column.unit, beside)
 
 

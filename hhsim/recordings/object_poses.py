@@ -35,7 +35,7 @@ from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.validation import as_numbers
 from hhsim.recordings.frames import FileFrame, quaternions_of, turned
 from hhsim.recordings.json_document import keys_of, number, read_json, vector
-from hhsim.recordings.recording import Finding, Recording, note, unreadable, unused
+from hhsim.recordings.recording import MOST, Finding, Recording, note, unreadable, unused
 from hhsim.recordings.registry import Content, ReadOptions
 from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, LENGTH_UNITS, TIME_UNITS, time_column
 
@@ -210,7 +210,7 @@ def _rows(name: str, given: Any, *tails: tuple[int, ...]) -> FloatArray:
     if values.shape[1:] not in tails or not len(values):
         wanted = " or ".join(f"(T, {', '.join(map(str, tail))})" for tail in tails)
         raise TrajectoryError(f"'{name}' has shape {np.shape(given)}; expected {wanted}")
-    values[~np.isfinite(values)] = np.nan
+    values[~(np.abs(values) <= MOST[0])] = np.nan
     return values
 
 

@@ -420,4 +420,5 @@ def test_json_of_webxr_names_the_keys_that_it_does_not_use() -> None:
     document["camera"] = "left"
     for frame in document["frames"]:
         frame["gaze"] = [0.0, 0.0, 1.0]
+    document["frames"][0]["hands"] = {}
     assert "not used: camera, gaze" in words(read_as("webxr", json.dumps(document)))
