@@ -348,7 +348,8 @@ def placed(recording: Recording, poses: ObjectPoses | None) -> Recording:
         if np.isfinite(apart).any() and np.nanmedian(apart) > FAR:
             far = f"{' and '.join(poses.names)}: the object is {np.nanmedian(apart):.4g} m from the hand"
             raise TrajectoryError(f"{far}; expected the unit of the hand: say --pose-unit")
-    turn, orientation, findings = frame.turn, poses.orientation, list(poses.findings)
+    findings = [*poses.findings, note(f"the object's pose is that of {' and '.join(poses.names)}")]
+    turn, orientation = frame.turn, poses.orientation
     if np.linalg.det(turn) < 0.0:
         turn, orientation = turn * [1.0, 1.0, -1.0], orientation * MIRROR
         findings.append(note("the object's own axes are mirrored along z, as the file's left-handed world is"))

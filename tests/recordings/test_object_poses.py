@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from joint_samples import Y_UP, array_npy, arrays_npz, joint_sample, openxr_csv, webxr_json, words
+from leap_document import document
 from pose_samples import mano_fields, mano_poses
 from recording_samples import read_as, smooth_recording
 from scipy.spatial.transform import Rotation, Slerp
@@ -295,6 +296,7 @@ def test_an_object_in_a_recording_is_read_and_the_rest_is_named(form: str) -> No
     recording = read_as(name, data, world_up="y", rate=100.0)
     assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
     assert left in words(recording) and words(recording).count("not used") == bool(left)
+    assert "the object's pose is that of obj" in words(recording)
 
 
 def test_without_a_stated_world_the_axes_are_kept_so_hand_and_object_stay_together() -> None:
@@ -415,10 +417,21 @@ def test_a_file_of_poses_moves_the_object_of_a_recording_in_its_coordinates(tmp_
         with_object_poses(recording, tmp_path / "poses.npz", options)
 
 
+def test_a_file_of_poses_by_leaps_clock_and_in_its_axes(tmp_path: Path) -> None:
+    leap = read_as("leap", json.dumps(document() | {"room": 3}))
+    assert "not used: room" in words(leap)
+    count = leap.sample_count
+    stamps = 20746785498 + 1e6 * leap.time
+    data = arrays_npz(object_pos_mm=1e3 * PLACE[:count], object_quat_xyzw=XYZW[:count], timestamp_us=stamps)
+    (tmp_path / "poses.npz").write_bytes(data)
+    recording = with_object_poses(leap, tmp_path / "poses.npz", ReadOptions())
+    assert_pose(recording.object_motion, FRAME_PLACE[:count], FRAME_TURN[:count])
+
+
 def test_json_of_webxr_names_the_keys_that_it_does_not_use() -> None:
-    document = json.loads(webxr_json(SAMPLE))
-    document["camera"] = "left"
-    for frame in document["frames"]:
+    webxr = json.loads(webxr_json(SAMPLE))
+    webxr["camera"] = "left"
+    for frame in webxr["frames"]:
         frame["gaze"] = [0.0, 0.0, 1.0]
-    document["frames"][0]["hands"] = {}
-    assert "not used: camera, gaze" in words(read_as("webxr", json.dumps(document)))
+    webxr["frames"][0]["hands"] = {}
+    assert "not used: camera, gaze" in words(read_as("webxr", json.dumps(webxr)))
