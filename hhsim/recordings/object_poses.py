@@ -6,10 +6,10 @@ with the order of a quaternion (_wxyz, _xyzw) and with a unit (_m, _cm, _mm):
 | names | hold, one row a sample or a single one |
 |---|---|
 | pos, position, t, trans, transl, translation, location | position (3) |
-| quat, quaternion, R, rot, rotation, orient, orientation | quaternion (4), rotation vector [rad] (3), matrix (3 × 3) |
+| q, quat, quaternion, R, rot, rotation, orient, orientation | quaternion (4), rotation vector [rad] (3), 3 × 3 matrix |
 | rotvec, axis_angle, rotmat | rotation vector [rad], matrix |
 | pose, transform, transformation, matrix | matrix (4 × 4, 3 × 4), position and quaternion (7), ARCTIC's row (7) |
-| columns px, tx, x, pos_x, qw, quat_w, rotvec_x, m00, pose_0, … | the same, number by number |
+| columns px, tx, x, pos_x, t_wo_x, qw, quat_w, rotvec_x, m00, pose_0, … | the same, number by number |
 | transl with global_orient | GRAB's object |
 
 ARCTIC's row is articulation [rad], rotation vector, translation [mm] (its docs/data/data_doc.md); its last four numbers
@@ -42,7 +42,18 @@ from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, LENGTH_UNITS, TI
 OBJECT_WORDS = {"object", "obj"}
 POSITIONS = {"t", "pos", "position", "positions", "trans", "transl", "translation", "translations", "location"}
 VECTORS = {"rotvec", "axisangle"}
-TURNS = {"quat", "quaternion", "quaternions", "rot", "rotation", "rotations", "orient", "orientation", "orientations"}
+TURNS = {
+    "q",
+    "quat",
+    "quaternion",
+    "quaternions",
+    "rot",
+    "rotation",
+    "rotations",
+    "orient",
+    "orientation",
+    "orientations",
+}
 TURNS |= {"r", "globalorient", "rotmat", *VECTORS}
 POSES = {"pose", "poses", "transform", "transforms", "transformation", "matrix", "matrices"}
 ORDERS = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}
@@ -103,7 +114,7 @@ def _words(name: str, alone: bool) -> tuple[list[str], float | None] | None:
 
 def _bare(words: list[str]) -> list[str]:
     """Return words without those that only say what the last one is part of, such as pose.position."""
-    words = [word for word in words if word not in ("world", "params")]
+    words = [word for word in words if word not in ("world", "wo", "params")]
     while len(words) > 1 and words[0] in POSES:
         words = words[1:]
     return words

@@ -75,6 +75,16 @@ FILES: dict[str, tuple[str, bytes]] = {
         csv("time_s,object_x,object_y,object_z,object_qx,object_qy,object_qz,object_qw", TIME, PLACE, XYZW),
     ),
     "csv in mm": (".csv", csv("tx_mm,ty_mm,tz_mm,quat_x,quat_y,quat_z,quat_w,gain", 1e3 * PLACE, XYZW, TIME)),
+    "csv of HOT3D": (
+        ".csv",
+        csv(
+            "object_uid,timestamp[ns],t_wo_x[m],t_wo_y[m],t_wo_z[m],q_wo_w,q_wo_x,q_wo_y,q_wo_z",
+            7.0 + 0.0 * TIME,
+            1e9 * TIME,
+            PLACE,
+            WXYZ,
+        ),
+    ),
     "csv remark": (
         ".csv",
         b"# unit: mm\n" + csv("pos_x,pos_y,pos_z,rotvec_x,rotvec_y,rotvec_z", 1e3 * PLACE, TURN.as_rotvec()),
@@ -131,9 +141,11 @@ def test_every_layout_gives_the_known_motion(form: str, tmp_path: Path) -> None:
     suffix, data = FILES[form]
     motion, said = read(tmp_path, data, suffix)
     assert_pose(motion)
-    stated = any(word in form for word in ("mm", "axis-angle", "ARCTIC", "remark", "json frames"))
+    stated = any(word in form for word in ("mm", "HOT3D", "axis-angle", "ARCTIC", "remark", "json frames"))
     assert ("no unit of the object's poses" in said) is not stated
-    left = {"npz pose": "object_name", "npz any name": "gain", "csv in mm": "gain"}.get(form)
+    left = {"npz pose": "object_name", "npz any name": "gain", "csv in mm": "gain", "csv of HOT3D": "object_uid"}.get(
+        form
+    )
     assert (f"not used: {left}" in said) if left else "not used" not in said
 
 

@@ -94,6 +94,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         up="y",
         radius=radius if known else None,
         doubtful=~valid.all(axis=1),
+        joint_order=tuple(places),
         device="OpenXR through Isaac Teleop",
         findings=tuple(findings),
     )
