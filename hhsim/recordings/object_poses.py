@@ -371,7 +371,13 @@ def placed(recording: Recording, poses: ObjectPoses | None) -> Recording:
 
 
 def with_object_poses(recording: Recording, path: Path, options: ReadOptions) -> Recording:
-    """Return a recording in our units, whose object moves as the poses of a file say; errors of reading them."""
+    """Return a recording in our units, whose object moves as the poses of a file say.
+
+    Raises:
+        TrajectoryError: A hand without a place, which stays at the origin; others as of `read_object_poses`.
+    """
+    if not np.nan_to_num(recording.position).any():
+        raise TrajectoryError("the hand stays at the origin, so an object cannot be beside it; expected --world-up")
     findings: list[Finding] = []
     time = recording.time + recording.first_stamp
     moved = read_object_poses(path, time, options, findings, rows=recording.rows)
