@@ -418,7 +418,7 @@ def test_a_file_of_poses_moves_the_object_of_a_recording_in_its_coordinates(tmp_
     assert "the object's pose in the recording is replaced" not in words(recording)
     again = with_object_poses(recording, tmp_path / "poses.npz", options)
     assert "the object's pose in the recording is replaced" in words(again)
-    with pytest.raises(TrajectoryError, match="the hand stays at the origin, .* expected --world-up"):
+    with pytest.raises(TrajectoryError, match=r"the hand stays at the origin, .* expected --world-up"):
         with_object_poses(recorded(), tmp_path / "poses.npz", ReadOptions())
     fewer = recording.chosen(np.arange(1, COUNT, 3))
     (tmp_path / "poses.npy").write_bytes(array_npy(MATRIX))
