@@ -81,7 +81,7 @@ class FileSettings(OptionGroup, heading="Recording"):
         )
 
 
-class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot"):
+class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot, bare numbers"):
     """Additional data that files of poses and data sets need."""
 
     mano_model: Path | None = file("FILE", "Your own file of the MANO model, .pkl or .npz.")
@@ -96,6 +96,16 @@ class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot"):
     )
     episode: int | None = option(
         type=click.IntRange(0, 2**63 - 1), metavar="N", help="Episode of a LeRobot file. Default: the only one."
+    )
+    joint_order: str | None = option(
+        type=click.Choice(["mediapipe", "mano", "smplx", "openxr"]),
+        help="Order of joints without names. Default: found from the lengths of the bones.",
+    )
+    pose_order: str | None = option(
+        type=click.Choice(["wxyz", "xyzw"]), help="Order of an object's quaternions, where no name tells it."
+    )
+    pose_unit: str | None = option(
+        type=click.Choice(["m", "cm", "mm"]), help="Unit of an object's positions. Default: that of the hand's."
     )
 
 

@@ -192,6 +192,15 @@ class ColumnMap(Settings, frozen=True, kw_only=True, rename={"joints": "joint"})
         return {name: RawColumn(of) if isinstance(of, str) else of for name, of in self.raw.items()}
 
     @property
+    def names(self) -> set[str]:
+        """Names of all columns that the mapping names."""
+        single = [self.time, *self.joint_columns.values(), *self.raw_columns.values()]
+        listed = [part.columns for part in (self.position, self.orientation) if part is not None]
+        return {part.column for part in single if part is not None and part.column} | {
+            n for part in listed for n in part
+        }
+
+    @property
     def stated(self) -> frozenset[str]:
         """Units that the mapping states ("time", "length", "angle"); the others are stated by an option or detected."""
         own = any(joint.unit is not None for joint in self.joint_columns.values())

@@ -20,6 +20,8 @@ from hhsim.recordings.hand_side import frames_with_hand
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, joint_name, recognised
 from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.json_document import PlacedJson, keys_of, number, vector
+from hhsim.recordings.object_poses import poses_in, record_arrays
+from hhsim.recordings.recording import unused
 from hhsim.recordings.registry import ReadOptions
 from hhsim.recordings.unit_detection import time_column
 
@@ -29,6 +31,7 @@ DEEPEST = 8
 """Deepest nesting of a hand in a frame."""
 FEWEST = 8
 """Number of joints among an object's keys that make it a hand."""
+SIDE_KEYS = ("handedness", "hand", "side", "handSide")
 MOST_ENTRIES = 64
 """Number of entries of a list that are searched for hands."""
 
@@ -55,37 +58,54 @@ class Joint(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """Joints of each hand by their names, and a stamp, NaN where missing, in a unit that is None if unknown."""
+    """Joints of each hand by their names, and a stamp, NaN where missing, in a unit that is None if unknown.
+
+    `beside` has the other values of the frame by their keys.
+    """
 
     hands: Mapping[HandSide, Mapping[str, Joint]]
     stamp: float
     unit: str | None
+    beside: Mapping[str, Any] = {}
 
 
-def read_frames(document: Any) -> list[Frame]:
-    """Return the frames of a document; raise TrajectoryError if there are none."""
-    frames = document
+def read_frames(document: Any) -> tuple[list[Frame], dict[str, Any]]:
+    """Return the frames of a document, and its values beside them; raise TrajectoryError if there are no frames."""
+    frames, beside = document, {}
     # The side of the file holds for all its frames.
     usual: HandSide = ""
     if isinstance(document, dict):
         usual = _stated_side(document, "")
         lists = [v for v in document.values() if isinstance(v, list) and v and isinstance(v[0], dict | list)]
         frames = max(lists, key=len, default=[])
+        beside = {key: value for key, value in document.items() if value is not frames and key not in SIDE_KEYS}
     if not isinstance(frames, list) or not frames:
         raise TrajectoryError(f"no frames in JSON that is {keys_of(document)}; expected a list of frames with joints")
-    return [_frame(frame, usual) for frame in frames]
+    # A key that has held a hand has none of the other values, also in frames that show no hand.
+    hand_keys: set[str] = set()
+    found = [_frame(frame, usual, hand_keys) for frame in frames]
+    others = [{key: value for key, value in frame.beside.items() if key not in hand_keys} for frame in found]
+    return [frame._replace(beside=each) for frame, each in zip(found, others)], beside
 
 
-def _frame(frame: Any, usual: HandSide) -> Frame:
+def _frame(frame: Any, usual: HandSide, hand_keys: set[str]) -> Frame:
+    """Return a frame, and add the keys of its hands to `hand_keys`."""
     hands: dict[HandSide, Mapping[str, Joint]] = {}
     for side, hand in _hands(frame, usual, 0):
         hands.setdefault(side, hand)
-    column = time_column(frame) if isinstance(frame, dict) else None
-    return Frame(hands, np.nan, None) if column is None else Frame(hands, number(frame.get(column.name)), column.unit)
+    if not isinstance(frame, dict):
+        return Frame(hands, np.nan, None)
+    column = time_column(frame)
+    name = None if column is None else column.name
+    unknown = {key: value for key, value in frame.items() if key not in hand_keys and not joint_name(key).joint}
+    hand_keys |= {key for key, value in unknown.items() if any(_hands(value, usual, 1))}
+    beside = {key: value for key, value in unknown.items() if key not in (name, *SIDE_KEYS)}
+    return Frame(hands, number(frame.get(name)), None if column is None else column.unit, beside)
 
 
 def joints_of_frames(
     frames: Sequence[Frame],
+    beside: Mapping[str, Any],
     form: str,
     options: ReadOptions,
     *,
@@ -93,15 +113,23 @@ def joints_of_frames(
     may_be_mirrored: bool = False,
     device: str = "",
 ) -> JointPositions:
-    """Return the joint centres of the hand of the options, else of the one in more frames.
+    """Return the joint centres of the hand of the options, else of the one in more frames, and the object's poses.
+
+    `beside` has the values of the file beside its frames, one a frame or a single one.
 
     Raises:
-        TrajectoryError: No such hand, or one of the 21 joints in no frame.
+        TrajectoryError: No such hand, one of the 21 joints in no frame, or an object's pose that is none.
     """
     side, shown, findings = frames_with_hand([frame.hands for frame in frames], options.hand)
     hands = [frames[k].hands[side] for k in shown]
     what = recognised({joint for hand in hands for joint in hand}, side)
     joints = [[hand.get(joint, Joint()) for joint in KEYPOINTS] for hand in hands]
+    arrays = record_arrays([beside]) | record_arrays(frame.beside for frame in frames)
+    arrays = {name: values[0] if name in beside else values for name, values in arrays.items()}
+    poses = poses_in(arrays, len(frames), options)
+    used = {name.split(".")[0] for name in poses.names} if poses is not None else set()
+    named = dict.fromkeys([*beside, *(key for frame in frames for key in frame.beside)], ())
+    findings += unused({key: shape for key, shape in named.items() if key not in used})
     radius = np.array([[joint.radius for joint in hand] for hand in joints])
     stamps = np.array([frames[k].stamp for k in shown])
     return JointPositions(
@@ -116,6 +144,7 @@ def joints_of_frames(
         radius=radius if np.isfinite(radius).any(axis=0).all() else None,
         doubtful=np.array([not all(joint.valid for joint in hand) for hand in joints]),
         device=device,
+        object_poses=poses and poses._replace(position=poses.position[shown], orientation=poses.orientation[shown]),
         findings=tuple(findings),
         rows=shown,
     )
@@ -181,7 +210,7 @@ def _label(entry: Mapping[str, Any]) -> str:
 
 def _stated_side(node: Mapping[str, Any], side: HandSide) -> HandSide:
     """Return the side that an object states, else the given one."""
-    for key in ("handedness", "hand", "side", "handSide"):
+    for key in SIDE_KEYS:
         value = node.get(key)
         if isinstance(value, str) and value.lower() in ("right", "left"):
             return "right" if value.lower() == "right" else "left"

@@ -25,6 +25,14 @@ WEBXR_JOINTS = ("wrist", *dict.fromkeys(_WEBXR))
 """25 joints of WebXR in its order."""
 OPENXR_JOINTS = ("palm", *WEBXR_JOINTS)
 """26 joints of OpenXR in its order."""
+MANO_JOINTS = (
+    "wrist",
+    *(f"{f}_{segment}" for f in ("index", "middle", "little", "ring", "thumb") for segment in _SEGMENTS_OF[f][:3]),
+    *(f"{finger}_tip" for finger in FINGERS),
+)
+"""21 joints of the MANO hand in its order, and then the tips, as smplx, manopth and HO-3D have them."""
+JOINT_ORDERS = {"mediapipe": KEYPOINTS, "mano": MANO_JOINTS, "smplx": MANO_JOINTS, "openxr": OPENXR_JOINTS}
+"""Orders of joints in rows without names; WebXR's is that of OpenXR without the palm."""
 
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
 _FINGER_WORDS = {finger: finger for finger in FINGERS} | {"pointer": "index", "pinky": "little", "pinkie": "little"}

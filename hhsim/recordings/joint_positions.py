@@ -22,6 +22,7 @@ from hhsim.recordings.frames import FileFrame, in_palm, to_our_world, world_matr
 from hhsim.recordings.hand_side import UNITY, in_right_handed_world, known_side
 from hhsim.recordings.joint_fit import fitted_angles
 from hhsim.recordings.joint_names import KEYPOINTS
+from hhsim.recordings.object_poses import ObjectPoses, placed
 from hhsim.recordings.recorded_bones import median_bones, recorded_bones
 from hhsim.recordings.recording import Finding, Recording, note, readings
 from hhsim.recordings.registry import ReadOptions
@@ -55,6 +56,8 @@ class JointPositions:
             the tips are points of the skin, otherwise the centres of the fingertips.
         doubtful: Samples that the device marked as uncertain, shape (T,); None for none.
         rows: Row, line or frame of the file of each sample, shape (T,); empty for all in order.
+        joint_order: Place of each joint among those of a row of the file, if it has no names.
+        object_poses: Poses of an object in the coordinates of `position`, one a sample; None without any.
     """
 
     position: FloatArray
@@ -69,6 +72,8 @@ class JointPositions:
     may_be_mirrored: bool = False
     radius: FloatArray | None = None
     doubtful: BoolArray | None = None
+    joint_order: tuple[int, ...] = tuple(range(len(KEYPOINTS)))
+    object_poses: ObjectPoses | None = None
     device: str = ""
     findings: tuple[Finding, ...] = ()
     rows: Sequence[int] | IntArray = ()
@@ -99,7 +104,7 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
         missing = [KEYPOINTS[k] for k in range(len(KEYPOINTS)) if np.isnan(joints.position[:, k]).any(axis=1).all()]
         raise TrajectoryError(f"no sample holds all 21 joints; missing: {', '.join(missing[:4]) or 'one or another'}")
     findings = [*joints.findings, note(joints.what)]
-    time, stated = _times(joints, options, findings)
+    time, stated, first = _times(joints, options, findings)
     metre = _scale(joints, options, findings)
     points = metre * joints.position
     seen = ~(np.ptp(points, axis=1) == 0.0).all(axis=1)
@@ -123,6 +128,9 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
         findings.append(note(f"fingertips are balls of the recorded radii: {long}"))
     findings.append(off)
     up = options.world_up or joints.up or options.usual_up
+    if up is None and joints.object_poses is not None:
+        up = "z"
+        findings.append(note("an object moves with the hand, so its axes are the world's; --world-up says which is up"))
     if up is None:
         text = "no world frame: the wrist stands still and level; if there is one, say its up axis with --world-up"
         # Where the palm is missing it stays so: that sample says nothing of the fingers either.
@@ -156,11 +164,13 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
         joints=None if up is None else points @ world_matrix(up).T,
         file_frame=frame,
         rows=np.asarray(joints.rows, dtype=np.int64),
+        joint_order=joints.joint_order,
+        first_stamp=first,
     )
     if joints.doubtful is not None:
         text = "not valid or not tracked, says the device: kept where there are numbers"
         recording = recording.flagged(joints.doubtful, SampleFlag.INVALID, text)
-    return recording
+    return placed(recording, joints.object_poses)
 
 
 def fitted_posture(fingers: FloatArray, palm: FloatArray, side: HandSide) -> tuple[HandConfiguration, Finding]:
@@ -189,8 +199,8 @@ def fitted_posture(fingers: FloatArray, palm: FloatArray, side: HandSide) -> tup
     return posture, note(f"bones are {np.degrees(np.nanmedian(off)):.1f}° off our plane fingers in the median")
 
 
-def _times(joints: JointPositions, options: ReadOptions, findings: list[Finding]) -> tuple[FloatArray, bool]:
-    """Return stamps from the first one on [s], or those of the file if it states no unit, and whether they are in s."""
+def _times(joints: JointPositions, options: ReadOptions, findings: list[Finding]) -> tuple[FloatArray, bool, float]:
+    """Return stamps since the first one, or those of the file if it states no unit, if they are in s, and the first."""
     count = len(joints.position)
     if joints.time is None:
         rate = options.rate or joints.rate
@@ -199,12 +209,13 @@ def _times(joints: JointPositions, options: ReadOptions, findings: list[Finding]
                 f"{joints.what}, but no stamps of the samples; say how many there are a second: --rate"
             )
         findings.append(note(f"no stamps: made from the rate, {rate:g} Hz"))
-        return np.arange(count) / rate, True
+        return np.arange(count) / rate, True, 0.0
     if joints.time_unit is None:
-        return joints.time, False
+        return joints.time, False, 0.0
     # Whole ns since 1970 keep their steps only if the first is subtracted before they are scaled.
     finite = joints.time[np.isfinite(joints.time)]
-    return (joints.time - (finite[0] if finite.size else 0.0)) * TIME_UNITS[joints.time_unit], True
+    first, unit = (float(finite[0]) if finite.size else 0.0), TIME_UNITS[joints.time_unit]
+    return (joints.time - first) * unit, True, first * unit
 
 
 def _scale(joints: JointPositions, options: ReadOptions, findings: list[Finding]) -> float:

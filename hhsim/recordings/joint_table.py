@@ -14,7 +14,8 @@ from hhsim.recordings.correction import ANGLE_DIGITS, Changes
 from hhsim.recordings.hand_side import chosen_side
 from hhsim.recordings.joint_names import KEYPOINTS, JointName, recognised
 from hhsim.recordings.joint_positions import JointPositions
-from hhsim.recordings.recording import note, unreadable
+from hhsim.recordings.object_poses import poses_in, table_arrays
+from hhsim.recordings.recording import note, unreadable, unused
 from hhsim.recordings.registry import ReadOptions
 from hhsim.recordings.unit_detection import time_column
 
@@ -63,6 +64,12 @@ def joints_of_table(
     stamps = time_column(column for column in table.header if column not in names or not names[column].joint)
     if stamps is not None and stamps.others:
         findings.append(note(f"stamps from column '{stamps.name}'; there are also {', '.join(stamps.others[:3])}"))
+    arrays, moved = table_arrays(table, findings)
+    parts_used = {column for parts in joints.values() for column in parts.values()}
+    stamped = {stamps.name, *stamps.others} if stamps is not None else set()
+    others = {column for column, name in names.items() if name.joint and name.side in hands and name.side != side}
+    left = [column for column in table.header if column not in parts_used | moved | stamped | others]
+    findings += unused(dict.fromkeys(left, ()))
     valid = [parts["valid"] for parts in joints.values() if "valid" in parts]
     has_radii = all("radius" in joints[joint] for joint in KEYPOINTS)
     return JointPositions(
@@ -76,6 +83,7 @@ def joints_of_table(
         may_be_mirrored=may_be_mirrored,
         radius=numbers(*(joints[joint]["radius"] for joint in KEYPOINTS)) if has_radii else None,
         doubtful=(_truths(table, valid) == 0.0).any(axis=1) if valid else None,
+        object_poses=poses_in(arrays, len(table.rows), options),
         findings=tuple(findings),
     )
 

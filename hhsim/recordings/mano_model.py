@@ -1,15 +1,12 @@
 """Reader of the user's own MANO file, which runs nothing that is in it.
 
-The official files are pickles of Python 2 with arrays, sparse matrices and arrays of the package chumpy. The unpickler
-makes arrays, keeps the state of a few known classes as data, and refuses any other class. Of `.npz` files arrays are
-read, never pickled objects.
+The official files are pickles of Python 2 with arrays, sparse matrices and arrays of the package chumpy, which
+`hhsim.motion.pickled_data` reads as data. Of `.npz` files arrays are read, never pickled objects.
 
 The joint tree and the regressor are the file's; vertices move by linear blend skinning with shape and pose corrections
 (Romero, Tzionas & Black, ACM TOG 36(6), 2017).
 """
 
-import io
-import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +18,7 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import TrajectoryError, named
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.motion.npz_arrays import read_npz
+from hhsim.motion.pickled_data import plain, unpickled
 from hhsim.recordings.frames import posed_tree
 from hhsim.recordings.registry import Content
 
@@ -130,83 +128,14 @@ def read_mano_model(path: Path) -> ManoModel:
     """
     with named(path):
         data = Content(path, what="a MANO model").data
-        return _model(read_npz(data) if data.startswith(b"PK") else _unpickled(data))
+        return _model(read_npz(data) if data.startswith(b"PK") else _fields(data))
 
 
-class _State:
-    """Object of a class that is not imported: its state, as data."""
-
-    def __init__(self, *arguments: Any) -> None:
-        self.arguments = arguments
-        self.state: Any = None
-
-    def __setstate__(self, state: Any) -> None:
-        self.state = state
-
-
-class _Unpickler(pickle.Unpickler):
-    """Unpickler that makes arrays; of sparse matrices and of chumpy's arrays only their state."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        """Return one of a few classes; nothing else can be reached from the file."""
-        if module in ("numpy.core.multiarray", "numpy._core.multiarray") and name in ("_reconstruct", "scalar"):
-            from numpy._core import multiarray
-
-            return getattr(multiarray, name)
-        if module == "numpy" and name in ("ndarray", "dtype"):
-            return getattr(np, name)
-        if (module, name) == ("_codecs", "encode"):
-            return _encode
-        if module.split(".")[0] == "chumpy" or module.startswith("scipy.sparse"):
-            return _State
-        if (module, name) in (("copy_reg", "_reconstructor"), ("copyreg", "_reconstructor")):
-            return _reconstructed
-        if (module, name) in (("__builtin__", "object"), ("builtins", "object")):
-            return object
-        raise TrajectoryError(f"holds {module}.{name}, which is not data, so it is not loaded; {CONVERT}")
-
-
-def _encode(text: str, encoding: str = "latin1") -> bytes:
-    return text.encode("latin1")
-
-
-def _reconstructed(kind: Any, base: Any, state: Any) -> Any:
-    if kind is not _State:
-        raise TrajectoryError(f"holds an object that is not data, so it is not loaded; {CONVERT}")
-    return _State()
-
-
-def _unpickled(data: bytes) -> Mapping[str, Any]:
+def _fields(data: bytes) -> Mapping[str, Any]:
     try:
-        fields = _Unpickler(io.BytesIO(data), encoding="latin1").load()
-    except TrajectoryError:
-        raise
-    except Exception as error:
-        # A damaged pickle raises whatever its bytes happen to ask for.
-        raise TrajectoryError(f"no pickle, or a damaged one ({type(error).__name__}); expected a MANO model") from None
-    if not isinstance(fields, dict):
-        raise TrajectoryError("a pickle of something else; expected the dictionary of a MANO model")
-    return {str(key): value for key, value in fields.items()}
-
-
-def _plain(value: Any, depth: int = 0) -> Any:
-    """Return the array in the state of an object; None if there is none."""
-    if not isinstance(value, _State) or depth > 4:
-        return value
-    state = value.state
-    if isinstance(state, tuple):
-        state = next((part for part in state if isinstance(part, dict)), None)
-    if not isinstance(state, dict):
-        return None
-    if {"data", "indices", "indptr"} <= set(state):
-        from scipy.sparse import csc_matrix
-
-        shape = state.get("_shape", state.get("shape"))
-        return csc_matrix((state["data"], state["indices"], state["indptr"]), shape=shape).toarray()
-    if {"a", "idxs"} <= set(state):
-        inner = _plain(state["a"], depth + 1)
-        return np.asarray(inner).ravel()[np.asarray(state["idxs"])].reshape(state.get("preferred_shape", (-1,)))
-    return _plain(state["x"], depth + 1) if "x" in state else None
+        return unpickled(data, "a MANO model")
+    except TrajectoryError as error:
+        raise TrajectoryError(f"{error}; {CONVERT}" if "not loaded" in str(error) else str(error)) from None
 
 
 def _model(fields: Mapping[str, Any]) -> ManoModel:
@@ -215,7 +144,7 @@ def _model(fields: Mapping[str, Any]) -> ManoModel:
     parents = np.where(np.arange(JOINTS) == 0, -1, tree).astype(np.int64)
     if not ((parents < np.arange(JOINTS)) & (parents >= np.where(np.arange(JOINTS) == 0, -1, 0))).all():
         raise TrajectoryError("kintree_table is no tree of 16 joints; expected a MANO model")
-    faces = np.zeros((0, 3)) if "f" not in fields else _array(fields, "f", (np.size(_plain(fields["f"])) // 3, 3))
+    faces = np.zeros((0, 3)) if "f" not in fields else _array(fields, "f", (np.size(plain(fields["f"])) // 3, 3))
     if not ((faces >= 0) & (faces < VERTICES) & (faces == np.round(faces))).all():
         raise TrajectoryError(f"'f' names a vertex that does not exist; expected whole numbers below {VERTICES}")
     return ManoModel(**arrays, parents=parents, faces=faces.astype(np.int64))
@@ -226,7 +155,7 @@ def _array(fields: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> Float
         held = ", ".join(sorted(map(str, fields))[:6]) or "nothing"
         raise TrajectoryError(f"no '{key}', it holds {held}; expected a MANO model")
     try:
-        values = np.asarray(_plain(fields[key]), dtype=np.float64)
+        values = np.asarray(plain(fields[key]), dtype=np.float64)
     except (TypeError, ValueError, IndexError, OverflowError):
         raise TrajectoryError(f"'{key}' is no array of numbers; {CONVERT}") from None
     if key == "kintree_table" and values.shape == shape:

@@ -23,7 +23,7 @@ from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
 from hhsim.recordings.hand_side import frames_with_hand
 from hhsim.recordings.json_document import PlacedJson, keys_of, number, objects
-from hhsim.recordings.recording import Finding, note
+from hhsim.recordings.recording import Finding, note, unused
 from hhsim.system.input_file import read_input_text
 
 HANDS: dict[str, HandSide] = {"0": "left", "1": "right"}
@@ -75,6 +75,8 @@ def read_pose_lines(document: Any, key: str, wanted: HandSide) -> PoseLines:
     if not any(frames):
         raise TrajectoryError(f"no hand_poses with {key} in JSON that is {keys_of(document)}")
     side, shown, findings = frames_with_hand(frames, wanted)
+    keys = dict.fromkeys(key for line in lines for key in line)
+    findings += unused({key: () for key in keys if key not in ("timestamp_ns", "hand_poses")})
     seen = [(number(lines[k].get("timestamp_ns")), frames[k][side]) for k in shown]
     kept, rows, every = seen[:1], shown[:1], [(0, seen[0][1])]
     for row, (stamp, pose) in zip(shown[1:], seen[1:]):

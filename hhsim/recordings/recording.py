@@ -7,6 +7,7 @@ The distance between samples is one length: a rotation of the palm counts as the
 a joint angle as that of a fingertip.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
@@ -30,6 +31,8 @@ MOST = (1e9, 1e20)
 """Largest magnitude of a reading of a motion, and of a clock, in any unit."""
 PALM_ARM = 0.1
 """Distance from the palm's origin to a straight fingertip [m]."""
+SHOWN_NAMES = 6
+"""Most names of what is not used in one finding."""
 FINGER_ARM = 0.04
 """Usual distance from a joint to the fingertip [m]."""
 
@@ -67,6 +70,13 @@ def unreadable(cells: int, where: str = "") -> list[Finding]:
     return [note(text)] if cells else []
 
 
+def unused(held: Mapping[str, tuple[int, ...]]) -> list[Finding]:
+    """Return the finding that names what a reader left out, with shapes (none of a column); none if that is nothing."""
+    names = [f"{name} {shape}" if shape else name for name, shape in held.items()]
+    more = f" and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
+    return [note(f"not used: {', '.join(names[:SHOWN_NAMES])}{more}")] if names else []
+
+
 def readings(key: str, given: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """Return a float64 copy with NaN for what is no reading; raise TrajectoryError for another shape."""
     values = as_numbers(key, given, shape, f"{shape} for {counted(shape[0], 'stamp')}")
@@ -100,6 +110,8 @@ class Recording:
             where missing, shape (T, 21, 3); None if the file holds angles.
         file_frame: Coordinates of the file's joints or palm.
         rows: Row, line or frame of the file that each sample was read from, shape (T,); empty for all in order.
+        joint_order: Place of each joint of `KEYPOINTS` among the joints of a row of the file, if it has no names.
+        first_stamp: Stamp of the file [s] at which `time` is zero.
     """
 
     time: FloatArray
@@ -128,6 +140,8 @@ class Recording:
     joints: FloatArray | None = None
     file_frame: FileFrame = field(default_factory=FileFrame)
     rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    joint_order: tuple[int, ...] = tuple(range(21))
+    first_stamp: float = 0.0
 
     def __post_init__(self) -> None:
         count = len(np.atleast_1d(self.time))

@@ -56,6 +56,10 @@ class ReadOptions:
         episode: Number of the episode, in a file with several.
         dexmo: Calibration of a Dexmo glove.
         poses: Times of the poses for its calibration.
+        joint_order: Order of the joints in rows without names, a key of `hhsim.recordings.joint_names.JOINT_ORDERS`.
+        pose_order: Order of an object's quaternions that no name tells, "wxyz" or "xyzw".
+        pose_unit: Unit of an object's positions, "m", "cm" or "mm".
+        camera_poses: File with the poses of the camera that an object's poses are relative to; None for the world.
     """
 
     form: str | None = None
@@ -74,6 +78,10 @@ class ReadOptions:
     episode: int | None = None
     dexmo: DexmoRegression | None = None
     poses: Poses | None = None
+    joint_order: str | None = None
+    pose_order: str | None = None
+    pose_unit: str | None = None
+    camera_poses: Path | None = None
 
 
 class Content:

@@ -171,7 +171,8 @@ def _with_clock(recording: Recording, factor: float, shift: float = 0.0) -> Reco
         replace(phase, start_time=factor * phase.start_time + shift, end_time=factor * phase.end_time + shift)
         for phase in recording.phases
     )
-    return recording.changed(time=recording.time * factor + shift, phases=phases)
+    first = factor * recording.first_stamp - shift
+    return recording.changed(time=recording.time * factor + shift, phases=phases, first_stamp=first)
 
 
 def in_units(

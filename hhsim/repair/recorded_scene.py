@@ -16,7 +16,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import FieldHands
-from hhsim.motion.object_motion import ObjectMotion, RigidMotion
+from hhsim.motion.object_motion import RigidMotion
 from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.recordings.correction import BONES, Correction, moved_joints
 from hhsim.recordings.frames import turned
@@ -87,18 +87,16 @@ class RecordedScene:
         return hands[0], hands[1]
 
 
-def recorded_scene(
-    recording: Recording, mesh: Mesh, tree: SphereTree, hand: HandModel, objects: ObjectMotion | None, name: str
-) -> RecordedScene:
+def recorded_scene(recording: Recording, mesh: Mesh, tree: SphereTree, hand: HandModel, name: str) -> RecordedScene:
     """Put a recording, in our units, beside its object.
 
     Args:
-        mesh, tree: Object in its own frame.
-        objects: Its pose at each sample, NaN where missing; None for an object in the origin of the world.
+        mesh, tree: Object in its own frame; it stands in the origin of the world where the recording has no pose of it.
 
     Raises:
         TrajectoryError: Fewer than two frames have a whole hand and an object, or stamps do not increase.
     """
+    objects = recording.object_motion
     known = np.isfinite(recording.time) & np.isfinite(recording.angles).all(axis=1)
     known &= np.isfinite(np.concatenate([recording.position, recording.orientation], axis=1)).all(axis=1)
     if recording.joints is not None:

@@ -14,8 +14,8 @@ from hhsim.metrics.field.field_verdict import field_verdict
 from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.recordings.correction import Correction
 from hhsim.recordings.fitted_hand import fitted_hand
-from hhsim.recordings.object_poses import in_our_world, read_object_poses
-from hhsim.recordings.recording import Finding, Recording
+from hhsim.recordings.object_poses import with_object_poses
+from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import ReadOptions, read_recording, write_recording
 from hhsim.recordings.unit_detection import repair_units
 from hhsim.render.before_after import deepest_frames, draw_before_after
@@ -53,15 +53,11 @@ def repair_recording(
     mesh, level = resolve_object(request.object, request.unit, request.size, solid=False)
     progress("tree", 0, 1)
     tree = tree_of_any(mesh, level)
-    objects = recording.object_motion
     if request.object_poses is not None:
-        findings: list[Finding] = []
-        found = read_object_poses(request.object_poses, recording.time, read, findings, recording.rows)
-        objects = in_our_world(found, recording.file_frame)
-        recording = recording.found(*findings)
+        recording = with_object_poses(recording, request.object_poses, read)
     with named(request.recording):
         recording, hand = _hand(recording, request)
-        recorded = recorded_scene(recording, mesh, tree, hand, objects, request.recording.stem)
+        recorded = recorded_scene(recording, mesh, tree, hand, request.recording.stem)
     scene = recorded.scene
     began = perf_counter()
     surface = contact_surface("mesh", scene.mesh, scene.tree)

@@ -4,14 +4,15 @@ import numpy as np
 from msgspec import structs
 
 from hhsim.errors import InputError
-from hhsim.motion.csv_file import COLUMNS, CSV_SUFFIX, FLAGS, SAMPLES, csv_fields
+from hhsim.motion.csv_file import COLUMNS, CSV_SUFFIX, FLAGS, OBJECT_COLUMNS, PHASE, SAMPLES, csv_fields
 from hhsim.motion.csv_table import Table, read_table
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.text_edit import NewColumn, cell_edits
 from hhsim.recordings.column_map import ColumnMap, map_edits, mapped
 from hhsim.recordings.correction import ANGLE_DIGITS, Correction, angle_unit, changes
 from hhsim.recordings.frames import FileFrame, to_our_frames, world_matrix
-from hhsim.recordings.recording import Recording, note, unreadable
+from hhsim.recordings.object_poses import placed, poses_in, table_arrays
+from hhsim.recordings.recording import Finding, Recording, note, unreadable, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 
@@ -23,7 +24,16 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if columns is None:
         return _own(read_table(content.text), content.name, options)
     table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
-    return mapped(table, columns, content.name, "csv")
+    return with_columns(mapped(table, columns, content.name, "csv"), table, columns, options)
+
+
+def with_columns(recording: Recording, table: Table, columns: ColumnMap, options: ReadOptions) -> Recording:
+    """Return the recording of a mapped table with the object whose pose is in its columns, and those not used named."""
+    findings: list[Finding] = []
+    arrays, moved = table_arrays(table, findings)
+    left = [column for column in table.header if column not in moved | columns.names]
+    recording = recording.found(*findings, *unused(dict.fromkeys(left, ())))
+    return placed(recording, poses_in(arrays, len(table.rows), options))
 
 
 def _columns(options: ReadOptions) -> ColumnMap | None:
@@ -68,8 +78,10 @@ def _own(table: Table, name: str, options: ReadOptions) -> Recording:
     if "object_motion" in fields:
         place, turn = fields["object_motion"]
         fields["object_motion"] = ObjectMotion(*to_our_frames(place, turn, None, up))
-    frame = FileFrame(world_matrix(up or "z"))
-    return Recording(**{"name": name} | fields, form="hhsim csv", file_frame=frame, findings=tuple(findings))
+    known = {*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS}
+    findings += unused({column: () for column in table.header if column not in known})
+    fields["file_frame"] = FileFrame(world_matrix(up or "z"))
+    return Recording(**{"name": name} | fields, form="hhsim csv", findings=tuple(findings))
 
 
 FORMAT = RecordingFormat(

@@ -18,7 +18,7 @@ from hhsim.motion.trajectory import RawChannel
 from hhsim.recordings.column_map import ColumnMap, OrientationColumns, PositionColumns, TimeColumn, mapped
 from hhsim.recordings.correction import Correction
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, calibrated
-from hhsim.recordings.recording import Recording, note, unreadable
+from hhsim.recordings.recording import Recording, note, unreadable, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 ALIAS = {"pinky_split": "little_split", "pinky_bend": "little_bend"}
@@ -60,6 +60,8 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
             "--calibration, or --open and --fist"
         )
     flexion, abduction = chosen.angles(readings)
+    left = [column for column in table.header if column not in columns.names | {*CHANNELS}]
+    recording = recording.found(*unused(dict.fromkeys(left, ())))
     recording = recording.changed(
         flexion=flexion,
         abduction=abduction,

@@ -1,13 +1,15 @@
-"""21 keypoints of a hand as bare numbers: MediaPipe's order, which is also that of many data sets.
+"""Joints of a hand as bare numbers: 21 in MediaPipe's or MANO's order, or OpenXR's 26 or WebXR's 25.
 
 | file | holds |
 |---|---|
-| .npy | an array (T, 21, 3) or (T, 63) |
+| .npy | an array (T, 21, 3) or (T, 63), or of 25 or 26 joints |
 | .npz | such an array under any name, or `keypoints`, `landmarks`, `joints`; stamps under `t`, `time` or `timestamps` |
 | .csv | 63 columns of coordinates, with stamps or without, or columns such as left_lm00_x; 63 without a header too |
 | .json | a list of frames of 21 points, or objects with a stamp and a list of 21 points |
 
-They have no radius, often no scale and no world: the wrist stands still then.
+They have no radius, often no scale and no world: the wrist stands still then. The order of 21 joints is the one in
+which the bones from the wrist to the tips are the shortest together; bones that keep their lengths decide between two
+that are nearly equal. An object's pose in `.npz` or in JSON is read by its names (`hhsim.recordings.object_poses`).
 """
 
 import re
@@ -18,21 +20,33 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError
+from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_table import Table, lacks_names, read_table
 from hhsim.motion.npz_arrays import array_names, npy_with, npz_with, numbers, read_npy, read_npz
 from hhsim.recordings.correction import Changes, Correction, joint_changes
 from hhsim.recordings.joint_frames import frame_edits, joints_of_frames, read_frames
-from hhsim.recordings.joint_names import KEYPOINTS, JointName, joint_name
+from hhsim.recordings.joint_names import (
+    JOINT_ORDERS,
+    KEYPOINTS,
+    OPENXR_JOINTS,
+    WEBXR_JOINTS,
+    JointName,
+    joint_name,
+)
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.joint_table import joint_columns, joint_edits, joints_of_table, located
 from hhsim.recordings.json_document import PlacedJson, read_json
-from hhsim.recordings.recording import Recording, note
+from hhsim.recordings.object_poses import poses_in
+from hhsim.recordings.recording import Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
 
 COUNT = len(KEYPOINTS)
 SHAPES = f"(T, {COUNT}, 3) or (T, {3 * COUNT})"
+LARGER = {len(names): names for names in (WEBXR_JOINTS, OPENXR_JOINTS)}
+"""Joints of rows of more than 21, by their number."""
+CLEARLY = 1.1
+"""Ratio of lengths from which on one order is more plausible: of our own hand it is 1.03 to 1.6, 1.2 in the mean."""
 COORDINATES = [JointName("", joint, axis) for joint in KEYPOINTS for axis in "xyz"]
 """Meaning of 63 columns in a row."""
 NAMES = ("keypoints", "landmarks", "joints", "hand_keypoints", "hand_landmarks", "kp3d", "joints_3d")
@@ -48,39 +62,93 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the only one; raises TrajectoryError."""
     zipped = content.head.startswith(b"PK")
     if content.head.startswith(NPY):
-        joints = _joints(read_npy(content.data), "the array")
+        joints = _joints(read_npy(content.data), "the array", options)
     elif zipped:
-        joints = _from_npz(content.data)
+        joints = _from_npz(content.data, options)
     elif content.is_json:
-        joints = joints_of_frames(read_frames(read_json(content.text)), "keypoints", options)
+        joints = _ordered(joints_of_frames(*read_frames(read_json(content.text)), "keypoints", options), options)
     else:
-        joints = _from_table(content, options)
+        joints = _ordered(_from_table(content, options), options)
     return recording_of_joints(joints, content.name, options).changed(checksums="held" if zipped else "")
 
 
-def _joints(array: Any, where: str, time: FloatArray | None = None, unit: str | None = None) -> JointPositions:
+def _joints(
+    array: Any, where: str, options: ReadOptions, time: FloatArray | None = None, unit: str | None = None
+) -> JointPositions:
     """Return the joints in an array of points."""
     try:
         values = np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError):
         raise TrajectoryError(f"{where} does not hold numbers; expected {SHAPES}") from None
     if not _is_points(values):
-        raise TrajectoryError(f"{where} has shape {values.shape}; expected {SHAPES}")
-    what = f"{COUNT} keypoints in MediaPipe's order: wrist, thumb to little finger"
-    return JointPositions(values.reshape(-1, COUNT, 3), "keypoints", what, time, unit)
+        lacking = {(16, 3): ": 16 joints lack the fingertips", (20, 3): ": 20 joints lack the wrist"}
+        lack = lacking.get(values.shape[1:], "")
+        raise TrajectoryError(f"{where} has shape {values.shape}; expected {SHAPES}{lack}")
+    points = values.reshape(len(values), -1, 3)
+    if points.shape[1] == COUNT:
+        return _ordered(JointPositions(points, "keypoints", "", time, unit), options, where)
+    if options.joint_order not in (None, "openxr"):
+        raise InputError(f"--joint-order {options.joint_order}: {where} has {points.shape[1]} joints; expected {COUNT}")
+    names = LARGER[points.shape[1]]
+    places = tuple(names.index(joint) for joint in KEYPOINTS)
+    what = f"{len(names)} joints in {'OpenXR' if len(names) == 26 else 'WebXR'}'s order"
+    return JointPositions(points[:, list(places)], "keypoints", what, time, unit, up="y", joint_order=places)
 
 
-def _from_npz(data: bytes) -> JointPositions:
+def _ordered(joints: JointPositions, options: ReadOptions, where: str = "") -> JointPositions:
+    """Return 21 joints of a file's rows in the order of `KEYPOINTS`.
+
+    Raises:
+        TrajectoryError: Two orders are as plausible, and neither the options nor the name `where` of the array tell.
+        InputError: The options state an order of other joints.
+    """
+    if options.joint_order == "openxr":
+        raise InputError(f"--joint-order openxr: {COUNT} joints a sample; expected 25 or 26")
+    word = next((word for word in JOINT_ORDERS if word in where.lower()), None)
+    order = options.joint_order or order_by_bones(joints.position) or word
+    if order is None:
+        raise TrajectoryError("the joints may be in MediaPipe's or in MANO's order; say --joint-order mediapipe|mano")
+    places = tuple(JOINT_ORDERS[order].index(joint) for joint in KEYPOINTS)
+    if places == joints.joint_order:
+        what = joints.what or f"{COUNT} keypoints in MediaPipe's order: wrist, thumb to little finger"
+        return replace(joints, what=what)
+    how = "as --joint-order says" if options.joint_order else "by the lengths of its bones; else say --joint-order"
+    what = f"{COUNT} joints in MANO's order (wrist, index, middle, little, ring, thumb, then the tips), {how}"
+    return replace(joints, position=joints.position[:, list(places)], what=what, joint_order=places)
+
+
+def order_by_bones(points: FloatArray) -> str | None:
+    """Return the order in which rows of 21 joints, shape (T, 21, 3), are a hand; None if two are as plausible."""
+    whole = points[np.isfinite(points).all(axis=(1, 2)) & (np.ptp(points, axis=1) > 0.0).any(axis=1)]
+    if not len(whole):
+        return "mediapipe"
+    length, change = {}, {}
+    for order in ("mediapipe", "mano"):
+        hand = whole[:, [JOINT_ORDERS[order].index(joint) for joint in KEYPOINTS]]
+        ends = hand[:, 1:].reshape(-1, 5, 4, 3)
+        starts = np.concatenate([np.broadcast_to(hand[:, None, None, 0], (len(hand), 5, 1, 3)), ends[:, :, :3]], axis=2)
+        bones = np.linalg.norm(ends - starts, axis=3).reshape(-1, 20)
+        length[order] = float(np.median(bones.sum(axis=1)))
+        change[order] = float(np.median(np.abs(bones - np.median(bones, axis=0)), axis=0).sum())
+    short, long = sorted(length, key=lambda order: length[order])
+    if length[long] > CLEARLY * length[short] or CLEARLY * change[short] < change[long]:
+        return short
+    return None if CLEARLY * change[long] >= change[short] else long
+
+
+def _from_npz(data: bytes, options: ReadOptions) -> JointPositions:
     arrays = read_npz(data)
     if not arrays:
         files = ", ".join(sorted(array_names(data))[:4]) or "nothing"
         raise TrajectoryError(f"a zip archive of {files}, without an array; expected .npz, or the recording unpacked")
     key = _points_key(arrays)
-    points = arrays[key]
-    stamps = time_column(arrays)
-    if stamps is None:
-        return _joints(points, f"array '{key}'")
-    return _joints(points, f"array '{key}'", numbers(arrays, stamps.name, len(points)), stamps.unit)
+    points, stamps = arrays[key], time_column(arrays)
+    time = None if stamps is None else numbers(arrays, stamps.name, len(points))
+    joints = _joints(points, f"array '{key}'", options, time, None if stamps is None else stamps.unit)
+    poses = poses_in(arrays, len(points), options)
+    used = {key, *(poses.names if poses else ()), *((stamps.name,) if stamps else ())}
+    left = unused({name: np.shape(value) for name, value in arrays.items() if name not in used})
+    return replace(joints, object_poses=poses, findings=(*joints.findings, *left))
 
 
 def _points_key(arrays: Mapping[str, Any]) -> str:
@@ -97,27 +165,50 @@ def _points_key(arrays: Mapping[str, Any]) -> str:
 def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
     made = joint_changes(recording, correction)
     if content.head.startswith(NPY):
-        return npy_with(content.data, _moved(read_npy(content.data), made))
+        return npy_with(content.data, _moved(read_npy(content.data), recording, made))
     if content.head.startswith(b"PK"):
         arrays = read_npz(content.data)
         key = _points_key(arrays)
-        return npz_with(content.data, {key: _moved(arrays[key], made)})
+        return npz_with(content.data, {key: _moved(arrays[key], recording, made)})
+    read = _joints_read(recording)
     if content.is_json:
         placed = PlacedJson(content.exact_text)
-        return content.edited(frame_edits(placed, read_frames(placed.document), options, made))
+        frames = [
+            frame._replace(
+                hands={
+                    side: {read.get(name, name): joint for name, joint in hand.items()}
+                    for side, hand in frame.hands.items()
+                }
+            )
+            for frame in read_frames(placed.document)[0]
+        ]
+        return content.edited(frame_edits(placed, frames, options, made))
     table, names, _ = _named_table(content)
+    names = {column: name._replace(joint=read.get(name.joint, name.joint)) for column, name in names.items()}
     return content.edited(joint_edits(content.exact_text, table, names, options, made))
 
 
-def _moved(points: Any, made: Changes) -> FloatArray:
-    """Return points, shape (T, 21, 3) or (T, 63), with the changes; a missing number stays."""
-    values = np.array(points, dtype=np.float64).reshape(-1, COUNT, 3)
-    values[made.rows] += np.nan_to_num(made.shift, nan=0.0)
+def _joints_read(recording: Recording) -> dict[str, str]:
+    """Return the joint that was read at each place of 21, which MediaPipe's order calls by another name."""
+    return {KEYPOINTS[place]: joint for joint, place in zip(KEYPOINTS, recording.joint_order) if place < COUNT}
+
+
+def _moved(points: Any, recording: Recording, made: Changes) -> FloatArray:
+    """Return points of an array with the changes, shape (T, J, 3): those beyond the 21 with the palm.
+
+    A missing number, and a joint without a correction, stay.
+    """
+    values = np.array(points, dtype=np.float64)
+    values = values.reshape(len(values), -1, 3)
+    names = LARGER.get(values.shape[1]) or tuple(_joints_read(recording)[joint] for joint in KEYPOINTS)
+    for place, joint in enumerate(names):
+        moved = made.moved(joint, values[made.rows, place])
+        values[made.rows, place] = np.where(np.isfinite(moved), moved, values[made.rows, place])
     return values
 
 
 def _is_points(value: Any) -> bool:
-    return np.shape(value)[1:] in ((COUNT, 3), (3 * COUNT,))
+    return np.shape(value)[1:] in {shape for count in (COUNT, *LARGER) for shape in ((count, 3), (3 * count,))}
 
 
 def _numbered(column: str) -> JointName | None:

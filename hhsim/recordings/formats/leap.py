@@ -19,12 +19,12 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide, RawChannel
 from hhsim.recordings.finger_ik import palm_rotation
-from hhsim.recordings.frames import to_our_world
+from hhsim.recordings.frames import FileFrame, to_our_world, world_matrix
 from hhsim.recordings.hand_side import SIDES, frames_with_hand
 from hhsim.recordings.joint_positions import fitted_posture
 from hhsim.recordings.json_document import keys_of, number, objects, read_json, vector
 from hhsim.recordings.recorded_bones import recorded_bones
-from hhsim.recordings.recording import Recording, note
+from hhsim.recordings.recording import Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 MILLIMETRE = 1e-3
@@ -59,6 +59,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     stated = metadata.get("frames")
     if isinstance(stated, int) and stated != len(frames):
         findings.append(note(f"{len(frames)} frames where the file says {stated}: some are lost"))
+    if isinstance(document, dict):
+        findings += unused({key: () for key in document if key not in ("frames", "metadata")})
     found = [(frames[k], _hand(frames[k], side)) for k in shown]
     direction, normal, wrist = (
         np.array([vector(seen.get(key)) for _, seen in found]) for key in ("direction", "palmNormal", "wrist")
@@ -88,6 +90,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         hand=side,
         hand_length=bones.hand_length if 0.05 < bones.hand_length < 0.4 else None,
         bones=bones,
+        file_frame=FileFrame(world_matrix("y"), MILLIMETRE),
+        first_stamp=MICROSECOND * float(first[0]) if first.size else 0.0,
         raw=(RawChannel("confidence", np.nan_to_num(confidence, nan=-1.0), "1", "Leap's confidence, -1 where none"),),
         findings=(*findings, off),
     )

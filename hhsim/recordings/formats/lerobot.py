@@ -15,11 +15,13 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_table import Table
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import mapped
+from hhsim.recordings.formats.csv import with_columns
 from hhsim.recordings.hand_side import chosen_side
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.json_document import number
-from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.object_poses import is_objects, poses_in
+from hhsim.recordings.recording import Finding, Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 MAGIC = b"PAR1"
@@ -40,7 +42,9 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     findings: list[Finding] = []
     rows = _episode(columns, options, findings)
     if options.columns is not None:
-        return mapped(_table(columns, rows, info), options.columns, content.name, "lerobot").found(*findings)
+        table = _table(columns, rows, info)
+        recording = mapped(table, options.columns, content.name, "lerobot").found(*findings)
+        return with_columns(recording, table, options.columns, options)
     names = [name for name in columns if name.split(".")[-1] == "hand_joints"]
     named = names[0] if names else None
     width = 2 * JOINTS * 3
@@ -59,6 +63,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         seen = {side: int((np.ptp(hands[:, k], axis=1) > 0.0).any(axis=1).sum()) for k, side in enumerate(sides)}
     side, remarks = chosen_side(seen, options.hand)
     places = [WEBXR_JOINTS.index(joint) for joint in KEYPOINTS]
+    arrays = {name: _numbers(columns, name, rows) for name in columns if is_objects(name)}
+    poses = poses_in(arrays, len(values), options)
+    used = {*names, "timestamp", "episode_index", *(poses.names if poses is not None else ())}
+    findings += unused({name: () for name in columns if name not in used})
     rate = number(info.get("fps"))
     joints = JointPositions(
         position=hands[:, sides.index(side)][:, places],
@@ -69,6 +77,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         rate=rate if 0.1 <= rate <= 1e5 else None,
         hand=side,
         up="y",
+        joint_order=tuple(places),
+        object_poses=poses,
         device=str(info.get("robot_type") or ""),
         findings=(*findings, *remarks),
     )

@@ -29,8 +29,9 @@ from hhsim.recordings.frames import posed_tree
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.json_document import PlacedJson, read_json
 from hhsim.recordings.mano_model import JOINTS, KEYPOINT_JOINTS, ManoModel, read_mano_model
+from hhsim.recordings.object_poses import ObjectPoses, poses_in
 from hhsim.recordings.pose_lines import Poses, pose_line_edits, read_pose_lines
-from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.recording import Finding, Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
 
@@ -51,8 +52,8 @@ TURNS = ("global_orient", "root_orient", "rot")
 SHIFTS = ("trans", "transl", "translation")
 
 
-class _Poses(NamedTuple):
-    """Numbers of a file: wrist, pose and shape of the hand, its side, and stamps or a rate [Hz]."""
+class ManoPoses(NamedTuple):
+    """Numbers of a file: wrist, pose and shape of the hand, its side, stamps or a rate [Hz], and an object's poses."""
 
     rotation: FloatArray
     translation: FloatArray | None
@@ -63,14 +64,22 @@ class _Poses(NamedTuple):
     unit: str | None
     rate: float | None = None
     findings: tuple[Finding, ...] = ()
+    object_poses: ObjectPoses | None = None
     rows: Sequence[int] = ()
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read poses by the options' model and reading; raises TrajectoryError, and InputError for a wrong reading."""
-    poses = _from_npz(content.data) if content.head.startswith(b"PK") else _from_lines(content, options)
+    poses = _from_npz(content.data, options) if content.head.startswith(b"PK") else _from_lines(content, options)
+    return recording_of_poses(poses, content.name, "mano", options)
+
+
+def recording_of_poses(
+    poses: ManoPoses, name: str, form: str, options: ReadOptions, usual: str | None = None
+) -> Recording:
+    """Return the recording of poses by the options' model and reading, else by the usual one; errors as of a format."""
     count = poses.pose.shape[1]
-    reading = _reading(count, options)
+    reading = _reading(count, options.mano_pose or usual)
     if options.mano_model is None:
         raise TrajectoryError(
             f"{len(poses.pose)} poses of a MANO hand, {count} numbers each; the joints need the model's file, "
@@ -78,27 +87,28 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         )
     model = read_mano_model(options.mano_model)
     hand = options.hand or poses.hand
-    name = options.mano_model.name
+    file = options.mano_model.name
     findings = list(poses.findings)
-    if hand and {"right": "left", "left": "right"}[hand] in name.lower():
-        findings.append(note(f"{hand} hand, but the model is called {name}: is it the other hand's?"))
+    if hand and {"right": "left", "left": "right"}[hand] in file.lower():
+        findings.append(note(f"{hand} hand, but the model is called {file}: is it the other hand's?"))
     if poses.translation is None:
         findings.append(note("no translation: the hand turns on the spot"))
     translation = np.zeros((len(poses.pose), 3)) if poses.translation is None else poses.translation
     angles = _angles(poses.pose, reading, model)
     joints = JointPositions(
         position=model.keypoints(poses.rotation, angles, translation, poses.betas),
-        form="mano",
-        what=f"{count} numbers a pose: {READINGS[reading]} ({reading}); model {name.lower()}",
+        form=form,
+        what=f"{count} numbers a pose: {READINGS[reading]} ({reading}); model {file.lower()}",
         time=poses.time,
         time_unit=poses.unit,
         rate=poses.rate,
         hand=hand,
         unit=1.0,
+        object_poses=poses.object_poses,
         findings=tuple(findings),
         rows=poses.rows,
     )
-    return recording_of_joints(joints, content.name, options)
+    return recording_of_joints(joints, name, options)
 
 
 def _angles(pose: FloatArray, reading: str, model: ManoModel) -> FloatArray:
@@ -116,7 +126,7 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
         return _npz(content.data, options, model, made)
     placed = PlacedJson(content.exact_text)
     lines = read_pose_lines(placed.document, "pose", options.hand)
-    reading = _reading(lines.numbers.shape[1], options)
+    reading = _reading(lines.numbers.shape[1], options.mano_pose)
 
     def corrected(turns: FloatArray, places: FloatArray, pose: FloatArray, made: Changes) -> Poses:
         unit = turns / np.linalg.norm(turns, axis=1, keepdims=True)
@@ -129,8 +139,8 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
 def _npz(data: bytes, options: ReadOptions, model: ManoModel, made: Changes) -> bytes:
     """Return an archive of poses with the changes."""
     arrays = read_npz(data)
-    poses = _from_npz(data)
-    reading = _reading(poses.pose.shape[1], options)
+    poses = _from_npz(data, options)
+    reading = _reading(poses.pose.shape[1], options.mano_pose)
     rows = made.rows
     rotation, pose = _corrected(poses.rotation[rows], poses.pose[rows], reading, model, poses.betas, made)
     key, turn, shift = (next((each for each in names if each in arrays), "") for names in (POSES, TURNS, SHIFTS))
@@ -175,9 +185,8 @@ def _corrected(
     return turned, nearest_parameters(joints, start, model.keypoints(turned, angles, still, betas))
 
 
-def _reading(count: int, options: ReadOptions) -> str:
-    """Return the reading of a pose of `count` numbers."""
-    wanted = options.mano_pose
+def _reading(count: int, wanted: str | None) -> str:
+    """Return the wanted reading of a pose of `count` numbers."""
     if not 1 <= count <= ANGLES:
         raise TrajectoryError(f"{count} numbers a pose; expected 45 of the joints, or fewer coefficients")
     if wanted is not None and wanted.startswith("axis-angle") and count < ANGLES:
@@ -188,14 +197,14 @@ def _reading(count: int, options: ReadOptions) -> str:
     raise TrajectoryError(f"{count} numbers a pose can be read in several ways; say which: --mano-pose {choices}")
 
 
-def _from_lines(content: Content, options: ReadOptions) -> _Poses:
+def _from_lines(content: Content, options: ReadOptions) -> ManoPoses:
     lines = read_pose_lines(read_json(content.text), "pose", options.hand)
     turns, stamps = rotation_vector(lines.orientation), lines.stamps
     poses = turns, lines.translation, lines.numbers, lines.betas, lines.hand
-    return _Poses(*poses, stamps, "ns", findings=lines.findings, rows=lines.rows)
+    return ManoPoses(*poses, stamps, "ns", findings=lines.findings, rows=lines.rows)
 
 
-def _from_npz(data: bytes) -> _Poses:
+def _from_npz(data: bytes, options: ReadOptions) -> ManoPoses:
     arrays = read_npz(data)
     key = next((key for key in POSES if key in arrays), None)
     if key is None:
@@ -221,7 +230,10 @@ def _from_npz(data: bytes) -> _Poses:
     betas = numbers(arrays, "betas") if "betas" in arrays else np.zeros(0)
     side = str(arrays["hand"]).lower() if "hand" in arrays and np.ndim(arrays["hand"]) == 0 else ""
     rate = float(numbers(arrays, "fps").ravel()[0]) if np.size(arrays.get("fps", ())) == 1 else np.nan
-    return _Poses(
+    moved = poses_in(arrays, count, options)
+    used = {key, turn, shift, "betas", "hand", "fps", *(moved.names if moved is not None else ())}
+    used.add(None if stamps is None else stamps.name)
+    return ManoPoses(
         rotation,
         translation,
         pose,
@@ -230,6 +242,8 @@ def _from_npz(data: bytes) -> _Poses:
         None if stamps is None else numbers(arrays, stamps.name, count),
         None if stamps is None else stamps.unit,
         rate if 1.0 <= rate <= 1e4 else None,
+        tuple(unused({name: np.shape(values) for name, values in arrays.items() if name not in used})),
+        moved,
     )
 
 

@@ -20,7 +20,7 @@ from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.hand_side import chosen_side
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.recording import MOST_SAMPLES, Finding, Recording, note
+from hhsim.recordings.recording import MOST_SAMPLES, Finding, Recording, note, unused
 from hhsim.recordings.registry import MOST_BYTES, Content, ReadOptions, RecordingFormat
 from hhsim.system.counted import counted
 
@@ -70,6 +70,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         )
     seen = {side: sum(s.joints is not None for s in each) for side, each in samples.items()}
     side, findings = chosen_side(seen, options.hand)
+    findings += unused({topic: () for topic, schema in channels.values() if not _side(topic) or schema != HAND_SCHEMA})
     shown = [sample for sample in samples[side] if sample.joints is not None]
     if not shown:
         raise TrajectoryError(f"{len(samples[side])} samples of the {side} hand, and none in which it was seen")
@@ -93,6 +94,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         up="y",
         radius=radius if known else None,
         doubtful=~valid.all(axis=1),
+        joint_order=tuple(places),
         device="OpenXR through Isaac Teleop",
         findings=tuple(findings),
     )

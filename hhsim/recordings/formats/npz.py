@@ -1,8 +1,8 @@
 """Recordings from `.npz`.
 
 Arrays: t [s] (T,), wrist_pos [m] (T, 3), wrist_quat or wrist_quat_wxyz (T, 4), flex [rad] (T, 5, 3), abd [rad] (T, 5),
-and, if they are there, valid (T,), the object's pose object_pos [m] (T, 3) and object_quat or object_quat_wxyz (T, 4),
-and meta, a JSON text with source, frame and hand.
+and, if they are there, valid (T,), the object's pose, object_pos [m] (T, 3) and object_quat or object_quat_wxyz (T, 4)
+or other names of `hhsim.recordings.object_poses`, and meta, a JSON text with source, frame and hand.
 
 The pose is that of the palm. Its axes are those of the options, else of the words of `frame` in `FRAMES`, else ours.
 """
@@ -12,14 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.npz_arrays import npz_with, numbers, read_npz
-from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.correction import Correction, angle_unit, changes
 from hhsim.recordings.frames import OURS, FileFrame, to_our_palm, to_our_world, world_matrix
-from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.object_poses import placed, poses_in
+from hhsim.recordings.recording import Finding, Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 QUATERNIONS = {"wrist_quat_wxyz": (0, 1, 2, 3), "wrist_quat": (0, 1, 2, 3), "wrist_quat_xyzw": (3, 0, 1, 2)}
@@ -49,7 +48,11 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if time.ndim != 1:
         raise TrajectoryError(f"array 't' has shape {time.shape}; expected (T,)")
     count = len(time)
-    position, orientation = _pose(arrays, "wrist", count)
+    turn = next(key for key in QUATERNIONS if key in arrays)
+    position, orientation = (
+        numbers(arrays, "wrist_pos", count, 3),
+        numbers(arrays, turn, count, 4)[:, QUATERNIONS[turn]],
+    )
     meta = _meta(arrays)
     frame = meta.get("frame", "").lower()
     findings: list[Finding] = []
@@ -62,7 +65,9 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if tuple(axes) != OURS or up != "z":
         findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
     position, orientation = to_our_world(position, to_our_palm(orientation, axes), up)
-    moved = {"object_pos", *(key.replace("wrist", "object") for key in QUATERNIONS)} & set(arrays)
+    poses = poses_in(arrays, count, options, order="wxyz", strict=True)
+    used = {"t", "wrist_pos", turn, "flex", "abd", "valid", "meta", *(poses.names if poses is not None else ())}
+    findings += unused({key: np.shape(values) for key, values in arrays.items() if key not in used})
     recording = Recording(
         time=time,
         position=position,
@@ -76,12 +81,11 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         licence=meta.get("licence", ""),
         device=meta.get("device", ""),
         file_frame=FileFrame(world_matrix(up)),
-        object_motion=ObjectMotion(*to_our_world(*_pose(arrays, "object", count), up)) if moved else None,
         hand="left" if meta.get("hand", "").lower().startswith("left") else "right" if "hand" in meta else "",
     )
     if meta.get("note"):
         findings.append(note(f"the file says: {meta['note']}"))
-    recording = recording.found(*findings)
+    recording = placed(recording.found(*findings), poses)
     if "valid" in arrays:
         doubtful = numbers(arrays, "valid", count) == 0.0
         if doubtful.any():
@@ -90,14 +94,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     return recording
 
 
-def _pose_key(arrays: dict[str, Any]) -> str:
-    return next(key for key in QUATERNIONS if key in arrays)
-
-
 def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
     arrays = read_npz(content.data)
     made = changes(recording, correction)
-    key = _pose_key(arrays)
+    key = next(key for key in QUATERNIONS if key in arrays)
     old = {name: numbers(arrays, name) for name in ("wrist_pos", key, "flex", "abd")}
     place, turn, flexion, abduction = (values[made.rows] for values in old.values())
     angles = np.concatenate([flexion.reshape(-1, 15), abduction], axis=1)
@@ -107,15 +107,6 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
     for values, corrected in zip(old.values(), new):
         values[made.rows] = np.where(np.isfinite(corrected), corrected, values[made.rows])
     return npz_with(content.data, old)
-
-
-def _pose(arrays: dict[str, Any], what: str, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return position and (w, x, y, z) of the "wrist" or "object" in the recording's world."""
-    orders = {key.replace("wrist", what): order for key, order in QUATERNIONS.items()}
-    key = next((key for key in orders if key in arrays), "")
-    if not key or f"{what}_pos" not in arrays:
-        raise TrajectoryError(f"only one of {what}_pos and {what}_quat; expected both, or neither")
-    return numbers(arrays, f"{what}_pos", count, 3), numbers(arrays, key, count, 4)[:, orders[key]]
 
 
 def _meta(arrays: dict[str, Any]) -> dict[str, str]:

@@ -31,22 +31,26 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one in more frames; raises TrajectoryError."""
     document = read_json(content.text)
     device = "WebXR through iwer" if _is_iwer(document) else ""
-    joints = joints_of_frames(_frames(document), "webxr", options, up="y", may_be_mirrored=True, device=device)
+    joints = joints_of_frames(*_frames(document), "webxr", options, up="y", may_be_mirrored=True, device=device)
     return recording_of_joints(joints, content.name, options)
 
 
 def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
     numbers = PlacedJson(content.exact_text)
     made = joint_changes(recording, correction)
-    return content.edited(frame_edits(numbers, _frames(numbers.document), options, made))
+    return content.edited(frame_edits(numbers, _frames(numbers.document)[0], options, made))
 
 
 def _is_iwer(document: Any) -> bool:
     return isinstance(document, dict) and isinstance(document.get("schema"), list)
 
 
-def _frames(document: Any) -> list[Frame]:
-    return list(_iwer_frames(document)) if _is_iwer(document) else read_frames(document)
+def _frames(document: Any) -> tuple[list[Frame], dict[str, Any]]:
+    """Return the frames, and the values beside them."""
+    if not _is_iwer(document):
+        return read_frames(document)
+    beside = {key: value for key, value in document.items() if key not in ("schema", "frames")}
+    return list(_iwer_frames(document)), beside
 
 
 def _iwer_frames(document: Mapping[str, Any]) -> Iterator[Frame]:

@@ -7,19 +7,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from joint_samples import array_npy, arrays_npz, assert_our_own, joint_sample, words
 from recording_samples import read_as
 
-from hhsim.errors import TrajectoryError
-from hhsim.recordings.joint_names import KEYPOINTS
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.recordings.formats import keypoints
+from hhsim.recordings.joint_names import JOINT_ORDERS, KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, WEBXR_JOINTS
 from hhsim.recordings.registry import Content, ReadOptions, read_content
 
 SAMPLE = joint_sample()
 POINTS, TIME = SAMPLE.named(), SAMPLE.motion.time
 
 
-def table(header: list[str], *, stamps: bool = True) -> str:
-    rows = [[*([t] if stamps else []), *point.ravel().tolist()] for t, point in zip(TIME, POINTS)]
+def table(header: list[str], *, stamps: bool = True, points: Any = POINTS) -> str:
+    rows = [[*([t] if stamps else []), *point.ravel().tolist()] for t, point in zip(TIME, points)]
     return "\n".join([",".join(header), *(",".join(map(repr, map(float, row))) for row in rows)]) + "\n"
 
 
@@ -69,6 +72,78 @@ def test_our_own_hand_comes_back(form: str) -> None:
     assert (still.position == 0.0).all() and "the wrist stands still" in words(still)
 
 
+IN_MANO = POINTS[:, [KEYPOINTS.index(joint) for joint in MANO_JOINTS]]
+MANO_FILES: dict[str, Any] = {
+    "npy": array_npy(IN_MANO),
+    "npz": arrays_npz(joints=IN_MANO, t=TIME),
+    "mirrored": arrays_npz(joints=1e3 * IN_MANO * [-1.0, 1.0, 1.0], t=TIME),
+    "csv": table([f"{a}{k}" for k in range(21) for a in "xyz"], stamps=False, points=IN_MANO).encode(),
+    "json": json.dumps(IN_MANO.tolist()).encode(),
+}
+
+
+@pytest.mark.parametrize("form", MANO_FILES)
+def test_manos_order_is_found_by_the_bones_and_kept_for_the_way_back(form: str) -> None:
+    recording = read_as("keypoints", MANO_FILES[form], rate=100.0, world_up="y")
+    assert "21 joints in MANO's order" in words(recording) and "by the lengths of its bones" in words(recording)
+    assert recording.joints is not None
+    if form == "mirrored":
+        assert recording.hand == "left"
+    else:
+        assert_our_own(recording, SAMPLE)
+    # Rows of the file from joints in our order, as a writer makes them.
+    back = recording.file_frame.to_file(recording.joints)
+    rows = np.empty_like(back)
+    rows[:, list(recording.joint_order)] = back
+    scale = [-1e3, 1e3, 1e3] if form == "mirrored" else 1.0
+    np.testing.assert_allclose(rows, IN_MANO * scale, atol=1e-12 * np.abs(scale).max())
+    same = read_as("keypoints", array_npy(POINTS), rate=100.0, world_up="y")
+    assert same.joint_order == tuple(range(21)) and "MediaPipe's order" in words(same)
+
+
+@pytest.mark.parametrize("names", [OPENXR_JOINTS, WEBXR_JOINTS])
+def test_rows_of_openxrs_and_webxrs_joints(names: tuple[str, ...]) -> None:
+    recording = read_as("keypoints", array_npy(SAMPLE.named(names)), rate=100.0)
+    assert_our_own(recording, SAMPLE)
+    assert [names[k] for k in recording.joint_order] == list(KEYPOINTS)
+    with pytest.raises(InputError, match=f"--joint-order mano: the array has {len(names)} joints; expected 21"):
+        read_as("keypoints", array_npy(SAMPLE.named(names)), rate=100.0, joint_order="mano")
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["mediapipe", "mano"]))
+def test_no_posture_of_our_hand_is_taken_for_the_other_order(seed: int, order: str) -> None:
+    random = np.random.default_rng(seed)
+    hand = SAMPLE.hand
+    flexion = random.uniform(hand.flexion_min, hand.flexion_max)
+    abduction = random.uniform(hand.abduction_min, hand.abduction_max)
+    fingers = hand.joints(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), flexion, abduction)
+    wrist = np.array([-0.070 * hand.hand_breadth, -0.223 * hand.hand_length, 0.0])
+    points = np.concatenate([wrist[None], fingers.reshape(20, 3)])[None]
+    rows = points[:, [KEYPOINTS.index(joint) for joint in JOINT_ORDERS[order]]]
+    # One posture alone may leave both possible, never the wrong one.
+    assert keypoints.order_by_bones(rows) in (order, None)
+
+
+def test_where_two_orders_are_as_plausible_it_is_asked_for() -> None:
+    # All fingers are one straight line, and one bone is as long as the next: any order is.
+    line = np.zeros((40, 21, 3))
+    line[:, 1:, 0] = 0.1
+    line[:, :, 1] = np.sin(TIME)[:, None]
+    with pytest.raises(TrajectoryError, match=r"MediaPipe's or in MANO's order; say --joint-order mediapipe\|mano"):
+        read_as("keypoints", arrays_npz(points=line, t=TIME))
+    with pytest.raises(InputError, match="--joint-order openxr: 21 joints a sample; expected 25 or 26"):
+        read_as("keypoints", array_npy(POINTS), rate=100.0, joint_order="openxr")
+    told = read_as("keypoints", array_npy(IN_MANO), rate=100.0, world_up="y", joint_order="smplx")
+    assert_our_own(told, SAMPLE)
+    assert "as --joint-order says" in words(told)
+
+
+def test_missing_joints_and_noise_leave_the_order() -> None:
+    noisy = joint_sample(noise=0.004).named()[:, [KEYPOINTS.index(joint) for joint in MANO_JOINTS]].copy()
+    noisy[::3, 5] = np.nan
+    assert keypoints.order_by_bones(noisy) == "mano"
+
+
 def test_columns_that_name_their_joints_are_read_by_name_in_any_order() -> None:
     names = [f"{joint}_{axis}" for joint in KEYPOINTS for axis in "xyz"]
     lines = [line.split(",") for line in table(["time_s", *names]).splitlines()]
@@ -85,6 +160,7 @@ def test_columns_that_name_their_joints_are_read_by_name_in_any_order() -> None:
     [
         (array_npy(POINTS), "no stamps of the samples; say how many there are a second: --rate"),
         (array_npy(POINTS[:, :20]), r"the array has shape \(40, 20, 3\); expected \(T, 21, 3\)"),
+        (array_npy(POINTS[:, :16]), r"shape \(40, 16, 3\); .*: 16 joints lack the fingertips"),
         (array_npy(POINTS)[:3000], "not an .npy array, or a damaged one"),
         (arrays_npz(a=POINTS[:, :5]), r"no array of shape \(T, 21, 3\).* it holds a \(40, 5, 3\)"),
         (arrays_npz(a=POINTS, b=POINTS), "more than one array of shape"),

@@ -51,7 +51,7 @@ def test_the_objects_pose_comes_in_and_stands_up_with_the_world() -> None:
     for values, expected in zip(moved, to_our_world(place, turn, "y")):
         np.testing.assert_allclose(values, expected)
     assert read_as("npz", archive()).object_motion is None
-    with pytest.raises(TrajectoryError, match="only one of object_pos and object_quat"):
+    with pytest.raises(TrajectoryError, match="'object_pos' is only one of an object's position and orientation"):
         read_as("npz", archive(object_pos=place))
 
 

@@ -1,0 +1,102 @@
+"""Data in pickles, read without running anything that is in them.
+
+The unpickler makes arrays, keeps the state of a few known classes as data, and refuses any other class.
+"""
+
+import io
+import pickle
+from typing import Any
+
+import numpy as np
+
+from hhsim.errors import TrajectoryError
+
+
+class _State:
+    """Object of a class that is not imported: its state, as data."""
+
+    def __init__(self, *arguments: Any) -> None:
+        self.arguments = arguments
+        self.state: Any = None
+
+    def __setstate__(self, state: Any) -> None:
+        self.state = state
+
+
+class _Unpickler(pickle.Unpickler):
+    """Unpickler that makes arrays; of sparse matrices and of chumpy's arrays only their state."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """Return one of a few classes; nothing else can be reached from the file."""
+        if module in ("numpy.core.multiarray", "numpy._core.multiarray") and name in ("_reconstruct", "scalar"):
+            from numpy._core import multiarray
+
+            return getattr(multiarray, name)
+        if module == "numpy" and name in ("ndarray", "dtype"):
+            return getattr(np, name)
+        if (module, name) == ("_codecs", "encode"):
+            return _encode
+        if module.split(".")[0] == "chumpy" or module.startswith("scipy.sparse"):
+            return _State
+        if (module, name) in (("copy_reg", "_reconstructor"), ("copyreg", "_reconstructor")):
+            return _reconstructed
+        if (module, name) in (("__builtin__", "object"), ("builtins", "object")):
+            return object
+        raise TrajectoryError(f"holds {module}.{name}, which is not data, so it is not loaded")
+
+
+def _encode(text: str, encoding: str = "latin1") -> bytes:
+    return text.encode("latin1")
+
+
+def _reconstructed(kind: Any, base: Any, state: Any) -> Any:
+    if kind is not _State:
+        raise TrajectoryError("holds an object that is not data, so it is not loaded")
+    return _State()
+
+
+def unpickled(data: bytes, what: str) -> dict[str, Any]:
+    """Return the dictionary in a pickle, also in one that an array of objects wraps; messages name it as `what`.
+
+    Raises:
+        TrajectoryError: A damaged pickle, one of something else, or one that holds more than data.
+    """
+    try:
+        fields = _Unpickler(io.BytesIO(data), encoding="latin1").load()
+    except TrajectoryError:
+        raise
+    except Exception as error:
+        # A damaged pickle raises whatever its bytes happen to ask for.
+        raise TrajectoryError(f"no pickle, or a damaged one ({type(error).__name__}); expected {what}") from None
+    if isinstance(fields, np.ndarray) and fields.shape == ():
+        fields = fields.item()
+    if not isinstance(fields, dict):
+        raise TrajectoryError(f"a pickle of something else; expected the dictionary of {what}")
+    return {str(key): value for key, value in fields.items()}
+
+
+def plain(value: Any, depth: int = 0) -> Any:
+    """Return the array in the state of an object; None if there is none."""
+    if not isinstance(value, _State) or depth > 4:
+        return value
+    state = value.state
+    if isinstance(state, tuple):
+        state = next((part for part in state if isinstance(part, dict)), None)
+    if not isinstance(state, dict):
+        return None
+    if {"data", "indices", "indptr"} <= set(state):
+        from scipy.sparse import csc_matrix
+
+        shape = state.get("_shape", state.get("shape"))
+        return csc_matrix((state["data"], state["indices"], state["indptr"]), shape=shape).toarray()
+    if {"a", "idxs"} <= set(state):
+        inner = plain(state["a"], depth + 1)
+        return np.asarray(inner).ravel()[np.asarray(state["idxs"])].reshape(state.get("preferred_shape", (-1,)))
+    return plain(state["x"], depth + 1) if "x" in state else None
+
+
+def npy_dictionary(data: bytes, what: str) -> dict[str, Any]:
+    """Return the dictionary in an `.npy` file of one object; errors as of `unpickled`."""
+    # The header's length takes two bytes in version 1, four in later ones.
+    width = 2 if data[6:7] == b"\x01" else 4
+    return unpickled(data[8 + width + int.from_bytes(data[8 : 8 + width], "little") :], what)

@@ -1,0 +1,151 @@
+"""Hands of the MANO model, with the object that they hold, as the data sets ARCTIC and GRAB keep them.
+
+| file | holds |
+|---|---|
+| ARCTIC's .mano.npy | a dictionary of right and left, each rot (T, 3), pose (T, 45), trans [m] (T, 3), shape |
+| .npz | the same as plain arrays, right_rot or rot_r, …, and obj_rot, obj_trans [mm], obj_arti |
+| .npz of GRAB's arrays | rhand_global_orient, rhand_fullpose (or rhand_hand_pose), rhand_transl, lhand_…, framerate |
+
+ARCTIC's pose is from the model's mean pose, at 30 Hz; its object is in .object.npy beside it (github.com/zc-alexfan/
+arctic: docs/data/data_doc.md, common/body_models.py). GRAB's fullpose is from the flat hand, and its hand_pose has
+coefficients of the components (github.com/otaheri/GRAB: grab/grab_preprocessing.py); its object is object_transl and
+object_global_orient. GRAB's own .npz has pickled dictionaries, which are refused: `CONVERT` says what to save of them.
+Pickled dictionaries of `.npy` are read as data, nothing in them is run.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from hhsim.errors import TrajectoryError, named
+from hhsim.motion.npz_arrays import array_names, numbers, read_npy, read_npz
+from hhsim.motion.pickled_data import npy_dictionary
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.formats.mano import ANGLES, ManoPoses, recording_of_poses
+from hhsim.recordings.hand_side import chosen_side
+from hhsim.recordings.object_poses import ObjectPoses, poses_in
+from hhsim.recordings.recording import Finding, Recording, note, unused
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+
+SIDE_WORDS: dict[str, HandSide] = {"rhand": "right", "right": "right", "r": "right"}
+SIDE_WORDS |= {"lhand": "left", "left": "left", "l": "left"}
+FIELDS = {
+    "rotation": ("global_orient", "rot"),
+    "pose": ("fullpose", "pose", "hand_pose"),
+    "translation": ("transl", "trans"),
+    "betas": ("betas", "shape"),
+}
+"""Names of the numbers of a hand, the preferred one first: of GRAB, then of ARCTIC."""
+READINGS = {"fullpose": "axis-angle", "pose": "axis-angle-mean"}
+ARCTIC_RATE = 30.0
+"""Frames a second of ARCTIC [Hz], which its files do not state."""
+NPY, OBJECTS = b"\x93NUMPY", b"'descr': '|O'"
+CONVERT = (
+    "a sequence of GRAB, whose dictionaries are pickled objects, which are not loaded; save their params as arrays: "
+    "np.savez(FILE, rhand_global_orient=…, rhand_fullpose=…, rhand_transl=…, object_global_orient=…, object_transl=…, "
+    "framerate=…)"
+)
+
+
+def _hands(names: Iterable[str]) -> dict[HandSide, dict[str, str]]:
+    """Return the names of the arrays of each hand that has a rotation and a pose, by the words of `FIELDS`."""
+    hands: dict[HandSide, dict[str, str]] = {}
+    for name in names:
+        words = [word for word in re.split(r"[._/]", name.lower()) if word not in ("", "params")]
+        sides = [SIDE_WORDS[word] for word in words if word in SIDE_WORDS]
+        if sides:
+            hands.setdefault(sides[0], {})["_".join(word for word in words if word not in SIDE_WORDS)] = name
+    return {side: held for side, held in hands.items() if _key(held, "rotation") and _key(held, "pose")}
+
+
+def _key(held: Mapping[str, str], field: str) -> str:
+    """Return the word of `FIELDS` under which a hand's arrays have a field, "" if they lack it."""
+    return next((key for key in FIELDS[field] if key in held), "")
+
+
+def _read(content: Content, options: ReadOptions) -> Recording:
+    """Read the hand of the options, else the one of more samples; raises TrajectoryError."""
+    if content.head.startswith(NPY):
+        arrays = dict(_flat(npy_dictionary(content.data, "ARCTIC's hands")))
+    elif _is_pickled(content):
+        raise TrajectoryError(CONVERT)
+    else:
+        arrays = read_npz(content.data)
+    hands = _hands(arrays)
+    if not hands:
+        held = ", ".join(list(arrays)[:6]) or "nothing"
+        raise TrajectoryError(f"no hand, it holds {held}; expected right and left with rot, pose and trans")
+    samples = {side: len(np.atleast_1d(arrays[held[_key(held, "pose")]])) for side, held in hands.items()}
+    side, remarks = chosen_side(samples, options.hand)
+    fields = {field: hands[side][key] for field in FIELDS if (key := _key(hands[side], field))}
+    pose = numbers(arrays, fields["pose"])
+    if pose.ndim != 2:
+        raise TrajectoryError(f"'{fields['pose']}' has shape {pose.shape}; expected (T, {ANGLES})")
+    count, key = len(pose), _key(hands[side], "pose")
+    usual = "pca-flat" if key == "hand_pose" and pose.shape[1] < ANGLES else READINGS.get(key)
+    arctic = key == "pose"
+    poses, found = _object(content, arrays, count, arctic, options)
+    betas = numbers(arrays, fields["betas"]) if "betas" in fields else np.zeros(0)
+    if not betas.size:
+        found.append(note("no shape of the hand: the model's mean one, whose bones may be millimetres off"))
+    rate = float(numbers(arrays, "framerate").ravel()[0]) if np.size(arrays.get("framerate", ())) == 1 else np.nan
+    used = {*fields.values(), "framerate", *(poses.names if poses is not None else ())}
+    other = {name for each, held in hands.items() if each != side for name in held.values()}
+    found += unused({name: np.shape(values) for name, values in arrays.items() if name not in used | other})
+    hand = ManoPoses(
+        numbers(arrays, fields["rotation"], count, 3),
+        numbers(arrays, fields["translation"], count, 3) if "translation" in fields else None,
+        pose,
+        (betas[0] if betas.ndim == 2 and len(betas) else betas.ravel())[:10],
+        side,
+        None,
+        None,
+        rate if 1.0 <= rate <= 1e4 else ARCTIC_RATE if arctic else None,
+        (*remarks, *found),
+        poses,
+    )
+    return recording_of_poses(hand, content.name.removesuffix(".mano"), "grab", options, usual)
+
+
+def _object(
+    content: Content, arrays: Mapping[str, Any], count: int, arctic: bool, options: ReadOptions
+) -> tuple[ObjectPoses | None, list[Finding]]:
+    """Return the object's poses among the arrays, else those of ARCTIC's file beside, and findings about them."""
+    poses = poses_in(arrays, count, options)
+    if poses is not None:
+        return (poses._replace(metre=poses.metre or 1e-3) if arctic else poses), []
+    path = content.path
+    beside = path.with_name(path.name.replace(".mano.", ".object.")) if path is not None else None
+    if path is None or beside is None or beside == path or not beside.is_file():
+        return None, []
+    with named(beside):
+        rows = read_npy(Content(beside, what="poses of an object").data)
+        poses = poses_in({"object_pose": rows}, count, options)
+    return poses, [note(f"the object moves as {beside.name} beside it has it")]
+
+
+def _flat(node: Mapping[str, Any], above: str = "") -> list[tuple[str, Any]]:
+    """Return the values of nested dictionaries by their keys with slashes between."""
+    flat = []
+    for key, value in node.items():
+        name = f"{above}/{key}" if above else str(key)
+        flat += _flat(value, name) if isinstance(value, dict) and above.count("/") < 4 else [(name, value)]
+    return flat
+
+
+def _is_pickled(content: Content) -> bool:
+    names = array_names(content.data)
+    return bool(names & {"rhand", "lhand"}) and bool(names & {"object", "body"})
+
+
+def _sniff(content: Content, options: ReadOptions) -> bool:
+    if content.head.startswith(NPY):
+        return OBJECTS in content.head[:256]
+    return content.head.startswith(b"PK") and (_is_pickled(content) or bool(_hands(array_names(content.data))))
+
+
+FORMAT = RecordingFormat(
+    "grab", "hands and object of ARCTIC or GRAB, with --mano-model", (".npy", ".npz"), _sniff, _read
+)

@@ -1,0 +1,541 @@
+"""Poses of an object, in a file of their own (`--object-poses`) or among the arrays, columns or keys of a recording.
+
+Names have a word for the object (object, obj), which a file of its own may leave out, and one of these; a name may end
+with the order of a quaternion (_wxyz, _xyzw) and with a unit (_m, _cm, _mm):
+
+| names | hold, one row a sample or a single one |
+|---|---|
+| pos, position, t, trans, transl, translation, location | position (3) |
+| q, quat, quaternion, R, rot, rotation, orient, orientation | quaternion (4), rotation vector [rad] (3), 3 × 3 matrix |
+| rotvec, axis_angle, rotmat | rotation vector [rad], matrix |
+| pose, transform, transformation, matrix | matrix (4 × 4, 3 × 4), position and quaternion (7), ARCTIC's row (7) |
+| columns px, tx, x, pos_x, t_wo_x, qw, quat_w, rotvec_x, m00, pose_0, … | the same, number by number |
+| transl with global_orient | GRAB's object |
+
+ARCTIC's row is articulation [rad], rotation vector, translation [mm] (its docs/data/data_doc.md); its last four numbers
+are no unit quaternion. GRAB multiplies vertices by the matrix from the right (its tools/objectmodel.py), so its object
+turns by the transposed one. The pose takes points of the object's mesh to the frame of the recorded hand. It is missing
+where a number is NaN, or the quaternion or the matrix all zeros.
+"""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.errors import TrajectoryError, named
+from hhsim.hand.quaternion import conjugate, quaternion, quaternion_from_matrix, quaternion_product
+from hhsim.motion.csv_table import Table, lacks_names, read_header, read_table
+from hhsim.motion.npz_arrays import read_npy, read_npz
+from hhsim.motion.object_motion import ObjectMotion
+from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
+from hhsim.motion.validation import as_numbers
+from hhsim.recordings.frames import FileFrame, quaternions_of, turned
+from hhsim.recordings.json_document import keys_of, number, read_json, vector
+from hhsim.recordings.recording import MOST, Finding, Recording, note, unreadable, unused
+from hhsim.recordings.registry import Content, ReadOptions
+from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, LENGTH_UNITS, TIME_UNITS, time_column
+
+OBJECT_WORDS = {"object", "obj"}
+POSITIONS = {"t", "pos", "position", "positions", "trans", "transl", "translation", "translations", "location"}
+VECTORS = {"rotvec", "axisangle"}
+TURNS = {
+    "q",
+    "quat",
+    "quaternion",
+    "quaternions",
+    "rot",
+    "rotation",
+    "rotations",
+    "orient",
+    "orientation",
+    "orientations",
+}
+TURNS |= {"r", "globalorient", "rotmat", *VECTORS}
+POSES = {"pose", "poses", "transform", "transforms", "transformation", "matrix", "matrices"}
+ORDERS = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}
+"""Places of w, x, y, z in a quaternion of each order."""
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+MIRROR = (1.0, -1.0, -1.0, 1.0)
+"""Factors of a quaternion whose rotation is seen in a mirror along z."""
+UNIT_TOLERANCE = 0.02
+"""Largest deviation of a quaternion's length, or of an entry of RᵀR, from that of a rotation."""
+STAMP_SLACK = 1e-6
+"""Largest time of a sample before the first pose or after the last one [s], for stamps that were rounded."""
+WIDTHS = (7, 12, 16)
+"""Numbers of a pose without names: position and quaternion (or ARCTIC's row), 3 × 4 matrix, 4 × 4 matrix."""
+TURN_SHAPES = ((4,), (3,), (3, 3), (9,))
+POSE_SHAPES = ((4, 4), (3, 4), *((width,) for width in WIDTHS))
+"""Shapes of a row of an orientation and of a pose."""
+
+_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
+_COLUMN = re.compile(r"(?:(?P<kind>p|t|q)?(?P<axis>[wxyz])|m?(?P<place>[0-9]+))")
+
+
+class ObjectPoses(NamedTuple):
+    """Poses of an object in the coordinates of a file.
+
+    Attributes:
+        position: Origin, NaN where missing, shape (T, 3).
+        orientation: Object to file, unit (w, x, y, z), shape (T, 4).
+        metre: Unit of the positions [m]; None if the file does not say.
+        names: Names of the arrays or columns that were read.
+        findings: Remarks about what was read.
+    """
+
+    position: FloatArray
+    orientation: FloatArray
+    metre: float | None
+    names: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
+
+
+class _Name(NamedTuple):
+    """Meaning of a name: "position", "turn", "vector" or "pose", the order of a quaternion, and a unit [m]."""
+
+    kind: str
+    order: str | None
+    metre: float | None
+
+
+def _words(name: str, alone: bool) -> tuple[list[str], float | None] | None:
+    """Return the words after that of the object, and a unit [m]; None if another thing's, unless names stand alone."""
+    words = [word.lower() for word in _WORD.findall(name)]
+    place = next((k for k, word in enumerate(words) if word in OBJECT_WORDS), None)
+    if place is None and not alone:
+        return None
+    words = words if place is None else words[place + 1 :]
+    metre = UNITS.get(words[-1]) if len(words) > 1 else None
+    return (words if metre is None else words[:-1]), metre
+
+
+def _bare(words: list[str]) -> list[str]:
+    """Return words without those that only say what the last one is part of, such as pose.position."""
+    words = [word for word in words if word not in ("world", "wo", "params")]
+    while len(words) > 1 and words[0] in POSES:
+        words = words[1:]
+    return words
+
+
+def _meaning(name: str, alone: bool) -> _Name | None:
+    """Return the meaning of the name of an array or a key; None for another one."""
+    found = _words(name, alone)
+    if found is None:
+        return None
+    words, metre = found
+    order = next((word for word in words if word in ORDERS), None)
+    word = "".join(_bare([word for word in words if word != order]))
+    kinds = {"position": POSITIONS, "vector": VECTORS, "turn": TURNS, "pose": POSES}
+    kind = next((kind for kind, known in kinds.items() if word in known), None)
+    return None if kind is None else _Name(kind, order, metre)
+
+
+def is_objects(name: str) -> bool:
+    """Return True for the name of an object's position, orientation or pose."""
+    return _meaning(name, alone=False) is not None
+
+
+def poses_in(
+    arrays: Mapping[str, Any],
+    count: int | None,
+    options: ReadOptions,
+    *,
+    order: str | None = None,
+    alone: bool = False,
+    strict: bool = False,
+) -> ObjectPoses | None:
+    """Return the poses among named arrays, for `count` samples if it is given; None if no name tells of any.
+
+    `order` is that of quaternions whose name does not say it; `alone` takes names without a word for the object. Arrays
+    of another shape are none; a position or an orientation without the other is none, or refused if `strict`.
+
+    Raises:
+        TrajectoryError: Another number of rows, no rotation, a quaternion of unknown order, or as `strict` says.
+    """
+    tails = {"position": ((3,),), "pose": POSE_SHAPES}
+    meanings = {}
+    for name, values in arrays.items():
+        meaning, shape = _meaning(name, alone), np.shape(values)
+        if meaning is not None and {shape, shape[1:]} & {*tails.get(meaning.kind, TURN_SHAPES)}:
+            meanings[name] = meaning
+    names = {meaning.kind.replace("vector", "turn"): name for name, meaning in reversed(meanings.items())}
+    if not names:
+        return None
+    if "pose" in names:
+        names = {"pose": names["pose"]}
+        meaning = meanings[names["pose"]]
+        poses = _of_rows(names["pose"], arrays[names["pose"]], meaning.order or order, options)
+        poses = poses._replace(metre=meaning.metre or poses.metre)
+    elif len(names) < 2 and not strict:
+        return None
+    elif len(names) < 2:
+        (name,) = names.values()
+        raise TrajectoryError(
+            f"'{name}' is only one of an object's position and orientation; expected both, or neither"
+        )
+    else:
+        place, turn = names["position"], names["turn"]
+        position = _rows(place, arrays[place], (3,))
+        orientation = _quaternions(turn, arrays[turn], meanings[turn].order or order, options)
+        findings: tuple[Finding, ...] = ()
+        if re.search("global_?orient", turn, re.IGNORECASE) and re.search("transl$", place):
+            orientation = conjugate(orientation)
+            text = f"'{turn}' as in GRAB: vertices times the matrix, so the object turns by its transpose"
+            findings = (note(text),)
+        if len(position) != len(orientation) and 1 not in (len(position), len(orientation)):
+            raise TrajectoryError(
+                f"'{place}' has {len(position)} rows and '{turn}' {len(orientation)}; expected as many"
+            )
+        rows = max(len(position), len(orientation))
+        position, orientation = (np.broadcast_to(each, (rows, each.shape[1])) for each in (position, orientation))
+        poses = ObjectPoses(position, orientation, meanings[place].metre, (place, turn), findings)
+    if options.pose_unit is not None:
+        poses = poses._replace(metre=UNITS[options.pose_unit])
+    lost = np.isnan(np.concatenate(poses[:2], axis=1)).any(axis=1, keepdims=True)
+    position, orientation = (np.where(lost, np.nan, each) for each in poses[:2])
+    poses = poses._replace(position=position, orientation=orientation)
+    return poses if count is None else _counted(poses, count)
+
+
+def _counted(poses: ObjectPoses, count: int) -> ObjectPoses:
+    """Return one pose a sample, of a single one that of an object at rest; TrajectoryError for another number."""
+    rows = len(poses.position)
+    if rows == count:
+        return poses
+    if rows != 1:
+        names = " and ".join(poses.names)
+        raise TrajectoryError(f"{rows} poses of the object ({names}) for {count} samples of the hand; expected as many")
+    return poses._replace(
+        position=np.repeat(poses.position, count, axis=0), orientation=np.repeat(poses.orientation, count, axis=0)
+    )
+
+
+def _rows(name: str, given: Any, *tails: tuple[int, ...]) -> FloatArray:
+    """Return rows of one of these shapes as numbers; a single one without the first axis is one row."""
+    values = as_numbers(f"'{name}'", given)
+    if values.shape in tails:
+        values = values[None]
+    if values.shape[1:] not in tails or not len(values):
+        wanted = " or ".join(f"(T, {', '.join(map(str, tail))})" for tail in tails)
+        raise TrajectoryError(f"'{name}' has shape {np.shape(given)}; expected {wanted}")
+    values[~(np.abs(values) <= MOST[0])] = np.nan
+    return values
+
+
+def _quaternions(name: str, given: Any, order: str | None, options: ReadOptions) -> FloatArray:
+    values = _rows(name, given, *TURN_SHAPES)
+    if values.shape[1:] == (3,):
+        return np.where(np.isnan(values).any(axis=1, keepdims=True), np.nan, quaternion(np.nan_to_num(values)))
+    if values.shape[1:] != (4,):
+        return _of_matrices(name, values.reshape(-1, 3, 3))
+    order = order or options.pose_order
+    if order is None:
+        raise TrajectoryError(f"'{name}' does not say the order of its quaternions; expected --pose-order wxyz|xyzw")
+    values[(values == 0.0).all(axis=1)] = np.nan
+    norm = np.linalg.norm(values, axis=1, keepdims=True)
+    wrong = np.flatnonzero(np.abs(norm - 1.0) > UNIT_TOLERANCE)
+    if wrong.size:
+        text = f"'{name}' has length {norm[wrong[0], 0]:.4g} in row {wrong[0]}"
+        raise TrajectoryError(f"{text}; expected unit quaternions, NaN where missing")
+    return np.asarray(values[:, list(ORDERS[order])] / norm)
+
+
+def _of_matrices(name: str, matrix: FloatArray) -> FloatArray:
+    product = np.einsum("tji,tjk->tik", matrix, matrix)
+    with np.errstate(invalid="ignore"):
+        wrong = (np.abs(product - np.eye(3)) > UNIT_TOLERANCE).any(axis=(1, 2)) | (np.linalg.det(matrix) < 0.0)
+    if wrong.any():
+        raise TrajectoryError(f"'{name}' is no rotation in row {int(np.argmax(wrong))}; expected RᵀR = 1, det R = 1")
+    return quaternions_of(np.where(np.isnan(matrix).any(axis=(1, 2), keepdims=True), np.nan, matrix))
+
+
+def _of_rows(name: str, given: Any, order: str | None, options: ReadOptions) -> ObjectPoses:
+    """Return the poses in rows of 7 numbers, or of a matrix."""
+    values = _rows(name, given, *POSE_SHAPES)
+    if values.shape[1:] != (7,):
+        values[(values == 0.0).reshape(len(values), -1).all(axis=1)] = np.nan
+        matrix = values.reshape(len(values), -1, 4)
+        last = matrix[:, 3:, :]
+        wrong = (np.abs(last - [0.0, 0.0, 0.0, 1.0]) > UNIT_TOLERANCE).any(axis=(1, 2))
+        if wrong.any():
+            text = f"'{name}' has the last row {matrix[int(np.argmax(wrong)), 3].tolist()}"
+            raise TrajectoryError(f"{text}; expected [0, 0, 0, 1]: is the matrix transposed?")
+        return ObjectPoses(matrix[:, :3, 3], _of_matrices(name, matrix[:, :3, :3]), None, (name,))
+    with np.errstate(invalid="ignore"):
+        seen = np.isfinite(values).all(axis=1)
+        off = np.abs(np.linalg.norm(values[seen, 3:], axis=1) - 1.0) > UNIT_TOLERANCE
+    if seen.any() and off.mean() > 0.5:
+        if (np.linalg.norm(values[seen, 1:4], axis=1) > 2.0 * np.pi + UNIT_TOLERANCE).any():
+            raise TrajectoryError(f"'{name}' is neither position and unit quaternion nor ARCTIC's row")
+        text = f"'{name}' as ARCTIC's rows: rotation vector, translation in mm; its articulation is left out"
+        turns = _quaternions(name, values[:, 1:4], None, options)
+        return ObjectPoses(values[:, 4:], turns, 1e-3, (name,), (note(text),))
+    return ObjectPoses(values[:, :3], _quaternions(name, values[:, 3:], order, options), None, (name,))
+
+
+def table_arrays(table: Table, findings: list[Finding], *, alone: bool = False) -> tuple[dict[str, Any], set[str]]:
+    """Return the columns of an object's pose as arrays for `poses_in`, and the columns; add findings of its cells."""
+    groups: dict[str, dict[int, str]] = {}
+    for column in table.header:
+        found = _words(column, alone)
+        words, metre = found if found is not None else ([], None)
+        part = _COLUMN.fullmatch(words[-1]) if words else None
+        # Digits stand apart from the letter before them: m00 is m and 00.
+        stem = "".join(_bare([word for word in words[:-1] if word != "m"]))
+        if part is None or not (stem in POSITIONS | TURNS | POSES or (not stem and len(words) < 3)):
+            continue
+        kind, axis = {"p": "position", "t": "position", "q": "quat_wxyz"}.get(part["kind"] or "", ""), part["axis"]
+        suffix = next((f"_{word}" for word, size in UNITS.items() if size == metre), "")
+        if axis is None:
+            kind = "rotmat" if stem in TURNS else "pose" + suffix
+        elif not kind:
+            kind = "rotvec" if stem in VECTORS else "quat_wxyz" if stem in TURNS else "position"
+        if kind == "position":
+            kind += suffix
+        groups.setdefault(f"object_{kind}", {})["wxyz".index(axis) if axis else int(part["place"])] = column
+    sizes = {"position": (3,), "rotvec": (3,), "quat_wxyz": (4,), "rotmat": (9,), "pose": WIDTHS}
+    arrays, used = {}, set()
+    for name, parts in groups.items():
+        if len(parts) in next(size for key, size in sizes.items() if name.startswith(f"object_{key}")):
+            columns = [parts[k] for k in sorted(parts)]
+            arrays[name], broken = table.numbers(columns)
+            findings.extend(unreadable(broken, f" of {columns[0]} and its like"))
+            used.update(columns)
+    return arrays, used
+
+
+def record_arrays(records: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return arrays of the values in JSON objects by their keys, one row an object, NaN where missing."""
+    rows = [dict(_leaves(record)) for record in records]
+    arrays = {}
+    for name in dict.fromkeys(name for row in rows for name in row):
+        shape = next((row[name].shape for row in rows if name in row), ())
+        missing = np.full(shape, np.nan)
+        given = [row.get(name, missing) for row in rows]
+        arrays[name] = np.array([values if values.shape == shape else missing for values in given])
+    return arrays
+
+
+def _leaves(node: Mapping[str, Any], above: str = "", depth: int = 0) -> Iterator[tuple[str, FloatArray]]:
+    """Yield the numbers of a JSON object by their keys; x, y, z with w, or without it, are one value."""
+    for key, value in node.items():
+        name = f"{above}.{key}" if above else str(key)
+        if isinstance(value, dict) and {"x", "y", "z"} <= set(value):
+            if "w" in value:
+                yield f"{name}_wxyz", np.array(vector(value, "wxyz"))
+            elif (meaning := _meaning(name, True)) is not None and meaning.kind == "position":
+                yield name, np.array(vector(value))
+        elif isinstance(value, dict) and depth < 4:
+            yield from _leaves(value, name, depth + 1)
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            yield name, np.array(number(value))
+        elif isinstance(value, list):
+            yield name, _array(value)
+
+
+def _array(values: list[Any]) -> FloatArray:
+    """Return nested lists as numbers, NaN for null; one NaN if they are none."""
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.array(np.nan)
+
+
+def placed(recording: Recording, poses: ObjectPoses | None) -> Recording:
+    """Return a recording with an object at poses in its file's coordinates; unchanged without any.
+
+    In a left-handed world the object's own axes are mirrored along z, as the world's are.
+    """
+    if poses is None:
+        return recording
+    frame = recording.file_frame
+    if poses.metre is not None:
+        frame = FileFrame(frame.turn, poses.metre)
+    elif recording.scaled or "length" in recording.stated:
+        apart = np.linalg.norm(frame.to_world(poses.position) - recording.position, axis=1)
+        if np.isfinite(apart).any() and np.nanmedian(apart) > FAR:
+            far = f"{' and '.join(poses.names)}: the object is {np.nanmedian(apart):.4g} m from the hand"
+            raise TrajectoryError(f"{far}; expected the unit of the hand: say --pose-unit")
+    findings = [*poses.findings, note(f"the object's pose is that of {' and '.join(poses.names)}")]
+    turn, orientation = frame.turn, poses.orientation
+    if np.linalg.det(turn) < 0.0:
+        turn, orientation = turn * [1.0, 1.0, -1.0], orientation * MIRROR
+        findings.append(note("the object's own axes are mirrored along z, as the file's left-handed world is"))
+    if (turn != np.eye(3)).any():
+        orientation = quaternion_product(quaternion_from_matrix(turn), orientation)
+    motion = ObjectMotion(frame.to_world(poses.position), orientation)
+    return recording.changed(object_motion=motion).found(*findings)
+
+
+def with_object_poses(recording: Recording, path: Path, options: ReadOptions) -> Recording:
+    """Return a recording in our units, whose object moves as the poses of a file say.
+
+    Raises:
+        TrajectoryError: A hand without a place, which stays at the origin; others as of `read_object_poses`.
+    """
+    if not np.nan_to_num(recording.position).any():
+        raise TrajectoryError("the hand stays at the origin, so an object cannot be beside it; expected --world-up")
+    findings: list[Finding] = []
+    time = recording.time + recording.first_stamp
+    moved = read_object_poses(path, time, options, findings, rows=recording.rows)
+    before = [note("the object's pose in the recording is replaced")] if recording.object_motion is not None else []
+    poses = ObjectPoses(*moved, 1.0, (path.name,), (*before, *findings))
+    return placed(recording, poses)
+
+
+def read_object_poses(
+    path: Path, time: FloatArray, options: ReadOptions, findings: list[Finding], rows: IntArray | None = None
+) -> ObjectMotion:
+    """Read the poses of an object at stamps [s], shape (T,), in the recording's file coordinates [m].
+
+    Poses with stamps are interpolated, others are one a sample, or one a frame of which the samples are `rows`, shape
+    (T,), and a single one is of an object at rest. With `options.camera_poses` they are relative to a camera that
+    moves, and camera · object is returned. What was assumed is added to `findings`.
+
+    Raises:
+        TrajectoryError: No such file, another content, number of rows, unit or order, or stamps that end before the
+            recording's; one line that begins with the path.
+    """
+    rows = np.arange(len(time)) if rows is None else rows
+    motion = _read(path, time, rows, options, findings)
+    if options.camera_poses is None:
+        return motion
+    camera = _read(options.camera_poses, time, rows, options, findings)
+    findings.append(note(f"the object is relative to the camera of {options.camera_poses.name}"))
+    place = camera.position + turned(camera.orientation, motion.position)
+    return ObjectMotion(place, quaternion_product(camera.orientation, motion.orientation))
+
+
+def _read(path: Path, time: FloatArray, rows: IntArray, options: ReadOptions, findings: list[Finding]) -> ObjectMotion:
+    with named(path):
+        arrays, unit = _arrays_of(Content(path, what="poses of an object"), findings)
+        column = time_column(name for name, values in arrays.items() if np.shape(values)[1:] in ((), (1,)))
+        stamps = None if column is None else np.ravel(as_numbers(f"'{column.name}'", arrays[column.name]))
+        others = {name: values for name, values in arrays.items() if column is None or name != column.name}
+        poses = poses_in(others, None, options, alone=True, strict=True)
+        if poses is None:
+            name, values, first = _unnamed(others)
+            poses = _of_rows(name, values, None, options)
+            stamps = first if stamps is None else stamps
+        metre = _metre(poses, unit, options, findings)
+        left = {name: np.shape(values) for name, values in others.items() if name not in (*poses.names, *STATED)}
+        findings += [*poses.findings, *unused(left)]
+        poses = poses._replace(position=metre * poses.position)
+        factor = TIME_UNITS[column.unit] if column is not None and column.unit else 1.0
+        if stamps is None or len(poses.position) == 1:
+            motion = ObjectMotion(poses.position, poses.orientation)
+            if len(time) < len(poses.position) > int(rows.max(initial=0)) and (rows != np.arange(len(time))).any():
+                # The recording has no samples of frames without a hand, where the object has its pose.
+                return motion.at(rows)
+            return ObjectMotion(*_counted(poses, len(time))[:2])
+        return _at(poses, factor * stamps, time)
+
+
+ROWS = "rows"
+"""Name of an array or a list that has none."""
+STATED = ("unit", "units", "length_unit")
+"""Names of what states the unit of a file of poses."""
+
+
+def _arrays_of(content: Content, findings: list[Finding]) -> tuple[dict[str, Any], str]:
+    """Return the arrays of a file by their names, `ROWS` without one, and the unit that it states, or ""."""
+    if content.head.startswith(b"\x93NUMPY"):
+        return {ROWS: read_npy(content.data)}, ""
+    if content.head.startswith(b"PK"):
+        held = read_npz(content.data)
+        return held, _stated(held)
+    if content.is_json:
+        return _of_json(read_json(content.text))
+    header = read_header(content.text)
+    bare = lacks_names(header)
+    table = read_table(content.text, names=[f"number {k}" for k in range(len(header))] if bare else None)
+    findings += [note(text) for text in table.left_out]
+    if bare:
+        rows, broken = table.numbers(table.header)
+        findings += unreadable(broken)
+        return {ROWS: rows}, _stated(table.remarks)
+    arrays, used = table_arrays(table, findings, alone=True)
+    column = time_column(table.header)
+    if not arrays:
+        raise TrajectoryError(f"columns {', '.join(header[:6])}; expected px, py, pz, qw, qx, qy, qz, or m00 to m33")
+    if column is not None:
+        arrays[column.name] = table.numbers([column.name])[0][:, 0]
+    findings += unused({name: () for name in header if name not in used and name not in arrays})
+    return arrays, _stated(table.remarks)
+
+
+def _of_json(document: Any) -> tuple[dict[str, Any], str]:
+    unit = _stated(document) if isinstance(document, dict) else ""
+    if isinstance(document, dict):
+        lists = [value for value in document.values() if isinstance(value, list) and value]
+        records = next((value for value in lists if isinstance(value[0], dict)), None)
+        if records is None:
+            return {name: values for name, values in _leaves(document) if name not in STATED}, unit
+        document = records
+    if not isinstance(document, list) or not document:
+        raise TrajectoryError(f"JSON that is {keys_of(document)}; expected a list of poses")
+    if isinstance(document[0], dict):
+        return record_arrays(record for record in document if isinstance(record, dict)), unit
+    return record_arrays({ROWS: row} for row in document), unit
+
+
+def _stated(held: Mapping[str, Any]) -> str:
+    return next((str(held[name]).strip() for name in STATED if name in held), "")
+
+
+def _unnamed(arrays: Mapping[str, Any]) -> tuple[str, FloatArray, FloatArray | None]:
+    """Return the only array that can be poses, and the stamps in its first column if it has one."""
+    tails = [*POSE_SHAPES, *((width + 1,) for width in WIDTHS)]
+    fitting = [name for name, values in arrays.items() if np.shape(values)[1:] in tails or np.shape(values) in tails]
+    if len(fitting) != 1:
+        held = ", ".join(f"{name} {np.shape(values)}" for name, values in list(arrays.items())[:6])
+        reason = "several arrays that may be poses" if fitting else "no poses"
+        raise TrajectoryError(f"{reason}, it holds {held or 'nothing'}; expected (T, 4, 4), (T, 3, 4) or (T, 7)")
+    rows = as_numbers(f"'{fitting[0]}'", arrays[fitting[0]])
+    stamped = rows.ndim == 2 and rows.shape[1] - 1 in WIDTHS
+    return (fitting[0], rows[:, 1:], rows[:, 0]) if stamped else (fitting[0], rows, None)
+
+
+def _metre(poses: ObjectPoses, unit: str, options: ReadOptions, findings: list[Finding]) -> float:
+    """Return the unit of the positions [m]: the option's, the file's, or that of their distance from the origin."""
+    if options.pose_unit is not None:
+        return LENGTH_UNITS[options.pose_unit]
+    if poses.metre is not None:
+        return poses.metre
+    if unit:
+        if unit not in LENGTH_UNITS:
+            raise TrajectoryError(f"states the unit {unit[:20]!r}; expected one of {', '.join(LENGTH_UNITS)}")
+        return LENGTH_UNITS[unit]
+    distance = np.linalg.norm(poses.position, axis=1)
+    usual = float(np.median(distance[np.isfinite(distance)])) if np.isfinite(distance).any() else 0.0
+    if FAR < usual <= CERTAINLY_FAR:
+        raise TrajectoryError(f"the object is {usual:.4g} from the origin, which may be cm or mm; say --pose-unit")
+    word = "mm" if usual > FAR else "m"
+    findings.append(note(f"no unit of the object's poses: {usual:.4g} from the origin, taken for {word}: --pose-unit"))
+    return UNITS[word]
+
+
+def _at(poses: ObjectPoses, stamps: FloatArray, time: FloatArray) -> ObjectMotion:
+    """Interpolate poses with stamps [s] at others, NaN where a neighbour is missing."""
+    if stamps.shape != (len(poses.position),):
+        raise TrajectoryError(f"{len(stamps)} stamps for {len(poses.position)} poses; expected as many")
+    if not (np.diff(stamps) > 0.0).all():
+        raise TrajectoryError("the stamps of the poses do not increase")
+    known = np.isfinite(time)
+    low, high = float(time[known].min(initial=np.inf)), float(time[known].max(initial=-np.inf))
+    if low < stamps[0] - STAMP_SLACK or high > stamps[-1] + STAMP_SLACK:
+        span = f"the recording's {low:.6g} to {high:.6g} s"
+        raise TrajectoryError(f"stamps from {stamps[0]:.6g} to {stamps[-1]:.6g} s; expected poses for {span}")
+    ticks = np.clip(np.where(known, time, stamps[0]), stamps[0], stamps[-1])
+    seen: BoolArray = np.isfinite(np.concatenate([poses.position, poses.orientation], axis=1)).all(axis=1)
+    position, orientation = np.full((len(time), 3), np.nan), np.full((len(time), 4), np.nan)
+    after = np.searchsorted(stamps, ticks - STAMP_SLACK)
+    before = np.searchsorted(stamps, ticks + STAMP_SLACK, side="right") - 1
+    whole: BoolArray = known & seen[np.minimum(after, len(stamps) - 1)] & seen[before]
+    if whole.any():
+        position[whole] = interpolate_monotone(stamps[seen], poses.position[seen], ticks[whole])
+        orientation[whole] = interpolate_orientation(stamps[seen], poses.orientation[seen], ticks[whole])
+    return ObjectMotion(position, orientation)

@@ -1,0 +1,451 @@
+"""Poses of an object: in a file of their own in every layout, and among the arrays, columns and keys of recordings."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from joint_samples import Y_UP, array_npy, arrays_npz, joint_sample, openxr_csv, webxr_json, words
+from leap_document import document
+from pose_samples import mano_fields, mano_poses
+from recording_samples import read_as, smooth_recording
+from scipy.spatial.transform import Rotation, Slerp
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import TrajectoryError
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.motion.csv_file import format_csv
+from hhsim.motion.object_motion import ObjectMotion
+from hhsim.recordings.column_map import ColumnMap
+from hhsim.recordings.joint_names import WEBXR_JOINTS
+from hhsim.recordings.object_poses import read_object_poses, with_object_poses
+from hhsim.recordings.recording import Finding, Recording
+from hhsim.recordings.registry import ReadOptions
+from hhsim.recordings.repair import repair
+from hhsim.system.settings_file import parse_settings
+
+SAMPLE = joint_sample()
+TIME = SAMPLE.motion.time
+COUNT = len(TIME)
+RANDOM = np.random.default_rng(11)
+PLACE = RANDOM.uniform(-0.4, 0.4, (COUNT, 3))
+TURN = Rotation.from_rotvec(RANDOM.normal(0.0, 1.0, (COUNT, 3)))
+XYZW = TURN.as_quat()
+WXYZ = TURN.as_quat(scalar_first=True)
+MATRIX = np.tile(np.eye(4), (COUNT, 1, 1))
+MATRIX[:, :3, :3], MATRIX[:, :3, 3] = TURN.as_matrix(), PLACE
+
+
+def csv(header: str, *columns: FloatArray) -> bytes:
+    """A table of these columns, without a header if it is empty."""
+    rows = np.concatenate([np.reshape(column, (len(column), -1)) for column in columns], axis=1)
+    lines = [",".join(map(repr, row)) for row in rows.tolist()]
+    return "".join(f"{line}\n" for line in ([header, *lines] if header else lines)).encode()
+
+
+def js(document: Any) -> bytes:
+    return json.dumps(document).encode()
+
+
+def named(*parts: str) -> str:
+    return ",".join(parts)
+
+
+M = [f"m{row}{column}" for row in range(4) for column in range(4)]
+FILES: dict[str, tuple[str, bytes]] = {
+    "npy 4x4": (".npy", array_npy(MATRIX)),
+    "npy 3x4": (".npy", array_npy(MATRIX[:, :3])),
+    "npy 16": (".npy", array_npy(MATRIX.reshape(COUNT, 16))),
+    "npy 12": (".npy", array_npy(MATRIX[:, :3].reshape(COUNT, 12))),
+    "npy stamps and 12": (".npy", array_npy(np.concatenate([TIME[:, None], MATRIX[:, :3].reshape(COUNT, 12)], axis=1))),
+    "npy of ARCTIC": (".npy", array_npy(np.concatenate([WXYZ[:, :1], TURN.as_rotvec(), 1e3 * PLACE], axis=1))),
+    "npz pose": (".npz", arrays_npz(object_pose=MATRIX, object_name="mug")),
+    "npz any name": (".npz", arrays_npz(a=MATRIX, gain=2.0)),
+    "npz wxyz": (".npz", arrays_npz(position=PLACE, quat_wxyz=WXYZ)),
+    "npz xyzw in mm": (".npz", arrays_npz(obj_trans=1e3 * PLACE, obj_rot_xyzw=XYZW, unit="mm", t=TIME)),
+    "npz pose7": (".npz", arrays_npz(pose_xyzw=np.concatenate([PLACE, XYZW], axis=1))),
+    "npz axis-angle": (".npz", arrays_npz(object_pos_cm=100.0 * PLACE, object_axis_angle=TURN.as_rotvec())),
+    "npz matrices": (".npz", arrays_npz(objectPosition=PLACE, objectRotation=TURN.as_matrix())),
+    "npz R and t": (".npz", arrays_npz(R=TURN.as_matrix(), t=PLACE, timestamps=TIME)),
+    "npz of GRAB": (".npz", arrays_npz(object_transl=PLACE, object_global_orient=-TURN.as_rotvec())),
+    "csv wxyz": (".csv", csv("px,py,pz,qw,qx,qy,qz", PLACE, WXYZ)),
+    "csv xyzw": (
+        ".csv",
+        csv("time_s,object_x,object_y,object_z,object_qx,object_qy,object_qz,object_qw", TIME, PLACE, XYZW),
+    ),
+    "csv in mm": (".csv", csv("tx_mm,ty_mm,tz_mm,quat_x,quat_y,quat_z,quat_w,gain", 1e3 * PLACE, XYZW, TIME)),
+    "csv of HOT3D": (
+        ".csv",
+        csv(
+            "object_uid,timestamp[ns],t_wo_x[m],t_wo_y[m],t_wo_z[m],q_wo_w,q_wo_x,q_wo_y,q_wo_z",
+            7.0 + 0.0 * TIME,
+            1e9 * TIME,
+            PLACE,
+            WXYZ,
+        ),
+    ),
+    "csv remark": (
+        ".csv",
+        b"# unit: mm\n" + csv("pos_x,pos_y,pos_z,rotvec_x,rotvec_y,rotvec_z", 1e3 * PLACE, TURN.as_rotvec()),
+    ),
+    "csv m00": (".csv", csv(named(*M), MATRIX)),
+    "csv pose_0": (".csv", csv(named(*(f"pose_{k}" for k in range(12))), MATRIX[:, :3])),
+    "csv bare": (".csv", csv("", MATRIX)),
+    "csv bare stamps": (".csv", csv("", TIME, MATRIX)),
+    "json matrices": (".json", js(MATRIX.tolist())),
+    "json frames": (
+        ".json",
+        js(
+            {
+                "unit": "m",
+                "frames": [
+                    {"t_ms": 1e3 * t, "position": dict(zip("xyz", p)), "rotation": dict(zip("xyzw", q))}
+                    for t, p, q in zip(TIME.tolist(), PLACE.tolist(), XYZW.tolist())
+                ],
+            }
+        ),
+    ),
+    "json nested": (
+        ".json",
+        js(
+            [
+                {"object": {"pose": {"position": p, "orientation_wxyz": q}}}
+                for p, q in zip(PLACE.tolist(), WXYZ.tolist())
+            ]
+        ),
+    ),
+    "json columns": (
+        ".json",
+        js({"time": TIME.tolist(), "translation": PLACE.tolist(), "quaternion_xyzw": XYZW.tolist()}),
+    ),
+}
+
+
+def read(tmp_path: Path, data: bytes, suffix: str, time: FloatArray = TIME, **options: Any) -> tuple[ObjectMotion, str]:
+    path = tmp_path / f"poses{suffix}"
+    path.write_bytes(data)
+    findings: list[Finding] = []
+    motion = read_object_poses(path, time, ReadOptions(**options), findings)
+    return motion, " | ".join(finding.text for finding in findings)
+
+
+def assert_pose(motion: ObjectMotion | None, place: FloatArray = PLACE, turn: FloatArray = MATRIX[:, :3, :3]) -> None:
+    assert motion is not None
+    np.testing.assert_allclose(motion.position, place, atol=1e-9)
+    np.testing.assert_allclose(rotation_matrix(motion.orientation), turn, atol=1e-9)
+
+
+@pytest.mark.parametrize("form", FILES)
+def test_every_layout_gives_the_known_motion(form: str, tmp_path: Path) -> None:
+    suffix, data = FILES[form]
+    motion, said = read(tmp_path, data, suffix)
+    assert_pose(motion)
+    stated = any(word in form for word in ("mm", "HOT3D", "axis-angle", "ARCTIC", "remark", "json frames"))
+    assert ("no unit of the object's poses" in said) is not stated
+    left = {"npz pose": "object_name", "npz any name": "gain", "csv in mm": "gain", "csv of HOT3D": "object_uid"}.get(
+        form
+    )
+    assert (f"not used: {left}" in said) if left else "not used" not in said
+
+
+@pytest.mark.parametrize("order", ["wxyz", "xyzw"])
+def test_an_open_order_of_quaternions_is_asked_for(order: str, tmp_path: Path) -> None:
+    rows = np.concatenate([PLACE, {"wxyz": WXYZ, "xyzw": XYZW}[order]], axis=1)
+    stamped = np.concatenate([TIME[:, None], rows], axis=1)
+    for data, suffix in (
+        (array_npy(rows), ".npy"),
+        (csv("", stamped), ".txt"),
+        (js([{"position": row[:3], "orientation": row[3:]} for row in rows.tolist()]), ".json"),
+    ):
+        with pytest.raises(TrajectoryError, match=r"poses\..*: '.*' does not say .* expected --pose-order wxyz\|xyzw"):
+            read(tmp_path, data, suffix)
+        assert_pose(read(tmp_path, data, suffix, pose_order=order)[0])
+
+
+def test_stamps_of_its_own_are_interpolated(tmp_path: Path) -> None:
+    stamps, ticks = np.linspace(0.0, 1.0, COUNT), np.linspace(0.013, 0.98, 77)
+    straight = np.outer(stamps, [0.1, -0.2, 0.3])
+    data = arrays_npz(t=stamps, pos=straight, quat_wxyz=WXYZ)
+    motion, _ = read(tmp_path, data, ".npz", ticks)
+    assert_pose(motion, np.outer(ticks, [0.1, -0.2, 0.3]), Slerp(stamps, TURN)(ticks).as_matrix())
+    for late in (-0.1, 0.1):
+        with pytest.raises(TrajectoryError, match=r"stamps from 0 to 1 s; expected poses for the recording's"):
+            read(tmp_path, data, ".npz", ticks + late)
+    holes = straight.copy()
+    holes[[5, 20]] = np.nan
+    motion, _ = read(tmp_path, arrays_npz(t=stamps, pos=holes, quat_wxyz=WXYZ), ".npz", ticks)
+    missing = np.zeros(len(ticks), dtype=bool)
+    for hole in (5, 20):
+        missing |= (ticks > stamps[hole - 1]) & (ticks < stamps[hole + 1])
+    assert missing.any() and (np.isnan(motion.position).all(axis=1) == missing).all()
+    np.testing.assert_allclose(motion.position[~missing], np.outer(ticks, [0.1, -0.2, 0.3])[~missing], atol=1e-12)
+    ticks = np.append(ticks, np.nan)
+    assert np.isnan(read(tmp_path, data, ".npz", ticks)[0].orientation[-1]).all()
+
+
+def test_one_row_is_an_object_at_rest_and_missing_rows_are_missing(tmp_path: Path) -> None:
+    for data, suffix in (
+        (array_npy(MATRIX[:1]), ".npy"),
+        (array_npy(MATRIX[0]), ".npy"),
+        (js(MATRIX[0].tolist()), ".json"),
+    ):
+        motion, _ = read(tmp_path, data, suffix)
+        assert_pose(motion, np.tile(PLACE[0], (COUNT, 1)), np.tile(MATRIX[0, :3, :3], (COUNT, 1, 1)))
+    holed = MATRIX.copy()
+    holed[3] = np.nan
+    rows: list[Any] = holed.tolist()
+    rows[3] = None
+    for data, suffix in ((array_npy(holed), ".npy"), (js(rows), ".json")):
+        motion, _ = read(tmp_path, data, suffix)
+        seen = np.arange(COUNT) != 3
+        assert np.isnan(motion.position[3]).all() and np.isnan(motion.orientation[3]).all()
+        assert_pose(motion.at(np.flatnonzero(seen)), PLACE[seen], MATRIX[seen, :3, :3])
+
+
+def test_poses_in_the_frame_of_a_camera_are_moved_by_it(tmp_path: Path) -> None:
+    camera = np.tile(np.eye(4), (COUNT, 1, 1))
+    camera[:, :3, :3] = Rotation.from_rotvec(RANDOM.normal(0.0, 1.0, (COUNT, 3))).as_matrix()
+    camera[:, :3, 3] = RANDOM.uniform(-1.0, 1.0, (COUNT, 3))
+    np.save(tmp_path / "camera.npy", camera)
+    motion, said = read(tmp_path, array_npy(MATRIX), ".npy", camera_poses=tmp_path / "camera.npy")
+    world = camera @ MATRIX
+    assert_pose(motion, world[:, :3, 3], world[:, :3, :3])
+    assert "relative to the camera of camera.npy" in said
+    np.save(tmp_path / "camera.npy", camera[:-1])
+    with pytest.raises(TrajectoryError, match=rf"camera\.npy: {COUNT - 1} poses .* for {COUNT} samples"):
+        read(tmp_path, array_npy(MATRIX), ".npy", camera_poses=tmp_path / "camera.npy")
+
+
+SKEWED = MATRIX.copy()
+SKEWED[7, 0, :3] *= 1.5
+LONG = np.where(np.arange(COUNT)[:, None] == 4, 2.0, 1.0) * WXYZ
+FAR = MATRIX.copy()
+FAR[:, :3, 3] = 30.0
+
+
+@pytest.mark.parametrize(
+    ("data", "suffix", "said"),
+    [
+        (array_npy(MATRIX[:-1]), ".npy", rf"{COUNT - 1} poses of the object .* for {COUNT} samples of the hand"),
+        (array_npy(MATRIX.transpose(0, 2, 1)), ".npy", "expected .0, 0, 0, 1.: is the matrix transposed"),
+        (array_npy(SKEWED), ".npy", "is no rotation in row 7"),
+        (array_npy(MATRIX * [[-1.0], [1.0], [1.0], [1.0]]), ".npy", "is no rotation in row 0; expected .* det R = 1"),
+        (arrays_npz(pos=PLACE, quat_wxyz=LONG), ".npz", "'quat_wxyz' has length 2 in row 4; expected unit"),
+        (arrays_npz(pos=PLACE), ".npz", "'pos' is only one of an object's position and orientation"),
+        (arrays_npz(pos=PLACE, quat_wxyz=WXYZ[:-2]), ".npz", f"'pos' has {COUNT} rows and 'quat_wxyz' {COUNT - 2}"),
+        (arrays_npz(a=MATRIX, b=MATRIX), ".npz", r"several arrays that may be poses, it holds a \(40, 4, 4\)"),
+        (array_npy(PLACE), ".npy", r"no poses, it holds rows \(40, 3\); expected \(T, 4, 4\)"),
+        (array_npy(FAR), ".npy", "the object is 51.96 from the origin, which may be cm or mm; say --pose-unit"),
+        (arrays_npz(pose=MATRIX, unit="yd"), ".npz", "states the unit 'yd'; expected one of m, cm, mm"),
+        (arrays_npz(pose=MATRIX, t=TIME[::-1]), ".npz", "the stamps of the poses do not increase"),
+        (csv("a,b,c", PLACE), ".csv", "columns a, b, c; expected px, py, pz"),
+        (csv("px,py,pz,rot_x,rot_y,rot_z", PLACE, PLACE), ".csv", "only one of an object's position and orientation"),
+        (b'{"poses": 3}', ".json", "no poses|expected"),
+        (b"\x00\x01", ".bin", "no text"),
+    ],
+)
+def test_what_is_no_pose_is_refused_in_one_line(data: bytes, suffix: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(TrajectoryError, match=said) as error:
+        read(tmp_path, data, suffix)
+    assert str(error.value).startswith(str(tmp_path)) and "\n" not in str(error.value)
+
+
+def test_far_positions_are_millimetres_and_an_option_states_the_unit(tmp_path: Path) -> None:
+    far = MATRIX.copy()
+    far[:, :3, 3] = 1e3 * PLACE + 400.0
+    motion, said = read(tmp_path, array_npy(far), ".npy")
+    assert_pose(motion, PLACE + 0.4)
+    assert "taken for mm: --pose-unit" in said
+    assert_pose(read(tmp_path, array_npy(far), ".npy", pose_unit="cm")[0], 10.0 * PLACE + 4.0)
+
+
+POINTS = SAMPLE.named()
+FRAME_PLACE, FRAME_TURN = PLACE @ Y_UP, Y_UP.T @ MATRIX[:, :3, :3]
+"""The object's pose in our world, if the file's has y up."""
+POSE7 = np.concatenate([PLACE, XYZW], axis=1)
+
+
+def keypoint_frames() -> str:
+    frames = [
+        {
+            "t": t,
+            "landmarks": hand,
+            "object": {"position": dict(zip("xyz", p)), "rotation": dict(zip("xyzw", q))},
+            "id": 3,
+        }
+        for t, hand, p, q in zip(TIME.tolist(), POINTS.tolist(), PLACE.tolist(), XYZW.tolist())
+    ]
+    return json.dumps({"camera": "left", "frames": frames})
+
+
+def with_columns(text: str, header: str, *columns: FloatArray) -> str:
+    lines, added = text.splitlines(), csv(header, *columns).decode().splitlines()
+    start = next(k for k, line in enumerate(lines) if not line.startswith("#"))
+    return "\n".join([*lines[:start], *(f"{line},{more}" for line, more in zip(lines[start:], added))]) + "\n"
+
+
+OPENXR_OBJECT = "object_px,object_py,object_pz,object_qx,object_qy,object_qz,object_qw"
+IN_RECORDINGS: dict[str, tuple[str, Any, str]] = {
+    "npz of keypoints": (
+        "keypoints",
+        arrays_npz(keypoints=POINTS, t=TIME, object_pos=PLACE, object_quat_xyzw=XYZW, foo=np.zeros((2, 3))),
+        "not used: foo (2, 3)",
+    ),
+    "npz of keypoints, pose": ("keypoints", arrays_npz(keypoints=POINTS, t=TIME, obj_pose=MATRIX), ""),
+    "json": ("keypoints", keypoint_frames(), "not used: camera, id"),
+    "csv of openxr": (
+        "openxr",
+        with_columns(openxr_csv(SAMPLE), f"{OPENXR_OBJECT},gain", PLACE, XYZW, TIME),
+        "not used: frame, right_palm_qx, right_palm_qy, right_palm_qz, right_palm_qw, right_wrist_qx and 100 more",
+    ),
+}
+
+
+@pytest.mark.parametrize("form", IN_RECORDINGS)
+def test_an_object_in_a_recording_is_read_and_the_rest_is_named(form: str) -> None:
+    name, data, left = IN_RECORDINGS[form]
+    recording = read_as(name, data, world_up="y", rate=100.0)
+    assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
+    assert left in words(recording) and words(recording).count("not used") == bool(left)
+    assert "the object's pose is that of obj" in words(recording)
+
+
+def test_without_a_stated_world_the_axes_are_kept_so_hand_and_object_stay_together() -> None:
+    recording = read_as("keypoints", arrays_npz(keypoints=POINTS, t=TIME, obj_pose=MATRIX))
+    assert_pose(recording.object_motion)
+    assert recording.joints is not None
+    np.testing.assert_allclose(recording.joints, POINTS, atol=1e-12)
+    assert "its axes are the world's" in words(recording)
+
+
+def test_in_unitys_left_handed_world_the_object_is_mirrored_with_the_hand() -> None:
+    flip = np.diag([1.0, 1.0, -1.0])
+    mirrored = Rotation.from_matrix(flip @ MATRIX[:, :3, :3] @ flip).as_quat()
+    text = with_columns(openxr_csv(SAMPLE, unity=True), OPENXR_OBJECT, PLACE @ flip, mirrored)
+    recording = read_as("openxr", text)
+    assert np.linalg.det(recording.file_frame.turn) == pytest.approx(-1.0)
+    assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
+    assert "object's own axes are mirrored along z" in words(recording)
+
+
+def test_own_and_mapped_tables_and_archives_name_what_they_do_not_use(tmp_path: Path) -> None:
+    motion = smooth_recording(COUNT)
+    own = format_csv(repair(motion).trajectory)
+    recording = read_as("csv", with_columns(own, "gain", TIME), world_up="y")
+    assert words(recording) == "not used: gain"
+    header = "object_px,object_py,object_pz,object_qw,object_qx,object_qy,object_qz,gain"
+    table = csv(f"clock,{header},bend", TIME, PLACE, WXYZ, TIME, TIME)
+    columns = parse_settings(
+        'world_up = "y"\n[time]\ncolumn = "clock"\nunit = "s"\n[joint]\nindex_flex1 = "bend"', ColumnMap, "map.toml"
+    )
+    recording = read_as("csv", table, columns=columns)
+    assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
+    assert "not used: gain" in words(recording)
+    arrays = {"t": motion.time, "wrist_pos": motion.position, "wrist_quat": motion.orientation, "flex": motion.flexion}
+    data = arrays_npz(**arrays, abd=motion.abduction, meta='{"frame": "y up"}', object_pose_xyzw=POSE7, foo=TIME)
+    recording = read_as("npz", data)
+    assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
+    assert "not used: foo (40,)" in words(recording)
+
+
+def test_an_objects_pose_beside_mano_poses_and_in_parquet(tmp_path: Path) -> None:
+    turn, pose, shift = mano_poses(SAMPLE)
+    np.savez(tmp_path / "model.npz", **mano_fields(SAMPLE.hand))
+    data = arrays_npz(
+        poses=np.concatenate([turn, pose], axis=1), trans=shift, t=TIME, hand="right", obj_transform=MATRIX, a=3
+    )
+    options: dict[str, Any] = {"mano_model": tmp_path / "model.npz", "mano_pose": "axis-angle", "world_up": "y"}
+    recording = read_as("mano", data, **options)
+    assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
+    assert "not used: a" in words(recording)
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    hands = np.stack([0.0 * SAMPLE.named(WEBXR_JOINTS), SAMPLE.named(WEBXR_JOINTS)], axis=1)
+    columns = {"action.hand_joints": hands.tolist(), "observation.object_pose": POSE7.tolist(), "task": [0] * COUNT}
+    parquet.write_table(pyarrow.table(columns | {"timestamp": TIME.tolist()}), tmp_path / "a.parquet")
+    parts = (tmp_path / "a.parquet").read_bytes()
+    with pytest.raises(TrajectoryError, match=r"'observation\.object_pose' does not say .* --pose-order"):
+        read_as("lerobot", parts)
+    recording = read_as("lerobot", parts, pose_order="xyzw")
+    assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
+    assert "not used: task" in words(recording)
+
+
+def test_wrong_rows_and_units_in_a_recording_are_refused() -> None:
+    for arrays, said in (
+        ({"obj_pose": MATRIX[:-1]}, f"{COUNT - 1} poses of the object .obj_pose. for {COUNT} samples"),
+        (
+            {"object_pos": 1e3 * PLACE + 500.0, "object_quat_wxyz": WXYZ},
+            "the object is .* m from the hand; expected the unit",
+        ),
+    ):
+        with pytest.raises(TrajectoryError, match=said):
+            read_as("keypoints", arrays_npz(keypoints=POINTS, t=TIME, **arrays), world_up="y")
+    data = arrays_npz(keypoints=POINTS, t=TIME, object_pos=1e3 * PLACE, object_quat_wxyz=WXYZ)
+    assert_pose(read_as("keypoints", data, world_up="y", pose_unit="mm").object_motion, FRAME_PLACE, FRAME_TURN)
+
+
+def test_arrays_that_are_no_pose_are_named_and_do_not_stop_the_import() -> None:
+    two = np.stack([MATRIX, MATRIX], axis=1)
+    for arrays, left in (
+        ({"object_pos": PLACE}, "object_pos (40, 3)"),
+        ({"object_pose": two}, "object_pose (40, 2, 4, 4)"),
+    ):
+        recording = read_as("keypoints", arrays_npz(keypoints=POINTS, t=TIME, **arrays), world_up="y")
+        assert recording.object_motion is None and f"not used: {left}" in words(recording)
+
+
+def test_rows_of_zeros_are_missing(tmp_path: Path) -> None:
+    zeros = np.where(np.arange(COUNT)[:, None, None] == 3, 0.0, MATRIX)
+    quaternions = np.where(np.arange(COUNT)[:, None] == 3, 0.0, WXYZ)
+    for data in (arrays_npz(T=zeros), arrays_npz(pos=PLACE, quat_wxyz=quaternions)):
+        motion, _ = read(tmp_path, data, ".npz")
+        assert (np.isnan(motion.position).any(axis=1) == (np.arange(COUNT) == 3)).all()
+        assert (np.isnan(motion.orientation).any(axis=1) == (np.arange(COUNT) == 3)).all()
+
+
+def recorded(**options: Any) -> Recording:
+    return read_as("keypoints", arrays_npz(keypoints=1e3 * POINTS, timestamp_ms=1e3 * TIME + 5e6), **options)
+
+
+def test_a_file_of_poses_moves_the_object_of_a_recording_in_its_coordinates(tmp_path: Path) -> None:
+    (tmp_path / "poses.npz").write_bytes(arrays_npz(object_pose=MATRIX, t=TIME + 5e3))
+    options = ReadOptions(world_up="y")
+    recording = with_object_poses(recorded(world_up="y"), tmp_path / "poses.npz", options)
+    assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
+    assert "the object's pose in the recording is replaced" not in words(recording)
+    again = with_object_poses(recording, tmp_path / "poses.npz", options)
+    assert "the object's pose in the recording is replaced" in words(again)
+    with pytest.raises(TrajectoryError, match=r"the hand stays at the origin, .* expected --world-up"):
+        with_object_poses(recorded(), tmp_path / "poses.npz", ReadOptions())
+    fewer = recording.chosen(np.arange(1, COUNT, 3))
+    (tmp_path / "poses.npy").write_bytes(array_npy(MATRIX))
+    moved = with_object_poses(fewer, tmp_path / "poses.npy", options).object_motion
+    assert_pose(moved, FRAME_PLACE[1::3], FRAME_TURN[1::3])
+    (tmp_path / "poses.npz").write_bytes(arrays_npz(object_pose=MATRIX, t=TIME))
+    with pytest.raises(
+        TrajectoryError, match=r"poses\.npz: stamps from 0 to .*; expected poses for the recording's 5000"
+    ):
+        with_object_poses(recording, tmp_path / "poses.npz", options)
+
+
+def test_a_file_of_poses_by_leaps_clock_and_in_its_axes(tmp_path: Path) -> None:
+    leap = read_as("leap", json.dumps(document() | {"room": 3}))
+    assert "not used: room" in words(leap)
+    count = leap.sample_count
+    stamps = 20746785498 + 1e6 * leap.time
+    data = arrays_npz(object_pos_mm=1e3 * PLACE[:count], object_quat_xyzw=XYZW[:count], timestamp_us=stamps)
+    (tmp_path / "poses.npz").write_bytes(data)
+    recording = with_object_poses(leap, tmp_path / "poses.npz", ReadOptions())
+    assert_pose(recording.object_motion, FRAME_PLACE[:count], FRAME_TURN[:count])
+
+
+def test_json_of_webxr_names_the_keys_that_it_does_not_use() -> None:
+    webxr = json.loads(webxr_json(SAMPLE))
+    webxr["camera"] = "left"
+    for frame in webxr["frames"]:
+        frame["gaze"] = [0.0, 0.0, 1.0]
+    webxr["frames"][0]["hands"] = {}
+    assert "not used: camera, gaze" in words(read_as("webxr", json.dumps(webxr)))
