@@ -36,17 +36,24 @@ def _figures(place: int, threshold: float) -> tuple[FieldMetric, ...]:
     def at(compute: Callable[[FieldHands, float], float]) -> Callable[[FieldPair], BeforeAfter]:
         return of_each(lambda hands: compute(hands, threshold))
 
-    size = f"{1e3 * threshold:g}mm"
+    size, within = f"{1e3 * threshold:g}mm", f"within {1e3 * threshold:g} mm"
+    tips = "distal phalanges, inside counts"
     kept = of_repair(lambda pair: contacts_kept(pair, threshold))
     return placed(
         place,
-        FieldMetric(f"frames_in_contact_{size}", "frames in contact", compute=at(frames_in_contact)),
-        FieldMetric(f"fingertips_in_contact_{size}", "fingertips in contact", compute=at(fingertips_in_contact)),
-        FieldMetric(f"contacts_kept_{size}", "contacts kept", compute=kept),
+        FieldMetric(
+            f"frames_in_contact_{size}",
+            f"frames {within}",
+            compute=at(frames_in_contact),
+            parameters="any point of the hand, inside counts",
+        ),
+        FieldMetric(
+            f"fingertips_in_contact_{size}", f"fingertips {within}", compute=at(fingertips_in_contact), parameters=tips
+        ),
+        FieldMetric(f"contacts_kept_{size}", f"contacts kept {within}", compute=kept, parameters=tips),
         unit="%",
         digits=1,
         less_is_better=False,
-        parameters=f"within {1e3 * threshold:g} mm",
     )
 
 

@@ -6,6 +6,7 @@ in convex parts, from rest, with its centre of mass at the mean of its vertices.
 
 import tempfile
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -115,11 +116,17 @@ def _write(path: Path, vertices: FloatArray, faces: IntArray) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
+@lru_cache(maxsize=2)
+def _displacements_of(pair: FieldPair) -> tuple[FloatArray, FloatArray]:
+    frames = pair.displacement_frames
+    return simulation_displacements(pair.recorded, frames), simulation_displacements(pair.repaired, frames)
+
+
 def _of(statistic: Callable[[FloatArray], float]) -> Callable[[FieldPair], BeforeAfter]:
     def compute(pair: FieldPair) -> BeforeAfter:
         if not pair.displacement_frames:
             return float("nan"), float("nan")
-        before, after = (simulation_displacements(hands, pair.displacement_frames) for hands in pair.both)
+        before, after = _displacements_of(pair)
         return statistic(before), statistic(after)
 
     return compute

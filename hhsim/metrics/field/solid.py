@@ -86,7 +86,10 @@ def cones_contain(cones: RoundCones, points: FloatArray) -> BoolArray:
     slope = np.clip((cones.radius_a - cones.radius_b) / np.maximum(length, 1e-12), -1.0 + 1e-9, 1.0 - 1e-9)
     # Centre of the ball that reaches farthest past the point, along the axis.
     best = np.clip(along - slope / np.sqrt(1.0 - slope**2) * across, 0.0, length)
-    return np.asarray((np.hypot(along - best, across) < cones.radius_a - slope * best).any(axis=1))
+    between = np.hypot(along - best, across) < cones.radius_a - slope * best
+    # Where one end's ball holds the other's, nothing lies between them.
+    start, end = np.linalg.norm(offset, axis=2), np.linalg.norm(points[:, None] - cones.b, axis=2)
+    return np.asarray((between | (start < cones.radius_a) | (end < cones.radius_b)).any(axis=1))
 
 
 def manifold_of(vertices: FloatArray, faces: IntArray) -> "Manifold | None":

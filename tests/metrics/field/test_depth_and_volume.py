@@ -11,11 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hhsim.errors import InputError
+from hhsim.hand.palm_mesh import RoundCones
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.field.depth import depths
 from hhsim.metrics.field.field_table import field_rows
 from hhsim.metrics.field.hands import FieldHands, FieldPair
-from hhsim.metrics.field.solid import closed_skin, unit_ball
+from hhsim.metrics.field.solid import closed_skin, cones_contain, unit_ball
 from hhsim.metrics.field.volume import solid_voxels, surface_voxels, volumes
 
 PITCH = 0.005
@@ -81,6 +82,20 @@ def test_voxels_are_those_of_brute_force_and_of_trimesh() -> None:
     # trimesh takes the voxels of points on the triangles, so that it may miss one that is touched at a corner.
     assert np.mean([tuple(row) in places for row in np.round(made.sample(2000, seed=1) / 0.02)]) > 0.95
     assert (np.abs(outside_is_negative(made, touched)) <= 0.02 * math.sqrt(0.75)).all()
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.005, 0.05]))
+def test_points_in_round_cones_are_those_in_one_of_many_balls(seed: int, length: float) -> None:
+    random = np.random.default_rng(seed)
+    a, radii = random.uniform(-0.01, 0.01, (3, 3)), random.uniform(0.004, 0.015, (2, 3))
+    b = a + length * random.uniform(-1.0, 1.0, (3, 3))
+    points = random.uniform(-0.04, 0.04, (200, 3))
+    share = np.linspace(0.0, 1.0, 2001)[:, None, None]
+    centres, radius = a + share * (b - a), radii[0] + share[..., 0] * (radii[1] - radii[0])
+    depth = np.array([(radius - np.linalg.norm(point - centres, axis=2)).max() for point in points])
+    found = cones_contain(RoundCones(a, b, *radii), points)
+    clear = np.abs(depth) > 1e-6
+    assert (found == (depth > 0.0))[clear].all()
 
 
 def test_every_border_of_a_skin_gets_a_fan() -> None:
