@@ -37,8 +37,13 @@ def repaired(request: RepairRequest) -> RepairOutcome:
     request.beside(REPORT).write_text("report")
     request.beside(PICTURE).write_bytes(png())
     before = 1e-3 * float(depth)
-    figures = {"pd_before": before, "pd_after": 1e-3 * before, "iv_before": 1e-6, "contacts_kept": 1.0 - 10 * before}
-    figures |= {"median_correction": 0.5 * before, "own_figure": float("nan"), "time_per_frame": 2e-3}
+    figures = {
+        "depth_cones_max_before": before,
+        "depth_cones_max_after": 1e-3 * before,
+        "volume_voxels_mean_before": 1e-6,
+        "contacts_kept_5mm_after": 1.0 - 10 * before,
+    }
+    figures |= {"correction_max_after": 0.5 * before, "own_figure": float("nan"), "time_per_frame": 2e-3}
     missed = word == "miss"
     return RepairOutcome(
         figures, 30, (4, 7), "MISSED: 2 frames are deep" if missed else "REPAIRED", not missed, ("a finding",),

@@ -106,7 +106,7 @@ def draw_before_after(
             )
             _scale(axes, camera)
             depth = max(0.0, -float(distance[side].min()))
-            what = f"{('before', 'after')[side]}: {1e3 * depth:.2f} mm in"
+            what = f"{('before', 'after')[side]}: {1e3 * depth:.1f} mm in"
             axes.set_title((f"{when}, " if column == 0 else "") + what, fontsize=9, loc="left", x=0.02, pad=3)
     save_figure(figure, path)
 

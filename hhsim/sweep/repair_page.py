@@ -9,6 +9,7 @@ import numpy as np
 
 from hhsim import __version__
 from hhsim.arrays import FloatArray
+from hhsim.metrics.field.registry import field_metrics
 from hhsim.render.figure import vector_bytes
 from hhsim.repair.request import PICTURE, REPORT
 from hhsim.report.figure import BLUE, ORANGE, PAGE_INCHES, gridded, new_figure
@@ -25,9 +26,9 @@ if TYPE_CHECKING:
 WORST = 10
 """Number of rows of each list of the worst."""
 RANKINGS = (
-    ("pd_after", "Deepest after the repair", 1.0),
-    ("median_correction", "Largest correction", 1.0),
-    ("contacts_kept", "Most contacts lost", -1.0),
+    ("depth_cones_max_after", "Deepest after the repair", 1.0),
+    ("correction_max_after", "Largest correction", 1.0),
+    ("contacts_kept_5mm_after", "Most contacts lost", -1.0),
 )
 """Figure of each list of the worst, its heading, and 1 if large values are bad, -1 if small ones are."""
 STATES = {
@@ -49,22 +50,8 @@ class FigureLook(NamedTuple):
     digits: int | None = None
 
 
-LOOKS = {
-    "pd": FigureLook("PD", "mm", 2),
-    "iv": FigureLook("IV", "cm³", 2),
-    "sd": FigureLook("SD", "mm", 1),
-    "cdev": FigureLook("CDev", "mm", 2),
-    "mpjpe": FigureLook("MPJPE", "mm", 2),
-    "mpvpe": FigureLook("MPVPE", "mm", 2),
-    "median_correction": FigureLook("correction, median", "mm", 2),
-    "max_correction": FigureLook("correction, largest", "mm", 2),
-    "contacts_kept": FigureLook("contacts kept", "", 3),
-    "acc": FigureLook("ACC", "m/s²", 2),
-    "acc_ratio": FigureLook("ACC, after over before", "", 3),
-    "jerk": FigureLook("jerk", "m/s³", 1),
-    "time_per_frame": FigureLook("time a frame", "ms", 1),
-}
-"""Looks of figures by their names without _before or _after; any other has its own name, and no unit."""
+LOOKS = {"time_per_frame": FigureLook("time a frame", "ms", 1)}
+"""Looks of figures that are none of `hhsim.metrics.field.registry`; any other has its own name, and no unit."""
 
 
 @dataclass(frozen=True)
@@ -132,11 +119,13 @@ def _figure_names(rows: Sequence[RepairedRow]) -> list[str]:
 
 
 def _look(name: str) -> FigureLook:
+    """Return how a figure is shown, by its name with or without _before or _after."""
     base, _, when = name.rpartition("_")
-    if when in ("before", "after"):
-        look = LOOKS.get(base, FigureLook(base.replace("_", " ")))
-        return look._replace(label=f"{look.label} {when}")
-    return LOOKS.get(name, FigureLook(name.replace("_", " ")))
+    metric = field_metrics().get(base) if when in ("before", "after") else None
+    if metric is None:
+        return LOOKS.get(name, FigureLook(name.replace("_", " ")))
+    stated = f" {metric.parameters}" if base.endswith("mm") and isinstance(metric.parameters, str) else ""
+    return FigureLook(f"{metric.label}{stated} {when}", metric.unit, metric.digits)
 
 
 def _column(name: str, called: str) -> Column:

@@ -109,10 +109,20 @@ def test_the_table_has_units_and_its_json_the_same_values(tmp_path: Path) -> Non
     path = write_manifest(tmp_path, "copy 9", "refuse 0")
     run(path, tmp_path / "out")
     first, second = csv.DictReader(io.StringIO((tmp_path / "out" / "table.csv").read_text()))
-    assert float(first["pd_before [m]"]) == 1e-3 * 9.0 and float(first["pd_after [m]"]) == pytest.approx(9e-6)
-    assert (first["frames"], first["marked"], first["own_figure"], second["pd_after [m]"]) == ("30", "2", "", "")
+    assert float(first["depth_cones_max_before [m]"]) == 1e-3 * 9.0 and float(
+        first["depth_cones_max_after [m]"]
+    ) == pytest.approx(9e-6)
+    assert (first["frames"], first["marked"], first["own_figure"], second["depth_cones_max_after [m]"]) == (
+        "30",
+        "2",
+        "",
+        "",
+    )
     document = json.loads((tmp_path / "out" / "table.json").read_text())
-    assert document["columns"]["iv_before"] == "m³" and document["rows"][0]["pd_before"] == 1e-3 * 9.0
+    assert (
+        document["columns"]["volume_voxels_mean_before"] == "m³"
+        and document["rows"][0]["depth_cones_max_before"] == 1e-3 * 9.0
+    )
     assert document["rows"][0]["own_figure"] is None and document["rows"][1]["state"] == "refused"
     outcome = json.loads((tmp_path / "out" / "r0" / "outcome.json").read_text())
     assert (outcome["paths"], outcome["marked"], outcome["findings"]) == (

@@ -19,7 +19,9 @@ from hhsim.sweep.repair_row import RowOutcome, State
 def row(folder: Path, name: str, depth: float | None, state: State = "repaired", **more: float) -> RepairedRow:
     """A row with a depth [m], in a folder of its own."""
     request = RepairRequest(folder / f"{name}.npz", "cube", folder / name / f"{name}.npz")
-    figures: dict[str, float | None] = {} if depth is None else {"pd_before": 10 * depth, "pd_after": depth, **more}
+    figures: dict[str, float | None] = (
+        {} if depth is None else {"depth_cones_max_before": 10 * depth, "depth_cones_max_after": depth, **more}
+    )
     outcome = RowOutcome(digest=name, state=state, reason="" if state == "repaired" else "why", figures=figures)
     return RepairedRow(PlannedRepair(name, request, 1.0), outcome)
 
@@ -27,8 +29,8 @@ def row(folder: Path, name: str, depth: float | None, state: State = "repaired",
 @pytest.fixture
 def rows(tmp_path: Path) -> list[RepairedRow]:
     """Twelve repaired rows of growing depth, one that missed, two that were refused, one that failed."""
-    found = [row(tmp_path, f"r{i}", 1e-4 * i, contacts_kept=1.0 - 0.01 * i) for i in range(12)]
-    found.append(row(tmp_path, "missed", 5e-3, "missed", contacts_kept=math.nan))
+    found = [row(tmp_path, f"r{i}", 1e-4 * i, contacts_kept_5mm_after=1.0 - 0.01 * i) for i in range(12)]
+    found.append(row(tmp_path, "missed", 5e-3, "missed", contacts_kept_5mm_after=math.nan))
     found += [row(tmp_path, name, None, "refused") for name in ("<b>no", "no & no")]
     return [*found, row(tmp_path, "failed", None, "failed")]
 
