@@ -57,8 +57,8 @@ ANCHORS = 4
 ITERATIONS = 40
 CONVERGED = 1e-11
 """Largest change of an angle in the last step [rad]."""
-SETTLED = 1e-7
-"""Share of the cost that a last step takes away."""
+SETTLED = 1e-5
+"""Share of each sample's cost that a last step changes."""
 DAMPING = 1e-6
 """First damping of a sample that a step made worse [m² / rad²]."""
 
@@ -339,12 +339,12 @@ class _Finger:
             trial = np.clip(angles + move, self.low, self.high)
             change = np.abs(trial - angles).max()
             now = costs(trial)
-            fallen = float(cost.sum() - now.sum())
-            if fallen >= 0.0:
+            settled = bool((np.abs(cost - now) <= SETTLED * (now + noise**2)).all())
+            if now.sum() <= cost.sum():
                 angles, cost, damping = trial, now, 0.1 * damping
             else:
                 worse = (now > cost)[:, None]
                 damping = np.where(worse, 100.0 * damping + DAMPING, damping)
-            if change < CONVERGED or 0.0 <= fallen < SETTLED * float(cost.sum()):
+            if change < CONVERGED or settled:
                 break
         return angles
