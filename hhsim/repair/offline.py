@@ -15,7 +15,7 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.repair.hand_change import change_between, finite_frames
+from hhsim.repair.hand_change import change_between, finite_frames, mean_acceleration
 from hhsim.repair.hand_judge import CLEAR, HandJudge, farthest
 from hhsim.repair.projection import Projection
 from hhsim.repair.smoothing import smoothed
@@ -33,6 +33,10 @@ TRACKS_A_RESTART = 2
 """Starts of a frame that are followed on."""
 RESTART_SPACING = 10
 """Frames on either side of a restart that get none of their own."""
+CHANGE_WEIGHTS = (2.0, 8.0, 30.0, 120.0)
+"""Weights of the changes from frame to frame in the choice of tracks, see `choose_tracks`, that are tried in turn."""
+MOST_ACCELERATION = 1.1
+"""Ratio of mean accelerations, repaired to recorded, with which a choice of tracks is accepted."""
 SAME_HAND = 1e-4
 """Joints of two tracks that are not farther apart [m] go on together."""
 MOST_DEARER = 30
@@ -99,9 +103,7 @@ def repair_frames(
         own.orientation[:] /= np.linalg.norm(own.orientation, axis=1, keepdims=True)
         search = _Search(_with_recorded_angles(hand, own), surface, own, options, progress)
         search.restart()
-        found, chosen = search.chosen()
-        if options.smooth:
-            found = search.smoothed(found)
+        found, chosen = search.result()
         changed = (change_between(own, found) != 0.0).any(axis=1)
         for values, repaired in zip(posture, found, strict=True):
             values[known[changed]] = repaired[changed]
@@ -180,10 +182,29 @@ class _Search:
         self.nearest[part] = np.minimum(self.nearest[part], square)
         self.least_move[part] = np.minimum(self.least_move[part], move)
 
-    def chosen(self) -> tuple[HandConfiguration, IntArray]:
+    def result(self) -> tuple[HandConfiguration, IntArray]:
+        """Return the hands that are nearest to the recorded ones among those that accelerate little more, and origins.
+
+        Where each choice of tracks accelerates more, it is the steadiest.
+        """
+        recorded = mean_acceleration(self.points)
+        least, best = np.inf, None
+        for weight in CHANGE_WEIGHTS:
+            found, origin = self.chosen(weight)
+            found = self.smoothed(found) if self.options.smooth else found
+            acceleration = mean_acceleration(self.judge.points(found))
+            if best is None or acceleration < least:
+                least, best = acceleration, (found, origin)
+            if least <= MOST_ACCELERATION * recorded:
+                break
+        assert best is not None
+        return best
+
+    def chosen(self, weight: float) -> tuple[HandConfiguration, IntArray]:
         """Return the chosen hand of each frame, and its origin; the recorded one where there is none."""
         first = [track.first for track in self.tracks]
-        choice = choose_tracks(first, [track.off for track in self.tracks], [track.valid for track in self.tracks])
+        off, valid = [track.off for track in self.tracks], [track.valid for track in self.tracks]
+        choice = choose_tracks(first, off, valid, weight)
         found = self.frames.copy()
         for k in np.unique(choice).tolist():
             frames = np.flatnonzero(choice == k)

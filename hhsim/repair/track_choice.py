@@ -6,13 +6,13 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 
-CHANGE_WEIGHT = 20.0
-"""Weight of a squared change of the correction from frame to frame, against the squared correction of a frame."""
 NO_HAND = 1.0
 """Cost of a frame without a hand [m²]: above that of any correction of less than a metre."""
 
 
-def choose_tracks(first: Sequence[int], correction: Sequence[FloatArray], valid: Sequence[BoolArray]) -> IntArray:
+def choose_tracks(
+    first: Sequence[int], correction: Sequence[FloatArray], valid: Sequence[BoolArray], weight: float
+) -> IntArray:
     """Return the track of each frame with the least sum of squared corrections and of their weighted squared changes.
 
     Args:
@@ -20,6 +20,7 @@ def choose_tracks(first: Sequence[int], correction: Sequence[FloatArray], valid:
         correction: Displacement of each point of the hand from the recorded one [m], shape (n, P, 3), of each track.
         valid: True where a track has a hand that does not penetrate, shape (n,), of each track. A frame without any
             gets track 0, from and to which changes are free.
+        weight: Weight of a squared change of the correction from frame to frame, against a squared correction.
 
     Returns:
         Indices of tracks, shape (T,); of equal sums the first track's.
@@ -37,7 +38,7 @@ def choose_tracks(first: Sequence[int], correction: Sequence[FloatArray], valid:
             change = ((off[:, None] - last[None]) ** 2).sum(axis=-1).mean(axis=-1)
         else:
             change = np.zeros((max(1, len(off)), len(total)))
-        sums = total[None] + CHANGE_WEIGHT * change
+        sums = total[None] + weight * change
         before.append(sums.argmin(axis=1))
         node = (off**2).sum(axis=-1).mean(axis=-1) if len(off) else np.array([NO_HAND])
         total, last = sums.min(axis=1) + node, off

@@ -7,7 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.repair.track_choice import CHANGE_WEIGHT, NO_HAND, choose_tracks
+from hhsim.repair.track_choice import NO_HAND, choose_tracks
+
+WEIGHT = 5.0
 
 
 def cost(off: FloatArray, valid: BoolArray, sequence: tuple[int, ...]) -> float:
@@ -16,7 +18,7 @@ def cost(off: FloatArray, valid: BoolArray, sequence: tuple[int, ...]) -> float:
         total += float((off[k, t] ** 2).sum(axis=1).mean()) if valid[k, t] else NO_HAND
         before = sequence[t - 1]
         if t and valid[k, t] and valid[before, t - 1]:
-            total += CHANGE_WEIGHT * float(((off[k, t] - off[before, t - 1]) ** 2).sum(axis=1).mean())
+            total += WEIGHT * float(((off[k, t] - off[before, t - 1]) ** 2).sum(axis=1).mean())
     return total
 
 
@@ -33,7 +35,7 @@ def test_no_sequence_of_tracks_costs_less(seed: int, tracks: int, frames: int) -
         valid[k, : first[k]] = valid[k, last[k] :] = False
     own = [slice(a, b) for a, b in zip(first.tolist(), last.tolist())]
     parts = [off[k, own[k]] for k in range(tracks)], [valid[k, own[k]] for k in range(tracks)]
-    chosen = choose_tracks(first.tolist(), *parts).tolist()
+    chosen = choose_tracks(first.tolist(), *parts, WEIGHT).tolist()
     assert all(valid[k, t] or (k == 0 and not valid[:, t].any()) for t, k in enumerate(chosen))
     best = min(cost(off, valid, sequence) for sequence in product(range(tracks), repeat=frames))
     assert cost(off, valid, tuple(chosen)) <= best + 1e-12
@@ -41,4 +43,4 @@ def test_no_sequence_of_tracks_costs_less(seed: int, tracks: int, frames: int) -
 
 def test_of_equal_tracks_the_first_is_taken() -> None:
     off, valid = [np.zeros((4, 1, 3))] * 3, [np.ones(4, bool)] * 3
-    np.testing.assert_array_equal(choose_tracks([0, 0, 0], off, valid), 0)
+    np.testing.assert_array_equal(choose_tracks([0, 0, 0], off, valid, WEIGHT), 0)
