@@ -11,9 +11,12 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from bvh_document import RIGS, bvh_text
 from correction_samples import a_correction
-from joint_samples import array_npy, arrays_npz, iwer_json, joint_sample, openxr_csv, webxr_json
-from pose_samples import mano_fields, mano_poses, umetrack_lines, umetrack_profile
+from joint_samples import array_npy, arrays_npz, iwer_json, joint_sample, mcap_bytes, openxr_csv, webxr_json
+from leap_document import document as leap
+from leap_document import packed
+from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
 from scipy.spatial.transform import Rotation
 
 from hhsim.errors import InputError, OutputError
@@ -21,6 +24,8 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.recordings.column_map import JOINT_NAMES, ColumnMap
 from hhsim.recordings.dexmo_regression import CHANNELS
+from hhsim.recordings.formats import mcap
+from hhsim.recordings.formats.leap import pack as lz_pack
 from hhsim.recordings.joint_names import WEBXR_JOINTS, joint_name
 from hhsim.recordings.registry import (
     Content,
@@ -103,6 +108,44 @@ FILES: dict[str, tuple[str, Any, dict[str, Any]]] = {
 }
 
 
+def leap_document() -> dict[str, Any]:
+    """What Leap wrote, with the numbers beside the joints that it has too, and a greeting before the frames."""
+    whole = leap(count=20)
+    for frame in whole["frames"]:
+        for hand in frame["hands"]:
+            hand |= {"palmPosition": [1.0, 2.5, 3], "stabilizedPalmPosition": hand["wrist"], "r": [[1, 0, 0]]}
+        for finger in frame["pointables"]:
+            finger |= {"tipPosition": finger["btipPosition"], "direction": [0, 0, -1.0], "id": 70 + finger["type"]}
+            finger["bases"] = [np.eye(3).tolist()] * 4
+    for frame in whole["frames"][4:6]:
+        frame["hands"] = []
+    whole["frames"][9]["hands"].append(whole["frames"][9]["hands"][0] | {"type": "left", "id": 8})
+    return whole
+
+
+def leap_lines() -> str:
+    return "\n".join(json.dumps(frame) for frame in [{"version": 6}, *leap_document()["frames"]])
+
+
+FILES |= {
+    "leap": ("take.json", lambda: json.dumps(leap_document(), indent=2), {}),
+    "leap, lines": ("take.json", leap_lines, {}),
+    "leap, packed": ("take.json", lambda: json.dumps(packed(leap(count=20))), {}),
+    "leap, LZ": ("take.lz", lambda: lz_pack(json.dumps(packed(leap("left", 20)))), {}),
+    "bvh": ("take.bvh", lambda: bvh_text(SAMPLE.motion, RIGS["mixamo"]), {}),
+    "bvh, metres": ("take.bvh", lambda: bvh_text(SAMPLE.motion, RIGS["rigify"]).replace("\n", "\r\n"), {}),
+    "bvh, left": ("take.bvh", lambda: bvh_text(joint_sample("left").motion, RIGS["neuron"], "left"), {"world_up": "z"}),
+    "bvh, no ends": ("take.bvh", lambda: bvh_text(SAMPLE.motion, RIGS["no ends"]).replace("\t", "  "), {}),
+    "lerobot": ("take.parquet", lambda: lerobot_bytes(SAMPLE, episodes=3), {"episode": 1}),
+    "mcap": ("take.mcap", lambda: mcap_bytes(SAMPLE, chunks=3), {}),
+    "mcap, zstd": ("take.mcap", lambda: mcap_bytes(SAMPLE, chunks=3, compression="zstd"), {}),
+    "mcap, no chunks": ("take.mcap", lambda: mcap_bytes(joint_sample("left"), "left", chunks=0), {}),
+}
+BINARY = (".npy", ".npz", ".lz", ".parquet", ".mcap")
+REPACKED = (".npz", ".parquet")
+"""Suffixes whose bytes may differ where the content is the same."""
+
+
 def written(tmp_path: Path, name: str, **arguments: Any) -> tuple[bytes, bytes, Any, Any, ReadOptions, float | None]:
     """File before and after a correction, the recording, its correction, the options, and the distance read back."""
     file, make, given = FILES[name]
@@ -123,7 +166,7 @@ def test_no_correction_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
     content = Content(tmp_path / FILES[name][0])
     form = format_of(content, options)
     assert form.write is not None
-    if Path(FILES[name][0]).suffix != ".npz":
+    if Path(FILES[name][0]).suffix not in REPACKED:
         assert form.write(content, options, recording, correction) == before
 
 
@@ -144,7 +187,7 @@ def test_corrected_joints_are_read_back(name: str, tmp_path: Path) -> None:
     assert np.array_equal(again.joints[still], recording.joints[still], equal_nan=True)
 
 
-@pytest.mark.parametrize("name", [name for name in FILES if Path(FILES[name][0]).suffix not in (".npy", ".npz")])
+@pytest.mark.parametrize("name", [name for name in FILES if Path(FILES[name][0]).suffix not in BINARY])
 def test_all_but_the_numbers_of_corrected_samples_is_the_same_text(name: str, tmp_path: Path) -> None:
     before, after, recording, correction, _, _ = written(tmp_path, name)
     encoding = "utf-16" if "UTF-16" in name else "utf-8"
@@ -438,3 +481,87 @@ def test_a_dexmo_glove_is_not_written(tmp_path: Path) -> None:
     assert recording.form == "dexmo"
     with pytest.raises(InputError, match="channels do not hold a corrected hand: export"):
         write_recording(path, ReadOptions(), recording, a_correction(recording), tmp_path / "new.csv")
+
+
+def test_a_wrist_without_channels_of_position_is_not_moved(tmp_path: Path) -> None:
+    path, out = tmp_path / "take.bvh", tmp_path / "new.bvh"
+    rig = RIGS["mixamo"]
+    text = bvh_text(SAMPLE.motion, rig)
+    # A head beside the arm: the root moves more than the hand.
+    head = "\tJOINT Head\n\t{\n\t\tOFFSET 0 9 0\n\t\tCHANNELS 3 Zrotation Xrotation Yrotation\n\t}\n}\nMOTION"
+    body = text.replace("}\nMOTION", head)
+    top, frames = body.split("Frame Time: 0.010000\n")
+    path.write_text(top + "Frame Time: 0.010000\n" + frames.replace("\n", " 1 2 3\n"))
+    recording = read_recording(path)
+    with pytest.raises(InputError, match=r"moves the wrist 'mixamorig:RightHand' by [0-9.]+ mm, and neither"):
+        write_recording(path, ReadOptions(), recording, a_correction(recording), out)
+    off = write_recording(path, ReadOptions(), recording, a_correction(recording, palm=False), out)
+    assert off is not None and off < 1e-7
+
+
+def test_angles_of_bvh_stay_near_those_of_the_file(tmp_path: Path) -> None:
+    path, out = tmp_path / "take.bvh", tmp_path / "new.bvh"
+    text = bvh_text(SAMPLE.motion, RIGS["poser"])
+    top, frames = text.split("Frame Time: 0.010000\n")
+    # Whole turns more, and the other Euler angles of the same rotation, in the last joint's channels.
+    rows = [line.split() for line in frames.splitlines()]
+    for row in rows:
+        a, b, c = map(float, row[-3:])
+        row[-3:] = [f"{a + 180.0:.6f}", f"{180.0 - b:.6f}", f"{c + 180.0 - 720.0:.6f}"]
+    path.write_text(top + "Frame Time: 0.010000\n" + "".join(" ".join(row) + "\n" for row in rows))
+    recording = read_recording(path)
+    off = write_recording(path, ReadOptions(), recording, a_correction(recording), out)
+    assert off is not None and off < 1e-7
+    old, new = (np.array([line.split() for line in file.read_text().splitlines()[-40:]], float) for file in (path, out))
+    assert 0.1 < np.abs(new - old)[:, 6:].max() < 25.0
+
+
+def test_parquet_keeps_its_other_columns_and_the_schema(tmp_path: Path) -> None:
+    import pyarrow
+    from pyarrow import parquet
+
+    joints = np.stack([joint_sample(side).named(WEBXR_JOINTS) for side in ("left", "right")], axis=1)
+    kind = pyarrow.list_(pyarrow.list_(pyarrow.list_(pyarrow.float32())))
+    fields = [
+        pyarrow.field("action.hand_joints", kind, metadata={"unit": "m"}),
+        pyarrow.field("image", pyarrow.struct([("bytes", pyarrow.binary()), ("path", pyarrow.string())])),
+        pyarrow.field("timestamp", pyarrow.float32(), nullable=False),
+    ]
+    columns = [joints.tolist(), [{"bytes": b"\x00\xff", "path": None}] * 40, SAMPLE.motion.time.tolist()]
+    schema = pyarrow.schema(fields, metadata={"huggingface": '{"info": 1}'})
+    table = pyarrow.table([pyarrow.array(c, f.type) for c, f in zip(columns, fields)], schema=schema)
+    path, out = tmp_path / "take.parquet", tmp_path / "new.parquet"
+    parquet.write_table(table, path, row_group_size=15, compression={"action.hand_joints": "zstd"}, version="1.0")
+    options = ReadOptions(hand="left")
+    recording = read_recording(path, options)
+    off = write_recording(path, options, recording, a_correction(recording), out)
+    assert off is not None and off < 1e-7
+    old, new = parquet.ParquetFile(path), parquet.ParquetFile(out)
+    assert new.schema_arrow.equals(old.schema_arrow, check_metadata=True) and new.schema.equals(old.schema)
+    facts = [[file.metadata.row_group(g).num_rows for g in range(file.num_row_groups)] for file in (old, new)]
+    assert facts == [[15, 15, 10]] * 2
+    assert new.metadata.row_group(0).column(0).compression == old.metadata.row_group(0).column(0).compression
+    one, other = old.read(), new.read()
+    assert one.drop_columns("action.hand_joints").equals(other.drop_columns("action.hand_joints"))
+    hands = [np.array(each.column("action.hand_joints").to_pylist()) for each in (one, other)]
+    assert np.array_equal(hands[0][:, 1], hands[1][:, 1])
+    assert np.argwhere((hands[0] != hands[1]).any(axis=(1, 2, 3))).ravel().tolist() == list(range(3, 9))
+
+
+@pytest.mark.parametrize("compression", ["", "lz4"])
+def test_mcap_keeps_its_other_records_and_its_checksums(compression: str, tmp_path: Path) -> None:
+    path, out = tmp_path / "take.mcap", tmp_path / "new.mcap"
+    path.write_bytes(mcap_bytes(SAMPLE, chunks=4, compression=compression))
+    recording = read_recording(path)
+    correction = a_correction(recording)
+    write_recording(path, ReadOptions(), recording, correction, out)
+    assert read_recording(out).checksums == "held"
+    old, new = (mcap._records(file.read_bytes())[0] for file in (path, out))
+    changed = [k for k, pair in enumerate(zip(old, new)) if pair[0] != pair[1] and pair[0][0] == mcap.MESSAGE]
+    assert len(old) == len(new) and len(changed) == correction.changed.sum()
+    joints = old[changed[0]][1], new[changed[0]][1]
+    # Validity, bytes between and radius of each joint stay.
+    start = len(joints[0]) - 26 * 36
+    assert [a[start + 28 + 36 * k : start + 36 + 36 * k] for a in joints for k in (0, 9)][:2] == [
+        joints[1][start + 28 + 36 * k : start + 36 + 36 * k] for k in (0, 9)
+    ]
