@@ -19,19 +19,24 @@ from leap_document import packed
 from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
 from scipy.spatial.transform import Rotation
 
-from hhsim.errors import InputError, OutputError
+from hhsim.errors import InputError, OutputError, UnknownNameError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.recordings.column_map import JOINT_NAMES, ColumnMap
 from hhsim.recordings.dexmo_regression import CHANNELS
 from hhsim.recordings.formats import mcap
 from hhsim.recordings.formats.leap import pack as lz_pack
-from hhsim.recordings.joint_names import WEBXR_JOINTS, joint_name
+from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, joint_name
+from hhsim.recordings.recording import HandMotion
 from hhsim.recordings.registry import (
     Content,
     ReadOptions,
+    exported,
     format_of,
+    read_content,
     read_recording,
+    recording_formats,
     write_recording,
 )
 from hhsim.recordings.repair import repair
@@ -565,3 +570,56 @@ def test_mcap_keeps_its_other_records_and_its_checksums(compression: str, tmp_pa
     assert [a[start + 28 + 36 * k : start + 36 + 36 * k] for a in joints for k in (0, 9)][:2] == [
         joints[1][start + 28 + 36 * k : start + 36 + 36 * k] for k in (0, 9)
     ]
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize(
+    ("form", "suffix", "options"),
+    [
+        ("keypoints", ".npz", {"world_up": "z"}),
+        ("keypoints", ".csv", {"world_up": "z"}),
+        ("openxr", ".csv", {}),
+        ("npz", ".npz", {}),
+        ("csv", ".csv", {}),
+    ],
+)
+def test_a_new_file_of_a_format_is_read_back(form: str, suffix: str, options: dict[str, Any], side: Any) -> None:
+    sample = joint_sample(side)
+    motion, joints = sample.motion, sample.joints[:, [OPENXR_JOINTS.index(name) for name in KEYPOINTS]]
+    data = exported(form, suffix, HandMotion(motion.time, joints, HandConfiguration.of(motion), side))
+    content = Content(data=data)
+    assert format_of(content, ReadOptions()).name == form
+    again = read_content(content, ReadOptions(hand=side, **options))
+    assert np.array_equal(again.time, motion.time) and again.hand == side
+    if again.joints is None:
+        same = HandConfiguration.of(again)
+        assert all(np.allclose(a, b, atol=1e-15) for a, b in zip(same, HandConfiguration.of(motion)))
+    else:
+        assert np.allclose(again.joints, joints, atol=1e-15)
+        assert np.allclose(again.flexion, motion.flexion, atol=1e-6)
+
+
+def test_palm_and_metacarpals_of_an_export_are_those_of_our_model() -> None:
+    motion = SAMPLE.motion
+    joints = SAMPLE.joints[:, [OPENXR_JOINTS.index(name) for name in KEYPOINTS]]
+    data = exported("openxr", ".csv", HandMotion(motion.time, joints, HandConfiguration.of(motion), "right"))
+    row = next(csv.DictReader(io.StringIO(data.decode())))
+    assert len(row) == 1 + 3 * 26
+    found = {name: np.array([float(row[f"right_{name}_{axis}"]) for axis in "xyz"]) for name in OPENXR_JOINTS}
+    # y up: our z.
+    assert np.allclose(found["palm"], np.array([1.0, 1.0, -1.0]) * motion.position[0][[0, 2, 1]])
+    # A metacarpal of the model is as long as this, but for its knuckle's height over the palm.
+    bones = [np.linalg.norm(found[f"{f}_proximal"] - found[f"{f}_metacarpal"]) for f in ("index", "middle", "ring")]
+    assert np.allclose(bones, 0.19 * np.array([0.374, 0.373, 0.336]), rtol=0.02)
+
+
+def test_an_export_of_another_kind_is_refused() -> None:
+    motion = HandMotion(SAMPLE.motion.time, np.zeros((40, 21, 3)), HandConfiguration.of(SAMPLE.motion), "right")
+    with pytest.raises(UnknownNameError, match=r"unknown format 'bvh': .*keypoints"):
+        exported("bvh", ".bvh", motion)
+    with pytest.raises(InputError, match=r"does not end in '\.json'; expected \.npz or \.csv"):
+        exported("keypoints", ".json", motion)
+
+
+def test_every_format_is_written_or_says_why_not() -> None:
+    assert [form.name for form in recording_formats().values() if form.write is None] == []
