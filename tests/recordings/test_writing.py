@@ -272,6 +272,12 @@ def test_what_cannot_be_written_says_so(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"orientation of .*_rot_x, .*: no quaternion"):
         write_recording(tmp_path / "e.csv", ReadOptions(), recording, a_correction(recording), tmp_path / "f.csv")
     assert not (tmp_path / "f.csv").exists()
+    for other in ({"x": 0.0, "y": 10.0, "z": 90.0}, np.eye(4).ravel().tolist()):
+        document = webxr_json(SAMPLE).replace('"quaternion": [0, 0, 0, 1]', f'"rotation": {json.dumps(other)}')
+        (tmp_path / "e.json").write_text(document)
+        recording = read_recording(tmp_path / "e.json")
+        with pytest.raises(InputError, match=r"the orientation of wrist is no quaternion \(x, y, z, w\)"):
+            write_recording(tmp_path / "e.json", ReadOptions(), recording, a_correction(recording), tmp_path / "f.json")
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -473,6 +479,13 @@ def test_what_a_mapped_table_does_not_hold_is_said(tmp_path: Path) -> None:
     path.write_text("a\n" + "".join(f"0.{k}\n" for k in range(10)))
     options = ReadOptions(columns=parse_settings(text, ColumnMap, "map.toml"))
     recording = read_recording(path, options)
+    both = ReadOptions(columns=parse_settings(text + 'index_flex2 = "a"\n', ColumnMap, "map.toml"))
+    twice = read_recording(path, both)
+    still = replace(
+        a_correction(twice, palm=False), fitted=HandConfiguration.of(twice), posture=HandConfiguration.of(twice)
+    )
+    with pytest.raises(InputError, match="column 'a' holds more than one number"):
+        write_recording(path, both, twice, still, tmp_path / "new.csv")
     for palm, said in ((True, "whose position no column"), (False, "bends thumb_flex1, which no column")):
         with pytest.raises(InputError, match=said):
             write_recording(path, options, recording, a_correction(recording, palm=palm), tmp_path / "new.csv")
