@@ -192,6 +192,22 @@ def test_corrected_joints_are_read_back(name: str, tmp_path: Path) -> None:
     assert np.array_equal(again.joints[still], recording.joints[still], equal_nan=True)
 
 
+@pytest.mark.parametrize("name", ["openxr, two hands", "webxr, lines, gaps", "leap", "bvh", "lerobot", "mcap", "npz"])
+def test_some_samples_in_another_order_are_found_in_the_file(name: str, tmp_path: Path) -> None:
+    file, make, given = FILES[name]
+    path, out, data = tmp_path / file, tmp_path / f"new{Path(file).suffix}", make()
+    path.write_bytes(data.encode() if isinstance(data, str) else data)
+    whole = read_recording(path, ReadOptions(**given))
+    some = whole.chosen(np.array([12, 3, 11, 6, 10]))
+    correction = a_correction(some, changed=slice(1, 4))
+    off = write_recording(path, ReadOptions(**given), some, correction, out)
+    assert off is not None and off < 0.9e-6
+    again = read_recording(out, ReadOptions(**given)).joints
+    assert again is not None and whole.joints is not None
+    moved = np.nanmax(np.linalg.norm(again - whole.joints, axis=2), axis=1)
+    assert np.flatnonzero(moved > 0.0).tolist() == [3, 6, 11]
+
+
 @pytest.mark.parametrize("name", [name for name in FILES if Path(FILES[name][0]).suffix not in BINARY])
 def test_all_but_the_numbers_of_corrected_samples_is_the_same_text(name: str, tmp_path: Path) -> None:
     before, after, recording, correction, _, _ = written(tmp_path, name)

@@ -4,6 +4,9 @@ Leap's world is in millimetres with y up; `direction` points to the fingers, `pa
 origin is where our knuckles meet the recorded ones; joint angles are those of `hhsim.recordings.finger_ik`. Leap gives
 the thumb a metacarpal of length zero, and its next three bones are our three.
 
+In a corrected recording joints, wrist and palm move, and directions and bases turn with their bone; the arm, velocities
+and the motion from the frame before stay as recorded.
+
 LZ-string is an LZ78 whose codes are as wide as the dictionary needs, least bit first; codes 0 and 1 announce a new
 letter of 8 or 16 bits, code 2 the end.
 """
