@@ -533,6 +533,22 @@ def test_a_wrist_without_channels_of_position_is_not_moved(tmp_path: Path) -> No
     assert off is not None and off < 1e-7
 
 
+def test_a_joint_with_few_channels_is_not_turned(tmp_path: Path) -> None:
+    path, out = tmp_path / "take.bvh", tmp_path / "new.bvh"
+    top, frames = bvh_text(SAMPLE.motion, RIGS["poser"]).split("Frame Time: 0.010000\n")
+    first, _, last = top.rpartition("CHANNELS 3 Xrotation Yrotation Zrotation")
+    rows = "".join(line.rpartition(" ")[0] + "\n" for line in frames.splitlines())
+    path.write_text(f"{first}CHANNELS 2 Xrotation Yrotation{last}Frame Time: 0.010000\n{rows}")
+    recording = read_recording(path)
+    with pytest.raises(InputError, match=r"joint 'rPinky3' has 2 channels of rotation; expected 3"):
+        write_recording(path, ReadOptions(), recording, a_correction(recording), out)
+    off = write_recording(path, ReadOptions(), recording, a_correction(recording, fingers=False), out)
+    assert off is not None and off < 1e-7
+    # The fingers go with the palm, whose channels alone change.
+    old, new = (np.array([line.split() for line in file.read_text().splitlines()[-40:]]) for file in (path, out))
+    assert np.flatnonzero((old != new).any(axis=0)).tolist() == [0, 1, 2, 6, 7, 8]
+
+
 def test_angles_of_bvh_stay_near_those_of_the_file(tmp_path: Path) -> None:
     path, out = tmp_path / "take.bvh", tmp_path / "new.bvh"
     text = bvh_text(SAMPLE.motion, RIGS["poser"])

@@ -38,6 +38,8 @@ METACARPAL = re.compile(r"metacarp|carpal|inhand|palm", re.IGNORECASE)
 
 DEGREE_DIGITS = 5
 """Decimals of an angle [degrees]: 0.02 µm at a fingertip."""
+SAME_TURN = 1e-12
+"""Largest difference of two rotation matrices that are one."""
 STILL = 1e-6
 """Largest displacement of the wrist, in the file's unit, that needs no channel."""
 
@@ -94,6 +96,8 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
         joint = joints[index]
         before = np.eye(3) if joint.parent < 0 else world[:, joint.parent]
         above = next((made.turn[:, bones[k]] for k in _ancestors(joints, joint.parent) if k in bones), np.eye(3))
+        if np.abs(made.turn[:, bone] - above).max(initial=0.0) < SAME_TURN:
+            continue
         local = np.swapaxes(above @ before, -1, -2) @ made.turn[:, bone] @ world[:, index]
         new |= _rotation_columns(joint, local, old.values)
     shift = made.shift[:, 0]
