@@ -668,3 +668,45 @@ def test_an_export_of_another_kind_is_refused() -> None:
 
 def test_every_format_is_written_or_says_why_not() -> None:
     assert [form.name for form in recording_formats().values() if form.write is None] == []
+
+
+def test_leap_moves_the_palm_and_turns_directions_and_bases(tmp_path: Path) -> None:
+    before, after, recording, correction, *_ = written(tmp_path, "leap")
+    old, new = (json.loads(data)["frames"] for data in (before, after))
+    turns = recording.file_frame.rotation_to_file(correction.rotation)
+    for k in np.flatnonzero(correction.changed).tolist():
+        one, other = old[recording.rows[k]], new[recording.rows[k]]
+        for key in ("direction", "palmNormal"):
+            assert np.allclose(other["hands"][0][key], turns[k, 0] @ one["hands"][0][key], atol=1e-7)
+        assert other["hands"][0]["r"] == one["hands"][0]["r"]
+        steps = [np.subtract(frame["hands"][0]["palmPosition"], frame["hands"][0]["wrist"]) for frame in (one, other)]
+        assert np.allclose(steps[1], turns[k, 0] @ steps[0], atol=2e-3)
+        for f in range(5):
+            finger, moved = one["pointables"][f], other["pointables"][f]
+            assert moved["tipPosition"] == moved["btipPosition"] != finger["btipPosition"]
+            assert np.allclose(moved["direction"], turns[k, 3 * f + 3] @ finger["direction"], atol=1e-7)
+            for bone in range(4):
+                expected = turns[k, bone and 3 * f + bone] @ np.transpose(finger["bases"][bone])
+                assert np.allclose(np.transpose(moved["bases"][bone]), expected, atol=1e-7)
+    # The left hand of a frame is another's.
+    assert all(a["hands"][1:] == b["hands"][1:] for a, b in zip(old, new))
+
+
+def test_numbers_that_are_missing_stay_missing(tmp_path: Path) -> None:
+    sample, path, out = joint_sample(), tmp_path / "take.jsonl", tmp_path / "new.jsonl"
+    np.savez(tmp_path / "model.npz", **mano_fields(sample.hand))
+    turn, pose, shift = mano_poses(sample)
+    lines = mano_lines("right", turn, shift, pose, sample.motion.time).splitlines()
+    # Of a second camera, in a corrected sample.
+    line = json.loads(lines[9])
+    line["hand_poses"]["1"]["wrist_xform"]["q_wxyz"] = None
+    line["hand_poses"]["1"]["pose"][3] = None
+    lines[9] = json.dumps(line)
+    path.write_text("\n".join(lines) + "\n")
+    for reading in ("axis-angle", "pca"):
+        options = ReadOptions(mano_model=tmp_path / "model.npz", mano_pose=reading, world_up="y")
+        recording = read_recording(path, options)
+        off = write_recording(path, options, recording, a_correction(recording), out)
+        assert off is not None and off < 1e-6
+        moved = json.loads(out.read_text().splitlines()[9])["hand_poses"]["1"]
+        assert moved["wrist_xform"]["q_wxyz"] is None and moved["pose"] == line["hand_poses"]["1"]["pose"]

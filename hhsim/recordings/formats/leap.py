@@ -132,12 +132,17 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
             names = KEYPOINTS[1 + 4 * f : 5 + 4 * f]
             points = dict(zip(JOINTS, names)) | dict.fromkeys(TIPS, names[3]) | {"carpPosition": "palm"}
             yield from _vector_edits(placed, found, points, {"direction": 3 * f + 3}, made)
-            bases = [found_base if isinstance(found_base := finger.get("bases"), list) else [] for finger in found]
             for bone, axis in product(range(4), range(3)):
-                vectors = [{"": base[bone][axis]} if len(base) == 4 and len(base[bone]) == 3 else {} for base in bases]
+                vectors = [{"": _basis_vector(finger.get("bases"), bone, axis)} for finger in found]
                 yield from _vector_edits(placed, vectors, {}, {"": bone and 3 * f + bone}, made)
 
     return pack(edited(text, edits())).encode() if packed else content.edited(edits())
+
+
+def _basis_vector(bases: Any, bone: int, axis: int) -> Any:
+    """Return an axis of a bone's basis, None where there is none."""
+    basis = bases[bone] if isinstance(bases, list) and bone < len(bases) else None
+    return basis[axis] if isinstance(basis, list) and axis < len(basis) else None
 
 
 def _vector_edits(

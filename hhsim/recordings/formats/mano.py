@@ -164,7 +164,8 @@ def _corrected(
     if not reading.startswith("pca"):
         return turned, angles - offset
     basis = model.components[:count]
-    start: FloatArray = np.asarray(np.linalg.lstsq(basis.T, (angles - offset).T, rcond=None)[0].T, np.float64)
+    # A missing number of one sample is no other's.
+    start = np.asarray((angles - offset) @ np.linalg.pinv(basis), dtype=np.float64)
     if count == ANGLES:
         return turned, start
     still = np.zeros_like(turned)
