@@ -72,6 +72,13 @@ def numbers(arrays: Mapping[str, Any], key: str, *shape: int) -> FloatArray:
     return as_numbers(f"array '{key}'", arrays[key], shape or None)
 
 
+def npz_of(arrays: Mapping[str, Any]) -> bytes:
+    """Return an archive of arrays by their names."""
+    out = io.BytesIO()
+    np.savez(out, **arrays)
+    return out.getvalue()
+
+
 def npy_with(data: bytes, values: FloatArray) -> bytes:
     """Return an `.npy` file with other values in the same header, of the same size and type.
 

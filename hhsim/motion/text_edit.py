@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from decimal import Decimal, InvalidOperation
 from typing import NamedTuple
 
 from hhsim.arrays import FloatArray
@@ -37,13 +36,14 @@ def edited(text: str, edits: Iterable[NumberEdit], decimal: str = ".") -> str:
     for edit in sorted(edits):
         old = text[edit.start : edit.end].replace(decimal, ".")
         try:
-            given = Decimal(old)
-        except InvalidOperation:
+            same = float(old) == edit.value
+        except ValueError:
             continue
-        exponent = given.as_tuple().exponent
-        if edit.value != edit.value or not isinstance(exponent, int) or float(given) == edit.value:
+        if same or edit.value != edit.value:
             continue
-        new = f"{edit.value:.{min(max(edit.decimals, -exponent), MOST_DECIMALS)}f}"
+        digits, _, exponent = old.lower().partition("e")
+        had = len(digits.partition(".")[2]) - int(exponent or 0)
+        new = f"{edit.value:.{min(max(edit.decimals, had), MOST_DECIMALS)}f}"
         parts += [text[place : edit.start], new.replace(".", decimal)]
         place = edit.end
     return "".join([*parts, text[place:]])

@@ -51,12 +51,14 @@ class Bvh:
         frame_time: Time between frames [s].
         values: Channels in each frame, NaN where missing, shape (T, C).
         findings: Notes about frames that are missing or broken.
+        lines: Number of each frame's line in the text, from 1 on.
     """
 
     joints: tuple[Joint, ...]
     frame_time: float
     values: FloatArray
     findings: tuple[Finding, ...]
+    lines: tuple[int, ...] = ()
 
     def pose(self) -> tuple[FloatArray, FloatArray]:
         """Compute world positions of all joints and ends in the file's unit, (T, J, 3), and rotations, (T, J, 3, 3)."""
@@ -177,7 +179,7 @@ def _motion(lines: list[tuple[int, list[str]]], joints: tuple[Joint, ...], *, co
     if broken:
         text = f"{counted(len(broken), 'frame')} without {width} numbers: missing, first line {broken[0]}"
         findings.append(note(text))
-    return Bvh(joints, float(step), values, tuple(findings))
+    return Bvh(joints, float(step), values, tuple(findings), tuple(number for number, _ in rows))
 
 
 def _numbers(words: list[str], count: int, where: str, key: str) -> list[float]:

@@ -325,7 +325,11 @@ def map_edits(text: str, table: Table, columns: ColumnMap, made: Changes, unit: 
         new |= {name: NewColumn(values, ANGLE_DIGITS) for name, values in zip(columns.orientation.columns, turns.T)}
     for k, joint in enumerate(JOINT_NAMES):
         source = columns.joint_columns.get(joint, JointColumn(joint=joint))
-        if source.column is not None:
+        if source.column is not None and source.scale != 0.0:
+            if source.column in new:
+                raise InputError(
+                    f"column '{source.column}' holds more than one number of the hand: export it otherwise"
+                )
             factor = source.scale * ANGLE_UNITS[source.unit or columns.angle.unit or "rad"] * unit
             new[source.column] = NewColumn(numbers((source.column,))[:, 0] + made.angles[:, k] / factor, ANGLE_DIGITS)
         elif np.abs(made.angles[:, k]).max(initial=0.0) > STILL:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.errors import TrajectoryError
+from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.quaternion import conjugate, quaternion_product
 from hhsim.motion.text_edit import NumberEdit
 from hhsim.motion.trajectory import HandSide
@@ -35,8 +35,8 @@ SIDE_KEYS = ("handedness", "hand", "side", "handSide")
 MOST_ENTRIES = 64
 """Number of entries of a list that are searched for hands."""
 
-TURNS = ("orientation", "rotation", "quaternion", "quat", "rot")
-"""Keys of a joint's orientation, a quaternion (x, y, z, w)."""
+TURNS = ("orientation", "rotation", "quaternion", "quat", "rot", "matrix")
+"""Keys of a joint's orientation; a quaternion (x, y, z, w) can be corrected."""
 
 
 class Joint(NamedTuple):
@@ -45,7 +45,7 @@ class Joint(NamedTuple):
     Attributes:
         position: Position in the unit of the file, NaN where missing, shape (3,).
         radius: Radius in the same unit, NaN where missing.
-        place, turn: Numbers of the document that hold the position, and the orientation (x, y, z, w); None without.
+        place, turn: Nodes of the document that hold the position, and the orientation; None without.
         ray: Quaternion (w, x, y, z) of the frame that both are held in, to that of `position`.
     """
 
@@ -156,11 +156,16 @@ def frame_edits(
     """Yield the edits of a document's text for a correction of the hand that `joints_of_frames` reads.
 
     Joints beyond the 21 move with the palm; orientations turn with their bone.
+
+    Raises:
+        InputError: Orientations that are no quaternions.
     """
     side, _, _ = frames_with_hand([frame.hands for frame in frames], options.hand)
     hands = [frames[row].hands[side] for row in made.rows]
     for name in {name: None for hand in hands for name in hand}:
         joints = [hand.get(name, Joint()) for hand in hands]
+        if any(_parts(joint.turn) not in (0, 4) for joint in joints):
+            raise InputError(f"the orientation of {name} is no quaternion (x, y, z, w), so it cannot be corrected")
         position, ray = np.array([joint.position for joint in joints]), np.array([joint.ray for joint in joints])
         shift = in_palm(made.moved(name, position) - position, ray)
         turns = np.array([vector(joint.turn, "xyzw") for joint in joints])[:, [3, 0, 1, 2]]
@@ -215,6 +220,11 @@ def _stated_side(node: Mapping[str, Any], side: HandSide) -> HandSide:
         if isinstance(value, str) and value.lower() in ("right", "left"):
             return "right" if value.lower() == "right" else "left"
     return side
+
+
+def _parts(node: Any) -> int:
+    """Return the number of entries of a list or an object; 0 for anything else."""
+    return len(node) if isinstance(node, dict | list) else 0
 
 
 def _joint(value: Any) -> Joint:

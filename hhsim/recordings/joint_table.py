@@ -1,13 +1,13 @@
 """Joint centres of one hand in a table, whose columns say each joint and coordinate by their names."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
-from hhsim.motion.csv_table import Table
+from hhsim.motion.csv_table import Table, format_table
 from hhsim.motion.text_edit import NewColumn, NumberEdit, cell_edits
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
@@ -15,7 +15,7 @@ from hhsim.recordings.hand_side import chosen_side
 from hhsim.recordings.joint_names import KEYPOINTS, JointName, recognised
 from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.object_poses import poses_in, table_arrays
-from hhsim.recordings.recording import note, unreadable, unused
+from hhsim.recordings.recording import HandMotion, note, unreadable, unused
 from hhsim.recordings.registry import ReadOptions
 from hhsim.recordings.unit_detection import time_column
 
@@ -115,6 +115,13 @@ def joint_edits(
             raise InputError(f"the orientation of {joint} is {known}: no quaternion, so it cannot be corrected")
         put(cells, made.turned(joint, table.numbers(cells)[0][made.rows]), ANGLE_DIGITS)
     return cell_edits(text, table, made.rows.tolist(), columns)
+
+
+def table_of_joints(motion: HandMotion, names: Sequence[str], points: FloatArray) -> bytes:
+    """Return a new table of stamps [s] and of points, shape (T, n, 3), whose columns begin with the side and a name."""
+    header = ["time_s", *(f"{motion.side}_{name}_{axis}" for name in names for axis in "xyz")]
+    rows = np.column_stack([motion.time, points.reshape(len(points), -1)]).tolist()
+    return format_table({}, header, (list(map(repr, row)) for row in rows)).encode()
 
 
 def _orientations(names: Mapping[str, JointName], side: HandSide) -> dict[str, dict[str, str]]:

@@ -24,7 +24,9 @@ def read_json(text: str, decode: Callable[[str], Any] = json.loads) -> Any:
     except (ValueError, RecursionError) as error:
         reason = str(error)
     documents = []
-    for place, line in enumerate((line for line in text.splitlines() if line.strip()), start=1):
+    # Other signs that end a line may stand in a string.
+    lines = text.replace("\r", "\n").split("\n")
+    for place, line in enumerate((line for line in lines if line.strip()), start=1):
         try:
             documents.append(decode(line))
         except (ValueError, RecursionError) as error:

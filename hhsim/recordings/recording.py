@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import AnyArray, BoolArray, Flags, FloatArray, IntArray
 from hhsim.errors import TrajectoryError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_vector
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag, mark
@@ -210,6 +211,23 @@ class Recording:
     def with_angles(self, angles: FloatArray) -> Self:
         """Return it with other `angles`."""
         return self.changed(flexion=angles[:, :15].reshape(-1, 5, 3), abduction=angles[:, 15:])
+
+
+@dataclass(frozen=True, eq=False)
+class HandMotion:
+    """Motion of a hand to be written as a new recording.
+
+    Attributes:
+        time: Increasing stamps [s], shape (T,).
+        joints: Joint centres in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], world, shape (T, 21, 3).
+        configuration: Our hand in the world.
+        side: Side of the hand.
+    """
+
+    time: FloatArray
+    joints: FloatArray
+    configuration: HandConfiguration
+    side: HandSide
 
 
 MOTION = ("position", "orientation", "flexion", "abduction")

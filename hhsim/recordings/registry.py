@@ -20,7 +20,7 @@ from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.correction import Correction
 from hhsim.recordings.dexmo_regression import DexmoRegression, Poses
 from hhsim.recordings.frames import axes_matrix
-from hhsim.recordings.recording import Recording
+from hhsim.recordings.recording import HandMotion, Recording
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import open_input, read_input
 from hhsim.system.media_kind import media_kind
@@ -198,6 +198,8 @@ class RecordingFormat:
         takes_columns: True if it takes `ReadOptions.columns`.
         write: Function that returns the content of the file with a recording of it corrected; nothing else in it
             changes. None for a format that is not written.
+        make: Function that returns the content of a new file of a suffix. None for a format in which none is made.
+        made: Suffixes that `make` takes.
     """
 
     name: str
@@ -208,6 +210,8 @@ class RecordingFormat:
     rank: int = 0
     takes_columns: bool = False
     write: Callable[[Content, ReadOptions, Recording, Correction], bytes] | None = None
+    make: Callable[[str, HandMotion], bytes] | None = None
+    made: tuple[str, ...] = ()
 
 
 def _decoded(data: bytes) -> str:
@@ -331,3 +335,18 @@ def _distance_read_back(
     frame = recording.file_frame
     off = frame.metre * np.linalg.norm(found - frame.to_file(correction.joints), axis=2)
     return float(off[np.isfinite(off)].max(initial=0.0))
+
+
+def exported(form: str, suffix: str, motion: HandMotion) -> bytes:
+    """Return the content of a new file of a format, whose suffix is one that it takes.
+
+    Raises:
+        InputError: A format in which no file is made, or another suffix.
+    """
+    formats = {name: each for name, each in recording_formats().items() if each.make is not None}
+    if form not in formats:
+        raise UnknownNameError("format", form, formats)
+    make, suffixes = formats[form].make, formats[form].made
+    if make is None or suffix.lower() not in suffixes:
+        raise InputError(f"a file of format {form} does not end in '{suffix}'; expected {' or '.join(suffixes)}")
+    return make(suffix.lower(), motion)

@@ -16,7 +16,6 @@ import pytest
 from bvh_document import RIGS, bvh_text
 from joint_samples import array_npy, arrays_npz, iwer_json, joint_sample, mcap_bytes, openxr_csv, webxr_json
 from leap_document import document, packed
-from lz_pack import pack
 from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
 from recording_damage import DAMAGES, Damage, damaged_bytes, damaged_container
 from recording_samples import read_as, smooth_recording
@@ -30,6 +29,7 @@ from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.formats.hhsim import recording_of
+from hhsim.recordings.formats.leap import pack
 from hhsim.recordings.outliers import SUSPECT_RATIO, WINDOW, bend
 from hhsim.recordings.recording import FINGER_ARM, MOTION, PALM_ARM, Recording, turn
 from hhsim.recordings.registry import ReadOptions, read_recording

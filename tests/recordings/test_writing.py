@@ -11,22 +11,32 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from bvh_document import RIGS, bvh_text
 from correction_samples import a_correction
-from joint_samples import array_npy, arrays_npz, iwer_json, joint_sample, openxr_csv, webxr_json
-from pose_samples import mano_fields, mano_poses, umetrack_lines, umetrack_profile
+from joint_samples import array_npy, arrays_npz, iwer_json, joint_sample, mcap_bytes, openxr_csv, webxr_json
+from leap_document import document as leap
+from leap_document import packed
+from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
 from scipy.spatial.transform import Rotation
 
-from hhsim.errors import InputError, OutputError
+from hhsim.errors import InputError, OutputError, UnknownNameError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.recordings.column_map import JOINT_NAMES, ColumnMap
 from hhsim.recordings.dexmo_regression import CHANNELS
-from hhsim.recordings.joint_names import WEBXR_JOINTS, joint_name
+from hhsim.recordings.formats import mcap
+from hhsim.recordings.formats.leap import pack as lz_pack
+from hhsim.recordings.joint_names import KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, WEBXR_JOINTS, joint_name
+from hhsim.recordings.recording import HandMotion
 from hhsim.recordings.registry import (
     Content,
     ReadOptions,
+    exported,
     format_of,
+    read_content,
     read_recording,
+    recording_formats,
     write_recording,
 )
 from hhsim.recordings.repair import repair
@@ -36,20 +46,23 @@ from hhsim.system.settings_file import parse_settings
 
 SAMPLE = joint_sample()
 POINTS = SAMPLE.named()
+IN_MANO = SAMPLE.named(MANO_JOINTS)
+UNIT = np.tile([1.0, 0.0, 0.0, 0.0], (len(POINTS), 1))
+"""Orientation of an object that does not turn."""
 NUMBER = re.compile(r"-?[0-9]+(?:\.[0-9]+)?(?:[eE][-+]?[0-9]+)?")
 
 
-def keypoints_csv(*, header: bool = True, end: str = "\n", digits: int = 17) -> str:
+def keypoints_csv(*, header: bool = True, end: str = "\n", digits: int = 17, points: Any = POINTS) -> str:
     names = [f"right_lm{k:02d}_{axis}" for k in range(21) for axis in "xyz"]
-    rows = ([f"{x:.{digits}g}" for x in row.ravel()] for row in POINTS)
+    rows = ([f"{x:.{digits}g}" for x in row.ravel()] for row in points)
     lines = [",".join(names)] if header else []
     return end.join([*lines, *map(",".join, rows)]) + end
 
 
-def keypoints_json(*, flat: bool = False) -> str:
+def keypoints_json(*, flat: bool = False, points: Any = POINTS) -> str:
     frames = [
         {"t": 0.01 * k, "note": "x 1.5e3", "landmarks": (p.ravel() if flat else p).tolist()}
-        for k, p in enumerate(POINTS)
+        for k, p in enumerate(points)
     ]
     return json.dumps({"hand": "right", "frames": frames}, indent=1)
 
@@ -83,6 +96,23 @@ FILES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         lambda: arrays_npz(extra=np.arange(7), keypoints=POINTS, t=SAMPLE.motion.time, name=np.array("μ")),
         {"world_up": "y", "hand": "right"},
     ),
+    "npy, 26 joints": ("take.npy", lambda: array_npy(SAMPLE.named(OPENXR_JOINTS)), {"rate": 100.0}),
+    "npy, 25 joints, flat": (
+        "take.npy",
+        lambda: array_npy(SAMPLE.named(WEBXR_JOINTS).reshape(-1, 75)),
+        {"rate": 100.0, "world_up": "y"},
+    ),
+    "npz, MANO's order": (
+        "take.npz",
+        lambda: arrays_npz(joints=IN_MANO, t=SAMPLE.motion.time, obj_pos=POINTS[:, 0], obj_quat_wxyz=UNIT),
+        {"world_up": "y"},
+    ),
+    "keypoints csv, MANO's order": (
+        "take.csv",
+        lambda: keypoints_csv(points=IN_MANO),
+        {"rate": 100.0, "world_up": "y"},
+    ),
+    "keypoints json, MANO's order": ("take.json", lambda: keypoints_json(points=IN_MANO), {"world_up": "y"}),
     "keypoints csv": ("take.csv", keypoints_csv, {"rate": 100.0, "world_up": "y"}),
     "keypoints csv, bare, CR LF, few digits": (
         "take.csv",
@@ -101,6 +131,44 @@ FILES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "webxr, lines, gaps": ("take.jsonl", frames_without_the_hand, {}),
     "iwer": ("take.json", lambda: iwer_json(SAMPLE), {}),
 }
+
+
+def leap_document() -> dict[str, Any]:
+    """What Leap wrote, with the numbers beside the joints that it has too, and a greeting before the frames."""
+    whole = leap(count=20)
+    for frame in whole["frames"]:
+        for hand in frame["hands"]:
+            hand |= {"palmPosition": [1.0, 2.5, 3], "stabilizedPalmPosition": hand["wrist"], "r": [[1, 0, 0]]}
+        for finger in frame["pointables"]:
+            finger |= {"tipPosition": finger["btipPosition"], "direction": [0, 0, -1.0], "id": 70 + finger["type"]}
+            finger["bases"] = [np.eye(3).tolist()] * 4
+    for frame in whole["frames"][4:6]:
+        frame["hands"] = []
+    whole["frames"][9]["hands"].append(whole["frames"][9]["hands"][0] | {"type": "left", "id": 8})
+    return whole
+
+
+def leap_lines() -> str:
+    return "\n".join(json.dumps(frame) for frame in [{"version": 6}, *leap_document()["frames"]])
+
+
+FILES |= {
+    "leap": ("take.json", lambda: json.dumps(leap_document(), indent=2), {}),
+    "leap, lines": ("take.json", leap_lines, {}),
+    "leap, packed": ("take.json", lambda: json.dumps(packed(leap(count=20))), {}),
+    "leap, LZ": ("take.lz", lambda: lz_pack(json.dumps(packed(leap("left", 20)))), {}),
+    "bvh": ("take.bvh", lambda: bvh_text(SAMPLE.motion, RIGS["mixamo"]), {}),
+    "bvh, metres": ("take.bvh", lambda: bvh_text(SAMPLE.motion, RIGS["rigify"]).replace("\n", "\r\n"), {}),
+    "bvh, left": ("take.bvh", lambda: bvh_text(joint_sample("left").motion, RIGS["neuron"], "left"), {"world_up": "z"}),
+    "bvh, no ends": ("take.bvh", lambda: bvh_text(SAMPLE.motion, RIGS["no ends"]).replace("\t", "  "), {}),
+    "lerobot": ("take.parquet", lambda: lerobot_bytes(SAMPLE, episodes=3), {"episode": 1}),
+    "mcap": ("take.mcap", lambda: mcap_bytes(SAMPLE, chunks=3), {}),
+    "mcap, zstd": ("take.mcap", lambda: mcap_bytes(SAMPLE, chunks=3, compression="zstd"), {}),
+    "mcap, no chunks": ("take.mcap", lambda: mcap_bytes(joint_sample("left"), "left", chunks=0), {}),
+}
+BINARY = (".npy", ".npz", ".lz", ".parquet", ".mcap")
+REPACKED = (".npz", ".parquet")
+"""Suffixes whose bytes may differ where the content is the same."""
 
 
 def written(tmp_path: Path, name: str, **arguments: Any) -> tuple[bytes, bytes, Any, Any, ReadOptions, float | None]:
@@ -123,7 +191,7 @@ def test_no_correction_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
     content = Content(tmp_path / FILES[name][0])
     form = format_of(content, options)
     assert form.write is not None
-    if Path(FILES[name][0]).suffix != ".npz":
+    if Path(FILES[name][0]).suffix not in REPACKED:
         assert form.write(content, options, recording, correction) == before
 
 
@@ -144,7 +212,23 @@ def test_corrected_joints_are_read_back(name: str, tmp_path: Path) -> None:
     assert np.array_equal(again.joints[still], recording.joints[still], equal_nan=True)
 
 
-@pytest.mark.parametrize("name", [name for name in FILES if Path(FILES[name][0]).suffix not in (".npy", ".npz")])
+@pytest.mark.parametrize("name", ["openxr, two hands", "webxr, lines, gaps", "leap", "bvh", "lerobot", "mcap", "npz"])
+def test_some_samples_in_another_order_are_found_in_the_file(name: str, tmp_path: Path) -> None:
+    file, make, given = FILES[name]
+    path, out, data = tmp_path / file, tmp_path / f"new{Path(file).suffix}", make()
+    path.write_bytes(data.encode() if isinstance(data, str) else data)
+    whole = read_recording(path, ReadOptions(**given))
+    some = whole.chosen(np.array([12, 3, 11, 6, 10]))
+    correction = a_correction(some, changed=slice(1, 4))
+    off = write_recording(path, ReadOptions(**given), some, correction, out)
+    assert off is not None and off < 0.9e-6
+    again = read_recording(out, ReadOptions(**given)).joints
+    assert again is not None and whole.joints is not None
+    moved = np.nanmax(np.linalg.norm(again - whole.joints, axis=2), axis=1)
+    assert np.flatnonzero(moved > 0.0).tolist() == [3, 6, 11]
+
+
+@pytest.mark.parametrize("name", [name for name in FILES if Path(FILES[name][0]).suffix not in BINARY])
 def test_all_but_the_numbers_of_corrected_samples_is_the_same_text(name: str, tmp_path: Path) -> None:
     before, after, recording, correction, _, _ = written(tmp_path, name)
     encoding = "utf-16" if "UTF-16" in name else "utf-8"
@@ -197,6 +281,29 @@ def joint_pose(text: str, name: str, side: str, joint: str, k: int) -> Any:
     return np.array([*found["position"].values(), *found["quaternion"]])
 
 
+@pytest.mark.parametrize("names", [OPENXR_JOINTS, WEBXR_JOINTS])
+def test_joints_of_an_array_beyond_the_21_move_with_the_palm(names: tuple[str, ...], tmp_path: Path) -> None:
+    form = "npy, 26 joints" if len(names) == 26 else "npy, 25 joints, flat"
+    before, after, recording, correction, *_ = written(tmp_path, form)
+    old, new = (np.load(io.BytesIO(data)).reshape(-1, len(names), 3) for data in (before, after))
+    turn, wrist = recording.file_frame.rotation_to_file(correction.rotation[:, 0]), names.index("wrist")
+    others = [k for k, name in enumerate(names) if name not in KEYPOINTS]
+    assert len(others) == len(names) - 21 and np.abs(new - old).max() > 5e-3
+    for k in others:
+        expected = np.einsum("tij,tj->ti", turn, old[:, k] - old[:, wrist])
+        assert np.allclose(new[:, k] - new[:, wrist], expected, atol=1e-12)
+
+
+def test_manos_order_is_written_in_its_places_beside_an_object_that_stays(tmp_path: Path) -> None:
+    before, after, recording, correction, *_ = written(tmp_path, "npz, MANO's order")
+    assert recording.joint_order == tuple(MANO_JOINTS.index(joint) for joint in KEYPOINTS)
+    with np.load(io.BytesIO(before)) as old, np.load(io.BytesIO(after)) as new:
+        assert [key for key in old if not np.array_equal(old[key], new[key])] == ["joints"]
+        for place, joint in enumerate(MANO_JOINTS):
+            moved = recording.file_frame.to_file(correction.joints[:, KEYPOINTS.index(joint)])
+            assert np.allclose(new["joints"][:, place], moved, atol=1e-12)
+
+
 def test_other_members_of_an_archive_stay(tmp_path: Path) -> None:
     before, after, *_ = written(tmp_path, "npz")
     with zipfile.ZipFile(io.BytesIO(before)) as old, zipfile.ZipFile(io.BytesIO(after)) as new:
@@ -224,6 +331,12 @@ def test_what_cannot_be_written_says_so(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"orientation of .*_rot_x, .*: no quaternion"):
         write_recording(tmp_path / "e.csv", ReadOptions(), recording, a_correction(recording), tmp_path / "f.csv")
     assert not (tmp_path / "f.csv").exists()
+    for other in ({"x": 0.0, "y": 10.0, "z": 90.0}, np.eye(4).ravel().tolist()):
+        document = webxr_json(SAMPLE).replace('"quaternion": [0, 0, 0, 1]', f'"rotation": {json.dumps(other)}')
+        (tmp_path / "e.json").write_text(document)
+        recording = read_recording(tmp_path / "e.json")
+        with pytest.raises(InputError, match=r"the orientation of wrist is no quaternion \(x, y, z, w\)"):
+            write_recording(tmp_path / "e.json", ReadOptions(), recording, a_correction(recording), tmp_path / "f.json")
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -425,6 +538,13 @@ def test_what_a_mapped_table_does_not_hold_is_said(tmp_path: Path) -> None:
     path.write_text("a\n" + "".join(f"0.{k}\n" for k in range(10)))
     options = ReadOptions(columns=parse_settings(text, ColumnMap, "map.toml"))
     recording = read_recording(path, options)
+    both = ReadOptions(columns=parse_settings(text + 'index_flex2 = "a"\n', ColumnMap, "map.toml"))
+    twice = read_recording(path, both)
+    still = replace(
+        a_correction(twice, palm=False), fitted=HandConfiguration.of(twice), posture=HandConfiguration.of(twice)
+    )
+    with pytest.raises(InputError, match="column 'a' holds more than one number"):
+        write_recording(path, both, twice, still, tmp_path / "new.csv")
     for palm, said in ((True, "whose position no column"), (False, "bends thumb_flex1, which no column")):
         with pytest.raises(InputError, match=said):
             write_recording(path, options, recording, a_correction(recording, palm=palm), tmp_path / "new.csv")
@@ -438,3 +558,198 @@ def test_a_dexmo_glove_is_not_written(tmp_path: Path) -> None:
     assert recording.form == "dexmo"
     with pytest.raises(InputError, match="channels do not hold a corrected hand: export"):
         write_recording(path, ReadOptions(), recording, a_correction(recording), tmp_path / "new.csv")
+
+
+def test_a_wrist_without_channels_of_position_is_not_moved(tmp_path: Path) -> None:
+    path, out = tmp_path / "take.bvh", tmp_path / "new.bvh"
+    rig = RIGS["mixamo"]
+    text = bvh_text(SAMPLE.motion, rig)
+    # A head beside the arm: the root moves more than the hand.
+    head = "\tJOINT Head\n\t{\n\t\tOFFSET 0 9 0\n\t\tCHANNELS 3 Zrotation Xrotation Yrotation\n\t}\n}\nMOTION"
+    body = text.replace("}\nMOTION", head)
+    top, frames = body.split("Frame Time: 0.010000\n")
+    path.write_text(top + "Frame Time: 0.010000\n" + frames.replace("\n", " 1 2 3\n"))
+    recording = read_recording(path)
+    with pytest.raises(InputError, match=r"moves the wrist 'mixamorig:RightHand' by [0-9.]+ mm, and neither"):
+        write_recording(path, ReadOptions(), recording, a_correction(recording), out)
+    off = write_recording(path, ReadOptions(), recording, a_correction(recording, palm=False), out)
+    assert off is not None and off < 1e-7
+
+
+def test_a_joint_with_few_channels_is_not_turned(tmp_path: Path) -> None:
+    path, out = tmp_path / "take.bvh", tmp_path / "new.bvh"
+    top, frames = bvh_text(SAMPLE.motion, RIGS["poser"]).split("Frame Time: 0.010000\n")
+    first, _, last = top.rpartition("CHANNELS 3 Xrotation Yrotation Zrotation")
+    rows = "".join(line.rpartition(" ")[0] + "\n" for line in frames.splitlines())
+    path.write_text(f"{first}CHANNELS 2 Xrotation Yrotation{last}Frame Time: 0.010000\n{rows}")
+    recording = read_recording(path)
+    with pytest.raises(InputError, match=r"joint 'rPinky3' has 2 channels of rotation; expected 3"):
+        write_recording(path, ReadOptions(), recording, a_correction(recording), out)
+    off = write_recording(path, ReadOptions(), recording, a_correction(recording, fingers=False), out)
+    assert off is not None and off < 1e-7
+    # The fingers go with the palm, whose channels alone change.
+    old, new = (np.array([line.split() for line in file.read_text().splitlines()[-40:]]) for file in (path, out))
+    assert np.flatnonzero((old != new).any(axis=0)).tolist() == [0, 1, 2, 6, 7, 8]
+
+
+def test_angles_of_bvh_stay_near_those_of_the_file(tmp_path: Path) -> None:
+    path, out = tmp_path / "take.bvh", tmp_path / "new.bvh"
+    text = bvh_text(SAMPLE.motion, RIGS["poser"])
+    top, frames = text.split("Frame Time: 0.010000\n")
+    # Whole turns more, and the other Euler angles of the same rotation, in the last joint's channels.
+    rows = [line.split() for line in frames.splitlines()]
+    for row in rows:
+        a, b, c = map(float, row[-3:])
+        row[-3:] = [f"{a + 180.0:.6f}", f"{180.0 - b:.6f}", f"{c + 180.0 - 720.0:.6f}"]
+    path.write_text(top + "Frame Time: 0.010000\n" + "".join(" ".join(row) + "\n" for row in rows))
+    recording = read_recording(path)
+    off = write_recording(path, ReadOptions(), recording, a_correction(recording), out)
+    assert off is not None and off < 1e-7
+    old, new = (np.array([line.split() for line in file.read_text().splitlines()[-40:]], float) for file in (path, out))
+    assert 0.1 < np.abs(new - old)[:, 6:].max() < 25.0
+
+
+def test_parquet_keeps_its_other_columns_and_the_schema(tmp_path: Path) -> None:
+    import pyarrow
+    from pyarrow import parquet
+
+    joints = np.stack([joint_sample(side).named(WEBXR_JOINTS) for side in ("left", "right")], axis=1)
+    kind = pyarrow.list_(pyarrow.list_(pyarrow.list_(pyarrow.float32())))
+    fields = [
+        pyarrow.field("action.hand_joints", kind, metadata={"unit": "m"}),
+        pyarrow.field("image", pyarrow.struct([("bytes", pyarrow.binary()), ("path", pyarrow.string())])),
+        pyarrow.field("timestamp", pyarrow.float32(), nullable=False),
+    ]
+    columns = [joints.tolist(), [{"bytes": b"\x00\xff", "path": None}] * 40, SAMPLE.motion.time.tolist()]
+    schema = pyarrow.schema(fields, metadata={"huggingface": '{"info": 1}'})
+    table = pyarrow.table([pyarrow.array(c, f.type) for c, f in zip(columns, fields)], schema=schema)
+    path, out = tmp_path / "take.parquet", tmp_path / "new.parquet"
+    parquet.write_table(table, path, row_group_size=15, compression={"action.hand_joints": "zstd"}, version="1.0")
+    options = ReadOptions(hand="left")
+    recording = read_recording(path, options)
+    off = write_recording(path, options, recording, a_correction(recording), out)
+    assert off is not None and off < 1e-7
+    old, new = parquet.ParquetFile(path), parquet.ParquetFile(out)
+    assert new.schema_arrow.equals(old.schema_arrow, check_metadata=True) and new.schema.equals(old.schema)
+    facts = [[file.metadata.row_group(g).num_rows for g in range(file.num_row_groups)] for file in (old, new)]
+    assert facts == [[15, 15, 10]] * 2
+    assert new.metadata.row_group(0).column(0).compression == old.metadata.row_group(0).column(0).compression
+    one, other = old.read(), new.read()
+    assert one.drop_columns("action.hand_joints").equals(other.drop_columns("action.hand_joints"))
+    hands = [np.array(each.column("action.hand_joints").to_pylist()) for each in (one, other)]
+    assert np.array_equal(hands[0][:, 1], hands[1][:, 1])
+    assert np.argwhere((hands[0] != hands[1]).any(axis=(1, 2, 3))).ravel().tolist() == list(range(3, 9))
+
+
+@pytest.mark.parametrize("compression", ["", "lz4"])
+def test_mcap_keeps_its_other_records_and_its_checksums(compression: str, tmp_path: Path) -> None:
+    path, out = tmp_path / "take.mcap", tmp_path / "new.mcap"
+    path.write_bytes(mcap_bytes(SAMPLE, chunks=4, compression=compression))
+    recording = read_recording(path)
+    correction = a_correction(recording)
+    write_recording(path, ReadOptions(), recording, correction, out)
+    assert read_recording(out).checksums == "held"
+    old, new = (mcap._records(file.read_bytes())[0] for file in (path, out))
+    changed = [k for k, pair in enumerate(zip(old, new)) if pair[0] != pair[1] and pair[0][0] == mcap.MESSAGE]
+    assert len(old) == len(new) and len(changed) == correction.changed.sum()
+    joints = old[changed[0]][1], new[changed[0]][1]
+    # Validity, bytes between and radius of each joint stay.
+    start = len(joints[0]) - 26 * 36
+    assert [a[start + 28 + 36 * k : start + 36 + 36 * k] for a in joints for k in (0, 9)][:2] == [
+        joints[1][start + 28 + 36 * k : start + 36 + 36 * k] for k in (0, 9)
+    ]
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize(
+    ("form", "suffix", "options"),
+    [
+        ("keypoints", ".npz", {"world_up": "z"}),
+        ("keypoints", ".csv", {"world_up": "z"}),
+        ("openxr", ".csv", {}),
+        ("npz", ".npz", {}),
+        ("csv", ".csv", {}),
+    ],
+)
+def test_a_new_file_of_a_format_is_read_back(form: str, suffix: str, options: dict[str, Any], side: Any) -> None:
+    sample = joint_sample(side)
+    motion, joints = sample.motion, sample.joints[:, [OPENXR_JOINTS.index(name) for name in KEYPOINTS]]
+    data = exported(form, suffix, HandMotion(motion.time, joints, HandConfiguration.of(motion), side))
+    content = Content(data=data)
+    assert format_of(content, ReadOptions()).name == form
+    again = read_content(content, ReadOptions(hand=side, **options))
+    assert np.array_equal(again.time, motion.time) and again.hand == side
+    if again.joints is None:
+        same = HandConfiguration.of(again)
+        assert all(np.allclose(a, b, atol=1e-15) for a, b in zip(same, HandConfiguration.of(motion)))
+    else:
+        assert np.allclose(again.joints, joints, atol=1e-15)
+        assert np.allclose(again.flexion, motion.flexion, atol=1e-6)
+
+
+def test_palm_and_metacarpals_of_an_export_are_those_of_our_model() -> None:
+    motion = SAMPLE.motion
+    joints = SAMPLE.joints[:, [OPENXR_JOINTS.index(name) for name in KEYPOINTS]]
+    data = exported("openxr", ".csv", HandMotion(motion.time, joints, HandConfiguration.of(motion), "right"))
+    row = next(csv.DictReader(io.StringIO(data.decode())))
+    assert len(row) == 1 + 3 * 26
+    found = {name: np.array([float(row[f"right_{name}_{axis}"]) for axis in "xyz"]) for name in OPENXR_JOINTS}
+    # y up: our z.
+    assert np.allclose(found["palm"], np.array([1.0, 1.0, -1.0]) * motion.position[0][[0, 2, 1]])
+    # A metacarpal of the model is as long as this, but for its knuckle's height over the palm.
+    bones = [np.linalg.norm(found[f"{f}_proximal"] - found[f"{f}_metacarpal"]) for f in ("index", "middle", "ring")]
+    assert np.allclose(bones, 0.19 * np.array([0.374, 0.373, 0.336]), rtol=0.02)
+
+
+def test_an_export_of_another_kind_is_refused() -> None:
+    motion = HandMotion(SAMPLE.motion.time, np.zeros((40, 21, 3)), HandConfiguration.of(SAMPLE.motion), "right")
+    with pytest.raises(UnknownNameError, match=r"unknown format 'bvh': .*keypoints"):
+        exported("bvh", ".bvh", motion)
+    with pytest.raises(InputError, match=r"does not end in '\.json'; expected \.npz or \.csv"):
+        exported("keypoints", ".json", motion)
+
+
+def test_every_format_is_written_or_says_why_not() -> None:
+    assert [form.name for form in recording_formats().values() if form.write is None] == []
+
+
+def test_leap_moves_the_palm_and_turns_directions_and_bases(tmp_path: Path) -> None:
+    before, after, recording, correction, *_ = written(tmp_path, "leap")
+    old, new = (json.loads(data)["frames"] for data in (before, after))
+    turns = recording.file_frame.rotation_to_file(correction.rotation)
+    for k in np.flatnonzero(correction.changed).tolist():
+        one, other = old[recording.rows[k]], new[recording.rows[k]]
+        for key in ("direction", "palmNormal"):
+            assert np.allclose(other["hands"][0][key], turns[k, 0] @ one["hands"][0][key], atol=1e-7)
+        assert other["hands"][0]["r"] == one["hands"][0]["r"]
+        steps = [np.subtract(frame["hands"][0]["palmPosition"], frame["hands"][0]["wrist"]) for frame in (one, other)]
+        assert np.allclose(steps[1], turns[k, 0] @ steps[0], atol=2e-3)
+        for f in range(5):
+            finger, moved = one["pointables"][f], other["pointables"][f]
+            assert moved["tipPosition"] == moved["btipPosition"] != finger["btipPosition"]
+            assert np.allclose(moved["direction"], turns[k, 3 * f + 3] @ finger["direction"], atol=1e-7)
+            for bone in range(4):
+                expected = turns[k, bone and 3 * f + bone] @ np.transpose(finger["bases"][bone])
+                assert np.allclose(np.transpose(moved["bases"][bone]), expected, atol=1e-7)
+    # The left hand of a frame is another's.
+    assert all(a["hands"][1:] == b["hands"][1:] for a, b in zip(old, new))
+
+
+def test_numbers_that_are_missing_stay_missing(tmp_path: Path) -> None:
+    sample, path, out = joint_sample(), tmp_path / "take.jsonl", tmp_path / "new.jsonl"
+    np.savez(tmp_path / "model.npz", **mano_fields(sample.hand))
+    turn, pose, shift = mano_poses(sample)
+    lines = mano_lines("right", turn, shift, pose, sample.motion.time).splitlines()
+    # Of a second camera, in a corrected sample.
+    line = json.loads(lines[9])
+    line["hand_poses"]["1"]["wrist_xform"]["q_wxyz"] = None
+    line["hand_poses"]["1"]["pose"][3] = None
+    lines[9] = json.dumps(line)
+    path.write_text("\n".join(lines) + "\n")
+    for reading in ("axis-angle", "pca"):
+        options = ReadOptions(mano_model=tmp_path / "model.npz", mano_pose=reading, world_up="y")
+        recording = read_recording(path, options)
+        off = write_recording(path, options, recording, a_correction(recording), out)
+        assert off is not None and off < 1e-6
+        moved = json.loads(out.read_text().splitlines()[9])["hand_poses"]["1"]
+        assert moved["wrist_xform"]["q_wxyz"] is None and moved["pose"] == line["hand_poses"]["1"]["pose"]

@@ -5,30 +5,43 @@ or left, a leading r or l before a capital letter, _r or .R at the end), and an 
 Metacarpals are left out, but for the thumb's, with which its chain begins as ours does. The wrist is the joint that the
 fingers hang from.
 
+A corrected hand turns its joints by their own channels. Its wrist moves by the position channels of the wrist, or of a
+joint above from which nothing else hangs; without any it cannot move, which is refused.
+
 BVH states no unit: the hand's length tells it. Its world has y up unless the options say otherwise.
 """
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import takewhile
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError
+from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
+from hhsim.motion.text_edit import NewColumn, NumberEdit, line_starts, word_spans
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.bvh_parser import Bvh, Joint, read_bvh
+from hhsim.recordings.bvh_parser import POSITIONS, ROTATIONS, Bvh, Joint, read_bvh
+from hhsim.recordings.correction import Correction, joint_changes
+from hhsim.recordings.frames import euler_angles
 from hhsim.recordings.hand_side import SIDES, chosen_side
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.recording import Recording
+from hhsim.recordings.recording import Finding, Recording
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 WORDS = ("thumb", "index pointer", "middle mid", "ring", "pinky pinkie little small")
 """Words for thumb to little finger, the first in a name counting."""
 BIPED = re.compile(r"finger(?P<finger>[0-4])(?P<phalanx>[0-9]?)(?:nub)?$", re.IGNORECASE)
 METACARPAL = re.compile(r"metacarp|carpal|inhand|palm", re.IGNORECASE)
+
+DEGREE_DIGITS = 5
+"""Decimals of an angle [degrees]: 0.02 µm at a fingertip."""
+SAME_TURN = 1e-12
+"""Largest difference of two rotation matrices that are one."""
+STILL = 1e-6
+"""Largest displacement of the wrist, in the file's unit, that needs no channel."""
 
 
 @dataclass(frozen=True)
@@ -42,16 +55,11 @@ class _Chain:
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the right one; raises TrajectoryError."""
     bvh = read_bvh(content.text)
-    found = {side: _chains(bvh.joints, side) for side in SIDES}
-    hands = {side: chains for side, chains in found.items() if len(chains) == len(FINGERS)}
-    if not hands:
-        some = "; ".join(f"{side}: {', '.join(chains)}" for side, chains in found.items() if chains) or "none"
-        raise TrajectoryError(f"no hand with five fingers of three joints each among {len(bvh.joints)} joints ({some})")
-    side, findings = chosen_side(dict.fromkeys(hands, 1), options.hand)
-    wrist = _wrist(bvh.joints, hands[side])
+    side, chains, findings = _hand(bvh, options)
+    wrist = _wrist(bvh.joints, chains)
     at, turned = bvh.pose()
     joints = JointPositions(
-        position=np.concatenate([at[:, [wrist]], _finger_points(bvh, hands[side], at, turned)], axis=1),
+        position=np.concatenate([at[:, [wrist]], _finger_points(bvh, chains, at, turned)], axis=1),
         form="bvh",
         what=f"{side} hand at '{bvh.joints[wrist].name}'",
         time=np.arange(len(bvh.values), dtype=np.float64) * bvh.frame_time,
@@ -60,6 +68,85 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         findings=(*bvh.findings, *findings),
     )
     return recording_of_joints(joints, content.name, options)
+
+
+def _hand(bvh: Bvh, options: ReadOptions) -> tuple[HandSide, dict[str, _Chain], list[Finding]]:
+    """Return the hand of the options, else the right one, its fingers, and findings; TrajectoryError for none."""
+    found = {side: _chains(bvh.joints, side) for side in SIDES}
+    hands = {side: chains for side, chains in found.items() if len(chains) == len(FINGERS)}
+    if not hands:
+        some = "; ".join(f"{side}: {', '.join(chains)}" for side, chains in found.items() if chains) or "none"
+        raise TrajectoryError(f"no hand with five fingers of three joints each among {len(bvh.joints)} joints ({some})")
+    side, findings = chosen_side(dict.fromkeys(hands, 1), options.hand)
+    return side, hands[side], findings
+
+
+def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+    bvh = read_bvh(content.text)
+    _, chains, _ = _hand(bvh, options)
+    joints, wrist = bvh.joints, _wrist(bvh.joints, chains)
+    made = joint_changes(recording, correction)
+    old = replace(bvh, values=bvh.values[made.rows])
+    _, world = old.pose()
+    bones = {wrist: 0}
+    for finger, name in enumerate(FINGERS):
+        bones |= {joint: 1 + 3 * finger + bone for bone, joint in enumerate(chains[name].joints)}
+    new: dict[int, NewColumn] = {}
+    for index, bone in bones.items():
+        joint = joints[index]
+        before = np.eye(3) if joint.parent < 0 else world[:, joint.parent]
+        above = next((made.turn[:, bones[k]] for k in _ancestors(joints, joint.parent) if k in bones), np.eye(3))
+        if np.abs(made.turn[:, bone] - above).max(initial=0.0) < SAME_TURN:
+            continue
+        local = np.swapaxes(above @ before, -1, -2) @ made.turn[:, bone] @ world[:, index]
+        new |= _rotation_columns(joint, local, old.values)
+    shift = made.shift[:, 0]
+    if np.abs(shift).max(initial=0.0) > STILL:
+        carrier = _carrier(joints, wrist)
+        if carrier is None:
+            far = 1e3 * recording.file_frame.metre * np.linalg.norm(shift, axis=1).max()
+            raise InputError(
+                f"the correction moves the wrist '{joints[wrist].name}' by {far:.1f} mm, and neither it nor a joint "
+                "that moves this hand alone has position channels: export the result in another format"
+            )
+        if carrier.parent >= 0:
+            shift = np.einsum("tji,tj->ti", world[:, carrier.parent], shift)
+        places = [carrier.first + carrier.channels.index(channel) for channel in POSITIONS]
+        new |= {k: NewColumn(old.values[:, k] + step, made.digits) for k, step in zip(places, shift.T)}
+    return content.edited(_frame_edits(content.exact_text, [bvh.lines[row] for row in made.rows], new))
+
+
+def _rotation_columns(joint: Joint, local: FloatArray, values: FloatArray) -> dict[int, NewColumn]:
+    """Return the new columns of a joint's rotation in its parent's frame; InputError if it has too few channels."""
+    turns = [channel for channel in joint.channels if channel in ROTATIONS]
+    if len(turns) < len(ROTATIONS):
+        raise InputError(f"joint '{joint.name}' has {len(turns)} channels of rotation; expected 3 to correct it")
+    places = [joint.first + joint.channels.index(channel) for channel in turns]
+    order = "".join(channel[0].upper() for channel in turns)
+    angles = np.degrees(euler_angles(local, order, np.radians(values[:, places])))
+    return {place: NewColumn(column, DEGREE_DIGITS) for place, column in zip(places, angles.T)}
+
+
+def _carrier(joints: tuple[Joint, ...], wrist: int) -> Joint | None:
+    """Return the wrist, or the nearest joint above that moves nothing but this hand, with channels of position."""
+    below = wrist
+    for index in _ancestors(joints, wrist):
+        if index != wrist and any(child != below and not joints[child].is_end for child in joints[index].children):
+            return None
+        if set(POSITIONS) <= set(joints[index].channels):
+            return joints[index]
+        below = index
+    return None
+
+
+def _frame_edits(text: str, numbers: list[int], new: dict[int, NewColumn]) -> Iterator[NumberEdit]:
+    """Yield the edits of frames in lines of these numbers for new values of some channels."""
+    starts, lines = line_starts(text), text.splitlines()
+    for k, number in enumerate(numbers):
+        spans = word_spans(lines[number - 1])
+        for place, column in new.items():
+            first, last = (starts[number - 1] + end for end in spans[place])
+            yield NumberEdit(first, last, float(column.values[k]), column.decimals)
 
 
 def side_of(name: str) -> HandSide:
@@ -155,4 +242,5 @@ FORMAT = RecordingFormat(
     (".bvh",),
     lambda content, options: content.beginning.lstrip()[:9].upper() == "HIERARCHY",
     _read,
+    write=_write,
 )

@@ -4,15 +4,16 @@ import numpy as np
 from msgspec import structs
 
 from hhsim.errors import InputError
-from hhsim.motion.csv_file import COLUMNS, CSV_SUFFIX, FLAGS, OBJECT_COLUMNS, PHASE, SAMPLES, csv_fields
+from hhsim.motion.csv_file import COLUMNS, CSV_SUFFIX, FLAGS, OBJECT_COLUMNS, PHASE, SAMPLES, csv_fields, format_csv
 from hhsim.motion.csv_table import Table, read_table
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.text_edit import NewColumn, cell_edits
+from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.column_map import ColumnMap, map_edits, mapped
 from hhsim.recordings.correction import ANGLE_DIGITS, Correction, angle_unit, changes
 from hhsim.recordings.frames import FileFrame, to_our_frames, world_matrix
 from hhsim.recordings.object_poses import placed, poses_in, table_arrays
-from hhsim.recordings.recording import Finding, Recording, note, unreadable, unused
+from hhsim.recordings.recording import Finding, HandMotion, Recording, note, unreadable, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 
@@ -61,6 +62,10 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
     return content.edited(cell_edits(content.exact_text, table, made.rows.tolist(), edits))
 
 
+def _make(suffix: str, motion: HandMotion) -> bytes:
+    return format_csv(Trajectory(time=motion.time, **motion.configuration._asdict(), hand=motion.side)).encode()
+
+
 def _own(table: Table, name: str, options: ReadOptions) -> Recording:
     """Return the recording of a table with our own columns; TrajectoryError for others."""
     fields, broken = csv_fields(table)
@@ -93,4 +98,6 @@ FORMAT = RecordingFormat(
     rank=2,
     takes_columns=True,
     write=_write,
+    make=_make,
+    made=(CSV_SUFFIX,),
 )

@@ -10,20 +10,24 @@ ARCTIC's pose is from the model's mean pose, at 30 Hz; its object is in .object.
 arctic: docs/data/data_doc.md, common/body_models.py). GRAB's fullpose is from the flat hand, and its hand_pose has
 coefficients of the components (github.com/otaheri/GRAB: grab/grab_preprocessing.py); its object is object_transl and
 object_global_orient. GRAB's own .npz has pickled dictionaries, which are refused: `CONVERT` says what to save of them.
-Pickled dictionaries of `.npy` are read as data, nothing in them is run.
+Pickled dictionaries of `.npy` are read as data, nothing in them is run; a corrected one is pickled anew, for NumPy 1.26
+or later, and its object stays where it was.
 """
 
+import io
 import re
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.errors import TrajectoryError, named
-from hhsim.motion.npz_arrays import array_names, numbers, read_npy, read_npz
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError, TrajectoryError, named
+from hhsim.motion.npz_arrays import array_names, npz_with, numbers, read_npy, read_npz
 from hhsim.motion.pickled_data import npy_dictionary
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.formats.mano import ANGLES, ManoPoses, recording_of_poses
+from hhsim.recordings.correction import Correction, joint_changes
+from hhsim.recordings.formats.mano import ANGLES, ManoPoses, corrected_arrays, recording_of_poses
 from hhsim.recordings.hand_side import chosen_side
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
 from hhsim.recordings.recording import Finding, Recording, note, unused
@@ -41,6 +45,7 @@ FIELDS = {
 READINGS = {"fullpose": "axis-angle", "pose": "axis-angle-mean"}
 ARCTIC_RATE = 30.0
 """Frames a second of ARCTIC [Hz], which its files do not state."""
+DICTIONARY = "ARCTIC's hands"
 NPY, OBJECTS = b"\x93NUMPY", b"'descr': '|O'"
 CONVERT = (
     "a sequence of GRAB, whose dictionaries are pickled objects, which are not loaded; save their params as arrays: "
@@ -65,10 +70,50 @@ def _key(held: Mapping[str, str], field: str) -> str:
     return next((key for key in FIELDS[field] if key in held), "")
 
 
+class _Hand(NamedTuple):
+    """Hand of a file: all arrays, the names of its own by `FIELDS`, its poses, and their usual reading."""
+
+    arrays: dict[str, Any]
+    fields: dict[str, str]
+    poses: ManoPoses
+    usual: str | None
+
+
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one of more samples; raises TrajectoryError."""
+    hand = _hand(content, options)
+    return recording_of_poses(hand.poses, content.name.removesuffix(".mano"), "grab", options, hand.usual)
+
+
+def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+    hand, made = _hand(content, options), joint_changes(recording, correction)
+    pose, turn, shift = (hand.fields.get(field, "") for field in ("pose", "rotation", "translation"))
+    new = corrected_arrays(hand.arrays, (pose, turn, shift), hand.poses, made, options, hand.usual)
     if content.head.startswith(NPY):
-        arrays = dict(_flat(npy_dictionary(content.data, "ARCTIC's hands")))
+        out = io.BytesIO()
+        np.save(out, np.array(_replaced(npy_dictionary(content.data, DICTIONARY), new), dtype=object))
+        return out.getvalue()
+    return npz_with(content.data, new)
+
+
+def _replaced(node: Mapping[str, Any], new: Mapping[str, FloatArray], above: str = "") -> dict[str, Any]:
+    """Return nested dictionaries with other numbers of the same type under the names of `_flat`."""
+    made = {}
+    for key, value in node.items():
+        name = f"{above}/{key}" if above else str(key)
+        made[key] = _replaced(value, new, name) if isinstance(value, dict) else value
+        if name in new:
+            kind = np.asarray(value).dtype
+            if kind.kind != "f":
+                raise InputError(f"'{name}' is of {kind}, which does not hold a correction; expected floating-point")
+            made[key] = new[name].astype(kind)
+    return made
+
+
+def _hand(content: Content, options: ReadOptions) -> _Hand:
+    """Return the hand of the options, else the one of more samples; raises TrajectoryError."""
+    if content.head.startswith(NPY):
+        arrays = dict(_flat(npy_dictionary(content.data, DICTIONARY)))
     elif _is_pickled(content):
         raise TrajectoryError(CONVERT)
     else:
@@ -106,7 +151,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         (*remarks, *found),
         poses,
     )
-    return recording_of_poses(hand, content.name.removesuffix(".mano"), "grab", options, usual)
+    return _Hand(arrays, fields, hand, usual)
 
 
 def _object(
@@ -147,5 +192,5 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
 
 
 FORMAT = RecordingFormat(
-    "grab", "hands and object of ARCTIC or GRAB, with --mano-model", (".npy", ".npz"), _sniff, _read
+    "grab", "hands and object of ARCTIC or GRAB, with --mano-model", (".npy", ".npz"), _sniff, _read, write=_write
 )

@@ -22,7 +22,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_table import Table, lacks_names, read_table
-from hhsim.motion.npz_arrays import array_names, npy_with, npz_with, numbers, read_npy, read_npz
+from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy, read_npz
 from hhsim.recordings.correction import Changes, Correction, joint_changes
 from hhsim.recordings.joint_frames import frame_edits, joints_of_frames, read_frames
 from hhsim.recordings.joint_names import (
@@ -34,10 +34,10 @@ from hhsim.recordings.joint_names import (
     joint_name,
 )
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.joint_table import joint_columns, joint_edits, joints_of_table, located
+from hhsim.recordings.joint_table import joint_columns, joint_edits, joints_of_table, located, table_of_joints
 from hhsim.recordings.json_document import PlacedJson, read_json
 from hhsim.recordings.object_poses import poses_in
-from hhsim.recordings.recording import Recording, note, unused
+from hhsim.recordings.recording import HandMotion, Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
 
@@ -252,6 +252,13 @@ def _named_table(content: Content) -> tuple[Table, Mapping[str, JointName], list
     return table, names, notes
 
 
+def _make(suffix: str, motion: HandMotion) -> bytes:
+    """Return keypoints in our world, z up, which the format does not say."""
+    if suffix == ".npz":
+        return npz_of({"keypoints": motion.joints, "t": motion.time})
+    return table_of_joints(motion, [f"lm{k:02d}" for k in range(COUNT)], motion.joints)
+
+
 def _sniff(content: Content, options: ReadOptions) -> bool:
     if content.head.startswith(NPY):
         return True
@@ -277,4 +284,6 @@ FORMAT = RecordingFormat(
     _sniff,
     _read,
     write=_write,
+    make=_make,
+    made=(".npz", ".csv"),
 )

@@ -4,11 +4,16 @@ Leap's world is in millimetres with y up; `direction` points to the fingers, `pa
 origin is where our knuckles meet the recorded ones; joint angles are those of `hhsim.recordings.finger_ik`. Leap gives
 the thumb a metacarpal of length zero, and its next three bones are our three.
 
+In a corrected recording joints, wrist and palm move, and directions and bases turn with their bone; the arm, velocities
+and the motion from the frame before stay as recorded.
+
 LZ-string is an LZ78 whose codes are as wide as the dictionary needs, least bit first; codes 0 and 1 announce a new
 letter of 8 or 16 bits, code 2 the end.
 """
 
-from collections.abc import Iterator, Mapping
+import base64
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,12 +22,15 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag
+from hhsim.motion.text_edit import NumberEdit, edited
 from hhsim.motion.trajectory import HandSide, RawChannel
+from hhsim.recordings.correction import ANGLE_DIGITS, Changes, Correction, joint_changes
 from hhsim.recordings.finger_ik import palm_rotation
 from hhsim.recordings.frames import FileFrame, to_our_world, world_matrix
 from hhsim.recordings.hand_side import SIDES, frames_with_hand
+from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import fitted_posture
-from hhsim.recordings.json_document import keys_of, number, objects, read_json, vector
+from hhsim.recordings.json_document import PlacedJson, keys_of, number, objects, read_json, vector
 from hhsim.recordings.recorded_bones import recorded_bones
 from hhsim.recordings.recording import Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
@@ -30,6 +38,10 @@ from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 MILLIMETRE = 1e-3
 MICROSECOND = 1e-6
 JOINTS = ("mcpPosition", "pipPosition", "dipPosition", "btipPosition")
+TIPS = ("tipPosition", "stabilizedTipPosition")
+HAND_POINTS = {"wrist": "wrist"} | dict.fromkeys(("palmPosition", "stabilizedPalmPosition", "sphereCenter"), "palm")
+HAND_DIRECTIONS = {"direction": 0, "palmNormal": 0}
+WORLD = world_matrix("y")
 UNSURE = 0.5
 """Confidence below which a sample is marked."""
 EXPECTED = "expected a Leap Motion recording, or the joints of a hand by name"
@@ -40,22 +52,20 @@ MOST_LETTERS = 1 << 28
 """Longest text; a damaged file may grow for ever."""
 
 
+def _json_text(text: str) -> str:
+    return unpack(text) if looks_packed(text) else text
+
+
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one in more frames; raises TrajectoryError."""
-    text = content.text
-    if looks_packed(text):
-        text = unpack(text)
-    document = read_json(text)
+    document = read_json(_json_text(content.text))
     frames = list(_frames(document))
     metadata = document.get("metadata") if isinstance(document, dict) else None
     metadata = metadata if isinstance(metadata, dict) else {}
     if not frames:
         held = document["frames"] if isinstance(document, dict) else document
         raise TrajectoryError(f"no frames of Leap Motion's, {keys_of(held)}; {EXPECTED}")
-    sides = [{hand["type"] for hand in objects(frame.get("hands")) if hand.get("type") in SIDES} for frame in frames]
-    if not any(sides):
-        raise TrajectoryError(f"no hand in any of {len(frames)} frames, the first {keys_of(frames[0])}; {EXPECTED}")
-    side, shown, findings = frames_with_hand(sides, options.hand)
+    side, shown, findings = frames_with_hand(_sides(frames), options.hand)
     stated = metadata.get("frames")
     if isinstance(stated, int) and stated != len(frames):
         findings.append(note(f"{len(frames)} frames where the file says {stated}: some are lost"))
@@ -90,13 +100,70 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         hand=side,
         hand_length=bones.hand_length if 0.05 < bones.hand_length < 0.4 else None,
         bones=bones,
-        file_frame=FileFrame(world_matrix("y"), MILLIMETRE),
         first_stamp=MICROSECOND * float(first[0]) if first.size else 0.0,
         raw=(RawChannel("confidence", np.nan_to_num(confidence, nan=-1.0), "1", "Leap's confidence, -1 where none"),),
         findings=(*findings, off),
+        joints=np.concatenate([MILLIMETRE * wrist[:, None], joints.reshape(-1, 20, 3)], axis=1) @ WORLD.T,
+        file_frame=FileFrame(WORLD, MILLIMETRE),
+        rows=np.array(shown),
     )
     text = f"confidence below {UNSURE:g}, says the device: kept"
     return recording.flagged(confidence < UNSURE, SampleFlag.INVALID, text)
+
+
+def _sides(frames: list[Mapping[str, Any]]) -> list[set[HandSide]]:
+    """Return the hands in each frame; raise TrajectoryError if there are none."""
+    sides = [{hand["type"] for hand in objects(frame.get("hands")) if hand.get("type") in SIDES} for frame in frames]
+    if not any(sides):
+        raise TrajectoryError(f"no hand in any of {len(frames)} frames, the first {keys_of(frames[0])}; {EXPECTED}")
+    return sides
+
+
+def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+    packed = looks_packed(content.text)
+    text = unpack(content.text) if packed else content.exact_text
+    placed = PlacedJson(text)
+    frames = list(_frames(placed.document))
+    side, _, _ = frames_with_hand(_sides(frames), options.hand)
+    made = joint_changes(recording, correction)
+    hands = [_hand(frames[row], side) for row in made.rows]
+    fingers = [[_fingers(frames[row], hand).get(f, {}) for row, hand in zip(made.rows, hands)] for f in range(5)]
+
+    def edits() -> Iterator[NumberEdit]:
+        yield from _vector_edits(placed, hands, HAND_POINTS, HAND_DIRECTIONS, made)
+        for f, found in enumerate(fingers):
+            names = KEYPOINTS[1 + 4 * f : 5 + 4 * f]
+            points = dict(zip(JOINTS, names)) | dict.fromkeys(TIPS, names[3]) | {"carpPosition": "palm"}
+            yield from _vector_edits(placed, found, points, {"direction": 3 * f + 3}, made)
+            for bone, axis in product(range(4), range(3)):
+                vectors = [{"": _basis_vector(finger.get("bases"), bone, axis)} for finger in found]
+                yield from _vector_edits(placed, vectors, {}, {"": bone and 3 * f + bone}, made)
+
+    return pack(edited(text, edits())).encode() if packed else content.edited(edits())
+
+
+def _basis_vector(bases: Any, bone: int, axis: int) -> Any:
+    """Return an axis of a bone's basis, None where there is none."""
+    basis = bases[bone] if isinstance(bases, list) and bone < len(bases) else None
+    return basis[axis] if isinstance(basis, list) and axis < len(basis) else None
+
+
+def _vector_edits(
+    placed: PlacedJson,
+    nodes: Sequence[Mapping[str, Any]],
+    points: Mapping[str, str],
+    directions: Mapping[str, int],
+    made: Changes,
+) -> Iterator[NumberEdit]:
+    """Yield the edits of objects, one a change, with points of joints and directions that turn with a bone, by keys."""
+    for key in (*points, *directions):
+        old = np.array([vector(node.get(key)) for node in nodes]).reshape(-1, 3)
+        if key in points:
+            new = made.moved(points[key], old)
+        else:
+            new = np.einsum("tij,tj->ti", made.turn[:, directions[key]], old)
+        for node, values in zip(nodes, new):
+            yield from placed.edits(node.get(key), values, made.digits if key in points else ANGLE_DIGITS)
 
 
 def looks_packed(text: str) -> bool:
@@ -148,6 +215,37 @@ def unpack(text: str) -> str:
         word = entry
 
 
+def pack(text: str) -> str:
+    """Compress a text as LZ-string does, to base64 letters."""
+    bits: list[int] = []
+
+    def put(value: int, width: int) -> None:
+        bits.extend(value >> place & 1 for place in range(width))
+
+    codes: dict[str, int] = {}
+    size, place, word = 3, 0, ""
+    while place < len(text):
+        letter, width = text[place], size.bit_length()
+        fresh = letter not in codes
+        # The reader learns a new letter first, and then the word before with this one's first letter.
+        for entry in (*((letter,) if fresh else ()), *((word + letter,) if word else ())):
+            codes[entry], size = size, size + 1
+        if fresh:
+            word, wide = letter, ord(letter) > 0xFF
+            put(int(wide), width)
+            put(ord(letter), 16 if wide else 8)
+        else:
+            end = place + 1
+            while end < len(text) and text[place : end + 1] in codes:
+                end += 1
+            word = text[place:end]
+            put(codes[word], width)
+        place += len(word)
+    put(2, size.bit_length())
+    bits.extend([0] * (-len(bits) % 16 or 16))
+    return base64.b64encode(int("".join(map(str, bits)), 2).to_bytes(len(bits) // 8)).decode()
+
+
 def _frames(document: Any) -> Iterator[Mapping[str, Any]]:
     """Yield the frames as objects, plain or packed."""
     frames = document.get("frames") if isinstance(document, dict) else document
@@ -194,16 +292,26 @@ def _hand(frame: Mapping[str, Any], side: HandSide) -> Mapping[str, Any]:
 def _joints(frame: Mapping[str, Any], hand: Mapping[str, Any]) -> FloatArray:
     """Return base, two joints and tip of each finger [mm], shape (5, 4, 3); NaN where missing."""
     joints = np.full((len(FINGERS), len(JOINTS), 3), np.nan)
+    for finger, pointable in _fingers(frame, hand).items():
+        joints[finger] = [vector(pointable.get(key)) for key in JOINTS]
+    return joints
+
+
+def _fingers(frame: Mapping[str, Any], hand: Mapping[str, Any]) -> dict[int, Mapping[str, Any]]:
+    """Return the fingers of a hand by their number."""
+    found: dict[int, Mapping[str, Any]] = {}
     for pointable in objects(frame.get("pointables")):
         finger = pointable.get("type")
         ours = pointable.get("handId") == hand.get("id") and not pointable.get("tool")
         if ours and isinstance(finger, int) and 0 <= finger < len(FINGERS):
-            joints[finger] = [vector(pointable.get(key)) for key in JOINTS]
-    return joints
+            found[int(finger)] = pointable
+    return found
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
     return content.beginning.lstrip()[:1] in ("{", "[") or looks_packed(content.beginning)
 
 
-FORMAT = RecordingFormat("leap", "a Leap Motion recording, .json or .json.lz", (".json", ".lz"), _sniff, _read, rank=1)
+FORMAT = RecordingFormat(
+    "leap", "a Leap Motion recording, .json or .json.lz", (".json", ".lz"), _sniff, _read, rank=1, write=_write
+)

@@ -5,6 +5,7 @@ y up. Other features are mapped by --columns as `feature.name`, by the names of 
 """
 
 import json
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_table import Table
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import mapped
+from hhsim.recordings.correction import Correction, joint_changes
 from hhsim.recordings.formats.csv import with_columns
 from hhsim.recordings.hand_side import chosen_side
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS
@@ -45,7 +47,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         table = _table(columns, rows, info)
         recording = mapped(table, options.columns, content.name, "lerobot").found(*findings)
         return with_columns(recording, table, options.columns, options)
-    names = [name for name in columns if name.split(".")[-1] == "hand_joints"]
+    names = _joint_columns(columns)
     named = names[0] if names else None
     width = 2 * JOINTS * 3
     values = None if named is None else _numbers(columns, named, rows)
@@ -57,11 +59,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         )
     if len(names) > 1:
         findings.append(note(f"joints from {named}; there is also {', '.join(names[1:3])}"))
-    hands = values.reshape(len(values), -1, JOINTS, 3)
-    sides: tuple[HandSide, ...] = SIDES if hands.shape[1] == 2 else ("",)
-    with np.errstate(invalid="ignore", over="ignore"):
-        seen = {side: int((np.ptp(hands[:, k], axis=1) > 0.0).any(axis=1).sum()) for k, side in enumerate(sides)}
-    side, remarks = chosen_side(seen, options.hand)
+    hands, sides, side, remarks = _hands(values, options)
     places = [WEBXR_JOINTS.index(joint) for joint in KEYPOINTS]
     arrays = {name: _numbers(columns, name, rows) for name in columns if is_objects(name)}
     poses = poses_in(arrays, len(values), options)
@@ -81,8 +79,65 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         object_poses=poses,
         device=str(info.get("robot_type") or ""),
         findings=(*findings, *remarks),
+        rows=rows,
     )
     return recording_of_joints(joints, content.name, options)
+
+
+def _joint_columns(columns: Iterable[str]) -> list[str]:
+    return [name for name in columns if name.split(".")[-1] == "hand_joints"]
+
+
+def _hands(
+    values: FloatArray, options: ReadOptions
+) -> tuple[FloatArray, tuple[HandSide, ...], HandSide, list[Finding]]:
+    """Return hands, shape (T, n, 25, 3), the side of each, the chosen one, and findings about it."""
+    hands = values.reshape(len(values), -1, JOINTS, 3)
+    sides: tuple[HandSide, ...] = SIDES if hands.shape[1] == 2 else ("",)
+    with np.errstate(invalid="ignore", over="ignore"):
+        seen = {side: int((np.ptp(hands[:, k], axis=1) > 0.0).any(axis=1).sum()) for k, side in enumerate(sides)}
+    return hands, sides, *chosen_side(seen, options.hand)
+
+
+def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+    if options.columns is not None:
+        raise InputError("features that --columns explain are not written to Parquet: export in another format")
+    import pyarrow
+    from pyarrow import parquet
+
+    made = joint_changes(recording, correction)
+    columns = _columns(content.data)
+    name = _joint_columns(columns)[0]
+    rows = _episode(columns, options, [])
+    hands, sides, side, _ = _hands(_numbers(columns, name, rows), options)
+    new = hands[np.searchsorted(rows, made.rows)]
+    for k, joint in enumerate(WEBXR_JOINTS):
+        new[:, sides.index(side), k] = made.moved(joint, new[:, sides.index(side), k])
+    cells = columns[name].to_pylist()
+    for row, values in zip(made.rows, new):
+        cells[row] = _filled(cells[row], iter(values.ravel().tolist()))
+    with parquet.ParquetFile(pyarrow.BufferReader(content.data)) as file:
+        table, facts, groups = file.read(), file.metadata, file.metadata.num_row_groups
+        place = table.column_names.index(name)
+        table = table.set_column(place, table.schema.field(place), pyarrow.array(cells, table.schema.field(place).type))
+        first = [facts.row_group(0).column(k) for k in range(facts.num_columns)]
+        packing = {column.path_in_schema: column.compression.replace("UNCOMPRESSED", "NONE") for column in first}
+        stream = pyarrow.BufferOutputStream()
+        with parquet.ParquetWriter(stream, table.schema, version=facts.format_version, compression=packing) as writer:
+            start = 0
+            for group in range(groups):
+                writer.write_table(table.slice(start, facts.row_group(group).num_rows))
+                start += facts.row_group(group).num_rows
+    data: bytes = stream.getvalue().to_pybytes()
+    return data
+
+
+def _filled(cell: Any, values: Iterator[float]) -> Any:
+    """Return a nested list with other numbers, where they are not missing."""
+    if isinstance(cell, list):
+        return [_filled(item, values) for item in cell]
+    value = next(values)
+    return value if value == value else cell
 
 
 def _columns(data: bytes) -> dict[str, Any]:
@@ -192,4 +247,5 @@ FORMAT = RecordingFormat(
     lambda content, options: content.head.startswith(MAGIC),
     _read,
     takes_columns=True,
+    write=_write,
 )

@@ -14,8 +14,8 @@ Fewer than 45 coefficients cannot hold every pose: they are those whose joints a
 `hhsim.recordings.registry.write_recording` returns how far off these are.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -119,11 +119,12 @@ def _angles(pose: FloatArray, reading: str, model: ManoModel) -> FloatArray:
 
 def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
     made = joint_changes(recording, correction)
-    if options.mano_model is None:
-        raise InputError("a MANO hand is written by its model: --mano-model MANO_RIGHT.pkl")
-    model = read_mano_model(options.mano_model)
     if content.head.startswith(b"PK"):
-        return _npz(content.data, options, model, made)
+        arrays = read_npz(content.data)
+        key, turn, shift = (next((each for each in names if each in arrays), "") for names in (POSES, TURNS, SHIFTS))
+        poses = _from_npz(content.data, options)
+        return npz_with(content.data, corrected_arrays(arrays, (key, turn, shift), poses, made, options))
+    model = _model(options)
     placed = PlacedJson(content.exact_text)
     lines = read_pose_lines(placed.document, "pose", options.hand)
     reading = _reading(lines.numbers.shape[1], options.mano_pose)
@@ -136,15 +137,29 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
     return content.edited(pose_line_edits(placed, lines, made, "pose", corrected))
 
 
-def _npz(data: bytes, options: ReadOptions, model: ManoModel, made: Changes) -> bytes:
-    """Return an archive of poses with the changes."""
-    arrays = read_npz(data)
-    poses = _from_npz(data, options)
-    reading = _reading(poses.pose.shape[1], options.mano_pose)
-    rows = made.rows
-    rotation, pose = _corrected(poses.rotation[rows], poses.pose[rows], reading, model, poses.betas, made)
-    key, turn, shift = (next((each for each in names if each in arrays), "") for names in (POSES, TURNS, SHIFTS))
-    new = {name: numbers(arrays, name) for name in (key, turn, shift) if name}
+def _model(options: ReadOptions) -> ManoModel:
+    if options.mano_model is None:
+        raise InputError("a MANO hand is written by its model: --mano-model MANO_RIGHT.pkl")
+    return read_mano_model(options.mano_model)
+
+
+def corrected_arrays(
+    arrays: Mapping[str, Any],
+    names: tuple[str, str, str],
+    poses: ManoPoses,
+    made: Changes,
+    options: ReadOptions,
+    usual: str | None = None,
+) -> dict[str, FloatArray]:
+    """Return the arrays of pose, wrist's turn and translation with the changes, by their names, "" for none.
+
+    Raises:
+        InputError: No model, or a wrist that moves without a translation.
+    """
+    reading, rows = _reading(poses.pose.shape[1], options.mano_pose or usual), made.rows
+    rotation, pose = _corrected(poses.rotation[rows], poses.pose[rows], reading, _model(options), poses.betas, made)
+    key, turn, shift = names
+    new = {name: numbers(arrays, name) for name in names if name}
     flat = {name: values.reshape(len(values), -1) for name, values in new.items()}
     if turn:
         flat[turn][rows], flat[key][rows] = rotation, pose
@@ -154,7 +169,7 @@ def _npz(data: bytes, options: ReadOptions, model: ManoModel, made: Changes) -> 
         flat[shift][rows] += made.shift[:, 0]
     elif np.abs(made.shift[:, 0]).max(initial=0.0) > STILL:
         raise InputError("the correction moves the wrist, and the file holds no translation: expected an array trans")
-    return npz_with(data, new)
+    return new
 
 
 def _corrected(
@@ -174,7 +189,8 @@ def _corrected(
     if not reading.startswith("pca"):
         return turned, angles - offset
     basis = model.components[:count]
-    start: FloatArray = np.asarray(np.linalg.lstsq(basis.T, (angles - offset).T, rcond=None)[0].T, np.float64)
+    # A missing number of one sample is no other's.
+    start = np.asarray((angles - offset) @ np.linalg.pinv(basis), dtype=np.float64)
     if count == ANGLES:
         return turned, start
     still = np.zeros_like(turned)

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from hhsim.errors import TrajectoryError
-from hhsim.motion.npz_arrays import npz_with, numbers, read_npz
+from hhsim.motion.npz_arrays import npz_of, npz_with, numbers, read_npz
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.correction import Correction, angle_unit, changes
 from hhsim.recordings.frames import OURS, FileFrame, to_our_palm, to_our_world, world_matrix
 from hhsim.recordings.object_poses import placed, poses_in
-from hhsim.recordings.recording import Finding, Recording, note, unused
+from hhsim.recordings.recording import Finding, HandMotion, Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 QUATERNIONS = {"wrist_quat_wxyz": (0, 1, 2, 3), "wrist_quat": (0, 1, 2, 3), "wrist_quat_xyzw": (3, 0, 1, 2)}
@@ -94,6 +94,12 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     return recording
 
 
+def _make(suffix: str, motion: HandMotion) -> bytes:
+    hand = motion.configuration
+    pose = {"t": motion.time, "wrist_pos": hand.position, "wrist_quat_wxyz": hand.orientation}
+    return npz_of(pose | {"flex": hand.flexion, "abd": hand.abduction, "meta": json.dumps({"hand": motion.side})})
+
+
 def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
     arrays = read_npz(content.data)
     made = changes(recording, correction)
@@ -122,5 +128,12 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
 
 
 FORMAT = RecordingFormat(
-    "npz", "NumPy arrays t, wrist_pos, wrist_quat, flex, abd", (".npz",), _sniff, _read, write=_write
+    "npz",
+    "NumPy arrays t, wrist_pos, wrist_quat, flex, abd",
+    (".npz",),
+    _sniff,
+    _read,
+    write=_write,
+    make=_make,
+    made=(".npz",),
 )

@@ -5,13 +5,18 @@ radius and validity where they are there. y is up; the bend of the fingers tells
 Unity's left-handed one.
 """
 
+import numpy as np
+
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import BREADTH_PER_LENGTH, CARPAL, METACARPAL
 from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.csv_table import read_table
 from hhsim.recordings.correction import Correction, joint_changes
-from hhsim.recordings.joint_names import JointName, joint_name
+from hhsim.recordings.frames import turned, world_matrix
+from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, JointName, joint_name
 from hhsim.recordings.joint_positions import recording_of_joints
-from hhsim.recordings.joint_table import joint_columns, joint_edits, joints_of_table, located
-from hhsim.recordings.recording import Recording
+from hhsim.recordings.joint_table import joint_columns, joint_edits, joints_of_table, located, table_of_joints
+from hhsim.recordings.recording import HandMotion, Recording
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 FEWEST = 4
@@ -36,6 +41,20 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
     return content.edited(joint_edits(content.exact_text, table, named_joints(table.header), options, made))
 
 
+def _make(suffix: str, motion: HandMotion) -> bytes:
+    """Return a table of 26 joints in OpenXR's world; palm and metacarpals are those of a usual hand of this size."""
+    hand, joints = motion.configuration, motion.joints
+    wrist, knuckle = joints[:, 0], joints[:, KEYPOINTS.index("middle_proximal")]
+    (distal, lateral), mirror = CARPAL, -1.0 if motion.side == "left" else 1.0
+    length = float(np.nanmedian(np.linalg.norm(knuckle - wrist, axis=1))) / (distal + METACARPAL[1][0])
+    places = {name: joints[:, k] for k, name in enumerate(KEYPOINTS)} | {"palm": hand.position}
+    for finger, across in zip(FINGERS[1:], lateral[1:]):
+        base = length * np.array([-mirror * across * BREADTH_PER_LENGTH, distal, 0.0])
+        places[f"{finger}_metacarpal"] = wrist + turned(hand.orientation, base)
+    points = np.stack([places[name] for name in OPENXR_JOINTS], axis=1) @ world_matrix("y")
+    return table_of_joints(motion, OPENXR_JOINTS, points)
+
+
 def _sniff(content: Content, options: ReadOptions) -> bool:
     hands = joint_columns(named_joints(content.header)) if options.columns is None else {}
     return any(len(located(joints)) >= FEWEST for joints in hands.values())
@@ -48,4 +67,6 @@ FORMAT = RecordingFormat(
     _sniff,
     _read,
     write=_write,
+    make=_make,
+    made=(CSV_SUFFIX,),
 )

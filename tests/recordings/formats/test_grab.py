@@ -5,13 +5,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from correction_samples import a_correction
 from joint_samples import Y_UP, arrays_npz, assert_our_own, joint_sample, words
 from pose_samples import mano_fields, mano_poses
 from scipy.spatial.transform import Rotation
 
-from hhsim.errors import TrajectoryError
+from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.recordings.registry import Content, ReadOptions, format_of, read_content, read_recording
+from hhsim.recordings.registry import (
+    Content,
+    ReadOptions,
+    format_of,
+    read_content,
+    read_recording,
+    write_recording,
+)
 
 SAMPLE = joint_sample()
 COUNT = len(SAMPLE.motion.time)
@@ -94,6 +102,59 @@ def test_grabs_arrays_whose_object_turns_by_the_transpose(pose: str, options: Re
     assert np.allclose(np.diff(recording.time), 1.0 / 120.0)
     assert "turns by its transpose" in words(recording) and "mean one" in words(recording)
     assert f"not used: obj_name, lhand_transl ({COUNT}, 3)" in words(recording)
+
+
+@pytest.mark.parametrize("file", ["take.mano.npy", "arctic.npz", "grab.npz"])
+def test_a_corrected_hand_comes_back_and_nothing_else_changes(file: str, tmp_path: Path, options: ReadOptions) -> None:
+    path, out = tmp_path / file, tmp_path / f"new_{file}"
+    single = {key: values.astype(np.float32) for key, values in RIGHT.items()}
+    left = {f"{key}_l": values for key, values in single.items()}
+    if file == "take.mano.npy":
+        worn: dict[Any, Any] = {**RIGHT, "note": "worn", 3: None}
+        np.save(path, np.array({"right": single, "left": worn}, dtype=object))
+    elif file == "arctic.npz":
+        right = {f"{key}_r": values for key, values in RIGHT.items()}
+        path.write_bytes(arrays_npz(**left, **right, obj_rot=SPIN, obj_trans=1e3 * PLACE))
+    else:
+        arrays = {"rhand_global_orient": TURN, "rhand_fullpose": POSE, "rhand_transl": SHIFT}
+        path.write_bytes(arrays_npz(**arrays, object_transl=PLACE, object_global_orient=-SPIN, framerate=120.0))
+    recording: Any = read_recording(path, options)
+    correction = a_correction(recording)
+    off = write_recording(path, options, recording, correction, out)
+    # Half a unit of float32 at a rotation of π moves a fingertip by 0.1 µm.
+    assert off is not None and off < 1e-6
+    again = read_recording(out, options)
+    assert again.joints is not None and np.abs(again.joints - correction.joints).max() < 1e-6
+    assert np.array_equal(again.joints[~correction.changed], recording.joints[~correction.changed])
+    old, new = flat(path), flat(out)
+    assert list(old) == list(new)
+    changed = {name for name in old if not np.array_equal(old[name], new[name])}
+    assert {name.removesuffix("_r").split("_", 1)[-1].split("/")[-1] for name in changed} in (
+        {"rot", "pose", "trans"},
+        {"global_orient", "fullpose", "transl"},
+    )
+    assert not [name for name in changed if "left" in name or name.endswith("_l") or "obj" in name]
+    assert {name: np.asarray(values).dtype for name, values in old.items()} == {
+        name: np.asarray(values).dtype for name, values in new.items()
+    }
+
+
+def flat(path: Path) -> dict[str, Any]:
+    """Arrays of a file by their names, those of dictionaries with a slash."""
+    if path.suffix == ".npz":
+        with np.load(path) as held:
+            return dict(held)
+    sides = np.load(path, allow_pickle=True).item()
+    return {f"{side}/{key}": values for side, held in sides.items() for key, values in held.items()}
+
+
+def test_whole_numbers_hold_no_correction(tmp_path: Path, options: ReadOptions) -> None:
+    path = tmp_path / "take.mano.npy"
+    np.save(path, np.array({"right": RIGHT | {"trans": np.zeros((COUNT, 3), dtype=np.int64)}}, dtype=object))
+    recording = read_recording(path, options)
+    with pytest.raises(InputError, match="'right/trans' is of int64, which does not hold a correction"):
+        write_recording(path, options, recording, a_correction(recording), tmp_path / "new.npy")
+    assert not (tmp_path / "new.npy").exists()
 
 
 def test_pickles_that_are_more_than_data_are_refused(tmp_path: Path, options: ReadOptions) -> None:

@@ -9,12 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from joint_samples import words
 from leap_document import CLEAN, document, packed
-from lz_pack import pack
 from recording_samples import read_as
 
 from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.recordings.formats.leap import FORMAT, unpack
+from hhsim.recordings.formats.leap import FORMAT, pack, unpack
 from hhsim.recordings.registry import Content, ReadOptions, read_content
 from hhsim.recordings.repair import repair
 
@@ -115,9 +114,10 @@ PACKED = {
 
 
 @pytest.mark.parametrize(("text", "packed"), PACKED.items())
-def test_what_the_library_packed_is_unpacked(text: str, packed: str) -> None:
+def test_what_the_library_packed_is_unpacked_and_packed_so(text: str, packed: str) -> None:
     assert unpack(packed) == text
     assert unpack("\n".join(packed)) == text
+    assert pack(text) == packed
 
 
 @given(st.text(alphabet=st.characters(max_codepoint=0xFFFF, exclude_categories=["Cs"]), max_size=300))
