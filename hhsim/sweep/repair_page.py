@@ -121,11 +121,11 @@ def _figure_names(rows: Sequence[RepairedRow]) -> list[str]:
 def _look(name: str) -> FigureLook:
     """Return how a figure is shown, by its name with or without _before or _after."""
     base, _, when = name.rpartition("_")
-    metric = field_metrics().get(base) if when in ("before", "after") else None
+    metric = field_metrics().get(base if when in ("before", "after") else name)
     if metric is None:
         return LOOKS.get(name, FigureLook(name.replace("_", " ")))
-    stated = f" {metric.parameters}" if base.endswith("mm") and isinstance(metric.parameters, str) else ""
-    return FigureLook(f"{metric.label}{stated} {when}", metric.unit, metric.digits)
+    label = f"{metric.label} {when}" if metric.name == base else metric.label
+    return FigureLook(label, metric.unit, metric.digits)
 
 
 def _column(name: str, called: str) -> Column:

@@ -51,9 +51,9 @@ def test_it_counts_and_ranks(rows: list[RepairedRow]) -> None:
     }
     assert "12 of 16 recordings repaired within all limits." in found.one("header").text
     depths = np.array([*(0.1 * i for i in range(12)), 5.0])
-    line = next(cells for cells in found.rows("Figures over all")[1:] if cells[0] == "PD after [mm]")
+    line = next(cells for cells in found.rows("Figures over all")[1:] if cells[0] == "PD, cones, max after [mm]")
     marks = (depths.min(), np.median(depths), depths.mean(), np.quantile(depths, 0.9), depths.max())
-    assert line[1:] == ["13", *(f"{value:.2f}" for value in marks)]
+    assert line[1:] == ["13", *(f"{value:.3f}" for value in marks)]
     deepest, contacts = (e.text for e in found.all("article"))
     assert re.findall(r"(missed|r\d+)\s+[\d.]+", deepest)[:3] == ["missed", "r11", "r10"]
     assert re.findall(r"(missed|r\d+)\s+[\d.]+", contacts) == [f"r{i}" for i in range(11, 1, -1)]
@@ -84,7 +84,7 @@ def test_it_has_no_script_and_one_drawing_and_is_the_same_again(rows: list[Repai
     names = [e.attributes["id"] for e in found.elements if "id" in e.attributes]
     assert len(names) == len(set(names))
     drawn = [e.text.strip() for e in found.all("text")]
-    assert {"PD [mm]", "contacts kept", "before", "after"} <= set(drawn)
+    assert {"PD, cones, max [mm]", "contacts kept within 5 mm [%]", "before", "after"} <= set(drawn)
 
 
 def test_rows_without_a_figure_make_a_page(tmp_path: Path) -> None:
