@@ -13,7 +13,13 @@ from .console import print_json, progress
 
 @click.command()
 @click.argument("result", type=options.FILE)
-@click.argument("out", metavar="FILE.csv", type=options.FILE)
+@click.argument("out", metavar="FILE", type=options.FILE)
+@click.option(
+    "--as",
+    "form",
+    metavar="FORMAT",
+    help="Write the shown hand as a recording instead: keypoints, openxr, npz or csv (hhsim import reads them).",
+)
 @click.option(
     "--columns",
     callback=read_names,
@@ -24,8 +30,10 @@ from .console import print_json, progress
 )
 @options.json
 @options.quiet
-def command(result: Path, out: Path, columns: tuple[str, ...] | None, as_json: bool, quiet: bool) -> None:
-    """Write the ticks of a result to a CSV table.
+def command(
+    result: Path, out: Path, form: str | None, columns: tuple[str, ...] | None, as_json: bool, quiet: bool
+) -> None:
+    """Write the ticks of a result to a CSV table, or its hand as a recording.
 
     RESULT is a file that hhsim replay or hhsim live wrote. Each tick is a line, each heading has its unit, and an array
     is a column an element; fingers are counted from the thumb, joints from the palm, both from 0. Numbers have every
@@ -37,11 +45,23 @@ def command(result: Path, out: Path, columns: tuple[str, ...] | None, as_json: b
       hhsim export grasp.h5 force.csv --columns time,force/total,penetration_depth
       hhsim export session.h5 told.csv --columns live/tick/latency,live/tick/command_stiffness
       hhsim export grasp.h5 everything.csv --columns all
+      hhsim export grasp.h5 grasp.npz --as keypoints
     """
     from hhsim.result.csv_export import export_ticks
     from hhsim.result.reader import load_result
 
     loaded = load_result(result)
+    if form is not None:
+        from hhsim.repair.result_recording import export_recording
+
+        if columns:
+            raise click.UsageError("--columns is for a table of ticks, and --as writes a recording")
+        ticks = export_recording(loaded, form, out)
+        if as_json:
+            print_json({"result": str(result), "recording": str(out), "format": form, "ticks": ticks})
+        elif not quiet:
+            print(f"{counted(ticks, 'tick')} as {form}: {out}")
+        return
     with progress(quiet=quiet) as report:
         written = export_ticks(loaded, out, columns, report)
     if as_json:

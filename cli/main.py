@@ -22,7 +22,7 @@ COMMANDS = {
     "board": "Set results of sweeps and machines side by side, in one table.",
     "live": "Put a glove in the loop at 1 kHz, safely, and record it.",
     "compare": "Set the figures of two results side by side.",
-    "export": "Write the ticks of a result to a CSV table.",
+    "export": "Write the ticks of a result to a table, or as a recording.",
     "view": "Look at results, motions and meshes in the rerun viewer.",
     "report": "Make one HTML page of results: figures, curves, worst ticks.",
     "verify": "Check every claim of a result with independent code.",
