@@ -110,7 +110,9 @@ def command(
         print_line(outcome.verdict)
         if outcome.marked:
             listed = ", ".join(map(str, outcome.marked[:12])) + (", …" if len(outcome.marked) > 12 else "")
-            print_line(f"{len(outcome.marked)} of {outcome.frames} frames without a repair: {listed}")
+            print_line(
+                f"marked, without a repair or beyond the limit: {len(outcome.marked)} of {outcome.frames}: {listed}"
+            )
         print_line(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
     return 0 if outcome.ok else 1
 

@@ -9,11 +9,23 @@ from hhsim.solver.surface import SURFACES
 from hhsim.system.counted import counted
 
 from .arguments import options
+from .arguments.option_group import GroupedCommand
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
+from .import_ import FileSettings, HandData
+from .repair import ObjectSettings
 
 
-@click.command()
+@click.command(cls=GroupedCommand)
 @click.argument("submission", type=options.FILE)
+@click.option(
+    "--recorded",
+    type=options.FILE,
+    metavar="RECORDING",
+    help="Score a repaired recording beside this recorded one, by the figures of the field.",
+)
+@ObjectSettings.argument("thing")
+@FileSettings.argument("reading")
+@HandData.argument("data")
 @click.option(
     "--scene",
     "folder",
@@ -28,7 +40,16 @@ from .console import announce_compilation, print_json, print_line, print_notes, 
     help="Surface on which contacts are looked for.",
 )
 @options.Output.argument("output")
-def command(submission: Path, folder: Path | None, surface: str, output: options.Output) -> int:
+def command(
+    submission: Path,
+    recorded: Path | None,
+    thing: ObjectSettings,
+    reading: FileSettings,
+    data: HandData,
+    folder: Path | None,
+    surface: str,
+    output: options.Output,
+) -> int:
     """Measure the poses that other software made of a scene.
 
     SUBMISSION is a .csv or .h5 file with a hand for every tick of a scene that hhsim scene wrote, with forces and times
@@ -36,12 +57,18 @@ def command(submission: Path, folder: Path | None, surface: str, output: options
     own; the result is a file that hhsim report, view, compare and export read. Ticks, frames and units that are not the
     scene's are refused or named; the exit code is 1 where something is suspected.
 
+    With --recorded, SUBMISSION is a recording that any software repaired, with the samples of the recorded one, and
+    --object is what it holds: the table is that of hhsim repair (docs/metrics.md).
+
     \b
     Examples:
       hhsim score bunny-grasp/example-submission.csv
       hhsim score unity.csv --scene bunny-grasp --out unity.h5
       hhsim score bullet.h5 --surface mesh
+      hhsim score theirs.npz --recorded seq.npz --object mug.stl --hand right
     """
+    if recorded is not None:
+        return _field(submission, recorded, thing, reading, data, output)
     announce_compilation(quiet=output.quiet)
     from hhsim.replay.summary_table import figure_table
     from hhsim.result.reader import check_result_path
@@ -67,3 +94,30 @@ def command(submission: Path, folder: Path | None, surface: str, output: options
             print_line(f"note: {note}")
         print_line(f"every tick is in {path}")
     return 1 if found.suspicions else 0
+
+
+def _field(
+    repaired: Path,
+    recorded: Path,
+    thing: ObjectSettings,
+    reading: FileSettings,
+    data: HandData,
+    output: options.Output,
+) -> int:
+    """Print the figures of the field of a repaired recording; returns the exit code."""
+    from hhsim.mesh.catalogue import resolve_object
+    from hhsim.metrics.field.field_table import field_table, to_json
+    from hhsim.metrics.field.score import field_score
+    from hhsim.repair.request import MAX_CORRECTION
+
+    if thing.object is None:
+        raise click.UsageError("--object names the object that the hand holds")
+    mesh, _ = resolve_object(thing.object, thing.unit, options.metres(thing.size), solid=False)
+    read = reading.options({**data.given(), "usual_up": "z"})
+    found = field_score(recorded, repaired, mesh, poses=thing.object_poses, options=read, max_correction=MAX_CORRECTION)
+    if output.as_json:
+        print_json({"verdict": found.verdict.line, "missed": list(found.verdict.missed), **to_json(found.rows)})
+    elif not output.quiet:
+        print_table(field_table(found.rows, f"{repaired.name} beside {recorded.name}"))
+        print_line(found.verdict.line)
+    return 1 if found.verdict.missed else 0

@@ -58,9 +58,12 @@ def repair_page(outcome: RepairOutcome, before: FieldHands, after: FieldHands, w
 
 def _marked(outcome: RepairOutcome) -> str:
     if not outcome.marked:
-        return f"A repair was found for each of {counted(outcome.frames, 'frame')}."
+        return f"Each of {counted(outcome.frames, 'frame')} has a repair within the limit."
     listed = ", ".join(map(str, outcome.marked[:MOST_LISTED])) + (", …" if len(outcome.marked) > MOST_LISTED else "")
-    return f"No repair within the limit in {len(outcome.marked)} of {counted(outcome.frames, 'frame')}: {listed}."
+    return (
+        f"Marked are {len(outcome.marked)} of {counted(outcome.frames, 'frame')}, since a joint moves by more than the limit or no "
+        f"free hand was found: {listed}."
+    )
 
 
 def depth_figure(before: FieldHands, after: FieldHands) -> ReportFigure:

@@ -16,6 +16,7 @@ from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.recordings.fitted_hand import fitted_hand
 from hhsim.recordings.frames import in_palm, turned
+from hhsim.recordings.object_poses import with_object_poses
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import ReadOptions, read_recording
 from hhsim.recordings.unit_detection import repair_units
@@ -40,6 +41,7 @@ def field_score(
     options: ReadOptions | None = None,
     *,
     max_correction: float,
+    poses: Path | None = None,
     pitch: float = 0.005,
     displacement_frames: tuple[int, ...] = (),
 ) -> FieldScore:
@@ -52,6 +54,7 @@ def field_score(
         motion: Pose of the object at each sample, our world; None for the recording's own, or one that stands still in
             our world.
         options: Options for reading both files.
+        poses: File of the object's poses, for a recording that has none.
         max_correction: Largest displacement of a joint that the verdict allows [m].
         pitch, displacement_frames: As of `FieldPair`.
 
@@ -72,6 +75,8 @@ def field_score(
         k = int(np.argmax(off))
         stamps = f"{after.time[k]:.6f} s; expected {before.time[k]:.6f} s"
         raise TrajectoryError(f"{repaired}: sample {k} is at {stamps}, as {recorded} has")
+    if poses is not None:
+        before = with_object_poses(before, poses, options or ReadOptions())
     pair = recorded_pair(before, after, mesh, motion, pitch=pitch, displacement_frames=displacement_frames)
     rows = field_rows(pair)
     return FieldScore(rows, field_verdict(rows, max_correction))
