@@ -17,8 +17,8 @@ from .console import print_json, progress
 @click.option(
     "--as",
     "form",
-    metavar="FORMAT",
-    help="Write the shown hand as a recording instead: keypoints, openxr, npz or csv (hhsim import reads them).",
+    type=click.Choice(["csv", "keypoints", "npz", "openxr"]),
+    help="Write the shown hand as a recording of this format instead, for hhsim import and other software.",
 )
 @click.option(
     "--columns",
@@ -33,11 +33,11 @@ from .console import print_json, progress
 def command(
     result: Path, out: Path, form: str | None, columns: tuple[str, ...] | None, as_json: bool, quiet: bool
 ) -> None:
-    """Write the ticks of a result to a CSV table, or its hand as a recording.
+    """Write the ticks of a result, or its hand as a recording.
 
-    RESULT is a file that hhsim replay or hhsim live wrote. Each tick is a line, each heading has its unit, and an array
-    is a column an element; fingers are counted from the thumb, joints from the palm, both from 0. Numbers have every
-    digit, so that they are read back as they were (docs/files.md).
+    RESULT is a file that hhsim replay, live or repair wrote. In a CSV table each tick is a line, each heading has its
+    unit, and an array is a column an element; fingers are counted from the thumb, joints from the palm, both from 0.
+    Numbers have every digit, so that they are read back as they were (docs/files.md).
 
     \b
     Examples:

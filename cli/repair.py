@@ -2,13 +2,13 @@
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
 from .arguments import options
 from .arguments.option_group import GroupedCommand, OptionGroup, option
-from .arguments.options import FILE, JOBS, UNITS, Number, file, metres
+from .arguments.options import FILE, JOBS, UNITS, Number, file, metres, ranged
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
 from .import_ import FileSettings, HandData
 
@@ -17,10 +17,8 @@ class ObjectSettings(OptionGroup, heading="Object"):
     """Object of the recording, and its poses; `size` in [mm]."""
 
     object: str | None = option(metavar="OBJECT|MESH", help="Name of the catalogue (hhsim objects), or a mesh file.")
-    unit: str | None = option(type=UNITS, help="Unit of a mesh file. Default: m.")
-    size: float | None = option(
-        type=Number(1.0, 20_000.0), metavar="MM", help="Length of the longest side of a mesh file [mm]."
-    )
+    unit: str | None = option(type=UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
+    size: float | None = ranged("size", "MM", "Scale a mesh file to this longest extent [mm], whatever its unit.", 1e-3)
     object_poses: Path | None = file(
         "FILE", "Poses of the object, a row a frame or with stamps (docs/repair.md). Default: those of the recording."
     )
@@ -30,8 +28,13 @@ class RepairLimits(OptionGroup, heading="Repair"):
     """Hand and limits of the repair; `max_correction` in [mm]."""
 
     hand_file: Path | None = file("TOML", "Hand of a recording of angles. Default: the usual one.")
-    palm: str = option(
-        type=click.Choice(["usual", "none", "thin", "fitted"]), default="usual", help="Palm that stays outside."
+    skin: Path | None = file(
+        "NPZ", "Skin of the hand: vertices (T, V, 3) and faces (F, 3). Default: the MANO model's, else our hand's."
+    )
+    palm: Literal["fitted", "thin", "none"] = option(
+        type=click.Choice(["fitted", "thin", "none"]),
+        default="fitted",
+        help="Palm that stays outside: fitted to the recorded hand, half as thick, or none.",
     )
     max_correction: float = option(
         type=Number(0.1, 200.0), default=15.0, metavar="MM", help="Largest move of a joint in a repaired frame [mm]."
@@ -63,7 +66,7 @@ def command(
     as_json: bool,
     quiet: bool,
 ) -> int:
-    """Repair a recording of a hand: the same recording, without penetration in any frame.
+    """Repair a recording of a hand: the same, without penetration.
 
     RECORDING is a file of one of the formats of hhsim import (docs/recordings.md). What comes out has the same format,
     frames and stamps; a frame that needs no repair is as it was. Beside it lie a report (-report.html) and a result
@@ -97,6 +100,7 @@ def command(
         unit=thing.unit,
         size=metres(thing.size),
         max_correction=1e-3 * limits.max_correction,
+        skin=limits.skin,
         palm=limits.palm,
         options=_read_fields(reading, data),
     )

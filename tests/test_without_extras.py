@@ -51,6 +51,7 @@ LINES = (
     Line("score scene/example-submission.csv --out scored.h5"),
     Line("retarget a.h5 --robot robot.urdf --out robot.npz", "retarget"),
     Line("import grab.csv --out grab.h5 --plot grab.png"),
+    Line("repair grab.csv --object sphere --out repaired.csv", codes=(0, 1)),
     Line("sweep plan.toml"),
     Line("sweep plan.toml --scheduler local --out other", "sweep"),
     Line("board results/small --out b.html --out b.csv --out b.md --out b.parquet"),

@@ -10,7 +10,7 @@ The joint tree and the regressor are the file's; vertices move by linear blend s
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,15 @@ CONVERT = (
 )
 BLOCK_POSES = 256
 """Poses whose vertices are computed at once: tens of megabytes."""
+
+
+class ManoParameters(NamedTuple):
+    """Parameters of a MANO hand in T samples, as `ManoModel.keypoints` takes them."""
+
+    rotation: FloatArray
+    pose: FloatArray
+    translation: FloatArray
+    betas: FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, OutputError, TrajectoryError, UnknownNameError, named
 from hhsim.motion.csv_table import read_header
 from hhsim.motion.text_edit import NumberEdit, edited
@@ -200,6 +201,8 @@ class RecordingFormat:
             changes. None for a format that is not written.
         make: Function that returns the content of a new file of a suffix. None for a format in which none is made.
         made: Suffixes that `make` takes.
+        mano: Function that returns the parameters of the MANO model in every sample, for the skin; None for a format
+            that has none.
     """
 
     name: str
@@ -212,6 +215,7 @@ class RecordingFormat:
     write: Callable[[Content, ReadOptions, Recording, Correction], bytes] | None = None
     make: Callable[[str, HandMotion], bytes] | None = None
     made: tuple[str, ...] = ()
+    mano: Callable[[Content, ReadOptions], tuple[FloatArray, FloatArray, FloatArray, FloatArray]] | None = None
 
 
 def _decoded(data: bytes) -> str:

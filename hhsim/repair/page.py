@@ -60,10 +60,8 @@ def _marked(outcome: RepairOutcome) -> str:
     if not outcome.marked:
         return f"Each of {counted(outcome.frames, 'frame')} has a repair within the limit."
     listed = ", ".join(map(str, outcome.marked[:MOST_LISTED])) + (", …" if len(outcome.marked) > MOST_LISTED else "")
-    return (
-        f"Marked are {len(outcome.marked)} of {counted(outcome.frames, 'frame')}, since a joint moves by more than the limit or no "
-        f"free hand was found: {listed}."
-    )
+    share = f"{len(outcome.marked)} of {counted(outcome.frames, 'frame')}"
+    return f"Marked are {share}, in which a joint moves by more than the limit or no free hand was found: {listed}."
 
 
 def depth_figure(before: FieldHands, after: FieldHands) -> ReportFigure:

@@ -4,7 +4,7 @@ A frame of the recording is a tick of the scene. Nothing is resampled, so that t
 went in.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,8 @@ from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.recordings.correction import BONES, Correction, moved_joints
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording
-from hhsim.repair.written_hand import WrittenHand
+from hhsim.repair.skin import Skin
+from hhsim.repair.written_hand import WrittenHand, bone_frames
 from hhsim.scene.scene import Scene
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -35,6 +36,7 @@ class RecordedScene:
         frames: Samples of the recording with a whole hand and a known object, shape (F,).
         joints: Recorded joints in these frames as the object sees them [m], shape (F, 21, 3).
         moved: Motion of the object since the first frame; None if it stands still.
+        has_joints: True if the recording holds joint centres, False if it holds angles.
         tip_on_surface: True if recorded fingertips are points of the skin.
     """
 
@@ -42,6 +44,7 @@ class RecordedScene:
     frames: IntArray
     joints: FloatArray
     moved: RigidMotion | None
+    has_joints: bool
     tip_on_surface: bool
 
     @property
@@ -73,18 +76,48 @@ class RecordedScene:
         whole[part] = changed
         return Correction(given, moved, turns, joints, whole)
 
-    def judged(self, seen: Correction) -> tuple[FieldHands, FieldHands]:
-        """Return the recorded and the repaired hand as they are judged: cones and palm around their own joints."""
-        hand, time = self.scene.hand, self.scene.ticks.time
-        world = [joints if self.moved is None else self.moved.points(joints) for joints in (self.joints, seen.joints)]
+    def seen_hand(self, written: Recording, posture: HandConfiguration) -> tuple[FloatArray, HandConfiguration]:
+        """Return the hand of the written recording as the object sees it.
+
+        Args:
+            written: Recording with the same samples.
+            posture: Our hand after the repair, as the object sees it.
+
+        Returns:
+            Joints [m], shape (F, 21, 3), and our hand: the given one, or that of a recording of angles.
+        """
+        if written.joints is not None:
+            joints = written.joints[self.frames]
+            return joints if self.moved is None else self.moved.seen_points(joints), posture
+        position, orientation = written.position[self.frames], written.orientation[self.frames]
+        orientation = orientation / np.linalg.norm(orientation, axis=1, keepdims=True)
+        if self.moved is not None:
+            position, orientation = self.moved.seen_points(position), self.moved.seen_orientations(orientation)
+        angles = written.flexion[self.frames], written.abduction[self.frames]
+        posture = HandConfiguration(position, orientation, *angles)
+        return model_joints(self.scene.hand, posture), posture
+
+    def seen_skin(self, skin: Skin) -> Skin:
+        """Return the skin of a recording in the frames, as the object sees it."""
+        vertices = skin.vertices[self.frames]
+        return replace(skin, vertices=vertices if self.moved is None else self.moved.seen_points(vertices))
+
+    def judged(self, joints: FloatArray, posture: HandConfiguration, skin: Skin | None) -> FieldHands:
+        """Return a hand as it is judged: by its skin, or else by cones around its joints and the palm.
+
+        Args:
+            joints: In the order of `KEYPOINTS`, as the object sees them [m], shape (F, 21, 3).
+            posture: Our hand in each frame, which tells the palm.
+            skin: Skin as the object sees it.
+        """
+        hand, mesh, time = self.scene.hand, self.scene.mesh, self.scene.ticks.time
+        world = joints if self.moved is None else self.moved.points(joints)
         down = np.tile([0.0, 0.0, -1.0], (len(time), 1))
         down = down if self.moved is None else self.moved.seen_vectors(down)
-        written = WrittenHand(self.joints, hand, seen.fitted, self.tip_on_surface)
-        hands, mesh, shape = [], self.scene.mesh, hand_shape(hand)
-        for joints, posture, place in zip((self.joints, seen.joints), (seen.fitted, seen.posture), world, strict=True):
-            placed = written.placed(posture)
-            hands.append(FieldHands(time, joints, mesh, shape=shape, placed=placed, world=place, down=down))
-        return hands[0], hands[1]
+        if skin is not None:
+            return FieldHands(time, joints, mesh, skin=skin.vertices, faces=skin.faces, world=world, down=down)
+        placed = WrittenHand(joints, hand, posture, self.tip_on_surface).placed(posture)
+        return FieldHands(time, joints, mesh, shape=hand_shape(hand), placed=placed, world=world, down=down)
 
 
 def recorded_scene(recording: Recording, mesh: Mesh, tree: SphereTree, hand: HandModel, name: str) -> RecordedScene:
@@ -142,7 +175,7 @@ def recorded_scene(recording: Recording, mesh: Mesh, tree: SphereTree, hand: Han
         joints = recording.joints[part]
         joints = joints if moved is None else moved.seen_points(joints)
     on_surface = recording.bones is not None and recording.bones.tip_on_surface
-    return RecordedScene(scene, part, joints, moved, on_surface)
+    return RecordedScene(scene, part, joints, moved, recording.joints is not None, on_surface)
 
 
 def model_joints(hand: HandModel, posture: HandConfiguration) -> FloatArray:
@@ -156,5 +189,5 @@ def corrected_angles(hand: HandModel, fitted: HandConfiguration, posture: HandCo
     """Return the correction of a recording that holds angles alone, whose bones are our hand's."""
     before, after = model_joints(hand, fitted), model_joints(hand, posture)
     same = [np.equal(a, b).reshape(len(before), -1).all(axis=1) for a, b in zip(fitted, posture, strict=True)]
-    turns = np.tile(np.eye(3), (len(before), 16, 1, 1))
+    turns = bone_frames(hand, posture) @ bone_frames(hand, fitted).swapaxes(-1, -2)
     return Correction(fitted, posture, turns, after, ~np.logical_and.reduce(same))

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from hhsim.motion.trajectory import HandSide
 from hhsim.table.table import Table
@@ -12,7 +12,6 @@ MAX_CORRECTION = 0.015
 """Default of the largest displacement of a joint in a repaired frame [m]."""
 REPORT, RESULT, PICTURE = "report.html", "result.h5", "worst.png"
 """Names of the files beside a repaired recording, see `RepairRequest.beside`."""
-PALMS = ("usual", "none", "thin", "fitted")
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,10 @@ class RepairRequest:
         unit: Unit of the mesh file; None for metres.
         size: Largest extent that the mesh is scaled to [m]; None keeps it.
         max_correction: Largest displacement of a point of the hand [m].
-        palm: Palm that stays outside, one of `PALMS`.
+        skin: Vertices of the hand's skin in each frame, see `hhsim.repair.skin.read_skin`; None takes that of the MANO
+            model, or our hand's cones.
+        palm: Palm that stays outside: `fitted` to the skin, or else in proportion to the hand, half as
+            `thin`, or `none`.
         options: Further fields of `hhsim.recordings.registry.ReadOptions`.
     """
 
@@ -43,11 +45,12 @@ class RepairRequest:
     unit: str | None = None
     size: float | None = None
     max_correction: float = MAX_CORRECTION
-    palm: str = "usual"
+    skin: Path | None = None
+    palm: Literal["fitted", "thin", "none"] = "fitted"
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def beside(self, name: str) -> Path:
-        """Return the path of a file that is written beside the repaired recording, such as `report.html`."""
+        """Return the path of a file that is written beside the repaired recording, such as report.html."""
         return self.out.with_name(f"{self.out.stem}-{name}")
 
 

@@ -105,9 +105,19 @@ def hand_with_skin(
             of_bone = np.broadcast_to(phalanx, counts.shape)[counts]
             radius[finger] = fit_radii(along[counts], across[counts], of_bone, hand.length[finger])
     hand = replace(hand, radius=radius)
-    mesh, tree = _PALMS[palm](hand, skin, fitted, contained)
-    hand = replace(hand, palm_mesh=mesh, palm_tree=tree)
+    hand = with_palm(hand, palm)
+    if palm == "fitted":
+        mesh, tree = _fitted_palm(hand, skin, fitted, contained)
+        hand = replace(hand, palm_mesh=mesh, palm_tree=tree)
     return hand, skin_fit(hand, skin, fitted, palm)
+
+
+def with_palm(hand: HandModel, palm: str) -> HandModel:
+    """Return a hand whose palm is not modelled (`none`), is half as thick (`thin`), or is as it was (`fitted`)."""
+    if palm == "fitted":
+        return hand
+    mesh, tree = _no_palm(hand) if palm == "none" else _thin_palm(hand)
+    return replace(hand, palm_mesh=mesh, palm_tree=tree)
 
 
 def skin_fit(hand: HandModel, skin: Skin, fitted: HandConfiguration, palm: Palm) -> SkinFit:
@@ -207,7 +217,7 @@ def _least_radii(rows: FloatArray, bounds: FloatArray, length: FloatArray, start
     return np.maximum.accumulate(radius[::-1])[::-1]
 
 
-def _no_palm(hand: HandModel, skin: Skin, fitted: HandConfiguration, contained: float) -> tuple[Mesh, SphereTree]:
+def _no_palm(hand: HandModel) -> tuple[Mesh, SphereTree]:
     """Return a small ball in the middle finger's knuckle: whatever would touch it touches that finger before.
 
     So the palm takes no part, in the solver and in every measure, as long as that finger does.
@@ -216,7 +226,7 @@ def _no_palm(hand: HandModel, skin: Skin, fitted: HandConfiguration, contained: 
     return _palm_of_balls(hand.base[2][None], np.array([size]), 1, "not modelled")
 
 
-def _thin_palm(hand: HandModel, skin: Skin, fitted: HandConfiguration, contained: float) -> tuple[Mesh, SphereTree]:
+def _thin_palm(hand: HandModel) -> tuple[Mesh, SphereTree]:
     """Return the hand's palm, flattened to its middle plane."""
     height = float(hand.palm_mesh.bounds[:, 2].mean())
     scale = np.array([1.0, 1.0, THIN])
@@ -302,6 +312,3 @@ def _palm_of_balls(center: FloatArray, radius: FloatArray, level: int, source: s
     vertices = (center[:, None] + radius[:, None, None] * ball.vertices).reshape(-1, 3)
     faces = (len(ball.vertices) * np.arange(len(center))[:, None, None] + ball.faces).reshape(-1, 3)
     return Mesh(vertices, faces, name="palm", source=source), build_hierarchy(center, radius, level, 8)
-
-
-_PALMS = {"none": _no_palm, "thin": _thin_palm, "fitted": _fitted_palm}

@@ -13,7 +13,7 @@ Keys, the same in both; the first two are required::
     hand = "right"
     unit = "mm"                             # of the mesh file; or size_mm, its largest extent
     max_correction_mm = 15.0
-    palm = "usual"
+    palm = "fitted"
     time_limit = 3600.0                     # of the repair of one recording [s]
 
 Further keys say how a file is read, by the names of the options of `hhsim import`: format, columns, rate, length_unit,
@@ -76,7 +76,7 @@ class ManifestRow(Settings, frozen=True, kw_only=True, rename={"form": "format"}
     unit: Literal["m", "cm", "mm", "inch"] | None = None
     size_mm: _LENGTH | None = None
     max_correction_mm: _LENGTH = 15.0
-    palm: _TEXT = "usual"
+    palm: Literal["fitted", "thin", "none"] = "fitted"
     time_limit: Annotated[float, between(0.1, 1e7, "s")] = 3600.0
     form: _TEXT | None = None
     columns: _TEXT | None = None

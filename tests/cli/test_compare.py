@@ -88,7 +88,7 @@ def test_help_is_that_of_the_command(run: Run, words: tuple[str, ...]) -> None:
 
 @pytest.mark.parametrize(
     ("words", "message"),
-    [(("relpay",), "unknown command 'relpay': did you mean replay"), (("replay", "x"), "has no command 'x'")],
+    [(("repllay",), "unknown command 'repllay': did you mean replay"), (("replay", "x"), "has no command 'x'")],
 )
 def test_help_of_what_is_not_there(run: Run, words: tuple[str, ...], message: str) -> None:
     answer = run("help", *words)

@@ -65,7 +65,7 @@ def test_every_command_explains_itself(name: str, repository: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("relpay", "unknown command 'relpay': did you mean replay?"),
+        ("repllay", "unknown command 'repllay': did you mean replay?"),
         ("list", "unknown command 'list': hhsim objects and hhsim trajectories list what there is"),
         ("info --jsn", "No such option '--jsn'. Did you mean '--json'? (see hhsim info --help)"),
         ("build-tree none.stl", "none.stl: no such file; expected a mesh"),
@@ -81,9 +81,9 @@ def test_a_mistake_is_told_in_one_line(run: Run, line: str, message: str, tmp_pa
 
 
 def test_machines_get_an_error_as_a_document(run: Run) -> None:
-    answer = run("relpay", "--json")
+    answer = run("repllay", "--json")
     assert answer.code == 2
-    assert json.loads(answer.out) == {"error": "unknown command 'relpay': did you mean replay?"}
+    assert json.loads(answer.out) == {"error": "unknown command 'repllay': did you mean replay?"}
     assert answer.err.startswith("hhsim: error: ")
 
 
@@ -120,7 +120,7 @@ def test_an_error_is_told_in_one_line_with_its_notes(
 
 @pytest.mark.parametrize(
     ("arguments", "told"),
-    [(["info"], ""), (["relpay", "--json"], "hhsim: error: unknown command 'relpay': did you mean replay?\n")],
+    [(["info"], ""), (["repllay", "--json"], "hhsim: error: unknown command 'repllay': did you mean replay?\n")],
 )
 def test_a_reader_that_leaves_is_no_error(arguments: list[str], told: str) -> None:
     process = subprocess.Popen([*HHSIM, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -152,7 +152,7 @@ def test_a_stream_that_is_closed_or_full_is_no_crash(redirection: str, code: int
 
 
 def test_an_error_never_goes_to_stdout_where_stderr_is_closed() -> None:
-    command = ["sh", "-c", '"$@" 2>&-', "sh", *HHSIM, "relpay"]
+    command = ["sh", "-c", '"$@" 2>&-', "sh", *HHSIM, "repllay"]
     answer = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     assert (answer.returncode, answer.stdout) == (2, "")
 

@@ -60,7 +60,7 @@ def test_a_pattern_names_its_parts_and_defaults_hold(folder: Path) -> None:
     assert first.object == str(folder / "meshes/cup.stl")
     assert first.object_poses == folder / "poses/cup_pour_1.npy"
     assert first.out == folder / "out/s1-cup_pour_1/cup_pour_1.npz"
-    assert (first.hand, first.size, first.max_correction, first.palm) == ("right", 0.12, 0.015, "usual")
+    assert (first.hand, first.size, first.max_correction, first.palm) == ("right", 0.12, 0.015, "fitted")
     assert first.options == {"rate": 30.0}
     assert (last.object, last.hand, last.options) == ("cube", "left", {})
     assert first.mano_model == last.mano_model == folder / "models/MANO.pkl"

@@ -27,8 +27,9 @@ from hhsim.motion.npz_arrays import array_names, npz_with, numbers, read_npy, re
 from hhsim.motion.pickled_data import npy_dictionary
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import Correction, joint_changes
-from hhsim.recordings.formats.mano import ANGLES, ManoPoses, corrected_arrays, recording_of_poses
+from hhsim.recordings.formats.mano import ANGLES, ManoPoses, corrected_arrays, parameters_of, recording_of_poses
 from hhsim.recordings.hand_side import chosen_side
+from hhsim.recordings.mano_model import ManoParameters
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
 from hhsim.recordings.recording import Finding, Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
@@ -83,6 +84,11 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one of more samples; raises TrajectoryError."""
     hand = _hand(content, options)
     return recording_of_poses(hand.poses, content.name.removesuffix(".mano"), "grab", options, hand.usual)
+
+
+def _parameters(content: Content, options: ReadOptions) -> ManoParameters:
+    hand = _hand(content, options)
+    return parameters_of(hand.poses, options, hand.usual)
 
 
 def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
@@ -192,5 +198,11 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
 
 
 FORMAT = RecordingFormat(
-    "grab", "hands and object of ARCTIC or GRAB, with --mano-model", (".npy", ".npz"), _sniff, _read, write=_write
+    "grab",
+    "hands and object of ARCTIC or GRAB, with --mano-model",
+    (".npy", ".npz"),
+    _sniff,
+    _read,
+    write=_write,
+    mano=_parameters,
 )

@@ -28,7 +28,7 @@ from hhsim.recordings.correction import Changes, Correction, joint_changes, near
 from hhsim.recordings.frames import posed_tree
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.json_document import PlacedJson, read_json
-from hhsim.recordings.mano_model import JOINTS, KEYPOINT_JOINTS, ManoModel, read_mano_model
+from hhsim.recordings.mano_model import JOINTS, KEYPOINT_JOINTS, ManoModel, ManoParameters, read_mano_model
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
 from hhsim.recordings.pose_lines import Poses, pose_line_edits, read_pose_lines
 from hhsim.recordings.recording import Finding, Recording, note, unused
@@ -70,8 +70,7 @@ class ManoPoses(NamedTuple):
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read poses by the options' model and reading; raises TrajectoryError, and InputError for a wrong reading."""
-    poses = _from_npz(content.data, options) if content.head.startswith(b"PK") else _from_lines(content, options)
-    return recording_of_poses(poses, content.name, "mano", options)
+    return recording_of_poses(_poses(content, options), content.name, "mano", options)
 
 
 def recording_of_poses(
@@ -93,10 +92,8 @@ def recording_of_poses(
         findings.append(note(f"{hand} hand, but the model is called {file}: is it the other hand's?"))
     if poses.translation is None:
         findings.append(note("no translation: the hand turns on the spot"))
-    translation = np.zeros((len(poses.pose), 3)) if poses.translation is None else poses.translation
-    angles = _angles(poses.pose, reading, model)
     joints = JointPositions(
-        position=model.keypoints(poses.rotation, angles, translation, poses.betas),
+        position=model.keypoints(*_parameters(poses, reading, model)),
         form=form,
         what=f"{count} numbers a pose: {READINGS[reading]} ({reading}); model {file.lower()}",
         time=poses.time,
@@ -109,6 +106,20 @@ def recording_of_poses(
         rows=poses.rows,
     )
     return recording_of_joints(joints, name, options)
+
+
+def _parameters(poses: ManoPoses, reading: str, model: ManoModel) -> ManoParameters:
+    translation = np.zeros((len(poses.pose), 3)) if poses.translation is None else poses.translation
+    return ManoParameters(poses.rotation, _angles(poses.pose, reading, model), translation, poses.betas)
+
+
+def parameters_of(poses: ManoPoses, options: ReadOptions, usual: str | None = None) -> ManoParameters:
+    """Return the parameters of the options' model in every sample; arguments as of `recording_of_poses`."""
+    return _parameters(poses, _reading(poses.pose.shape[1], options.mano_pose or usual), _model(options))
+
+
+def _poses(content: Content, options: ReadOptions) -> ManoPoses:
+    return _from_npz(content.data, options) if content.head.startswith(b"PK") else _from_lines(content, options)
 
 
 def _angles(pose: FloatArray, reading: str, model: ManoModel) -> FloatArray:
@@ -271,5 +282,11 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
 
 
 FORMAT = RecordingFormat(
-    "mano", "poses of the MANO hand, with --mano-model", (".npz", ".jsonl"), _sniff, _read, write=_write
+    "mano",
+    "poses of the MANO hand, with --mano-model",
+    (".npz", ".jsonl"),
+    _sniff,
+    _read,
+    write=_write,
+    mano=lambda content, options: parameters_of(_poses(content, options), options),
 )

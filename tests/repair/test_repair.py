@@ -1,0 +1,128 @@
+"""Repair of a recording as a user has it: from its file to the same file, with nothing else changed."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from coal_clearance import coal_clearance
+from conftest import Run
+from joint_samples import arrays_npz
+from report_reader import read_page
+
+from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import forward_kinematics
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import load_object
+from hhsim.recordings.registry import ReadOptions, read_recording
+from hhsim.repair.recorded_scene import model_joints
+from hhsim.repair.repair import repair_recording
+from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairRequest
+from hhsim.result.reader import load_result
+from hhsim.result.stored_hand import result_hand
+from hhsim.scene.scene import open_scene
+
+RATE = 30.0
+UNCHANGED = 1e-5
+"""Move of a joint in a frame that needs no repair [m]: smoothing may reach it."""
+OPTIONS = {"usual_up": "z", "length_unit": "m"}
+
+
+@cache
+def grasp() -> tuple[HandModel, HandConfiguration]:
+    """A grasp of the sphere, seen 30 times a second from before the touch until it is deep inside."""
+    ticks = HandConfiguration.of(open_scene("sphere", "grasp").ticks)
+    return HandModel.default(), ticks.at(np.arange(300, 1500, 100)).copy()
+
+
+def recorded(folder: Path, moved: bool = False) -> Path:
+    """The grasp as keypoints, beside arrays that hhsim does not know; the object may move along."""
+    hand, frames = grasp()
+    joints = model_joints(hand, frames)
+    count = len(joints)
+    others = {"subject": np.array("s01"), "gaze": np.ones((count, 2))}
+    arrays = {"keypoints": joints, "t": np.arange(count) / RATE, **others}
+    if moved:
+        shift = np.linspace(0.0, 0.3, count)[:, None] * [1.0, 0.5, 0.2]
+        arrays |= {"keypoints": joints + shift[:, None], "object_pos": shift}
+        arrays["object_quat_wxyz"] = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    path = folder / "grasp.npz"
+    path.write_bytes(arrays_npz(**arrays))
+    return path
+
+
+def test_the_same_file_comes_out_without_penetration(tmp_path: Path) -> None:
+    path, out = recorded(tmp_path), tmp_path / "free.npz"
+    request = RepairRequest(path, "sphere", out, hand="right", max_correction=0.03, options=OPTIONS)
+    outcome = repair_recording(request)
+    assert outcome.figures["depth_cones_max_before"] > 0.005
+    assert outcome.figures["depth_cones_max_after"] == outcome.figures["depth_joints_max_after"] == 0.0
+    assert outcome.figures["contacts_kept_5mm_after"] >= 95.0
+    assert not outcome.marked and outcome.ok and "within limits" in outcome.verdict
+    with np.load(path) as before, np.load(out) as after:
+        assert before.files == after.files
+        assert all(before[name].tobytes() == after[name].tobytes() for name in before.files if name != "keypoints")
+        moved = np.abs(after["keypoints"] - before["keypoints"]).max(axis=(1, 2))
+    assert moved[0] < UNCHANGED and moved.max() > 0.002
+    # The result's hands by coal, apart from the kernels.
+    result = load_result(request.beside(RESULT))
+    hand = result_hand(result)
+    posture = HandConfiguration(*(result[f"graphic/{name}"] for name in HandConfiguration._fields))
+    assert coal_clearance(hand, load_object("sphere").mesh, forward_kinematics(hand, *posture)) > -1e-3
+    page = read_page(request.beside(REPORT).read_text())
+    assert not page.all("script") and len(page.all("img")) == 2
+    assert request.beside(PICTURE).read_bytes().startswith(b"\x89PNG")
+
+
+def test_an_object_that_moves_gives_the_same_correction(tmp_path: Path) -> None:
+    (tmp_path / "moved").mkdir()
+    found = []
+    for path in (recorded(tmp_path), recorded(tmp_path / "moved", moved=True)):
+        out = path.with_name("free.npz")
+        repair_recording(RepairRequest(path, "sphere", out, hand="right", max_correction=0.03, options=OPTIONS))
+        with np.load(path) as before, np.load(out) as after:
+            found.append(after["keypoints"] - before["keypoints"])
+    np.testing.assert_allclose(found[1], found[0], atol=1e-5)
+
+
+def test_angles_are_repaired_by_our_hand(tmp_path: Path) -> None:
+    _, frames = grasp()
+    path, out = tmp_path / "angles.npz", tmp_path / "free.npz"
+    given = dict(zip(("wrist_pos", "wrist_quat_wxyz", "flex", "abd"), frames, strict=True))
+    path.write_bytes(arrays_npz(t=np.arange(frames.ticks) / RATE, **given))
+    outcome = repair_recording(RepairRequest(path, "sphere", out, hand="right", max_correction=0.03))
+    assert outcome.figures["depth_cones_max_before"] > 0.005 and outcome.figures["depth_cones_max_after"] == 0.0
+    again = read_recording(out, ReadOptions(hand="right"))
+    hand, mesh = HandModel.default(), load_object("sphere").mesh
+    posture = HandConfiguration(again.position, again.orientation, again.flexion, again.abduction)
+    assert coal_clearance(hand, mesh, forward_kinematics(hand, *posture)) > -1e-6
+    assert np.abs(again.flexion[0] - frames.flexion[0]).max() < 10.0 * UNCHANGED
+
+
+def test_the_command_prints_the_table_and_names_its_files(run: Run, tmp_path: Path) -> None:
+    recorded(tmp_path)
+    words = ("--object", "sphere", "--hand", "right", "--length-unit", "m", "--max-correction", "30")
+    answer = run("repair", "grasp.npz", *words, "--out", "free.npz", "--json")
+    assert answer.code == 0, answer.err
+    document = json.loads(answer.out)
+    assert document["ok"] and document["frames"] == 12
+    assert {Path(document[name]).name for name in ("recording", "result", "report", "picture")} == {
+        path.name for path in tmp_path.glob("free*")
+    }
+    scored = run("score", "free.npz", "--recorded", "grasp.npz", *words[:-2], "--json")
+    assert json.loads(scored.out)["depth_joints_max"]["after"] == 0.0
+    exported = run("export", "free-result.h5", "hand.npz", "--as", "keypoints")
+    assert exported.code == 0 and "12 ticks as keypoints" in exported.out
+
+
+@pytest.mark.parametrize(
+    ("out", "said"),
+    [("free.csv", "expected .npz"), ("grasp.npz", "is the recording itself")],
+)
+def test_a_name_that_does_not_fit_is_told_before_the_work(tmp_path: Path, out: str, said: str) -> None:
+    path = recorded(tmp_path)
+    with pytest.raises(InputError, match=said):
+        repair_recording(RepairRequest(path, "sphere", tmp_path / out))
+    assert [file.name for file in tmp_path.iterdir()] == ["grasp.npz"]
