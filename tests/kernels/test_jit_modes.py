@@ -136,8 +136,8 @@ def test_results_are_equal_to_rounding(folder: Path, mode: str) -> None:
             np.testing.assert_allclose(other[name], values, rtol=1e-9, atol=1e-9, err_msg=name)
 
 
-FOR_TWO = {"sphere_tree.node_distance"}
-"""Put into its callers, and so small that it is compiled at once: with indices without a sign for the vector unit."""
+FOR_TWO = {"sphere_tree.node_distance", "surfaces.spheres.write_palm_pair"}
+"""Put into their callers, and so small that they are compiled at once: with indices without a sign for the vector unit."""
 
 
 @pytest.mark.soak
