@@ -137,7 +137,7 @@ def test_results_are_equal_to_rounding(folder: Path, mode: str) -> None:
 
 
 FOR_TWO = {"sphere_tree.node_distance", "surfaces.spheres.write_palm_pair"}
-"""Put into their callers, and so small that they are compiled at once: with indices without a sign for the vector unit."""
+"""Put into their callers, and so small that they are compiled at once, also for indices without a sign."""
 
 
 @pytest.mark.soak
