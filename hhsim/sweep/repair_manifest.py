@@ -17,7 +17,8 @@ Keys, the same in both; the first two are required::
     time_limit = 3600.0                     # of the repair of one recording [s]
 
 Further keys say how a file is read, by the names of the options of `hhsim import`: format, columns, rate, length_unit,
-world_up, mano_pose, profile, episode. Files are relative to the manifest's folder.
+world_up, joint_order, pose_order, pose_unit, mano_pose, profile, episode; skin is that of `hhsim repair`. Files are
+relative to the manifest's folder.
 """
 
 import csv
@@ -83,7 +84,11 @@ class ManifestRow(Settings, frozen=True, kw_only=True, rename={"form": "format"}
     rate: Annotated[float, between(0.1, 1e5, "Hz")] | None = None
     length_unit: Literal["m", "cm", "mm", "inch"] | None = None
     world_up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
+    joint_order: Literal["mediapipe", "mano", "smplx", "openxr"] | None = None
+    pose_order: Literal["wxyz", "xyzw"] | None = None
+    pose_unit: Literal["m", "cm", "mm"] | None = None
     mano_pose: Annotated[str, one_of(READINGS)] | None = None
+    skin: _TEXT | None = None
     profile: _TEXT | None = None
     episode: Annotated[int, between(0, 2**63 - 1)] | None = None
 
@@ -236,7 +241,7 @@ def _planned(where: str, row: ManifestRow, folder: Path, output: Path) -> Planne
 
     file("recording")
     columns = file("columns")
-    stated = {key: getattr(row, key) for key in ("form", "rate", "length_unit", "world_up", "mano_pose", "episode")}
+    stated = {key: getattr(row, key) for key in _OF_THE_READER}
     stated |= {"profile": file("profile"), "columns": None if columns is None else read_column_map(columns)}
     request = RepairRequest(
         recording=recording,
@@ -248,6 +253,7 @@ def _planned(where: str, row: ManifestRow, folder: Path, output: Path) -> Planne
         unit=row.unit,
         size=None if row.size_mm is None else 1e-3 * row.size_mm,
         max_correction=1e-3 * row.max_correction_mm,
+        skin=file("skin"),
         palm=row.palm,
         options={key: value for key, value in stated.items() if value is not None},
     )
@@ -259,4 +265,9 @@ def _is_file(path: Path) -> bool:
     return os.path.isfile(path)  # noqa: PTH113
 
 
+_OF_THE_READER = (
+    *("form", "rate", "length_unit", "world_up", "mano_pose", "episode"),
+    *("joint_order", "pose_order", "pose_unit"),
+)
+"""Keys that are fields of `hhsim.recordings.registry.ReadOptions` as they are."""
 _KEYS = tuple({"form": "format"}.get(key, key) for key in ManifestRow.__struct_fields__)
