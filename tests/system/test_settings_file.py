@@ -15,7 +15,7 @@ FINGERS = ("thumb", "index")
 READERS = (
     *("gate.suite", "gate.baseline", "hand.model", "recordings.column_map", "recordings.dexmo_regression"),
     *("scene.contact_goals", "scene.demonstration", "scene.described_scene", "scene.script"),
-    *("sweep.cell", "sweep.plan"),
+    *("sweep.cell", "sweep.plan", "sweep.repair_manifest", "sweep.repair_row"),
 )
 """Modules that declare settings."""
 Share = Annotated[float, between(0.0, 1.0)]
