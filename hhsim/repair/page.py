@@ -12,6 +12,7 @@ from hhsim.report.figure import (
     BLUE,
     BOTTOM,
     LEFT,
+    LEGEND_LINE,
     RIGHT,
     TITLE,
     TOP,
@@ -77,7 +78,7 @@ def depth_figure(before: FieldHands, after: FieldHands) -> ReportFigure:
     def draw(figure: "Figure", narrow: bool) -> None:
         for k, (title, curves) in enumerate(panels):
             size = figure.get_size_inches()[0] - LEFT - RIGHT, PANEL
-            axes = add_panel(figure, LEFT, TOP + TITLE + k * (TITLE + PANEL + BOTTOM), size)
+            axes = add_panel(figure, LEFT, TOP + LEGEND_LINE + TITLE + k * (TITLE + PANEL + BOTTOM), size)
             lines = [axes.plot(time, values, color=color, linewidth=1.0)[0] for _, values, color in curves]
             gridded(axes)
             axes.set_xlim(time[0], time[-1])
@@ -87,7 +88,7 @@ def depth_figure(before: FieldHands, after: FieldHands) -> ReportFigure:
                 fitted_legend([name for name, _, _ in curves], size[0]).draw(axes, lines)
         axes.set_xlabel("time [s]")
 
-    drawing = Drawing(draw, lambda width, narrow: TOP + 2 * (TITLE + PANEL + BOTTOM))
+    drawing = Drawing(draw, lambda width, narrow: TOP + LEGEND_LINE + 2 * (TITLE + PANEL + BOTTOM))
     largest = f"recorded {depth[0].max():.1f} mm, repaired {depth[1].max():.3f} mm"
     alt = f"Depth over time; largest: {largest}; largest move of a joint {moved.max():.1f} mm"
     return drawn_figure("depth", "Depth and correction.", f"Largest depth: {largest}.", alt, drawing)
