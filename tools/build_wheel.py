@@ -63,6 +63,10 @@ def compile_all(cache: Path) -> str:
             session = f"{place}/session-{number}.h5"
             run("-c", MAIN, "live", "glove", *scene.split(), "--duration", "1", "--out", session)
             run("-c", MAIN, "replay", session)
+        run("-c", MAIN, "scene", "cube", "pinch", "--out", f"{place}/scene")
+        run("-c", MAIN, "score", f"{place}/scene/example-submission.csv", "--out", f"{place}/score.h5")
+        words = ("--object", "rock", "--max-correction", "20")
+        run("-c", MAIN, "repair", "examples/grab.csv", *words, "--out", f"{place}/repaired.csv")
         run("-c", MAIN, "build-tree", "examples/mug.stl", "--unit", "mm", "--level", "3", "--out", f"{place}/mug.h5")
     return run("-c", "from hhsim.kernels.target import TARGET; print(TARGET)")
 
