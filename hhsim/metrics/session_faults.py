@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.errors import InputError
+from hhsim.errors import DamagedFileError, InputError
 from hhsim.metrics.run_metric import Figure
 from hhsim.result.miss_cause import WORDS
 from hhsim.result.reader import Result
@@ -58,10 +58,19 @@ class SessionLog(NamedTuple):
 
 
 def session_log(result: Result) -> SessionLog:
-    """Read the log of a session; it is empty for a replay."""
+    """Read the log of a session; it is empty for a replay.
+
+    Raises:
+        DamagedFileError: Times or levels that are no numbers, or not one for each text.
+    """
     if result.live is None:
         return SessionLog(np.empty(0), np.empty(0, np.int64), [])
     times, levels, texts = (result[f"live/event/{name}"] for name in ("time", "level", "text"))
+    for name, values in (("time", times), ("level", levels)):
+        if values.dtype.kind not in "iuf" or values.shape != (len(texts),):
+            raise DamagedFileError(
+                f"{result.path}: live/event/{name} is {values.dtype} {values.shape}; expected numbers"
+            )
     begin = (result["live/tick/deadline"] if result.ticks else times)[:1].sum()
     # Differences of whole nanoseconds: seconds since the machine's start would lose the last digits.
     return SessionLog(1e-9 * (times - begin), levels, [bytes(text).decode("utf-8", "replace") for text in texts])
