@@ -8,6 +8,7 @@ import pytest
 from live_rings import FACTS, make_setup, solved_ticks
 from sealed_change import changed
 
+from hhsim.errors import DamagedFileError
 from hhsim.live.device import COUNTERS, DeviceCounters
 from hhsim.live.ipc.session_memory import EVENT
 from hhsim.live.loop.loop import loop_options
@@ -116,3 +117,14 @@ def test_a_live_session_says_at_its_end_what_its_recording_says(tmp_path: Path, 
     summary = importlib.import_module("hhsim.cli.live.summary")
     assert summary.fault_counts(outcome) == recorded_faults(session)
     assert summary.summary_json(outcome, "")["faults"] == 1
+
+
+def test_levels_that_are_no_numbers_are_named(tmp_path: Path, ticks: np.ndarray) -> None:
+    path = tmp_path / "words.h5"
+    recorded(path, ticks, "duration", FAULT)
+    with changed(path) as file:
+        count = len(file["live/event/level"])
+        del file["live/event/level"]
+        file["live/event/level"] = np.full(count, b"2")
+    with pytest.raises(DamagedFileError, match="live/event/level"):
+        recorded_faults(load_result(path))
