@@ -84,12 +84,14 @@ def phases() -> None:
 
 
 def sessions(**changes: Any) -> None:
-    """A session's loop: the compiled one, and what Python calls in its place."""
+    """A session's loop: the compiled one, and what Python calls in its place or where a tick is missed."""
     from live_scripted import FakeClock, InStep, Moment, ScriptedGlove, make_setup
 
     from hhsim.live.ipc.config import SafetyLimits
     from hhsim.live.ipc.session_memory import SessionMemory
+    from hhsim.result.miss_cause import TimeTaken
 
+    TimeTaken(1, 0, 0, 0, 0).cause()
     setup, clock = make_setup(safety=SafetyLimits(watchdog=False), duration=2e-3, **changes), FakeClock()
     memory = SessionMemory.create(free=setup.free is not None)
     both = InStep(setup, memory, ScriptedGlove(clock, [Moment(0.0)]), clock)

@@ -17,7 +17,8 @@ from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.recordings.correction import Correction, moved_joints
 from hhsim.recordings.frames import FileFrame
 from hhsim.recordings.mano_model import KEYPOINT_JOINTS, TIPS, ManoModel, _model
-from hhsim.repair.skin import Skin, bone_rotations, mano_skin
+from hhsim.repair.skin import Skin, mano_skin
+from hhsim.repair.written_hand import bone_frames
 
 AROUND, RINGS, PALM_RINGS = 12, 10, 13
 FLESH = (0.0095, 0.0085, 0.0075, 0.006)
@@ -139,7 +140,7 @@ def correction_to(sample: SkinSample, posture: HandConfiguration, changed: BoolA
     posture = HandConfiguration(
         *(np.where(changed.reshape(-1, *[1] * (new.ndim - 1)), new, old) for new, old in zip(posture, sample.fitted))
     )
-    bones = (bone_rotations(sample.hand, each) for each in (posture, sample.fitted))
+    bones = (bone_frames(sample.hand, each) for each in (posture, sample.fitted))
     rotation = next(bones) @ next(bones).swapaxes(2, 3)
     shift = posture.position - sample.fitted.position
     joints = moved_joints(sample.joints, sample.fitted.position, shift, rotation)

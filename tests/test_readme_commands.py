@@ -109,7 +109,9 @@ def test_a_wheel_with_its_kernels_compiles_nothing(repository: Path, tmp_path: P
     (site / "dependencies.pth").write_text(f"import site; site.addsitedir({sysconfig.get_path('purelib')!r})\n")
     (site / "sitecustomize.py").write_text(COUNTER)
     entry = environment / "bin" / "hhsim"
-    entry.write_text(f"#!{environment}/bin/python -P\nfrom hhsim.cli.main import main; main()\n")
+    # As pip writes it: a process that a sweep starts imports this script and does not run it.
+    guarded = "from hhsim.cli.main import main\nif __name__ == '__main__':\n    main()\n"
+    entry.write_text(f"#!{environment}/bin/python -P\n{guarded}")
     entry.chmod(0o755)
     shutil.copytree(repository / "examples", tmp_path / "work" / "examples")
     (tmp_path / "work" / "results").mkdir()

@@ -36,6 +36,7 @@ COMMANDS = (
     "replay cube lift --free --surface mesh --mass 0.1 --friction 0.6",
     "replay rock carry --tremor 0.1,0.2",
     "replay examples/mug.stl grasp --unit mm",
+    "replay examples/mug.stl whole-hand --unit mm",
     "replay examples/mug.stl grasp --unit mm --surface mesh",
 )
 """Runs that scenes and measures take kernels for, which no list of ticks has; each is verified and reported."""

@@ -188,23 +188,6 @@ def cone_gaps(
     return share, gap
 
 
-def bone_rotations(hand: HandModel, configuration: HandConfiguration) -> FloatArray:
-    """Compute the rotation of each bone's frame to the world, bones in the order of `Correction`, (T, 16, 3, 3).
-
-    Columns of a phalanx are its axis towards the tip, the flexion axis, and their cross product.
-    """
-    palm = rotation_matrix(configuration.orientation)
-    sine = hand.abduction_sign * np.sin(configuration.abduction)[..., None]
-    cosine = np.cos(configuration.abduction)[..., None]
-    distal = cosine * hand.distal + sine * hand.flexion_axis
-    axis = cosine * hand.flexion_axis - sine * hand.distal
-    bend = np.cumsum(configuration.flexion, axis=2)[..., None]
-    along = np.cos(bend) * distal[:, :, None] - np.sin(bend) * hand.dorsal[:, None]
-    axis = np.broadcast_to(axis[:, :, None], along.shape)
-    frames = np.stack([along, axis, np.cross(along, axis)], axis=-1).reshape(-1, BONES - 1, 3, 3)
-    return np.concatenate([palm[:, None], palm[:, None] @ frames], axis=1)
-
-
 def moved_skin(skin: Skin, joints: FloatArray, correction: Correction) -> FloatArray:
     """Move every vertex with its bones from the recorded to the corrected hand.
 

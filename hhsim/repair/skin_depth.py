@@ -19,7 +19,8 @@ from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, closest_points, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.repair.least_distance import nearest_to_origin
-from hhsim.repair.skin import BLOCK_FRAMES, Skin, bone_rotations, carried
+from hhsim.repair.skin import BLOCK_FRAMES, Skin, carried
+from hhsim.repair.written_hand import bone_frames
 from hhsim.solver.options import Stiffness
 from hhsim.verify.coal_distance import coal_model
 from hhsim.verify.tree_checks import TrueSurface
@@ -120,7 +121,7 @@ def _posed(
     hand: HandModel, skin: Skin, joints: FloatArray, fitted: HandConfiguration, posture: HandConfiguration
 ) -> FloatArray:
     """Compute the skin's vertices in a posture [m], shape (T, V, 3); arguments as of `push_out`."""
-    rotation = bone_rotations(hand, posture) @ bone_rotations(hand, fitted).swapaxes(2, 3)
+    rotation = bone_frames(hand, posture) @ bone_frames(hand, fitted).swapaxes(2, 3)
     return carried(skin.weights, skin.vertices, joints, fitted, posture, rotation)
 
 
@@ -230,7 +231,7 @@ class SkinFrame:
         """Compute the derivative of the vertices by the change, shape (V, 3, 26)."""
         posture, hand = self.posture(), self.hand
         placed = forward_kinematics(hand, *posture).joints[0]
-        bones = bone_rotations(hand, posture)[0]
+        bones = bone_frames(hand, posture)[0]
         points, weights = self.vertices, self.skin.weights
         motion = np.zeros((len(points), 3, DOF))
         motion[:, :, :3] = np.eye(3)

@@ -17,7 +17,6 @@ from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.mesh.topology import is_closed, signed_volume
 from hhsim.recordings.frames import FileFrame
 from hhsim.repair.skin import (
-    bone_rotations,
     cone_gaps,
     in_palm,
     mano_skin,
@@ -25,6 +24,7 @@ from hhsim.repair.skin import (
     nearest_bone,
     read_skin,
 )
+from hhsim.repair.written_hand import bone_frames
 
 NONE = np.zeros(0)
 
@@ -52,7 +52,7 @@ def test_bones_turn_as_the_joints_do(side: str) -> None:
     abduction = random.uniform(hand.abduction_min, hand.abduction_max, (20, 5))
     turn = quaternion(random.normal(size=(20, 3)))
     posed = HandConfiguration(random.normal(size=(20, 3)), turn, flexion, abduction)
-    bones = bone_rotations(hand, posed)
+    bones = bone_frames(hand, posed)
     np.testing.assert_allclose(bones @ bones.swapaxes(2, 3), np.broadcast_to(np.eye(3), bones.shape), atol=1e-12)
     assert np.array_equal(bones[:, 0], rotation_matrix(turn))
     joints = np.array([hand.joints(*posed.at(t)) for t in range(20)])
@@ -60,7 +60,7 @@ def test_bones_turn_as_the_joints_do(side: str) -> None:
     np.testing.assert_allclose(bones[:, 1:, :, 0].reshape(-1, 5, 3, 3), along, atol=1e-12)
     # The second column is the axis of flexion: a small turn about it moves the first column as flexion does.
     bent = posed._replace(flexion=flexion + 1e-6 * np.array([1.0, 0.0, 0.0]))
-    change = (bone_rotations(hand, bent)[:, 1:, :, 0] - bones[:, 1:, :, 0]) / 1e-6
+    change = (bone_frames(hand, bent)[:, 1:, :, 0] - bones[:, 1:, :, 0]) / 1e-6
     np.testing.assert_allclose(change, np.cross(bones[:, 1:, :, 1], bones[:, 1:, :, 0]), atol=1e-5)
 
 

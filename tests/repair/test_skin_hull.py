@@ -14,8 +14,9 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.repair.skin import bone_rotations, cone_coordinates, moved_skin
+from hhsim.repair.skin import cone_coordinates, moved_skin
 from hhsim.repair.skin_hull import Palm, ball_cover, finger_volume, fit_radii, hand_with_skin
+from hhsim.repair.written_hand import bone_frames
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.file_checks import outside_spheres
@@ -207,7 +208,7 @@ def test_frames_that_are_missing_do_not_count() -> None:
         sample.hand, replace(sample.skin, vertices=vertices[kept]), sample.fitted.at(np.array(kept)), "none"
     )
     assert np.array_equal(holed[0].radius, whole[0].radius) and holed[1].slack_mean == whole[1].slack_mean
-    assert np.isfinite(bone_rotations(holed[0], sample.fitted)).all()
+    assert np.isfinite(bone_frames(holed[0], sample.fitted)).all()
 
 
 def test_a_misfitted_frame_swells_no_hand() -> None:
