@@ -112,7 +112,7 @@ def _field(
 
     if thing.object is None:
         raise click.UsageError("--object names the object that the hand holds")
-    mesh, _ = resolve_object(thing.object, thing.unit, options.metres(thing.size), solid=False)
+    mesh, _ = resolve_object(thing.object, thing.unit, options.metres(thing.size))
     read = reading.options({**data.given(), "usual_up": "z"})
     found = field_score(recorded, repaired, mesh, poses=thing.object_poses, options=read, max_correction=MAX_CORRECTION)
     if output.as_json:

@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.errors import InputError, named
+from hhsim.errors import InputError, MeshError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.catalogue import resolve_object
@@ -60,7 +61,10 @@ def repair_recording(
     paths = _paths(request)
     read = _options(request)
     recording = _in_our_units(request.recording, read)
-    mesh, level = resolve_object(request.object, request.unit, request.size, solid=False)
+    mesh, level = resolve_object(request.object, request.unit, request.size)
+    if not encloses(mesh):
+        raise MeshError(f"{request.object} encloses nothing, so that no hand is inside; expected a closed mesh")
+    recording = recording.found(*map(note, (*mesh.repairs, *mesh.warnings)))
     progress("tree", 0, 1)
     tree = tree_of_any(mesh, level)
     if request.object_poses is not None:
@@ -92,8 +96,13 @@ def repair_recording(
     if skin is not None:
         after_skin = _skin(paths["recording"], None, written, hand, read)
         after_skin = after_skin or replace(skin, vertices=moved_skin(skin, _joints(recording), correction))
-    said = {"object": request.object, "trajectory": str(request.recording), "recording": request.recording.name}
-    write_result(scene, seen.posture, marked, paths["result"], description=said, command=command, progress=progress)
+    said: dict[str, Any] = {
+        "object": request.object,
+        "trajectory": str(request.recording),
+        "recording": request.recording.name,
+    }
+    said |= {"marked": recorded.frames[marked].tolist()}
+    write_result(scene, surface, seen.posture, paths["result"], description=said, command=command, progress=progress)
     if after_skin is not None:
         add_skin(paths["result"], after_skin.vertices[recorded.frames], after_skin.faces)
     force = np.linalg.norm(load_result(paths["result"])["force/phalanx"].sum(axis=2), axis=2)
@@ -136,7 +145,7 @@ def _corrected(
         progress=progress,
     )  # fmt: skip
     mesh = recorded.scene.mesh
-    if skin is None or not encloses(mesh):
+    if skin is None:
         return written.correction, written.marked
     progress("skin", 0, 1)
     first = written.correction

@@ -153,6 +153,19 @@ def scene_of(submission: Submission, folder: Path | None = None) -> Scene:
         raise InputError(f"the scene of {who} cannot be made again: {error}; --scene names its folder") from error
 
 
+def submitted_method(name: str, submission: Submission) -> Method:
+    """Return a method of this name that answers each tick of a replay with the pose that was submitted for it."""
+    given = {FORCES: submission.phalanx_force, TIMES: submission.duration}
+    return Method(
+        summary="poses that were computed elsewhere",
+        engine=cast(Any, partial(_SubmittedEngine, name, submission)),
+        # A submission is expected to stay outside: a depth above the limit is no success.
+        never_penetrates=True,
+        gives=frozenset(what for what, values in given.items() if values is not None),
+        compiled=False,
+    )
+
+
 def score(
     submission: Submission,
     scene: Scene,
@@ -178,16 +191,7 @@ def score(
     doubts = suspicions(submission, scene)
     digest = scene_digest(scene)
     name = f"{SUBMITTED}{submission.method}"
-    given = {FORCES: submission.phalanx_force, TIMES: submission.duration}
-    method = Method(
-        summary="poses that were computed elsewhere",
-        engine=cast(Any, partial(_SubmittedEngine, name, submission)),
-        # A submission is expected to stay outside: a depth above the limit is no success.
-        never_penetrates=True,
-        gives=frozenset(what for what, values in given.items() if values is not None),
-        compiled=False,
-    )
-    with known_for_now(name, method):
+    with known_for_now(name, submitted_method(name, submission)):
         options = SolverOptions(method=name, surface=surface)
         file = submission.path.name if submission.path else ""
         said = {"method": submission.method, "file": file, "scene": digest, "suspicions": list(doubts)}

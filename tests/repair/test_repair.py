@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from coal_clearance import coal_clearance
 from conftest import Run
 from joint_samples import arrays_npz
 from report_reader import read_page
 
-from hhsim.errors import InputError
+from hhsim.errors import InputError, MeshError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
@@ -111,10 +112,20 @@ def test_the_command_prints_the_table_and_names_its_files(run: Run, tmp_path: Pa
     assert {Path(document[name]).name for name in ("recording", "result", "report", "picture")} == {
         path.name for path in tmp_path.glob("free*")
     }
+    assert run("verify", "free-result.h5").code == 0
     scored = run("score", "free.npz", "--recorded", "grasp.npz", *words[:-2], "--json")
     assert json.loads(scored.out)["depth_joints_max"]["after"] == 0.0
     exported = run("export", "free-result.h5", "hand.npz", "--as", "keypoints")
     assert exported.code == 0 and "12 ticks as keypoints" in exported.out
+
+
+def test_an_object_without_an_inside_is_told(tmp_path: Path) -> None:
+    path, loose = recorded(tmp_path), tmp_path / "loose.stl"
+    trimesh.Trimesh(np.random.default_rng(0).normal(0.0, 0.03, (60, 3)), np.arange(60).reshape(-1, 3)).export(loose)
+    with pytest.raises(MeshError, match="open surface") as caught:
+        repair_recording(RepairRequest(path, str(loose), tmp_path / "free.npz", hand="right", options=OPTIONS))
+    assert "\n" not in str(caught.value)
+    assert {file.name for file in tmp_path.iterdir()} == {"grasp.npz", "loose.stl"}
 
 
 @pytest.mark.parametrize(
