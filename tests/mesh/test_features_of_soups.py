@@ -237,7 +237,7 @@ def touching_cone(random: np.random.Generator, triangles: FloatArray) -> Cones:
 
 SAME = 2e-10
 """Two distances of one body [m]: a triangle lower than a billionth of its length is a line in one of them."""
-POSES = 10
+POSES, TRIES = 10, 20
 
 
 def features_of(triangles: FloatArray) -> tuple[MeshFeatures, bool]:
@@ -259,7 +259,9 @@ def test_the_least_over_features_is_the_least_over_triangles(kind: str, first: i
     for seed in range(first, first + 8):
         triangles, random = soup(kind, seed)
         mesh, closed = features_of(triangles)
-        for _ in range(POSES):
+        wanted = judged + POSES
+        # Of shells in each other most cones are inside one of them.
+        for _ in range(TRIES * POSES):
             cones = touching_cone(random, triangles)
             if closed and goes_around(triangles, cones.a[0]):
                 continue
@@ -267,5 +269,6 @@ def test_the_least_over_features_is_the_least_over_triangles(kind: str, first: i
             if distance > 0.0:
                 assert least_of_features(mesh, cones.kernel(0)) == pytest.approx(distance, abs=SAME), seed
                 judged += 1
-    # Of shells in each other most cones are inside one of them.
-    assert judged > 0
+                if judged == wanted:
+                    break
+    assert judged > POSES
