@@ -113,8 +113,9 @@ def test_a_recording_says_who_ended_its_session(tmp_path: Path, number: signal.S
     with subprocess.Popen(command, stdin=none, stdout=none, stderr=none) as live:
         try:
             wait_until(record.exists)
-            empty = record.stat().st_size
-            wait_until(lambda: record.stat().st_size > empty)
+            # Nothing, a header perhaps in two parts, and ticks.
+            sizes: set[int] = set()
+            wait_until(lambda: sizes_seen(record, sizes) > 3)
             live.send_signal(number)
             live.wait(60.0)
             # Its other processes outlive a command that is killed.
@@ -133,6 +134,12 @@ def wait_until(true: Callable[[], bool]) -> None:
     while not true():
         assert time.monotonic() < limit
         time.sleep(0.1)
+
+
+def sizes_seen(path: Path, sizes: set[int]) -> int:
+    """Add the file's size to those seen, and return how many there are."""
+    sizes.add(path.stat().st_size)
+    return len(sizes)
 
 
 def completed(path: Path) -> bool:
