@@ -13,7 +13,14 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, closest_points
 from hhsim.recordings.correction import BONES, Correction
-from hhsim.repair.hand_change import NUMBERS, REACH, change_between, changed_hand, finite_frames
+from hhsim.repair.hand_change import (
+    NUMBERS,
+    REACH,
+    change_between,
+    changed_hand,
+    finite_frames,
+    mean_acceleration,
+)
 from hhsim.repair.hand_judge import CLEAR, HandJudge, farthest
 from hhsim.repair.smoothing import smoothed
 from hhsim.repair.tracks import put
@@ -34,6 +41,10 @@ RELAXATION = 1e-4
 """Distance [√J] by which rows that contradict each other are moved back."""
 STIFFNESS = np.concatenate([Stiffness().diagonal(), np.full(5, 2.0 * Stiffness().flexion)])
 """Stiffness of each number of a change: the solver's, and for abduction, which it does not change, twice a joint's."""
+TAPERS = (0, 2, REACH)
+"""Frames beside those that need a correction over which it falls to nothing, in the order in which they are tried."""
+STEADY = 1.05
+"""Ratio of mean accelerations, written to recorded, at which no longer taper is tried."""
 LONGEST_SHIFT = 0.05
 """Farthest shift by which a hand is freed where the programs find no way [m]."""
 
@@ -91,14 +102,7 @@ def correct(
         written = WrittenHand(joints[known], hand, fitted.at(known), tip_on_surface)
         projection = Projection(written, HandJudge(hand, surface))
         recorded = projection.clearance(written.fitted)
-        start = _tapered(written.fitted, posture.at(known), recorded < 0.0)
-        found = projection.made_free(start, start, progress)
-        if smooth:
-            found = smoothed(
-                *(written.fitted, found, max_correction),
-                *(lambda hands: written.moved(written.axes, hands), projection.clearance, projection.made_free),
-                progress,
-            )
+        found = projection.corrected(posture.at(known), recorded < 0.0, max_correction, smooth, progress)
         touched = np.any(change_between(written.fitted, found) != 0.0, axis=1)
         changed[known] = touched
         rotation[known[touched]] = written.rotation(found)[touched]
@@ -114,17 +118,16 @@ def correct(
     return WrittenFrames(correction, depth_before, depth, farthest_move, marked)
 
 
-def _tapered(fitted: HandConfiguration, posture: HandConfiguration, needed: BoolArray) -> HandConfiguration:
-    """Return the repaired hands, whose correction falls to nothing within `REACH` frames of those that need one."""
+def _taper(needed: BoolArray, reach: int) -> FloatArray:
+    """Return the share of the correction in each frame, shape (T,): 1 where needed, 0 beyond so many frames beside."""
     frames, wanted = np.arange(len(needed)), np.flatnonzero(needed)
     if not wanted.size:
-        return fitted
+        return np.zeros(len(needed))
     after = np.searchsorted(wanted, frames)
     distance = np.minimum(
         np.abs(frames - wanted[np.minimum(after, len(wanted) - 1)]), np.abs(frames - wanted[np.maximum(after - 1, 0)])
     )
-    share = 0.5 + 0.5 * np.cos(np.pi * np.minimum(1.0, distance / (REACH + 1.0)))
-    return changed_hand(fitted, share[:, None] * change_between(fitted, posture))
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(1.0, distance / (reach + 1.0))))
 
 
 class Projection:
@@ -141,6 +144,38 @@ class Projection:
     def clearance(self, posture: HandConfiguration) -> FloatArray:
         """Return the least signed distance of the written hands [m], shape (T,)."""
         return self.judge.placed_clearance(self.written.placed(posture))
+
+    def corrected(
+        self, posture: HandConfiguration, needed: BoolArray, limit: float, smooth: bool, progress: Progress = silent
+    ) -> HandConfiguration:
+        """Return free hands near the repaired ones, and as few other frames changed as a steady motion allows.
+
+        Args:
+            posture: Repaired hands of T frames.
+            needed: True for frames whose written hand penetrates, shape (T,).
+            limit: Largest move of a joint [m] that smoothing may lead to.
+            smooth: True to low-pass the corrections.
+        """
+        written = self.written
+        change = change_between(written.fitted, posture)
+        steady, least, best = STEADY * mean_acceleration(written.axes), np.inf, written.fitted
+
+        def points(hands: HandConfiguration) -> FloatArray:
+            return written.moved(written.axes, hands)
+
+        for reach in TAPERS if needed.any() else ():
+            share = _taper(needed, reach)[:, None]
+            start = changed_hand(written.fitted, share * change)
+            found = self.made_free(start, start, progress)
+            if smooth:
+                parts = points, self.clearance, self.made_free
+                found = smoothed(written.fitted, found, limit, *parts, progress, share[:, 0] > 0.0)
+            acceleration = mean_acceleration(points(found))
+            if acceleration < least:
+                least, best = acceleration, found
+            if least <= steady:
+                break
+        return best
 
     def made_free(
         self, start: HandConfiguration, goals: HandConfiguration, progress: Progress = silent

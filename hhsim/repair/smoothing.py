@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.repair.hand_change import REACH, change_between, changed_hand, low_pass, mean_acceleration
 from hhsim.repair.hand_judge import farthest
@@ -30,6 +30,7 @@ def smoothed(
     clearance: Measure,
     made_free: MadeFree,
     progress: Progress,
+    open_frames: BoolArray | None = None,
 ) -> HandConfiguration:
     """Return hands whose corrections are low-passed, and which penetrate nowhere where the hands found did not.
 
@@ -41,6 +42,7 @@ def smoothed(
         points: Points of hands by which they are compared [m], shape (T, P, 3).
         clearance: Signed distance of hands from the object [m], shape (T,).
         made_free: Free hands near the second argument's, reached from the first's, which are free.
+        open_frames: True for frames that smoothing may change, shape (T,); None: all.
     """
     origin = points(recorded)
     steady, before = STEADY * mean_acceleration(origin), np.inf
@@ -50,7 +52,10 @@ def smoothed(
         if not change.any() or (number and before <= steady):
             break
         progress("smoothing", number, ROUNDS)
-        better = made_free(found, changed_hand(recorded, low_pass(change)))
+        wanted = low_pass(change)
+        if open_frames is not None:
+            wanted[~open_frames] = 0.0
+        better = made_free(found, changed_hand(recorded, wanted))
         # A frame may move as far as its neighbours do: refused one by one, frames would jump.
         moved = np.pad(farthest(at, origin), REACH, mode="edge")
         largest = np.lib.stride_tricks.sliding_window_view(moved, 2 * REACH + 1).max(axis=1)
