@@ -5,12 +5,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 import click
+from click.core import ParameterSource
 
 from .arguments import options
 from .arguments.option_group import GroupedCommand, OptionGroup, option
 from .arguments.options import FILE, JOBS, UNITS, Number, file, metres, ranged
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
 from .import_ import FileSettings, HandData
+
+ALWAYS, OF_MANY = ("recording", "out", "as_json", "quiet"), ("jobs", "scheduler")
+"""Options of every repair, and those of a manifest alone."""
 
 
 class ObjectSettings(OptionGroup, heading="Object"):
@@ -85,7 +89,9 @@ def command(
     from hhsim.repair.request import RepairRequest
     from hhsim.sweep.repair_manifest import is_manifest
 
-    if is_manifest(recording):
+    is_many = is_manifest(recording)
+    _refuse_options(recording, is_many=is_many)
+    if is_many:
         return _many(recording, out, jobs or 0, scheduler, as_json=as_json, quiet=quiet)
     if thing.object is None:
         raise click.UsageError("--object names the object that the hand holds; a manifest names it in each row")
@@ -119,6 +125,19 @@ def command(
             )
         print_line(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
     return 0 if outcome.ok else 1
+
+
+def _refuse_options(path: Path, *, is_many: bool) -> None:
+    """Raise UsageError for an option that this input does not take."""
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if name in ALWAYS or context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
+            continue
+        if is_many and name not in OF_MANY:
+            raise click.UsageError(f"{parameter.opts[0]} is for one recording; {path} states it in its rows")
+        if not is_many and name in OF_MANY:
+            raise click.UsageError(f"{parameter.opts[0]} is for a manifest; {path} is one recording")
 
 
 def _many(manifest: Path, out: Path, jobs: int, scheduler: str, *, as_json: bool, quiet: bool) -> int:

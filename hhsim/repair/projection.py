@@ -12,6 +12,7 @@ from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, closest_points
+from hhsim.motion.object_motion import RigidMotion
 from hhsim.recordings.correction import BONES, Correction
 from hhsim.repair.hand_change import (
     NUMBERS,
@@ -43,8 +44,8 @@ STIFFNESS = np.concatenate([Stiffness().diagonal(), np.full(5, 2.0 * Stiffness()
 """Stiffness of each number of a change: the solver's, and for abduction, which it does not change, twice a joint's."""
 TAPERS = (0, 2, REACH)
 """Frames beside those that need a correction over which it falls to nothing, in the order in which they are tried."""
-STEADY = 1.05
-"""Ratio of mean accelerations, written to recorded, at which no longer taper is tried."""
+STEADY = 1.1
+"""Ratio of mean accelerations, written to recorded, up to which no longer taper is tried."""
 LONGEST_SHIFT = 0.05
 """Farthest shift by which a hand is freed where the programs find no way [m]."""
 
@@ -75,6 +76,7 @@ def correct(
     surface: ContactSurface,
     *,
     tip_on_surface: bool,
+    object_moved: RigidMotion | None = None,
     max_correction: float = 0.015,
     smooth: bool = True,
     progress: Progress = silent,
@@ -88,6 +90,8 @@ def correct(
         fitted, posture: Our hand as recorded and as repaired, in the object's frame; NaN in frames without a hand.
         surface: Object's surface.
         tip_on_surface: True if recorded tips are points of the skin; False if they are centres of the fingertips.
+        object_moved: Motion of the object's frame in the world, in which accelerations are measured; None: it stands
+            still.
         max_correction: Largest move of a joint [m] of a frame that is not marked.
         smooth: True to low-pass the correction again where frames were solved anew.
         progress: Called with the stage, the frames done and their number.
@@ -102,7 +106,10 @@ def correct(
         written = WrittenHand(joints[known], hand, fitted.at(known), tip_on_surface)
         projection = Projection(written, HandJudge(hand, surface))
         recorded = projection.clearance(written.fitted)
-        found = projection.corrected(posture.at(known), recorded < 0.0, max_correction, smooth, progress)
+        if object_moved is not None:
+            object_moved = RigidMotion(object_moved.turn[known], object_moved.shift[known])
+        needed = recorded < 0.0
+        found = projection.corrected(posture.at(known), needed, object_moved, max_correction, smooth, progress)
         touched = np.any(change_between(written.fitted, found) != 0.0, axis=1)
         changed[known] = touched
         rotation[known[touched]] = written.rotation(found)[touched]
@@ -146,22 +153,32 @@ class Projection:
         return self.judge.placed_clearance(self.written.placed(posture))
 
     def corrected(
-        self, posture: HandConfiguration, needed: BoolArray, limit: float, smooth: bool, progress: Progress = silent
+        self,
+        posture: HandConfiguration,
+        needed: BoolArray,
+        object_moved: RigidMotion | None,
+        limit: float,
+        smooth: bool,
+        progress: Progress = silent,
     ) -> HandConfiguration:
         """Return free hands near the repaired ones, and as few other frames changed as a steady motion allows.
 
         Args:
             posture: Repaired hands of T frames.
             needed: True for frames whose written hand penetrates, shape (T,).
+            object_moved: Motion of the object's frame in the world; None: it stands still.
             limit: Largest move of a joint [m] that smoothing may lead to.
             smooth: True to low-pass the corrections.
         """
         written = self.written
         change = change_between(written.fitted, posture)
-        steady, least, best = STEADY * mean_acceleration(written.axes), np.inf, written.fitted
 
         def points(hands: HandConfiguration) -> FloatArray:
-            return written.moved(written.axes, hands)
+            """Return the joints of hands in the world [m], shape (T, 21, 3)."""
+            joints = written.moved(written.axes, hands)
+            return joints if object_moved is None else object_moved.points(joints)
+
+        steady, least, best = STEADY * mean_acceleration(points(written.fitted)), np.inf, written.fitted
 
         for reach in TAPERS if needed.any() else ():
             share = _taper(needed, reach)[:, None]

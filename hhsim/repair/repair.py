@@ -141,8 +141,8 @@ def _corrected(
         return corrected_angles(hand, haptic, found.posture), found.marked
     on_surface = recorded.tip_on_surface
     written = correct(
-        recorded.joints, hand, haptic, found.posture, surface, tip_on_surface=on_surface, max_correction=limit,
-        progress=progress,
+        recorded.joints, hand, haptic, found.posture, surface, tip_on_surface=on_surface, object_moved=recorded.moved,
+        max_correction=limit, progress=progress,
     )  # fmt: skip
     mesh = recorded.scene.mesh
     if skin is None:

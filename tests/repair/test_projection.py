@@ -12,8 +12,9 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
+from hhsim.motion.object_motion import RigidMotion
 from hhsim.recordings.correction import moved_joints
-from hhsim.repair.hand_change import NUMBERS, change_between, changed_hand
+from hhsim.repair.hand_change import NUMBERS, REACH, change_between, changed_hand
 from hhsim.repair.hand_judge import HandJudge
 from hhsim.repair.offline import OfflineOptions, repair_frames
 from hhsim.repair.projection import Projection, WrittenFrames, correct
@@ -102,6 +103,26 @@ def test_no_written_hand_penetrates_by_coal(size: float) -> None:
     np.testing.assert_allclose(bones[0], bones[1], atol=1e-12)
 
 
+@pytest.mark.parametrize(("speed", "reach"), [(0.02, 0), (0.0, REACH)])
+def test_frames_that_need_nothing_stay_unless_the_motion_would_jump(speed: float, reach: int) -> None:
+    """A hand dips in by 0.1 mm, and our repair lifts it by 3 mm: a jump only where the world's motion is calm."""
+    case = shape_case(trimesh.creation.box((0.5, 0.5, 0.1)), held(30))
+    dips = np.abs(np.arange(30) - 15) <= 2
+    frames = case.frames._replace(position=case.frames.position + [0.0, 0.0, 0.1])
+    written = WrittenHand(keypoints(HAND, frames), HAND, frames, tip_on_surface=False)
+    above = Projection(written, HandJudge(HAND, case.surface)).clearance(frames)
+    frames.position[:, 2] -= above + np.where(dips, 1e-4, -1e-4)
+    lifted = frames._replace(position=frames.position + [0.0, 0.0, 3e-3])
+    swing = np.cumsum(speed * (-1.0) ** np.arange(30))[:, None] * [1.0, 0.0, 0.0]
+    moved = RigidMotion(np.tile([1.0, 0.0, 0.0, 0.0], (30, 1)), swing)
+    joints = keypoints(HAND, frames)
+    settled = (joints, HAND, frames, lifted, case.surface)
+    found = correct(*settled, tip_on_surface=False, object_moved=moved, smooth=False)
+    np.testing.assert_array_equal(found.depth_before > 0.0, dips)
+    assert not found.depth.any()
+    np.testing.assert_array_equal(found.correction.changed, np.abs(np.arange(30) - 15) <= 2 + reach)
+
+
 def test_a_recorded_hand_that_is_outside_stays_whatever_our_repair_would_change() -> None:
     case = shape_case(trimesh.creation.box((0.5, 0.5, 0.1)), held(4))
     fitted = held(4)
@@ -187,5 +208,8 @@ def test_smoothing_takes_noise_and_keeps_out_of_the_way() -> None:
     assert second[1] < 0.2 * second[0]
     refused = smoothed(recorded, noise, 0.01, points, lambda hands: np.full(40, -1.0), unchanged, silent)
     np.testing.assert_array_equal(refused.position, noise.position)
+    kept = smoothed(recorded, noise, 0.01, points, clearance, unchanged, silent, np.arange(40) < 30)
+    np.testing.assert_array_equal(kept.position[30:], recorded.position[30:])
+    assert np.abs(np.diff(kept.position[:25], 2, axis=0)).mean() < 0.2 * second[0]
     none = smoothed(recorded, sequence(recorded), 0.01, points, clearance, unchanged, silent)
     np.testing.assert_array_equal(none.position, recorded.position)

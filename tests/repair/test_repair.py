@@ -119,6 +119,19 @@ def test_the_command_prints_the_table_and_names_its_files(run: Run, tmp_path: Pa
     assert exported.code == 0 and "12 ticks as keypoints" in exported.out
 
 
+def test_an_option_that_is_not_used_is_refused(run: Run, tmp_path: Path) -> None:
+    recorded(tmp_path)
+    (tmp_path / "many.csv").write_text("recording,object\ngrasp.npz,sphere\n")
+    for words, said in (
+        (("many.csv", "--max-correction", "30"), "--max-correction is for one recording"),
+        (("many.csv", "--length-unit", "m"), "--length-unit is for one recording"),
+        (("grasp.npz", "--object", "sphere", "--jobs", "2"), "--jobs is for a manifest"),
+    ):
+        refused = run("repair", *words, "--out", "free")
+        assert refused.code == 2 and said in refused.err
+    assert not (tmp_path / "free").exists()
+
+
 def test_an_object_without_an_inside_is_told(tmp_path: Path) -> None:
     path, loose = recorded(tmp_path), tmp_path / "loose.stl"
     trimesh.Trimesh(np.random.default_rng(0).normal(0.0, 0.03, (60, 3)), np.arange(60).reshape(-1, 3)).export(loose)
