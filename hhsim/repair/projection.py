@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, closest_points
@@ -38,10 +38,14 @@ FIRST_GAP, LARGEST_GAP = 2e-5, 1e-3
 LONGEST_STEP = 4e-3
 """Largest move of a ball in one program [m]."""
 PROGRAMS = 40
+SETTLED = 5e-5
+"""Move of all balls in one program [m] below which a hand is the nearest."""
 RELAXATION = 1e-4
 """Distance [√J] by which rows that contradict each other are moved back."""
-STIFFNESS = np.concatenate([Stiffness().diagonal(), np.full(5, 2.0 * Stiffness().flexion)])
-"""Stiffness of each number of a change: the solver's, and for abduction, which it does not change, twice a joint's."""
+SOFT = Stiffness(flexion=0.05)
+"""Coupling with a tenth of the solver's stiffness of joints: fingers give way before the palm takes others with it."""
+STIFFNESS = np.concatenate([SOFT.diagonal(), np.full(5, 2.0 * SOFT.flexion)])
+"""Stiffness of each number of a change; that of abduction, which the solver does not change, is twice a joint's."""
 TAPERS = (0, 2, REACH)
 """Frames beside those that need a correction over which it falls to nothing, in the order in which they are tried."""
 STEADY = 1.1
@@ -125,16 +129,17 @@ def correct(
     return WrittenFrames(correction, depth_before, depth, farthest_move, marked)
 
 
-def _taper(needed: BoolArray, reach: int) -> FloatArray:
-    """Return the share of the correction in each frame, shape (T,): 1 where needed, 0 beyond so many frames beside."""
+def _taper(needed: BoolArray, reach: int) -> tuple[FloatArray, IntArray]:
+    """Return the share of a correction in each frame, and the frame that needs it, shape (T,) each.
+
+    It is 1 where needed, and 0 beyond so many frames beside.
+    """
     frames, wanted = np.arange(len(needed)), np.flatnonzero(needed)
-    if not wanted.size:
-        return np.zeros(len(needed))
     after = np.searchsorted(wanted, frames)
-    distance = np.minimum(
-        np.abs(frames - wanted[np.minimum(after, len(wanted) - 1)]), np.abs(frames - wanted[np.maximum(after - 1, 0)])
-    )
-    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(1.0, distance / (reach + 1.0))))
+    sides = wanted[np.minimum(after, len(wanted) - 1)], wanted[np.maximum(after - 1, 0)]
+    nearest = np.where(np.abs(frames - sides[0]) < np.abs(frames - sides[1]), *sides)
+    share = 0.5 + 0.5 * np.cos(np.pi * np.minimum(1.0, np.abs(frames - nearest) / (reach + 1.0)))
+    return np.asarray(share), nearest
 
 
 class Projection:
@@ -170,8 +175,13 @@ class Projection:
             limit: Largest move of a joint [m] that smoothing may lead to.
             smooth: True to low-pass the corrections.
         """
-        written = self.written
-        change = change_between(written.fitted, posture)
+        written, near = self.written, posture.copy()
+        for frame in np.flatnonzero(needed).tolist():
+            one = written.at(frame)
+            found = self.nearest(one, one.fitted, near.part(frame, frame + 1))
+            if found is not None:
+                put(near, frame, found)
+        change = change_between(written.fitted, near)
 
         def points(hands: HandConfiguration) -> FloatArray:
             """Return the joints of hands in the world [m], shape (T, 21, 3)."""
@@ -179,14 +189,13 @@ class Projection:
             return joints if object_moved is None else object_moved.points(joints)
 
         steady, least, best = STEADY * mean_acceleration(points(written.fitted)), np.inf, written.fitted
-
         for reach in TAPERS if needed.any() else ():
-            share = _taper(needed, reach)[:, None]
-            start = changed_hand(written.fitted, share * change)
+            share, needing = _taper(needed, reach)
+            start = changed_hand(written.fitted, share[:, None] * change[needing])
             found = self.made_free(start, start, progress)
             if smooth:
                 parts = points, self.clearance, self.made_free
-                found = smoothed(written.fitted, found, limit, *parts, progress, share[:, 0] > 0.0)
+                found = smoothed(written.fitted, found, limit, *parts, progress, share > 0.0)
             acceleration = mean_acceleration(points(found))
             if acceleration < least:
                 least, best = acceleration, found
@@ -212,11 +221,20 @@ class Projection:
     def _clearance_of(self, written: WrittenHand, posture: HandConfiguration) -> float:
         return float(self.judge.placed_clearance(written.placed(posture))[0])
 
-    def nearest(self, written: WrittenHand, goal: HandConfiguration) -> HandConfiguration | None:
-        """Return the free hand nearest to a goal, T = 1; None if the programs do not lead to one."""
+    def nearest(
+        self, written: WrittenHand, goal: HandConfiguration, start: HandConfiguration | None = None
+    ) -> HandConfiguration | None:
+        """Return a free hand near a goal, T = 1; None if the programs do not lead to one.
+
+        Args:
+            written: Recorded hand.
+            goal: Wanted hand.
+            start: Hand on the side of the object where the nearest one is searched; None: the goal, and the first free
+                hand is returned.
+        """
         if self.bvh is None:
             return None
-        posture, gap = goal, FIRST_GAP
+        posture, gap, free = start or goal, FIRST_GAP, None
         for _ in range(PROGRAMS):
             points, radii, motion = written.samples(posture)
             distance, normal = self._distances(points)
@@ -226,14 +244,16 @@ class Projection:
             program = QpProblem(STIFFNESS, rows, gap - value[near], change_between(posture, goal)[0])
             solution = solve_active_set(program, RELAXATION)
             if solution.status is not QpStatus.OPTIMAL:
-                return None
+                break
             length = float(np.linalg.norm(motion @ solution.x, axis=1).max())
             posture = changed_hand(posture, solution.x[None] * min(1.0, LONGEST_STEP / max(length, 1e-12)))
             if self._clearance_of(written, posture) >= CLEAR:
-                return posture
-            if length < LONGEST_STEP and gap < LARGEST_GAP:
+                free = posture
+                if start is None or length < SETTLED:
+                    break
+            elif length < LONGEST_STEP and gap < LARGEST_GAP:
                 gap *= 2.0
-        return None
+        return free
 
     def _distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return signed distances [m], shape (n,), and the directions in which they grow, shape (n, 3)."""

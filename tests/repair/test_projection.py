@@ -104,19 +104,24 @@ def test_no_written_hand_penetrates_by_coal(size: float) -> None:
 
 
 @pytest.mark.parametrize(("speed", "reach"), [(0.02, 0), (0.0, REACH)])
-def test_frames_that_need_nothing_stay_unless_the_motion_would_jump(speed: float, reach: int) -> None:
-    """A hand dips in by 0.1 mm, and our repair lifts it by 3 mm: a jump only where the world's motion is calm."""
+def test_frames_that_need_nothing_stay_unless_the_motion_would_jump(
+    speed: float, reach: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A hand dips in by 0.1 mm and is lifted by 3 mm: a jump only where the world's motion is calm."""
     case = shape_case(trimesh.creation.box((0.5, 0.5, 0.1)), held(30))
     dips = np.abs(np.arange(30) - 15) <= 2
     frames = case.frames._replace(position=case.frames.position + [0.0, 0.0, 0.1])
     written = WrittenHand(keypoints(HAND, frames), HAND, frames, tip_on_surface=False)
     above = Projection(written, HandJudge(HAND, case.surface)).clearance(frames)
     frames.position[:, 2] -= above + np.where(dips, 1e-4, -1e-4)
-    lifted = frames._replace(position=frames.position + [0.0, 0.0, 3e-3])
+
+    def lifted(_: Projection, one: WrittenHand, goal: HandConfiguration, *__: object) -> HandConfiguration:
+        return goal._replace(position=goal.position + [0.0, 0.0, 3e-3])
+
+    monkeypatch.setattr(Projection, "nearest", lifted)
     swing = np.cumsum(speed * (-1.0) ** np.arange(30))[:, None] * [1.0, 0.0, 0.0]
     moved = RigidMotion(np.tile([1.0, 0.0, 0.0, 0.0], (30, 1)), swing)
-    joints = keypoints(HAND, frames)
-    settled = (joints, HAND, frames, lifted, case.surface)
+    settled = (keypoints(HAND, frames), HAND, frames, frames, case.surface)
     found = correct(*settled, tip_on_surface=False, object_moved=moved, smooth=False)
     np.testing.assert_array_equal(found.depth_before > 0.0, dips)
     assert not found.depth.any()
