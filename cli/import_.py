@@ -14,9 +14,9 @@ from .arguments.options import FILE, SIDES, UNITS, Number, Output, Side, file, m
 from .console import print_json, print_notes, print_table
 
 if TYPE_CHECKING:
+    from hhsim.recordings.cleaning import CleaningOptions
     from hhsim.recordings.recording import Recording
     from hhsim.recordings.registry import ReadOptions
-    from hhsim.recordings.repair import RepairOptions
 
 SECONDS = Number(-1e12, 1e12)
 """Range of a stamp, which may count from 1970."""
@@ -144,8 +144,8 @@ class DexmoCalibration(OptionGroup, heading="Dexmo glove"):
         return fields
 
 
-class RepairSettings(OptionGroup, heading="Selection and repair"):
-    """Selection and repair of the samples; times in [s], lengths in [mm]."""
+class CleaningSettings(OptionGroup, heading="Selection and cleaning"):
+    """Selection and cleaning of the samples; times in [s], lengths in [mm]."""
 
     start: float | None = option("--from", type=SECONDS, metavar="S", help="Keep samples from this stamp on [s].")
     end: float | None = option("--to", type=SECONDS, metavar="S", help="Keep samples up to this stamp [s].")
@@ -168,17 +168,17 @@ class RepairSettings(OptionGroup, heading="Selection and repair"):
     )
     keep_angles: bool = option(is_flag=True, help="Keep joint angles beyond the hand's limits.")
 
-    def options(self, recording: "Recording", file: FileSettings) -> "RepairOptions":
+    def options(self, recording: "Recording", file: FileSettings) -> "CleaningOptions":
         """Return the options for the library; the units of the numbers are those of `file`."""
         from hhsim.hand.model import HandModel
-        from hhsim.recordings.repair import RepairOptions
+        from hhsim.recordings.cleaning import CleaningOptions
 
         limits: dict[str, Any] = {}
         if self.keep_angles:
             limits["limits"] = None
         elif self.hand_file is not None:
             limits["limits"] = HandModel.from_toml(self.hand_file)
-        return RepairOptions(
+        return CleaningOptions(
             **{name: getattr(self, name) for name in ("max_gap", "start", "end", "mirror")},
             time_unit=file.time_unit,
             length_unit=None if recording.scaled else file.length_unit,
@@ -202,7 +202,7 @@ class Labels(OptionGroup, heading="Labels"):
 @FileSettings.argument("reading")
 @DexmoCalibration.argument("dexmo")
 @HandData.argument("data")
-@RepairSettings.argument("repairs")
+@CleaningSettings.argument("cleaning")
 @Labels.argument("labels")
 @Output.argument("output")
 @click.option(
@@ -217,7 +217,7 @@ def command(
     reading: FileSettings,
     dexmo: DexmoCalibration,
     data: HandData,
-    repairs: RepairSettings,
+    cleaning: CleaningSettings,
     labels: Labels,
     output: Output,
     fit_hand: Path | None,
@@ -242,12 +242,12 @@ def command(
     from hhsim.hand.model import HandModel
     from hhsim.motion.file import check_trajectory_path, save_trajectory
     from hhsim.motion.trajectory import UNCHECKED
+    from hhsim.recordings.cleaning import clean_recording
     from hhsim.recordings.dexmo_regression import format_calibration
     from hhsim.recordings.fitted_hand import check_hand_path, fitted_hand
     from hhsim.recordings.formats.dexmo import calibration_of
     from hhsim.recordings.import_report import COLUMNS, FIT_COLUMNS, fit_rows, import_document
     from hhsim.recordings.registry import read_recording
-    from hhsim.recordings.repair import repair
     from hhsim.system.atomic_write import write_atomically
     from hhsim.system.output_path import check_output_path, check_picture
 
@@ -261,39 +261,39 @@ def command(
         check_output_path(dexmo.save_calibration)
     if fit_hand is not None:
         check_hand_path(fit_hand)
-    others = {**dexmo.fields(), **data.given(), "hand_length": metres(repairs.hand_length)}
+    others = {**dexmo.fields(), **data.given(), "hand_length": metres(cleaning.hand_length)}
     read_options = reading.options(others)
     recording = read_recording(file, read_options).changed(**labels.given())
-    repair_options = repairs.options(recording, reading)
+    cleaning_options = cleaning.options(recording, reading)
     hand_text = ""
     with named(file):
         if fit_hand is not None:
             recording, hand_text = fitted_hand(recording, file.name)
-            if repair_options.limits is not None and repairs.hand_file is None:
-                repair_options = replace(repair_options, limits=HandModel.of_text(hand_text, str(fit_hand)))
-        repaired = repair(recording, repair_options)
-    save_trajectory(repaired.trajectory, output_path)
+            if cleaning_options.limits is not None and cleaning.hand_file is None:
+                cleaning_options = replace(cleaning_options, limits=HandModel.of_text(hand_text, str(fit_hand)))
+        cleaned = clean_recording(recording, cleaning_options)
+    save_trajectory(cleaned.trajectory, output_path)
     if dexmo.save_calibration is not None:
         calibration = format_calibration(calibration_of(file, read_options))
         write_atomically(dexmo.save_calibration, calibration.encode())
     if fit_hand is not None:
         write_atomically(fit_hand, hand_text.encode())
-    document = import_document(recording, repaired)
+    document = import_document(recording, cleaned)
     if plot is not None:
         from hhsim.render.import_figure import draw_import
 
-        draw_import(repaired, plot)
+        draw_import(cleaned, plot)
     if output.as_json:
         paths = {name: str(path) if path else None for name, path in (("hand_file", fit_hand), ("plot", plot))}
         print_json({"file": str(file), **document, "path": str(output_path), **paths})
     elif not output.quiet:
         written = [str(output_path)] + ([f"its hand to {fit_hand}"] if fit_hand else [])
-        motion, length = repaired.trajectory, repaired.hand_length
+        motion, length = cleaned.trajectory, cleaned.hand_length
         side = f"{motion.hand} hand" if motion.hand else "hand of a side that the file does not tell"
         long = f" of {1e3 * length:.0f} mm" if length is not None else ""
         title = f"{file.name}, {recording.form}: {side}{long}"
-        if repaired.findings:
-            print_table(Table(COLUMNS, repaired.findings, title))
+        if cleaned.findings:
+            print_table(Table(COLUMNS, cleaned.findings, title))
         else:
             print(f"{title}; nothing was found")
         if recording.bones is not None:
@@ -301,10 +301,10 @@ def command(
         print(
             f"{motion.sample_count:,} of {recording.sample_count:,} samples, {motion.duration:.3f} s at "
             f"{motion.mean_rate:.1f} Hz, longest step {1e3 * document['longest_step']:.1f} ms, "
-            f"{repaired.mended:,} mended"
+            f"{cleaned.mended:,} mended"
         )
         if motion.checksums == "missing":
             print(UNCHECKED)
         print(f"written to {', '.join(written)}" + (f", drawn in {plot}" if plot else ""))
-        if output_path.suffix.lower() == ".csv" and repaired.trajectory.raw:
+        if output_path.suffix.lower() == ".csv" and cleaned.trajectory.raw:
             print_notes(["raw channels are not part of a CSV file; --out FILE.h5 keeps them"])

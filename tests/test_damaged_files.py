@@ -33,7 +33,7 @@ from sweep_plans import PLAN
 
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.file import load_trajectory, save_trajectory
-from hhsim.recordings.repair import repair
+from hhsim.recordings.cleaning import clean_recording
 from hhsim.replay.replay import replay_scene
 from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
@@ -126,7 +126,7 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     cup = load_object("cup").mesh
     save_tree(cached_sphere_tree(cup, TreeOptions(level=2)), folder / "tree.h5")
     recording = smooth_recording(60)
-    save_trajectory(repair(recording).trajectory, folder / "motion.h5")
+    save_trajectory(clean_recording(recording).trajectory, folder / "motion.h5")
     motion = load_trajectory(folder / "motion.h5")
     names = ("t", "wrist_pos", "wrist_quat", "flex", "abd")
     arrays = (motion.time, motion.position, motion.orientation, motion.flexion, motion.abduction)

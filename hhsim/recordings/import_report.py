@@ -6,9 +6,9 @@ import numpy as np
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag, marked
+from hhsim.recordings.cleaning import CleanedRecording
 from hhsim.recordings.recorded_bones import RecordedBones
 from hhsim.recordings.recording import Recording
-from hhsim.recordings.repair import Repaired
 from hhsim.table.table import number, words
 
 COLUMNS = (
@@ -30,9 +30,9 @@ def fit_rows(fit: RecordedBones) -> list[tuple[Any, ...]]:
     return list(zip(FINGERS, fit.rms, fit.largest, *fit.length.T))
 
 
-def import_document(recording: Recording, repaired: Repaired) -> dict[str, Any]:
+def import_document(recording: Recording, cleaned: CleanedRecording) -> dict[str, Any]:
     """Return format, samples, times [s], rate [Hz], hand, findings and flags of an import as a document, SI units."""
-    motion = repaired.trajectory
+    motion = cleaned.trajectory
     flags = motion.flags if motion.flags is not None else np.zeros(motion.sample_count, dtype=np.uint32)
     counts = {flag: count for flag in SampleFlag if (count := int(marked(flags, flag).sum()))}
     return {
@@ -43,11 +43,11 @@ def import_document(recording: Recording, repaired: Repaired) -> dict[str, Any]:
         "mean_rate": motion.mean_rate,
         "longest_step": float(np.diff(motion.time).max(initial=0.0)),
         "hand": motion.hand,
-        "hand_length": repaired.hand_length,
-        "mended": repaired.mended,
+        "hand_length": cleaned.hand_length,
+        "mended": cleaned.mended,
         "flags": {flag.word: count for flag, count in counts.items()},
         "checksums": motion.checksums,
         "fit": None if recording.bones is None else recording.bones.to_json(),
         "flag_meanings": {flag.word: flag.meaning for flag in counts},
-        "findings": [vars(finding) for finding in repaired.findings],
+        "findings": [vars(finding) for finding in cleaned.findings],
     }

@@ -65,7 +65,7 @@ FROZEN_RUN = 5
 """Number of equal samples in a row of a tracker that repeats itself."""
 
 
-def repair_glitches(recording: Recording) -> Recording:
+def clean_glitches(recording: Recording) -> Recording:
     """Replace outliers by NaN, and flag jumps and suspect samples, in a recording with increasing stamps, SI units.
 
     Raises:

@@ -1,6 +1,6 @@
 """Recording as a device or a file gave it: unchecked, with missing samples, and its reader's findings.
 
-Formats (`hhsim.recordings.formats`) read one; `hhsim.recordings.repair` turns it into a
+Formats (`hhsim.recordings.formats`) read one; `hhsim.recordings.cleaning` turns it into a
 `hhsim.motion.trajectory.Trajectory`, or refuses it. A missing number is NaN.
 
 The distance between samples is one length: a rotation of the palm counts as the displacement of a point at `PALM_ARM`,

@@ -64,7 +64,7 @@ _UNIT_WORDS = {
 _OWN_CLOCK = {"device", "sample", "capture", "tracking", "sensor"}
 
 
-def repair_units(recording: Recording) -> Recording:
+def clean_units(recording: Recording) -> Recording:
     """Convert stamps to s, positions to m, angles to rad.
 
     Raises:

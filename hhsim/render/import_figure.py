@@ -9,8 +9,8 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag, marked
+from hhsim.recordings.cleaning import CleanedRecording
 from hhsim.recordings.recording import turn
-from hhsim.recordings.repair import Repaired
 from hhsim.render.figure import new_figure, save_figure
 from hhsim.system.output_path import check_output_path
 
@@ -30,12 +30,12 @@ BANDS: tuple[tuple[str, SampleFlag, str], ...] = (
 )
 
 
-def draw_import(repaired: Repaired, path: Path) -> None:
+def draw_import(cleaned: CleanedRecording, path: Path) -> None:
     """Draw a recording in our units, and the trajectory that was made of it; errors as `save_figure`."""
     check_output_path(path)
     figure = new_figure(13, 15, layout="constrained")
     rows = figure.subplots(9, 1, sharex=True, height_ratios=[2, 2, 2, 2, 2, 2, 2, 2, 1.5])
-    given, motion = repaired.given, repaired.trajectory
+    given, motion = cleaned.given, cleaned.trajectory
     clocks = given.time, motion.time
     _panel(rows[0], clocks, 1e3 * given.position, 1e3 * motion.position, ("x", "y", "z"), "palm [mm]")
     _panel(rows[1], clocks, _angle(given.orientation), _angle(motion.orientation), ("x", "y", "z"), "turn [°]")

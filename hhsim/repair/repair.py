@@ -22,7 +22,7 @@ from hhsim.recordings.mano_model import read_mano_model
 from hhsim.recordings.object_poses import with_object_poses
 from hhsim.recordings.recording import Recording, note
 from hhsim.recordings.registry import Content, ReadOptions, format_of, read_recording, write_recording
-from hhsim.recordings.unit_detection import repair_units
+from hhsim.recordings.unit_detection import clean_units
 from hhsim.render.before_after import deepest_frames, draw_before_after
 from hhsim.render.hand_meshes import hand_surface, piece_surfaces
 from hhsim.repair.offline import OfflineOptions, repair_frames
@@ -164,7 +164,7 @@ def _corrected(
 def _in_our_units(path: Path, read: ReadOptions) -> Recording:
     recording = read_recording(path, read)
     with named(path):
-        return repair_units(recording)
+        return clean_units(recording)
 
 
 def _joints(recording: Recording) -> FloatArray:

@@ -148,7 +148,7 @@ def load_recorded(path: Path) -> Trajectory:
     """Read a recorded motion from a trajectory file or a result, or import it where `is_imported`.
 
     Raises:
-        TrajectoryError: No such file, no known format, or a recording that cannot be repaired safely.
+        TrajectoryError: No such file, no known format, or a recording that cannot be cleaned safely.
     """
     if is_imported(path):
         return _imported(path)
@@ -177,8 +177,8 @@ def import_remarks(motion: Any, word: str) -> list[str]:
 
 
 def _imported(path: Path) -> Trajectory:
+    from hhsim.recordings.cleaning import clean_recording
     from hhsim.recordings.registry import read_recording
-    from hhsim.recordings.repair import repair
 
     try:
         recording = read_recording(path)
@@ -189,7 +189,7 @@ def _imported(path: Path) -> Trajectory:
         kind = TrajectoryError if isinstance(error, TrajectoryError) else InputError
         raise kind(f"{error} (of hhsim import, whose output is replayed)") from None
     try:
-        return repair(recording).trajectory
+        return clean_recording(recording).trajectory
     except TrajectoryError as error:
         raise TrajectoryError(f"{path}: {error}") from None
 

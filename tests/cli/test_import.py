@@ -12,12 +12,12 @@ from recording_samples import smooth_recording
 from hhsim.hand.model import HandModel
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.motion.trajectory import UNCHECKED
+from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
-from hhsim.recordings.repair import repair
 from hhsim.result.reader import load_result
 from hhsim.system.checksummed_file import SIZE
 
-MOTION = repair(smooth_recording()).trajectory
+MOTION = clean_recording(smooth_recording()).trajectory
 
 
 @pytest.fixture

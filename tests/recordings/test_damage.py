@@ -28,12 +28,12 @@ from hhsim.motion.file import save_trajectory
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Trajectory
+from hhsim.recordings.cleaning import CleanedRecording, clean_recording
 from hhsim.recordings.formats.hhsim import recording_of
 from hhsim.recordings.formats.leap import pack
 from hhsim.recordings.outliers import SUSPECT_RATIO, WINDOW, bend
 from hhsim.recordings.recording import FINGER_ARM, MOTION, PALM_ARM, Recording, turn
 from hhsim.recordings.registry import ReadOptions, read_recording
-from hhsim.recordings.repair import Repaired, repair
 
 REAL = ("leap_grab", "leap_wave", "leap_confidence-demo-eighth-res", "dapg_door_03", "mediapipe")
 NOTICEABLE = 0.012
@@ -41,15 +41,15 @@ NOTICEABLE = 0.012
 
 
 @cache
-def sound(name: str, folder: Path | None) -> tuple[Recording, Repaired]:
+def sound(name: str, folder: Path | None) -> tuple[Recording, CleanedRecording]:
     if folder is None:
         recording = smooth_recording(300, seed=4)
     else:
         recording = read_as("npz", (folder / "recordings" / f"{name}.npz").read_bytes())
-    return recording, repair(recording)
+    return recording, clean_recording(recording)
 
 
-def reported(repaired: Repaired) -> tuple[Counter[tuple[str, int]], list[int]]:
+def reported(repaired: CleanedRecording) -> tuple[Counter[tuple[str, int]], list[int]]:
     """Findings without joint limits, which say nothing of what an angle should be."""
     assert repaired.trajectory.flags is not None
     found = Counter((f.kind, f.samples) for f in repaired.findings if f.kind != SampleFlag.LIMITED.word)
@@ -78,10 +78,10 @@ def difference(before: Trajectory, after: Trajectory) -> FloatArray:
     return np.where(time == before.time, whole, 0.0)
 
 
-def judge(before: Repaired, come: Callable[[], Recording]) -> str:
+def judge(before: CleanedRecording, come: Callable[[], Recording]) -> str:
     """Refused, told, same or silent."""
     try:
-        after = repair(come())
+        after = clean_recording(come())
     except HhsimError as error:
         assert "\n" not in str(error) and len(str(error)) < 400
         return "refused"
@@ -120,7 +120,7 @@ def check(damage: Damage, name: str, folder: Path | None, runs: int) -> None:
 
 def trajectory_file() -> bytes:
     with TemporaryDirectory() as folder:
-        save_trajectory(repair(HAND).trajectory, Path(folder) / "take.h5")
+        save_trajectory(clean_recording(HAND).trajectory, Path(folder) / "take.h5")
         return (Path(folder) / "take.h5").read_bytes()
 
 
@@ -140,7 +140,7 @@ JOINT_FILES: dict[str, Callable[[], str | bytes]] = {
     "lerobot": lambda: lerobot_bytes(JOINTS),
 }
 FILES: dict[str, Callable[[], str | bytes]] = {
-    "csv": lambda: format_csv(repair(HAND).trajectory),
+    "csv": lambda: format_csv(clean_recording(HAND).trajectory),
     "npz": lambda: npz_of(HAND),
     "h5": trajectory_file,
     "leap": lambda: json.dumps(packed(document())),
@@ -166,7 +166,7 @@ def test_damaged_bytes_of_every_format(form: str, runs: int, tmp_path: Path) -> 
         path.write_bytes(content)
         return read_recording(path, options)
 
-    before = repair(come(data))
+    before = clean_recording(come(data))
     verdicts: Counter[str] = Counter()
     for run in range(runs):
         verdict = judge(before, partial(come, damaged_bytes(data, np.random.default_rng([run, 77]))))
@@ -210,13 +210,13 @@ def test_no_bit_of_a_number_changes_in_silence(form: str, runs: int) -> None:
     data = make()
     word = form.split()[0]
     before = read_as(word, data)
-    assert before.checksums == repair(before).trajectory.checksums == checksums
-    expected, said = numbers_of(before), reported(repair(before))
+    assert before.checksums == clean_recording(before).trajectory.checksums == checksums
+    expected, said = numbers_of(before), reported(clean_recording(before))
     for run in range(runs):
         start = time.process_time()
         try:
             after = read_as(word, damaged_container(data, np.random.default_rng([run, 78])))
-            found = reported(repair(after))
+            found = reported(clean_recording(after))
         except HhsimError as error:
             assert "\n" not in str(error) and len(str(error)) < 400
         else:

@@ -12,6 +12,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.file import load_trajectory
 from hhsim.motion.sample_flags import SampleFlag, marked
+from hhsim.recordings.cleaning import default_limits
 from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.dexmo_regression import (
     BEND,
@@ -24,7 +25,6 @@ from hhsim.recordings.dexmo_regression import (
 )
 from hhsim.recordings.formats.dexmo import calibration_of, has_dexmo_channels
 from hhsim.recordings.registry import ReadOptions, read_recording
-from hhsim.recordings.repair import default_limits
 
 DEFAULT = DexmoRegression.default()
 LOW = np.linspace(700.0, 1300.0, 11)

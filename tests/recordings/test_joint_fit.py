@@ -11,6 +11,7 @@ from recording_samples import read_as
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
+from hhsim.recordings.cleaning import CleaningOptions, clean_recording
 from hhsim.recordings.finger_ik import FingerAxes, finger_angles, finger_axes, finger_joints
 from hhsim.recordings.fitted_hand import fitted_hand
 from hhsim.recordings.joint_fit import (
@@ -22,7 +23,6 @@ from hhsim.recordings.joint_fit import (
     fitted_axes,
     recorded_limits,
 )
-from hhsim.recordings.repair import RepairOptions, repair
 
 SIDES: tuple[Side, ...] = ("right", "left")
 
@@ -188,7 +188,7 @@ def test_a_fitted_hand_holds_its_motion_without_a_cut(side: Side) -> None:
     moved, text = fitted_hand(read_as("openxr", openxr_csv(sample, side)), "take.csv")
     hand = HandModel.of_text(text, "take.toml", side)
     assert moved.joints is not None and moved.bones is not None
-    assert "limited" not in {finding.kind for finding in repair(moved, RepairOptions(limits=hand)).findings}
+    assert "limited" not in {finding.kind for finding in clean_recording(moved, CleaningOptions(limits=hand)).findings}
     fingers = moved.joints[:, 1:].reshape(-1, 5, 4, 3)
     poses = zip(moved.position, moved.orientation, moved.flexion, moved.abduction)
     off = np.linalg.norm(np.stack([hand.joints(*pose) for pose in poses]) - fingers, axis=3)

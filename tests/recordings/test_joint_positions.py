@@ -12,11 +12,11 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.sample_flags import SampleFlag, marked
+from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import ReadOptions
-from hhsim.recordings.repair import repair
 
 
 def read(sample: JointSample, options: ReadOptions | None = None, **fields: Any) -> Recording:
@@ -86,7 +86,7 @@ def test_without_a_world_the_wrist_stands_still_and_says_so() -> None:
     assert "the wrist stands still" in words(still) and np.allclose(still.flexion, sample.motion.flexion)
     moving = read(sample, ReadOptions(world_up="y"), up=None)
     assert "stands still" not in words(moving) and np.allclose(moving.position, sample.motion.position)
-    assert repair(still).trajectory.sample_count == 40
+    assert clean_recording(still).trajectory.sample_count == 40
 
 
 def test_the_side_is_said_or_told_by_the_fingers_or_asked_for() -> None:
@@ -117,7 +117,7 @@ def test_missing_joints_are_holes_and_doubtful_samples_are_marked() -> None:
     assert np.argwhere(np.isnan(recording.abduction)).tolist() == [[7, 1], *([9, f] for f in range(5)), [11, 0]]
     assert np.flatnonzero(marked(recording.flags, SampleFlag.INVALID)).tolist() == [20]
     assert "1 sample with all joints at one point" in words(recording)
-    assert repair(recording).trajectory.sample_count == 40
+    assert clean_recording(recording).trajectory.sample_count == 40
 
 
 def test_held_samples_are_told() -> None:

@@ -17,12 +17,12 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.csv_file import format_csv
 from hhsim.motion.object_motion import ObjectMotion
+from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.joint_names import WEBXR_JOINTS
 from hhsim.recordings.object_poses import read_object_poses, with_object_poses
 from hhsim.recordings.recording import Finding, Recording
 from hhsim.recordings.registry import ReadOptions
-from hhsim.recordings.repair import repair
 from hhsim.system.settings_file import parse_settings
 
 SAMPLE = joint_sample()
@@ -331,7 +331,7 @@ def test_in_unitys_left_handed_world_the_object_is_mirrored_with_the_hand() -> N
 
 def test_own_and_mapped_tables_and_archives_name_what_they_do_not_use(tmp_path: Path) -> None:
     motion = smooth_recording(COUNT)
-    own = format_csv(repair(motion).trajectory)
+    own = format_csv(clean_recording(motion).trajectory)
     recording = read_as("csv", with_columns(own, "gain", TIME), world_up="y")
     assert words(recording) == "not used: gain"
     header = "object_px,object_py,object_pz,object_qw,object_qx,object_qy,object_qz,gain"

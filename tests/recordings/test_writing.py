@@ -23,6 +23,7 @@ from hhsim.errors import InputError, OutputError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.file import load_trajectory, save_trajectory
+from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.column_map import JOINT_NAMES, ColumnMap
 from hhsim.recordings.dexmo_regression import CHANNELS
 from hhsim.recordings.formats import mcap
@@ -39,7 +40,6 @@ from hhsim.recordings.registry import (
     recording_formats,
     write_recording,
 )
-from hhsim.recordings.repair import repair
 from hhsim.recordings.unit_detection import in_units
 from hhsim.system.checksummed_file import seal_holds
 from hhsim.system.settings_file import parse_settings
@@ -466,7 +466,7 @@ def of(correction: Any, where: Any) -> Any:
 
 def own(suffix: str, folder: Path) -> Path:
     path = folder / f"take{suffix}"
-    save_trajectory(repair(SAMPLE.motion).trajectory, path)
+    save_trajectory(clean_recording(SAMPLE.motion).trajectory, path)
     return path
 
 

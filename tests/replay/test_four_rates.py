@@ -10,12 +10,12 @@ from recording_samples import read_as
 from hhsim.arrays import FloatArray
 from hhsim.motion.resample import interpolate_monotone, tick_times
 from hhsim.motion.trajectory import Trajectory
-from hhsim.recordings.repair import repair
+from hhsim.recordings.cleaning import clean_recording
 
 
 @cache
 def motion(folder: Path, name: str) -> Trajectory:
-    return repair(read_as("npz", (folder / "recordings" / f"leap_{name}.npz").read_bytes())).trajectory
+    return clean_recording(read_as("npz", (folder / "recordings" / f"leap_{name}.npz").read_bytes())).trajectory
 
 
 def channels(motion: Trajectory, ticks: FloatArray) -> FloatArray:

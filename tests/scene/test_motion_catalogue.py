@@ -21,7 +21,7 @@ from hhsim.mesh.catalogue import object_names
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import UNCHECKED, Trajectory
-from hhsim.recordings.repair import repair
+from hhsim.recordings.cleaning import clean_recording
 from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.motion_catalogue import (
@@ -89,7 +89,7 @@ def test_a_table_of_another_maker_is_imported_by_its_columns(tmp_path: Path) -> 
 
 
 def test_a_recording_that_was_imported_on_the_way_in_is_said_to_be(tmp_path: Path) -> None:
-    motion = replace(repair(smooth_recording()).trajectory, flags=np.zeros(300, dtype=np.uint32))
+    motion = replace(clean_recording(smooth_recording()).trajectory, flags=np.zeros(300, dtype=np.uint32))
     assert import_remarks(motion, "take.npz") == [
         "the recording was imported on the way in: hhsim import tells what it was taken for"
     ]

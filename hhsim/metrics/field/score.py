@@ -19,7 +19,7 @@ from hhsim.recordings.frames import in_palm, turned
 from hhsim.recordings.object_poses import with_object_poses
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import ReadOptions, read_recording
-from hhsim.recordings.unit_detection import repair_units
+from hhsim.recordings.unit_detection import clean_units
 
 SAME_STAMP = 1e-6
 """Largest difference of stamps that are the same [s]: text files round them."""
@@ -62,7 +62,7 @@ def field_score(
         TrajectoryError: A file that is no recording of joint centres, or files of other samples or stamps.
         InputError: A motion of another number of poses, or a recorded hand without usable sizes.
     """
-    before, after = (repair_units(read_recording(path, options)) for path in (recorded, repaired))
+    before, after = (clean_units(read_recording(path, options)) for path in (recorded, repaired))
     for path, recording in ((recorded, before), (repaired, after)):
         if recording.joints is None:
             expected = "expected the centres of the joints in a world whose up axis is known (--world-up)"

@@ -32,7 +32,7 @@ from hhsim.kernels.tick.state import STATUS_STUCK, WORK_TOUCHING
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.trajectory import Trajectory
-from hhsim.recordings.repair import repair
+from hhsim.recordings.cleaning import clean_recording
 from hhsim.scene.motion_catalogue import load_recorded
 from hhsim.scene.recorded_grasp_pose import place_at_grasp
 from hhsim.scene.scene import make_scene
@@ -58,7 +58,7 @@ def bench_object(name: str = "cup") -> BenchObject:
 @cache
 def grasp(samples: int = 60) -> Trajectory:
     """A smooth hand that closes in the middle."""
-    motion = repair(smooth_recording(samples, rate=50.0)).trajectory
+    motion = clean_recording(smooth_recording(samples, rate=50.0)).trajectory
     closure = np.interp(np.arange(samples), [0, samples // 3, samples // 2, samples - 1], [0.0, 0.0, 1.1, 1.0])
     flexion = np.clip(0.1 + closure[:, None, None] * np.array([0.7, 1.0, 0.6]) + 0.0 * motion.flexion, -0.2, 1.5)
     return replace(motion, flexion=flexion, position=0.3 * motion.position, name="grasp", flags=None)

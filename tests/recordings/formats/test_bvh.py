@@ -11,9 +11,9 @@ from recording_samples import read_as, smooth_recording
 from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.bvh_parser import read_bvh
+from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.formats.bvh import finger_of, side_of
 from hhsim.recordings.recording import turn
-from hhsim.recordings.repair import repair
 
 CLEAN = smooth_recording(25, jitter=0.0).changed(abduction=np.zeros((25, 5)))
 
@@ -29,7 +29,7 @@ def test_our_own_hand_comes_back_from_every_rig(rig: str, side: Literal["right",
     assert np.abs(recording.abduction).max() < 1e-4
     assert recording.hand_length is not None and 0.17 < recording.hand_length < 0.2
     assert recording.form == "bvh" and f"{side} hand at" in words(recording)
-    repaired = repair(recording)
+    repaired = clean_recording(recording)
     assert repaired.trajectory.hand == side and {finding.kind for finding in repaired.findings} == {"note"}
 
 
@@ -116,7 +116,7 @@ def test_frames_that_are_broken_or_lost() -> None:
     lines[first + 9] = lines[first + 9].replace(".", "x", 1)
     recording = read_as("bvh", "\n".join(lines) + "\n")
     assert "2 frames without" in words(recording)
-    repaired = repair(recording)
+    repaired = clean_recording(recording)
     assert repaired.trajectory.flags is not None
     assert np.flatnonzero(marked(repaired.trajectory.flags, SampleFlag.PALM_FILLED)).tolist() == [7, 9]
     short = read_as("bvh", "\n".join(lines[:-5]) + "\n")

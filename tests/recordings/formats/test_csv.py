@@ -11,9 +11,9 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, format_csv
 from hhsim.motion.sample_flags import SampleFlag, marked
+from hhsim.recordings.cleaning import CleaningOptions, clean_recording
 from hhsim.recordings.column_map import ColumnMap, read_column_map
 from hhsim.recordings.frames import turned, world_matrix
-from hhsim.recordings.repair import RepairOptions, repair
 from hhsim.system.settings_file import parse_settings
 
 
@@ -52,8 +52,8 @@ def test_euler_angles_turn_about_turned_or_fixed_axes() -> None:
 
 
 def test_our_own_csv_comes_in_bit_for_bit() -> None:
-    motion = repair(smooth_recording()).trajectory
-    again = repair(read_as("csv", format_csv(motion)))
+    motion = clean_recording(smooth_recording()).trajectory
+    again = clean_recording(read_as("csv", format_csv(motion)))
     assert again.findings == ()
     assert format_csv(again.trajectory) == format_csv(motion)
     raised = read_as("csv", format_csv(motion), world_up="y")
@@ -127,13 +127,13 @@ def _table(seconds: float, metres: float, radians: float) -> str:
 def test_a_unit_that_the_mapping_does_not_name_is_an_options_or_is_found() -> None:
     columns = parse_settings(UNITLESS, ColumnMap, "glove.toml")
     assert columns.stated == frozenset()
-    sound = repair(read_as("csv", _table(1.0, 1.0, 1.0), columns=columns)).trajectory
+    sound = clean_recording(read_as("csv", _table(1.0, 1.0, 1.0), columns=columns)).trajectory
     degrees = 180.0 / np.pi
-    units = RepairOptions(time_unit="ms", length_unit="mm", angle_unit="deg")
-    told = repair(read_as("csv", _table(1e3, 1e3, degrees), columns=columns), units)
+    units = CleaningOptions(time_unit="ms", length_unit="mm", angle_unit="deg")
+    told = clean_recording(read_as("csv", _table(1e3, 1e3, degrees), columns=columns), units)
     assert told.findings == ()
     # Large enough for no joint, or the numbers could be radians.
-    found = repair(read_as("csv", _table(1e3, 1e3, degrees), columns=columns))
+    found = clean_recording(read_as("csv", _table(1e3, 1e3, degrees), columns=columns))
     assert {finding.kind for finding in found.findings} == {"unit"}
     for motion in (told.trajectory, found.trajectory):
         assert np.allclose(motion.time, sound.time) and np.allclose(motion.position, sound.position)
@@ -155,8 +155,8 @@ def test_a_unit_that_the_mapping_names_is_stated(text: str, stated: set[str]) ->
     recording = read_as("csv", _table(1e3, 1.0, 1.0), columns=columns)
     if "time" in stated:
         with pytest.raises(InputError, match="--time-unit ms: the file, or the mapping of its"):
-            repair(recording, RepairOptions(time_unit="ms"))
+            clean_recording(recording, CleaningOptions(time_unit="ms"))
         with pytest.raises(TrajectoryError, match="than the one stated"):
-            repair(recording)
+            clean_recording(recording)
     else:
-        assert repair(recording, RepairOptions(time_unit="ms")).trajectory.duration == pytest.approx(0.99)
+        assert clean_recording(recording, CleaningOptions(time_unit="ms")).trajectory.duration == pytest.approx(0.99)

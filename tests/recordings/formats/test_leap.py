@@ -13,9 +13,9 @@ from recording_samples import read_as
 
 from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
+from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.formats.leap import FORMAT, pack, unpack
 from hhsim.recordings.registry import Content, ReadOptions, read_content
-from hhsim.recordings.repair import repair
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -28,7 +28,7 @@ def test_our_own_hand_comes_back(side: Literal["right", "left"]) -> None:
     assert np.allclose(recording.flexion, CLEAN.flexion, atol=1e-6) and np.allclose(recording.abduction, 0.0, atol=1e-6)
     assert np.flatnonzero(marked(recording.flags, SampleFlag.INVALID)).tolist() == [4]
     assert recording.hand_length is not None and 0.17 < recording.hand_length < 0.2
-    assert repair(recording).trajectory.hand == side
+    assert clean_recording(recording).trajectory.hand == side
 
 
 def test_every_packing_holds_the_same_motion() -> None:
@@ -54,7 +54,7 @@ def test_frames_without_the_hand_are_no_samples() -> None:
     whole["frames"][20]["hands"].append(whole["frames"][20]["hands"][0] | {"type": "left", "id": 8})
     recording = read_as("leap", json.dumps(whole))
     assert recording.sample_count == 25 and "5 of 30 frames show no such hand" in words(recording)
-    repaired = repair(recording)
+    repaired = clean_recording(recording)
     assert repaired.trajectory.flags is not None
     assert np.flatnonzero(marked(repaired.trajectory.flags, SampleFlag.GAP_BEFORE)).tolist() == [10]
     with pytest.raises(TrajectoryError, match="no frame holds the joints"):
@@ -69,7 +69,7 @@ def test_joints_that_are_missing_are_holes() -> None:
     whole["frames"][8]["pointables"][2]["btipPosition"] = [1, "x", None]
     recording = read_as("leap", json.dumps(whole))
     assert np.argwhere(np.isnan(recording.abduction)).tolist() == [[7, 1], [8, 2]]
-    repaired = repair(recording)
+    repaired = clean_recording(recording)
     assert repaired.trajectory.flags is not None
     assert np.flatnonzero(marked(repaired.trajectory.flags, SampleFlag.FINGERS_FILLED)).tolist() == [7, 8]
 

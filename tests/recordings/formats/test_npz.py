@@ -13,10 +13,10 @@ from recording_samples import read_as, smooth_recording
 from hhsim.errors import TrajectoryError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.sample_flags import SampleFlag, marked
+from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.formats.npz import FRAMES
 from hhsim.recordings.frames import WORLD_UP, axes_matrix, to_our_palm, to_our_world, turned, world_matrix
 from hhsim.recordings.registry import read_recording
-from hhsim.recordings.repair import repair
 
 CLEAN = smooth_recording(50)
 
@@ -128,7 +128,7 @@ def test_every_real_recording_comes_in(shared_data: Path) -> None:
     assert files
     for file in files:
         recording = read_recording(file)
-        repaired = repair(recording)
+        repaired = clean_recording(recording)
         motion, kinds = repaired.trajectory, {finding.kind for finding in repaired.findings}
         assert motion.sample_count == recording.sample_count and motion.name == file.stem
         assert kinds <= {"note", "gap_before", "suspect", "limited", "invalid", "fingers_filled"}, file.stem

@@ -6,10 +6,10 @@ from joint_samples import Side, assert_our_own, joint_sample, openxr_csv, words
 from recording_samples import read_as
 
 from hhsim.errors import HhsimError
+from hhsim.recordings.cleaning import CleaningOptions, clean_recording
 from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.joint_names import OPENXR_JOINTS
 from hhsim.recordings.registry import Content, ReadOptions, format_of, read_content
-from hhsim.recordings.repair import RepairOptions, repair
 from hhsim.system.settings_file import parse_settings
 
 
@@ -70,7 +70,7 @@ def test_a_turned_hand_that_is_the_other_one_comes_back_with_mirror() -> None:
     sample = joint_sample("left")
     turned = read_as("openxr", openxr_csv(sample, "right"))
     assert "if it is the other hand, say --mirror" in words(turned)
-    other = repair(turned, RepairOptions(mirror=True)).trajectory
+    other = clean_recording(turned, CleaningOptions(mirror=True)).trajectory
     assert other.hand == "left"
     assert np.abs(other.flexion - sample.motion.flexion).max() < 1e-6
 

@@ -9,8 +9,8 @@ from joint_samples import Side, assert_our_own, joint_sample, words
 from pose_samples import umetrack_lines, umetrack_profile
 
 from hhsim.errors import InputError, TrajectoryError
+from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.registry import ReadOptions, read_recording
-from hhsim.recordings.repair import repair
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def test_the_object_beside_the_hand_is_taken_where_it_is_the_one_or_named(folder
     assert moved is not None and np.isnan(moved.position[3]).all()
     # The file's y points up.
     np.testing.assert_allclose(moved.position[[0, 8]], [[0.1, -0.3, 0.0], [0.1, -0.3, joint_sample().motion.time[8]]])
-    made = repair(read_recording(path)).trajectory
+    made = clean_recording(read_recording(path)).trajectory
     assert made.object_motion is not None and np.isfinite(made.object_motion.position).all()
     objects(folder, "17", "23")
     none = read_recording(path)

@@ -9,9 +9,9 @@ from joint_samples import Side, assert_our_own, iwer_json, joint_sample, webxr_j
 from recording_samples import read_as
 
 from hhsim.errors import TrajectoryError
+from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.joint_names import WEBXR_JOINTS
 from hhsim.recordings.registry import Content, ReadOptions, read_content
-from hhsim.recordings.repair import repair
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -20,7 +20,7 @@ def test_our_own_hand_comes_back(side: Side, write: Any) -> None:
     sample = joint_sample(side)
     recording = read_content(Content(data=write(sample, side).encode(), name="take"), ReadOptions())
     assert (recording.form, recording.hand) == ("webxr", side)
-    motion = repair(recording).trajectory
+    motion = clean_recording(recording).trajectory
     assert np.allclose(motion.time, sample.motion.time, atol=1e-6)
     assert_our_own(recording, sample)
     assert recording.bones is not None and recording.bones.radius is not None
@@ -62,7 +62,7 @@ def test_frames_of_other_shapes(shape: str) -> None:
     sample = joint_sample()
     document = shapes(json.loads(webxr_json(sample))["frames"])[shape]
     text = "\n".join(map(json.dumps, document)) if shape == "a line a frame" else json.dumps(document)
-    motion = repair(read_as("webxr", text)).trajectory
+    motion = clean_recording(read_as("webxr", text)).trajectory
     assert motion.hand == "right" and np.allclose(motion.time - motion.time[0], sample.motion.time, atol=1e-6)
     assert np.abs(motion.flexion - sample.motion.flexion).max() < 1e-6
 

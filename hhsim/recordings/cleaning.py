@@ -1,4 +1,4 @@
-"""Repair of a recording into a trajectory: faults are mended if that is safe, flagged in each sample, and reported.
+"""Cleaning of a recording into a trajectory: faults are mended if that is safe, flagged in each sample, and reported.
 
 Order: units, the part to keep, stamps, quaternions, outliers, missing values, signs, scale and side, joint limits.
 What is not safe to mend raises one line: what is wrong, where, and what would be right.
@@ -20,10 +20,10 @@ from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.validation import MIN_QUATERNION_NORM, continuous_orientation
 from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.finger_ik import finger_axes, finger_joints, usual_fingers
-from hhsim.recordings.outliers import repair_glitches
+from hhsim.recordings.outliers import clean_glitches
 from hhsim.recordings.recording import Finding, Recording, note
-from hhsim.recordings.timestamp_repair import repair_stamps
-from hhsim.recordings.unit_detection import in_units, repair_units
+from hhsim.recordings.timestamp_cleaning import clean_stamps
+from hhsim.recordings.unit_detection import clean_units, in_units
 
 NORM_TOLERANCE = 1e-3
 """Deviation from unit length of a quaternion that was only rounded."""
@@ -52,8 +52,8 @@ def default_limits() -> JointLimits:
 
 
 @dataclass(frozen=True)
-class RepairOptions:
-    """Options of the repair.
+class CleaningOptions:
+    """Options of the cleaning.
 
     Attributes:
         max_gap: Longest gap that is interpolated [s].
@@ -77,14 +77,14 @@ class RepairOptions:
     scale_to: float | None = None
 
 
-class Repaired(NamedTuple):
+class CleanedRecording(NamedTuple):
     """Trajectory of a recording.
 
     Attributes:
-        trajectory: Repaired motion, with flags.
-        findings: Findings in the order of the repairs.
+        trajectory: Cleaned motion, with flags.
+        findings: Findings in the order of the steps.
         hand_length: Length of the recorded hand [m]; None if unknown.
-        given: Recording in our units, before its samples were repaired.
+        given: Recording in our units, before its samples were cleaned.
     """
 
     trajectory: Trajectory
@@ -99,14 +99,14 @@ class Repaired(NamedTuple):
         return int(marked(flags, MENDED).sum()) if flags is not None else 0
 
 
-def repair(recording: Recording, options: RepairOptions | None = None) -> Repaired:
-    """Make a trajectory of a recording, which stays unchanged.
+def clean_recording(recording: Recording, options: CleaningOptions | None = None) -> CleanedRecording:
+    """Make a trajectory of a recording, which itself stays unchanged.
 
     Raises:
         TrajectoryError: Nothing in it, or a fault that cannot be mended safely.
         InputError: Options that contradict each other or the recording.
     """
-    options = options or RepairOptions()
+    options = options or CleaningOptions()
     if recording.sample_count == 0:
         raise TrajectoryError("no samples; expected at least 2")
     if recording.object_motion is not None and (options.mirror or options.scale_to is not None):
@@ -114,15 +114,15 @@ def repair(recording: Recording, options: RepairOptions | None = None) -> Repair
         raise InputError(f"{option} would part the hand from the object, which moves as the recording has it")
     recording = recording.chosen(np.arange(recording.sample_count))
     recording = in_units(recording, time=options.time_unit, length=options.length_unit, angle=options.angle_unit)
-    given = _cut(repair_units(recording), options.start, options.end)
-    recording = repair_stamps(given, options.max_gap)
+    given = _cut(clean_units(recording), options.start, options.end)
+    recording = clean_stamps(given, options.max_gap)
     recording = _unit_quaternions(recording)
-    recording = repair_glitches(recording)
+    recording = clean_glitches(recording)
     recording = _object_filled(_filled(recording, options.max_gap), options.max_gap)
     recording = _steady_signs(recording)
     recording = _mirrored(_scaled(recording, options), options.mirror)
     recording = _limited(recording, options.limits)
-    return Repaired(_trajectory(recording), recording.findings, recording.hand_length, given)
+    return CleanedRecording(_trajectory(recording), recording.findings, recording.hand_length, given)
 
 
 def _cut(recording: Recording, start: float | None, end: float | None) -> Recording:
@@ -233,7 +233,7 @@ def _steady_signs(recording: Recording) -> Recording:
     return recording.changed(orientation=steady).flagged(flipped, SampleFlag.FLIPPED, text)
 
 
-def _scaled(recording: Recording, options: RepairOptions) -> Recording:
+def _scaled(recording: Recording, options: CleaningOptions) -> Recording:
     length = options.hand_length if options.hand_length is not None else recording.hand_length
     if options.scale_to is None:
         return recording.changed(hand_length=length)

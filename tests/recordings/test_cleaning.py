@@ -13,22 +13,22 @@ from hhsim.hand.model import HandModel
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.motion.trajectory import Phase, RawChannel
+from hhsim.recordings.cleaning import CleanedRecording, CleaningOptions, clean_recording, default_limits
 from hhsim.recordings.formats.hhsim import recording_of
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording, turn
-from hhsim.recordings.repair import Repaired, RepairOptions, default_limits, repair
 
 CLEAN = smooth_recording()
 HAND = HandModel.default()
-PLAIN = repair(CLEAN).trajectory
+PLAIN = clean_recording(CLEAN).trajectory
 
 
-def flagged(repaired: Repaired, flag: SampleFlag) -> list[int]:
+def flagged(repaired: CleanedRecording, flag: SampleFlag) -> list[int]:
     assert repaired.trajectory.flags is not None
     return np.flatnonzero(marked(repaired.trajectory.flags, flag)).tolist()
 
 
-def kinds(repaired: Repaired) -> set[str]:
+def kinds(repaired: CleanedRecording) -> set[str]:
     return {finding.kind for finding in repaired.findings}
 
 
@@ -90,11 +90,11 @@ REFUSED: list[tuple[Recording, dict[str, Any], str]] = [
 @pytest.mark.parametrize(("recording", "options", "message"), REFUSED, ids=[message[:30] for *_, message in REFUSED])
 def test_what_cannot_be_mended_safely_is_refused(recording: Recording, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        repair(recording, RepairOptions(**options))
+        clean_recording(recording, CleaningOptions(**options))
 
 
 def test_a_clean_recording_comes_out_as_it_went_in() -> None:
-    repaired = repair(CLEAN)
+    repaired = clean_recording(CLEAN)
     motion = repaired.trajectory
     assert repaired.findings == () and repaired.mended == 0
     assert motion.flags is not None and not motion.flags.any()
@@ -106,7 +106,7 @@ def test_a_clean_recording_comes_out_as_it_went_in() -> None:
 @pytest.mark.parametrize("key", ["position", "orientation", "flexion", "abduction"])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_missing_numbers_are_interpolated_and_flagged(key: str, value: float) -> None:
-    repaired = repair(with_rows(key, slice(100, 110), value))
+    repaired = clean_recording(with_rows(key, slice(100, 110), value))
     flag = SampleFlag.PALM_FILLED if key in ("position", "orientation") else SampleFlag.FINGERS_FILLED
     assert flagged(repaired, flag) == list(range(100, 110))
     assert kinds(repaired) == {flag.word}
@@ -124,17 +124,17 @@ def test_missing_numbers_are_interpolated_and_flagged(key: str, value: float) ->
 def test_holes_at_the_ends_hold_the_nearest_reading() -> None:
     position = CLEAN.position.copy()
     position[:5], position[-4:] = np.nan, np.nan
-    repaired = repair(changed(position=position))
+    repaired = clean_recording(changed(position=position))
     assert flagged(repaired, SampleFlag.PALM_FILLED) == [*range(5), *range(296, 300)]
     assert (repaired.trajectory.position[:5] == CLEAN.position[5]).all()
 
 
 def test_zero_quaternions_are_interpolated_and_scaled_ones_scaled() -> None:
-    repaired = repair(with_rows("orientation", [40, 41], 0.0))
+    repaired = clean_recording(with_rows("orientation", [40, 41], 0.0))
     assert flagged(repaired, SampleFlag.PALM_FILLED) == [40, 41]
     assert "2 of length zero" in repaired.findings[0].text
     assert np.degrees(np.abs(turn(PLAIN.orientation, repaired.trajectory.orientation))).max() < 0.5
-    doubled = repair(changed(orientation=2.0 * CLEAN.orientation))
+    doubled = clean_recording(changed(orientation=2.0 * CLEAN.orientation))
     assert len(flagged(doubled, SampleFlag.RENORMALISED)) == 300
     assert np.allclose(doubled.trajectory.orientation, PLAIN.orientation, atol=1e-12)
 
@@ -142,7 +142,7 @@ def test_zero_quaternions_are_interpolated_and_scaled_ones_scaled() -> None:
 def test_sign_flips_are_turned_and_flagged() -> None:
     orientation = CLEAN.orientation.copy()
     orientation[50:60] *= -1.0
-    repaired = repair(changed(orientation=orientation))
+    repaired = clean_recording(changed(orientation=orientation))
     assert flagged(repaired, SampleFlag.FLIPPED) == list(range(50, 60))
     assert kinds(repaired) == {"flipped"} and repaired.mended == 0
     assert repaired.trajectory.orientation.tobytes() == PLAIN.orientation.tobytes()
@@ -154,7 +154,7 @@ def test_spikes_are_replaced(length: int) -> None:
     position[50 : 50 + length] += [0.0, 0.5, 0.0]
     orientation[120 : 120 + length] = orientation[120 : 120 + length, [1, 0, 3, 2]]
     flexion[200 : 200 + length, 3, 1] += 1.5
-    repaired = repair(replace(CLEAN, position=position, orientation=orientation, flexion=flexion))
+    repaired = clean_recording(replace(CLEAN, position=position, orientation=orientation, flexion=flexion))
     assert flagged(repaired, SampleFlag.PALM_OUTLIER) == [*range(50, 50 + length), *range(120, 120 + length)]
     assert flagged(repaired, SampleFlag.FINGERS_OUTLIER) == list(range(200, 200 + length))
     assert np.abs(repaired.trajectory.position - PLAIN.position).max() < 0.02
@@ -164,11 +164,11 @@ def test_spikes_are_replaced(length: int) -> None:
 def test_a_spike_within_what_speed_allows_is_told_by_its_force() -> None:
     position = CLEAN.position.copy()
     position[77] += [0.04, 0.0, 0.0]
-    repaired = repair(changed(position=position))
+    repaired = clean_recording(changed(position=position))
     assert flagged(repaired, SampleFlag.PALM_OUTLIER) == [77]
     smaller = CLEAN.position.copy()
     smaller[77] += [0.012, 0.0, 0.0]
-    left = repair(changed(position=smaller))
+    left = clean_recording(changed(position=smaller))
     assert flagged(left, SampleFlag.SUSPECT) == [77] and left.mended == 0
     assert (left.trajectory.position == smaller).all()
 
@@ -176,7 +176,7 @@ def test_a_spike_within_what_speed_allows_is_told_by_its_force() -> None:
 def test_a_jump_that_stays_is_left_and_told() -> None:
     position = CLEAN.position.copy()
     position[150:] += [0.3, 0.0, 0.0]
-    repaired = repair(changed(position=position))
+    repaired = clean_recording(changed(position=position))
     assert flagged(repaired, SampleFlag.JUMP) == [150]
     assert (repaired.trajectory.position == position).all()
 
@@ -185,27 +185,27 @@ def test_a_tracker_that_repeats_itself_is_marked() -> None:
     index = np.arange(300)
     index[100:108] = 100
     motion = CLEAN.chosen(index)
-    repaired = repair(replace(motion, time=CLEAN.time))
+    repaired = clean_recording(replace(motion, time=CLEAN.time))
     assert flagged(repaired, SampleFlag.FROZEN) == list(range(100, 108))
     still = replace(CLEAN.chosen(np.zeros(300, dtype=np.int64)), time=CLEAN.time)
-    assert repair(still).findings == (), "a hand that rests through the whole file is no lost hand"
+    assert clean_recording(still).findings == (), "a hand that rests through the whole file is no lost hand"
 
 
 def test_samples_out_of_order_are_sorted_by_their_stamps() -> None:
     index = np.arange(300)
     index[[20, 23]] = 23, 20
     index[100:110] = np.random.default_rng(3).permutation(index[100:110])
-    repaired = repair(CLEAN.chosen(index))
+    repaired = clean_recording(CLEAN.chosen(index))
     assert kinds(repaired) == {"reordered"}
     assert repaired.trajectory.position.tobytes() == CLEAN.position.tobytes()
-    everything = repair(CLEAN.chosen(np.random.default_rng(4).permutation(300)))
+    everything = clean_recording(CLEAN.chosen(np.random.default_rng(4).permutation(300)))
     assert everything.trajectory.flexion.tobytes() == CLEAN.flexion.tobytes()
 
 
 def test_a_stamp_that_contradicts_the_motion_loses_its_sample() -> None:
     time = CLEAN.time.copy()
     time[100] = time[250] + 1e-3
-    repaired = repair(changed(time=time))
+    repaired = clean_recording(changed(time=time))
     assert repaired.trajectory.sample_count == 299
     assert flagged(repaired, SampleFlag.CUT_BEFORE) == [100]
     assert np.allclose(repaired.trajectory.time, np.delete(CLEAN.time, 100))
@@ -213,36 +213,36 @@ def test_a_stamp_that_contradicts_the_motion_loses_its_sample() -> None:
 
 def test_stamps_that_repeat() -> None:
     index = np.sort(np.concatenate([np.arange(300), [10, 11, 12]]))
-    repaired = repair(CLEAN.chosen(index))
+    repaired = clean_recording(CLEAN.chosen(index))
     assert repaired.trajectory.sample_count == 300
     assert "with the same values: left out" in repaired.findings[0].text
     time = CLEAN.time.copy()
     time[200] = time[199]
-    other = repair(changed(time=time))
+    other = clean_recording(changed(time=time))
     assert other.trajectory.sample_count == 299 and "with other values" in other.findings[0].text
 
 
 def test_stamps_that_are_missing() -> None:
-    repaired = repair(with_rows("time", [5, 6], np.nan))
+    repaired = clean_recording(with_rows("time", [5, 6], np.nan))
     assert repaired.trajectory.sample_count == 298 and flagged(repaired, SampleFlag.CUT_BEFORE) == [5]
 
 
 def test_gaps_are_flagged_and_holes_refused() -> None:
     keep = np.ones(300, dtype=bool)
     keep[100:140] = False
-    repaired = repair(CLEAN.chosen(keep))
+    repaired = clean_recording(CLEAN.chosen(keep))
     assert flagged(repaired, SampleFlag.GAP_BEFORE) == [100]
     time = CLEAN.time + np.where(np.arange(300) >= 150, 5.0, 0.0)
-    assert repair(changed(time=time), RepairOptions(max_gap=6.0)).trajectory.duration > 7.0
+    assert clean_recording(changed(time=time), CleaningOptions(max_gap=6.0)).trajectory.duration > 7.0
     late = CLEAN.time.copy()
     late[-2:] += 60.0
-    assert repair(changed(time=late)).trajectory.sample_count == 298
+    assert clean_recording(changed(time=late)).trajectory.sample_count == 298
 
 
 @pytest.mark.parametrize(("factor", "word"), [(1e3, "ms"), (1e6, "µs"), (1e9, "ns")])
 def test_stamps_in_another_unit(factor: float, word: str) -> None:
     phased = replace(CLEAN, time=factor * CLEAN.time, phases=(Phase("reach", 0.0, factor * 1.5),))
-    repaired = repair(phased)
+    repaired = clean_recording(phased)
     assert f"taken for {word}" in repaired.findings[0].text
     assert np.allclose(repaired.trajectory.time, CLEAN.time)
     (phase,) = repaired.trajectory.phases
@@ -251,41 +251,41 @@ def test_stamps_in_another_unit(factor: float, word: str) -> None:
 
 
 def test_stamps_since_1970_count_from_the_first() -> None:
-    repaired = repair(changed(time=CLEAN.time + 1.7e9))
+    repaired = clean_recording(changed(time=CLEAN.time + 1.7e9))
     assert repaired.trajectory.time[0] == 0.0 and kinds(repaired) == {"note"}
     assert np.allclose(repaired.trajectory.time, CLEAN.time, atol=1e-6)
 
 
 def test_positions_in_millimetres_and_angles_in_degrees() -> None:
-    repaired = repair(changed(position=1e3 * CLEAN.position))
+    repaired = clean_recording(changed(position=1e3 * CLEAN.position))
     assert np.allclose(repaired.trajectory.position, CLEAN.position) and len(flagged(repaired, SampleFlag.UNIT)) == 300
-    assert np.allclose(repair(DEGREES).trajectory.flexion, PLAIN.flexion)
-    stated = repair(changed(position=50.0 * CLEAN.position), RepairOptions(length_unit="cm"))
+    assert np.allclose(clean_recording(DEGREES).trajectory.flexion, PLAIN.flexion)
+    stated = clean_recording(changed(position=50.0 * CLEAN.position), CleaningOptions(length_unit="cm"))
     assert np.allclose(stated.trajectory.position, 0.5 * CLEAN.position)
 
 
 def test_degrees_of_a_nearly_flat_hand_are_not_taken_for_radians() -> None:
     assert np.abs(FEW_DEGREES.angles).max() < 3.4, "below 200° as radians"
-    degrees = repair(FEW_DEGREES, RepairOptions(angle_unit="deg")).trajectory
+    degrees = clean_recording(FEW_DEGREES, CleaningOptions(angle_unit="deg")).trajectory
     assert np.allclose(degrees.flexion, SHARE * PLAIN.flexion)
-    assert flagged(repair(FEW_DEGREES, RepairOptions(angle_unit="rad")), SampleFlag.LIMITED)
+    assert flagged(clean_recording(FEW_DEGREES, CleaningOptions(angle_unit="rad")), SampleFlag.LIMITED)
 
 
 def test_a_joint_whose_zero_is_elsewhere_is_not_taken_for_degrees() -> None:
     flexion = CLEAN.flexion.copy()
     flexion[:, 0, :2] += 2.0
-    assert not {"unit"} & kinds(repair(changed(flexion=flexion)))
+    assert not {"unit"} & kinds(clean_recording(changed(flexion=flexion)))
 
 
 def test_joints_stay_within_the_hand() -> None:
     flexion = CLEAN.flexion.copy()
     flexion[30:40, 1, 0] = np.linspace(1.2, 2.6, 10)
     flexion[40:50, 1, 0] = np.linspace(2.6, flexion[50, 1, 0], 10)
-    repaired = repair(changed(flexion=flexion))
+    repaired = clean_recording(changed(flexion=flexion))
     limits = default_limits()
     assert flagged(repaired, SampleFlag.LIMITED) and "index_flex1" in repaired.findings[-1].text
     assert (repaired.trajectory.flexion <= limits.flexion_max).all()
-    kept = repair(changed(flexion=flexion), RepairOptions(limits=None))
+    kept = clean_recording(changed(flexion=flexion), CleaningOptions(limits=None))
     free, held = (
         np.array([HAND.joints(np.zeros(3), np.eye(4)[0], f, a)[:, 3] for f, a in zip(each.flexion, each.abduction)])
         for each in (kept.trajectory, repaired.trajectory)
@@ -297,7 +297,7 @@ def test_joints_stay_within_the_hand() -> None:
 
 
 def test_a_left_hand_can_become_a_right_one_and_back() -> None:
-    once = repair(replace(CLEAN, hand="left"), RepairOptions(mirror=True)).trajectory
+    once = clean_recording(replace(CLEAN, hand="left"), CleaningOptions(mirror=True)).trajectory
     assert once.hand == "right"
     assert np.allclose(once.position, PLAIN.position * [-1.0, 1.0, 1.0])
     # A point of the palm, seen in the mirror, is the mirror image's point of the mirrored palm.
@@ -308,8 +308,10 @@ def test_a_left_hand_can_become_a_right_one_and_back() -> None:
 
 def test_the_palms_way_is_scaled_only_when_asked() -> None:
     sized = replace(CLEAN, hand_length=0.2)
-    assert (repair(sized).trajectory.position == CLEAN.position).all() and repair(sized).hand_length == 0.2
-    scaled = repair(sized, RepairOptions(scale_to=0.19)).trajectory
+    assert (clean_recording(sized).trajectory.position == CLEAN.position).all() and clean_recording(
+        sized
+    ).hand_length == 0.2
+    scaled = clean_recording(sized, CleaningOptions(scale_to=0.19)).trajectory
     middle = CLEAN.position.mean(axis=0)
     assert np.allclose(scaled.position - middle, 0.95 * (CLEAN.position - middle))
     assert (scaled.flexion == PLAIN.flexion).all()
@@ -317,7 +319,7 @@ def test_the_palms_way_is_scaled_only_when_asked() -> None:
 
 def test_a_part_is_cut_out_and_raw_channels_come_along() -> None:
     raw = RawChannel("count", np.arange(300.0), "1", "")
-    repaired = repair(replace(CLEAN, raw=(raw,)), RepairOptions(start=0.5, end=1.0))
+    repaired = clean_recording(replace(CLEAN, raw=(raw,)), CleaningOptions(start=0.5, end=1.0))
     motion = repaired.trajectory
     assert motion.time[0] >= 0.5 and motion.time[-1] <= 1.0
     assert (CLEAN.time[motion.raw[0].values.astype(int)] == motion.time).all()
@@ -326,17 +328,17 @@ def test_a_part_is_cut_out_and_raw_channels_come_along() -> None:
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 7, 12, 15, 16, 17, 23])
 def test_few_samples_are_enough(count: int) -> None:
     part = CLEAN.chosen(np.arange(count))
-    assert repair(part).trajectory.position.tobytes() == CLEAN.position[:count].tobytes()
+    assert clean_recording(part).trajectory.position.tobytes() == CLEAN.position[:count].tobytes()
     position = part.position.copy()
     position[count // 2] = np.nan
-    assert repair(part.changed(position=position)).trajectory.sample_count == count
+    assert clean_recording(part.changed(position=position)).trajectory.sample_count == count
 
 
 def test_repairing_twice_changes_nothing() -> None:
     position = CLEAN.position.copy()
     position[50:53] += 0.4
-    once = repair(changed(position=position, orientation=-1.5 * CLEAN.orientation)).trajectory
-    twice = repair(recording_of(once))
+    once = clean_recording(changed(position=position, orientation=-1.5 * CLEAN.orientation)).trajectory
+    twice = clean_recording(recording_of(once))
     assert twice.trajectory.position.tobytes() == once.position.tobytes()
     assert twice.trajectory.flags is not None and (twice.trajectory.flags == once.flags).all()
     assert twice.findings == ()
@@ -345,7 +347,7 @@ def test_repairing_twice_changes_nothing() -> None:
 def test_holes_in_the_objects_motion_are_filled_and_reported() -> None:
     place, turn_ = CLEAN.position + 0.1, IDENTITY.copy()
     place[40:44], turn_[60] = np.nan, 0.0
-    repaired = repair(replace(CLEAN, object_motion=ObjectMotion(place, turn_)))
+    repaired = clean_recording(replace(CLEAN, object_motion=ObjectMotion(place, turn_)))
     moved = repaired.trajectory.object_motion
     assert moved is not None and (moved.orientation == [1.0, 0.0, 0.0, 0.0]).all()
     np.testing.assert_allclose(moved.position[40:44], CLEAN.position[40:44] + 0.1, atol=2e-3)
@@ -355,7 +357,7 @@ def test_holes_in_the_objects_motion_are_filled_and_reported() -> None:
 
 def test_the_objects_motion_is_cut_sorted_and_scaled_with_the_hands() -> None:
     millimetres = BESIDE.chosen(np.arange(CLEAN.sample_count)[::-1]).resized(1e3)
-    options = RepairOptions(length_unit="mm", start=float(CLEAN.time[20]))
-    motion = repair(millimetres, options).trajectory
+    options = CleaningOptions(length_unit="mm", start=float(CLEAN.time[20]))
+    motion = clean_recording(millimetres, options).trajectory
     assert motion.object_motion is not None and motion.sample_count < CLEAN.sample_count
     np.testing.assert_allclose(motion.object_motion.position, motion.position + 0.1, atol=1e-12)

@@ -1,4 +1,4 @@
-"""Repair of stamps that repeat, go backwards, are missing or leave gaps.
+"""Cleaning of stamps that repeat, go backwards, are missing or leave gaps.
 
 A sample out of order is sorted in if its place by stamp fits its neighbours at least as well as its place in the file;
 otherwise its stamp is wrong, and it is left out. If that is true of many, two clocks or two recordings are mixed:
@@ -31,7 +31,7 @@ NOISE = 2e-3
 """Largest deviation that says nothing about an order [m]."""
 
 
-def repair_stamps(recording: Recording, max_gap: float) -> Recording:
+def clean_stamps(recording: Recording, max_gap: float) -> Recording:
     """Return samples with strictly increasing stamps, of stamps [s] in any state with gaps up to `max_gap` [s].
 
     Raises:
