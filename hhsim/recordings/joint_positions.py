@@ -23,7 +23,7 @@ from hhsim.recordings.hand_side import UNITY, in_right_handed_world, known_side
 from hhsim.recordings.joint_fit import fitted_angles
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.object_poses import ObjectPoses, placed
-from hhsim.recordings.recorded_bones import median_bones, recorded_bones
+from hhsim.recordings.recorded_bones import median_bones, misplaced_joints, recorded_bones
 from hhsim.recordings.recording import Finding, Recording, note, readings
 from hhsim.recordings.registry import ReadOptions
 from hhsim.recordings.unit_detection import LENGTH_UNITS, TIME_UNITS
@@ -126,7 +126,7 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
     if radii is not None:
         long = f"with that of the middle one the hand is {1e3 * bones.hand_length:.0f} mm long"
         findings.append(note(f"fingertips are balls of the recorded radii: {long}"))
-    findings.append(off)
+    findings += [off, *map(note, misplaced_joints(fingers, wrist))]
     up = options.world_up or joints.up or options.usual_up
     if up is None and joints.object_poses is not None:
         up = "z"

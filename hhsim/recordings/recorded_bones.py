@@ -17,6 +17,9 @@ from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.finger_ik import finger_axes, finger_joints
 from hhsim.recordings.frames import in_palm
 
+BONE_CHANGE = 0.01
+"""Deviation of a bone from its median length that is told [m]: no bone grows so, one of its joints is misplaced."""
+
 
 @dataclass(frozen=True, eq=False)
 class RecordedBones:
@@ -102,6 +105,24 @@ def median_bones(joints: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     lengths = np.linalg.norm(np.diff(joints, axis=2), axis=3)
     return _finite(np.median, joints[:, :, 0]), _finite(np.median, lengths)
+
+
+def misplaced_joints(joints: FloatArray, wrist: FloatArray) -> list[str]:
+    """Return a line about samples in which a bone is longer or shorter than its median by `BONE_CHANGE`; else none.
+
+    The joints have the shape (T, 5, 4, 3), the wrist (T, 3) [m].
+    """
+    chain = np.concatenate([np.broadcast_to(wrist[:, None, None], (len(joints), 5, 1, 3)), joints], axis=2)
+    with np.errstate(over="ignore", invalid="ignore"):
+        lengths = np.linalg.norm(np.diff(chain, axis=2), axis=3)
+        off = np.nan_to_num(np.abs(lengths - _finite(np.median, lengths)), posinf=np.inf).max(axis=(1, 2))
+    found = np.flatnonzero(off > BONE_CHANGE)
+    if not found.size:
+        return []
+    return [
+        f"{found.size} of {len(off)} samples with a bone of another length than its median, by up to "
+        f"{1e3 * off.max():.3g} mm, first sample {found[0]}: joints are misplaced there"
+    ]
 
 
 def _finite(statistic: Callable[[FloatArray], Any], rows: FloatArray) -> FloatArray:

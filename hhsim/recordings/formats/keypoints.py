@@ -77,7 +77,9 @@ def _joints(
 ) -> JointPositions:
     """Return the joints in an array of points."""
     try:
-        values = np.asarray(array, dtype=np.float64)
+        # A damaged float32 can be a signalling NaN, which would be warned of.
+        with np.errstate(invalid="ignore"):
+            values = np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError):
         raise TrajectoryError(f"{where} does not hold numbers; expected {SHAPES}") from None
     if not _is_points(values):

@@ -31,7 +31,7 @@ from hhsim.recordings.hand_side import SIDES, frames_with_hand
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import fitted_posture
 from hhsim.recordings.json_document import PlacedJson, keys_of, number, objects, read_json, vector
-from hhsim.recordings.recorded_bones import recorded_bones
+from hhsim.recordings.recorded_bones import misplaced_joints, recorded_bones
 from hhsim.recordings.recording import Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
@@ -102,7 +102,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         bones=bones,
         first_stamp=MICROSECOND * float(first[0]) if first.size else 0.0,
         raw=(RawChannel("confidence", np.nan_to_num(confidence, nan=-1.0), "1", "Leap's confidence, -1 where none"),),
-        findings=(*findings, off),
+        findings=(*findings, off, *map(note, misplaced_joints(joints, MILLIMETRE * wrist))),
         joints=np.concatenate([MILLIMETRE * wrist[:, None], joints.reshape(-1, 20, 3)], axis=1) @ WORLD.T,
         file_frame=FileFrame(WORLD, MILLIMETRE),
         rows=np.array(shown),
