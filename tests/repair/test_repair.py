@@ -18,12 +18,14 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.recordings.registry import ReadOptions, read_recording
+from hhsim.repair.offline import OfflineOptions, repair_frames
 from hhsim.repair.recorded_scene import model_joints
 from hhsim.repair.repair import repair_recording
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairRequest
 from hhsim.result.reader import load_result
 from hhsim.result.stored_hand import result_hand
 from hhsim.scene.scene import open_scene
+from hhsim.trees.contact_surface import contact_surface
 
 RATE = 30.0
 UNCHANGED = 1e-5
@@ -150,3 +152,22 @@ def test_a_name_that_does_not_fit_is_told_before_the_work(tmp_path: Path, out: s
     with pytest.raises(InputError, match=said):
         repair_recording(RepairRequest(path, "sphere", tmp_path / out))
     assert [file.name for file in tmp_path.iterdir()] == ["grasp.npz"]
+
+
+def test_a_recording_pushed_into_the_object_comes_back_towards_the_known_hand(tmp_path: Path) -> None:
+    """The truth is a hand without penetration; the recording is it, 8 mm towards the object and with noise."""
+    hand, frames = grasp()
+    surface = contact_surface("mesh", load_object("sphere").mesh, None)
+    free = repair_frames(hand, surface, frames, OfflineOptions(max_correction=0.05)).posture
+    truth = model_joints(hand, free)
+    toward = load_object("sphere").mesh.vertices.mean(axis=0) - truth[:, 4::4].mean(axis=1)
+    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+    shift = 0.008 * toward + np.random.default_rng(3).normal(0.0, 5e-4, toward.shape)
+    path, out = tmp_path / "pushed.npz", tmp_path / "free.npz"
+    pushed = truth + shift[:, None]
+    path.write_bytes(arrays_npz(keypoints=pushed, t=np.arange(len(truth)) / RATE))
+    outcome = repair_recording(RepairRequest(path, "sphere", out, hand="right", options=OPTIONS))
+    assert outcome.figures["depth_cones_max_before"] > 0.002 and outcome.figures["depth_cones_max_after"] == 0.0
+    with np.load(out) as after:
+        off = [np.linalg.norm(joints - truth, axis=2).mean(axis=1) for joints in (pushed, after["keypoints"])]
+    assert off[1].mean() < off[0].mean() and (off[1] < off[0] + UNCHANGED).mean() > 0.9

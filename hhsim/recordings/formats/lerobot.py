@@ -121,7 +121,10 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
         place = table.column_names.index(name)
         table = table.set_column(place, table.schema.field(place), pyarrow.array(cells, table.schema.field(place).type))
         first = [facts.row_group(0).column(k) for k in range(facts.num_columns)]
-        packing = {column.path_in_schema: column.compression.replace("UNCOMPRESSED", "NONE") for column in first}
+        try:
+            packing = {column.path_in_schema: column.compression.replace("UNCOMPRESSED", "NONE") for column in first}
+        except UnicodeDecodeError:
+            raise TrajectoryError("a damaged Parquet file: a column's path is no text, so it is not written") from None
         stream = pyarrow.BufferOutputStream()
         with parquet.ParquetWriter(stream, table.schema, version=facts.format_version, compression=packing) as writer:
             start = 0
