@@ -1,0 +1,77 @@
+"""Distance of two round cones against nested minimisation over both axis parameters."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mesh_oracle import Cones
+
+from hhsim.arrays import FloatArray
+from hhsim.kernels.round_cone_pair import round_cone_pair
+
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+points = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
+radii = st.one_of(st.floats(0.0, 0.5), st.sampled_from([0.0, 1e-3, 0.5]))
+
+
+def least(function: Callable[[float], float]) -> float:
+    low, high = 0.0, 1.0
+    for _ in range(48):
+        one, other = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+        low, high = (low, other) if function(one) < function(other) else (one, high)
+    return min(function(0.0), function(1.0), function((low + high) / 2.0))
+
+
+@st.composite
+def pairs(draw: st.DrawFn) -> tuple[FloatArray, FloatArray]:
+    """Axis ends of shape (4, 3) and radii of two cones: free, parallel, nearly parallel, crossing, one a sphere."""
+    a, b, c, d = draw(points), draw(points), draw(points), draw(points)
+    kind = draw(st.sampled_from(["free", "parallel", "nearly parallel", "crossing", "sphere"]))
+    if "parallel" in kind:
+        d = c + (b - a) * draw(st.sampled_from([1.0, -0.5])) + (1e-6 * d if kind != "parallel" else 0.0)
+    elif kind == "crossing":
+        c, d = (a + b) / 2.0 - d, (a + b) / 2.0 + d
+    elif kind == "sphere":
+        d = c.copy()
+    one, two = sorted((draw(radii), draw(radii))), sorted((draw(radii), draw(radii)))
+    return np.stack([a, b, c, d]), np.array([one[1], one[0], two[1], two[0]])
+
+
+@settings(max_examples=100, deadline=None)
+@given(pairs())
+def test_distance_is_the_least_over_both_axes(pair: tuple[FloatArray, FloatArray]) -> None:
+    ends, radius = pair
+    a, b, c, d = ends.tolist()
+    cones = Cones(ends[[0, 2]], ends[[1, 3]], radius[[0, 2]], radius[[1, 3]])
+
+    def at(s: float, t: float) -> float:
+        gap = [x + s * (y - x) - z - t * (w - z) for x, y, z, w in zip(a, b, c, d)]
+        return math.hypot(*gap) - radius[0] - s * (radius[1] - radius[0]) - radius[2] - t * (radius[3] - radius[2])
+
+    distance, s, t, *normal = round_cone_pair(cones.kernel(0), cones.kernel(1))
+    assert abs(distance - least(lambda one: least(lambda two: at(one, two)))) < 1e-9
+    assert abs(distance - at(s, t)) < 1e-12
+    assert abs(math.hypot(*normal) - 1.0) < 1e-12
+    back, *_ = round_cone_pair(cones.kernel(1), cones.kernel(0))
+    assert abs(back - distance) < 1e-9
+
+
+@settings(max_examples=40, deadline=None)
+@given(pairs())
+def test_normal_is_the_gradient_where_axes_are_apart(pair: tuple[FloatArray, FloatArray]) -> None:
+    ends, radius = pair
+    radius = 0.01 * radius
+    distance, _, _, *normal = _moved(ends, radius, np.zeros(3))
+    if distance < 0.05:
+        return
+    step = 1e-5 * np.eye(3)
+    slope = [(_moved(ends, radius, e)[0] - _moved(ends, radius, -e)[0]) / 2e-5 for e in step]
+    assert np.allclose(slope, normal, atol=1e-4)
+
+
+def _moved(ends: FloatArray, radius: FloatArray, by: FloatArray) -> tuple[float, ...]:
+    moved = ends + np.array([by, by, 0.0 * by, 0.0 * by])
+    cones = Cones(moved[[0, 2]], moved[[1, 3]], radius[[0, 2]], radius[[1, 3]])
+    return tuple(round_cone_pair(cones.kernel(0), cones.kernel(1)))
