@@ -1,0 +1,170 @@
+"""Things of several rigid parts that hang on each other by hinges and sliders, as TOML declares them.
+
+Keys, with their defaults::
+
+    [[part]]
+    name = "base"
+    mesh = "base.ply"                    # a catalogue name, or a path relative to the file
+    position = [0.0, 0.0, 0.0]           # of the part's frame in its parent's, all joints at 0 [m]
+    orientation = [1.0, 0.0, 0.0, 0.0]   # part to parent, (w, x, y, z)
+
+    [[part]]
+    name = "lid"
+    mesh = "lid.ply"
+    parent = "base"                      # a part without one stands in the thing's frame; there is one such part
+    joint.type = "hinge"                 # or "slider"
+    joint.axis = [0.0, 1.0, 0.0]         # in the parent's frame, of any length
+    joint.origin = [0.0, 0.0, 0.0]       # a point of the axis, in the parent's frame [m]
+    joint.limits = [0.0, 2.4]            # least and greatest value, [rad] of a hinge, [m] of a slider
+    joint.motion = [[0.0, 0.0], [1.0, 1.5]]   # (time [s], value); straight between, constant before and after
+
+The value of a joint turns the part about its axis by the right hand's rule, or shifts it along.
+"""
+
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from msgspec import Meta
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError, check_known
+from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
+from hhsim.reproducible import norm
+from hhsim.system.settings_file import Settings, a_list, between, read_settings
+
+LEAST_LENGTH = 1e-9
+"""A direction or a quaternion that is shorter has none: rounding would choose it."""
+Number = Annotated[float, between(-100.0, 100.0)]
+Three = tuple[Number, Number, Number]
+Two = tuple[Number, Number]
+Keyframe = tuple[Annotated[float, between(0.0, 1e6)], Number]
+
+
+class Joint(Settings, frozen=True):
+    """Hinge or slider between a part and its parent; the module's docstring explains the keys."""
+
+    type: Literal["hinge", "slider"]
+    axis: Three
+    limits: Two
+    motion: Annotated[tuple[Keyframe, ...], a_list("[[0.0, 0.0], [1.0, 1.5]]")]
+    origin: Three = (0.0, 0.0, 0.0)
+
+    def check(self) -> None:
+        """Check the axis, the order of the limits and of the times, and each value against the limits."""
+        least, most = self.limits
+        if norm(np.array(self.axis)) < LEAST_LENGTH:
+            raise InputError("axis has length 0; expected a direction such as [0.0, 1.0, 0.0]")
+        if least > most:
+            raise InputError(f"limits are reversed: {least:g} is above {most:g}; expected the least value first")
+        times = [time for time, _ in self.motion]
+        for number, (before, after) in enumerate(pairwise(times), start=2):
+            if after <= before:
+                raise InputError(f"motion[{number}] is at {after:g} s, not after {before:g} s; expected rising times")
+        for number, (_, value) in enumerate(self.motion, start=1):
+            if not least <= value <= most:
+                raise InputError(
+                    f"motion[{number}] has the value {value:g}, beyond the limits; "
+                    f"expected {least:g} to {most:g} {'rad' if self.type == 'hinge' else 'm'}"
+                )
+
+    def values(self, time: FloatArray) -> FloatArray:
+        """Return the joint's values [rad] or [m] at these times [s], (T,)."""
+        times, values = np.array(self.motion).T
+        found: FloatArray = np.interp(time, times, values)
+        return found
+
+
+class Part(Settings, frozen=True):
+    """Rigid part of a thing; the module's docstring explains the keys."""
+
+    name: Annotated[str, Meta(pattern=r"\A[A-Za-z0-9_-]+\Z", description="letters, digits, - and _")]
+    mesh: str
+    position: Three = (0.0, 0.0, 0.0)
+    orientation: tuple[Number, Number, Number, Number] = (1.0, 0.0, 0.0, 0.0)
+    parent: str = ""
+    joint: Joint | None = None
+
+    def check(self) -> None:
+        """Check the orientation's length, and that a part has a joint if it has a parent, and else none."""
+        if norm(np.array(self.orientation)) < LEAST_LENGTH:
+            raise InputError("orientation has length 0; expected (w, x, y, z) such as [1.0, 0.0, 0.0, 0.0]")
+        if bool(self.parent) != (self.joint is not None):
+            has, lacks = ("parent", "joint") if self.parent else ("joint", "parent")
+            raise InputError(f"part '{self.name}' has a {has} and no {lacks}; expected both or neither")
+
+
+class JointedThing(Settings, frozen=True):
+    """Rigid parts in the order of the file, each but one on a hinge or a slider."""
+
+    part: Annotated[tuple[Part, ...], Meta(min_length=1, description="at least one table [[part]]")]
+
+    def check(self) -> None:
+        """Check that names differ, that parents are parts, and that each part hangs on the one without a parent."""
+        names = [part.name for part in self.part]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"two parts have the name '{name}'; expected a name for each")
+        check_known("part", [part.parent for part in self.part if part.parent], names)
+        parents = {part.name: part.parent for part in self.part}
+        for name in names:
+            way = [name]
+            while parents[way[-1]]:
+                way.append(parents[way[-1]])
+                if way[-1] in way[:-1]:
+                    circle = way[way.index(way[-1]) :]
+                    raise InputError(f"joints in a circle: {' on '.join(circle)}; expected one part without a parent")
+        roots = [part.name for part in self.part if not part.parent]
+        if len(roots) > 1:
+            raise InputError(f"parts {', '.join(roots)} have no parent; expected one such part")
+
+    def joint_values(self, time: FloatArray) -> dict[str, FloatArray]:
+        """Return the values [rad] or [m] of each joint at these times [s], (T,), by the name of its part."""
+        return {part.name: part.joint.values(time) for part in self.part if part.joint}
+
+    def poses(self, values: Mapping[str, FloatArray]) -> dict[str, tuple[FloatArray, FloatArray]]:
+        """Return position [m] (T, 3) and orientation (T, 4) of each part in the thing's frame, by its name.
+
+        Args:
+            values: Of each joint [rad] or [m], (T,), by the name of its part.
+        """
+        steps = len(next(iter(values.values()))) if values else 1
+        known: dict[str, tuple[FloatArray, FloatArray]] = {}
+        waiting = list(self.part)
+        while waiting:
+            part = next(one for one in waiting if one.parent in known or not one.parent)
+            waiting.remove(part)
+            position, orientation = _moved(part, values.get(part.name, np.zeros(steps)))
+            if part.parent:
+                base, turn = known[part.parent]
+                position = base + _turned(turn, position)
+                orientation = quaternion_product(turn, orientation)
+            known[part.name] = (position, orientation)
+        return {part.name: known[part.name] for part in self.part}
+
+
+def read_jointed_thing(path: Path) -> JointedThing:
+    """Read a thing of several parts from TOML; InputError names what is wrong and what would be right."""
+    return read_settings(path, JointedThing, "thing of several parts")
+
+
+def _turned(orientation: FloatArray, vectors: FloatArray) -> FloatArray:
+    turned: FloatArray = (rotation_matrix(orientation) * vectors[:, None, :]).sum(axis=-1)
+    return turned
+
+
+def _moved(part: Part, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return position [m] (T, 3) and orientation (T, 4) of a part in its parent's frame at each value of its joint."""
+    place = np.tile(np.array(part.position), (len(values), 1))
+    given = np.array(part.orientation)
+    orientation = np.tile(given / norm(given), (len(values), 1))
+    if part.joint is None:
+        return place, orientation
+    axis = np.array(part.joint.axis)
+    way = values[:, None] * (axis / norm(axis))
+    if part.joint.type == "slider":
+        return place + way, orientation
+    turn, origin = quaternion(way), np.array(part.joint.origin)
+    return origin + _turned(turn, place - origin), quaternion_product(turn, orientation)

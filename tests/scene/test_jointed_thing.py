@@ -1,0 +1,107 @@
+"""Things of several parts: where a joint's value brings each part, and faults told in one line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from hhsim.errors import InputError
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.scene.jointed_thing import Joint, JointedThing, Part, read_jointed_thing
+
+BASE = '[[part]]\nname = "base"\nmesh = "cube"\n'
+LID = """[[part]]
+name = "lid"
+mesh = "cube"
+parent = "base"
+[part.joint]
+type = "hinge"
+axis = [0.0, 2.0, 0.0]
+limits = [0.0, 2.0]
+motion = [[0.0, 0.0], [1.0, 1.5]]
+"""
+
+FAULTS = {
+    "names": (BASE + BASE, "two parts have the name 'base'"),
+    "parent": (BASE + LID.replace('parent = "base"', 'parent = "bass"'), "'bass'"),
+    "circle": (
+        LID + LID.replace('name = "lid"', 'name = "base"').replace('parent = "base"', 'parent = "lid"'),
+        "joints in a circle: lid on base on lid",
+    ),
+    "itself": (BASE + LID.replace('parent = "base"', 'parent = "lid"'), "joints in a circle: lid on lid"),
+    "axis": (BASE + LID.replace("2.0, 0.0]\nlimits", "0.0, 0.0]\nlimits"), "axis has length 0"),
+    "not a number": (BASE + LID.replace("1.5", "nan"), "part[2].joint.motion[2]"),
+    "limits": (BASE + LID.replace("[0.0, 2.0]\n", "[2.0, 0.0]\n"), "limits are reversed: 2 is above 0"),
+    "value": (BASE + LID.replace("1.5", "2.5"), "motion[2] has the value 2.5, beyond the limits; expected 0 to 2 rad"),
+    "times": (BASE + LID.replace("[1.0,", "[0.0,"), "motion[2] is at 0 s, not after 0 s"),
+    "roots": (BASE + BASE.replace("base", "other"), "parts base, other have no parent"),
+    "joint": (BASE + LID.replace('parent = "base"\n', ""), "part 'lid' has a joint and no parent"),
+    "type": (BASE + LID.replace("hinge", "ball"), "ball"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_one_line_that_names_the_file_and_what_is_wrong(fault: str, tmp_path: Path) -> None:
+    text, expected = FAULTS[fault]
+    path = tmp_path / "thing.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as raised:
+        read_jointed_thing(path)
+    message = str(raised.value)
+    assert message.startswith(f"{path}: ")
+    assert expected in message
+    assert "\n" not in message
+
+
+def test_a_motion_is_straight_between_its_keyframes_and_constant_outside(tmp_path: Path) -> None:
+    path = tmp_path / "thing.toml"
+    path.write_text(BASE + LID)
+    values = read_jointed_thing(path).joint_values(np.array([-1.0, 0.0, 0.5, 1.0, 9.0]))
+    assert list(values) == ["lid"]
+    assert np.array_equal(values["lid"], [0.0, 0.0, 0.75, 1.5, 1.5])
+
+
+three = st.tuples(*[st.floats(-0.5, 0.5)] * 3)
+direction = three.filter(lambda axis: np.linalg.norm(axis) > 1e-3)
+
+
+@given(direction, three, three, direction, st.floats(-3.0, 3.0), st.floats(-0.3, 0.3))
+def test_poses_are_the_products_of_homogeneous_matrices(
+    axis: tuple[float, float, float],
+    origin: tuple[float, float, float],
+    position: tuple[float, float, float],
+    way: tuple[float, float, float],
+    angle: float,
+    shift: float,
+) -> None:
+    hinge = Joint("hinge", axis, (-3.0, 3.0), ((0.0, angle),), origin)
+    slider = Joint("slider", way, (-0.3, 0.3), ((0.0, shift),))
+    given_turn = (0.5, 0.5, -0.5, 0.5)
+    # The parts are not in the order of their joints.
+    thing = JointedThing(
+        (
+            Part("drawer", "cube", position, parent="lid", joint=slider),
+            Part("lid", "cube", position, given_turn, "base", hinge),
+            Part("base", "cube", position),
+        )
+    )
+    poses = thing.poses(thing.joint_values(np.array([0.0])))
+
+    def matrix(turn: Rotation, place: np.ndarray) -> np.ndarray:
+        out = np.eye(4)
+        out[:3, :3], out[:3, 3] = turn.as_matrix(), place
+        return out
+
+    none, unit = Rotation.identity(), np.array(axis) / np.linalg.norm(axis)
+    base = matrix(none, np.array(position))
+    about = matrix(none, np.array(origin)) @ matrix(Rotation.from_rotvec(angle * unit), np.zeros(3))
+    about = about @ matrix(none, -np.array(origin))
+    lid = base @ about @ matrix(Rotation.from_quat(np.roll(given_turn, -1)), np.array(position))
+    drawer = lid @ matrix(none, np.array(position) + shift * np.array(way) / np.linalg.norm(way))
+    for name, expected in (("base", base), ("lid", lid), ("drawer", drawer)):
+        place, orientation = poses[name]
+        assert np.allclose(place[0], expected[:3, 3], atol=1e-12)
+        assert np.allclose(rotation_matrix(orientation)[0], expected[:3, :3], atol=1e-12)
