@@ -17,6 +17,7 @@ Keys, with their defaults::
     joint.origin = [0.0, 0.0, 0.0]       # a point of the axis, in the parent's frame [m]
     joint.limits = [0.0, 2.4]            # least and greatest value, [rad] of a hinge, [m] of a slider
     joint.motion = [[0.0, 0.0], [1.0, 1.5]]   # (time [s], value); straight between, constant before and after
+    # or: joint.recording = { file = "lid.csv", column = "angle", time = "t" }   # columns of a CSV, arrays of an .npz
 
 The value of a joint turns the part about its axis by the right hand's rule, or shifts it along.
 """
@@ -27,12 +28,15 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, structs
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known
 from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
+from hhsim.motion.csv_table import read_table
+from hhsim.motion.npz_arrays import numbers, read_npz
 from hhsim.reproducible import norm
+from hhsim.system.input_file import read_input, read_input_text
 from hhsim.system.settings_file import Settings, a_list, between, read_settings
 
 LEAST_LENGTH = 1e-9
@@ -43,14 +47,43 @@ Two = tuple[Number, Number]
 Keyframe = tuple[Annotated[float, between(0.0, 1e6)], Number]
 
 
+class JointRecording(Settings, frozen=True):
+    """Columns of a CSV file, or arrays of an .npz, that hold a joint's values; the path is relative to the thing's."""
+
+    file: str
+    column: str
+    time: str = "t"
+
+    def read(self, folder: Path) -> tuple[Keyframe, ...]:
+        """Return (time [s], value) of each sample; InputError for no such file or column, or what is no number."""
+        path, names = folder / self.file, (self.time, self.column)
+        try:
+            if path.suffix == ".npz":
+                arrays = read_npz(read_input(path))
+                check_known("array", names, arrays)
+                time, values = numbers(arrays, self.time), numbers(arrays, self.column)
+                if time.ndim != 1 or time.shape != values.shape:
+                    raise InputError(f"shapes {time.shape} and {values.shape}; expected (T,) of both")
+            else:
+                time, values = read_table(read_input_text(path), strict=True).numbers(names)[0].T
+            if not (len(time) and np.isfinite(time).all() and np.isfinite(values).all()):
+                raise InputError(f"{self.time} or {self.column} is empty or lacks a number; expected one a sample")
+        except OSError as reason:
+            raise InputError(f"{path}: cannot be read: {reason.strerror or reason}") from None
+        except (InputError, UnicodeDecodeError) as reason:
+            raise InputError(f"{path}: {reason}") from None
+        return tuple(zip(time.tolist(), values.tolist(), strict=True))
+
+
 class Joint(Settings, frozen=True):
     """Hinge or slider between a part and its parent; the module's docstring explains the keys."""
 
     type: Literal["hinge", "slider"]
     axis: Three
     limits: Two
-    motion: Annotated[tuple[Keyframe, ...], a_list("[[0.0, 0.0], [1.0, 1.5]]")]
+    motion: Annotated[tuple[Keyframe, ...], a_list("[[0.0, 0.0], [1.0, 1.5]]")] | None = None
     origin: Three = (0.0, 0.0, 0.0)
+    recording: JointRecording | None = None
 
     def check(self) -> None:
         """Check the axis, the order of the limits and of the times, and each value against the limits."""
@@ -59,11 +92,14 @@ class Joint(Settings, frozen=True):
             raise InputError("axis has length 0; expected a direction such as [0.0, 1.0, 0.0]")
         if least > most:
             raise InputError(f"limits are reversed: {least:g} is above {most:g}; expected the least value first")
-        times = [time for time, _ in self.motion]
+        if (self.motion is None) == (self.recording is None):
+            raise InputError(f"{'no' if self.motion is None else 'both a'} motion and recording; expected one of them")
+        motion = self.motion or ()
+        times = [time for time, _ in motion]
         for number, (before, after) in enumerate(pairwise(times), start=2):
             if after <= before:
                 raise InputError(f"motion[{number}] is at {after:g} s, not after {before:g} s; expected rising times")
-        for number, (_, value) in enumerate(self.motion, start=1):
+        for number, (_, value) in enumerate(motion, start=1):
             if not least <= value <= most:
                 raise InputError(
                     f"motion[{number}] has the value {value:g}, beyond the limits; "
@@ -71,7 +107,8 @@ class Joint(Settings, frozen=True):
                 )
 
     def values(self, time: FloatArray) -> FloatArray:
-        """Return the joint's values [rad] or [m] at these times [s], (T,)."""
+        """Return the joint's values [rad] or [m] at these times [s], (T,); its recording has been read."""
+        assert self.motion is not None
         times, values = np.array(self.motion).T
         found: FloatArray = np.interp(time, times, values)
         return found
@@ -147,7 +184,18 @@ class JointedThing(Settings, frozen=True):
 
 def read_jointed_thing(path: Path) -> JointedThing:
     """Read a thing of several parts from TOML; InputError names what is wrong and what would be right."""
-    return read_settings(path, JointedThing, "thing of several parts")
+    thing = read_settings(path, JointedThing, "thing of several parts")
+    parts = []
+    for part in thing.part:
+        joint = part.joint
+        if joint is not None and joint.recording is not None:
+            keyframes, file = joint.recording.read(path.parent), path.parent / joint.recording.file
+            try:
+                joint = structs.replace(joint, motion=keyframes, recording=None)
+            except InputError as reason:
+                raise InputError(f"{file}: {reason}") from None
+        parts.append(structs.replace(part, joint=joint))
+    return structs.replace(thing, part=tuple(parts))
 
 
 def _turned(orientation: FloatArray, vectors: FloatArray) -> FloatArray:

@@ -64,6 +64,40 @@ def test_a_motion_is_straight_between_its_keyframes_and_constant_outside(tmp_pat
     assert np.array_equal(values["lid"], [0.0, 0.0, 0.75, 1.5, 1.5])
 
 
+RECORDED = BASE + LID.replace("motion = [[0.0, 0.0], [1.0, 1.5]]", 'recording = {{ file = "{}", column = "angle" }}')
+
+
+def test_a_recorded_motion_of_either_kind_is_as_its_keyframes(tmp_path: Path) -> None:
+    (tmp_path / "lid.csv").write_text("t,angle\n0.0,0.0\n1.0,1.5\n")
+    np.savez(tmp_path / "lid.npz", t=[0.0, 1.0], angle=[0.0, 1.5])
+    for file in ("lid.csv", "lid.npz"):
+        path = tmp_path / "thing.toml"
+        path.write_text(RECORDED.format(file))
+        assert read_jointed_thing(path).joint_values(np.array([0.5]))["lid"] == 0.75
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("t,angle\n0.0,0.0\n1.0,2.5\n", "motion[2] has the value 2.5, beyond the limits"),
+        ("t,angle\n0.0,0.0\n1.0,nan\n", "lacks a number"),
+        ("t,angel\n0.0,0.0\n", "angle"),
+        (None, "lid.csv: "),
+    ],
+)
+def test_a_fault_of_a_recorded_motion_names_its_file(text: str | None, expected: str, tmp_path: Path) -> None:
+    if text is not None:
+        (tmp_path / "lid.csv").write_text(text)
+    path = tmp_path / "thing.toml"
+    path.write_text(RECORDED.format("lid.csv"))
+    with pytest.raises(InputError) as raised:
+        read_jointed_thing(path)
+    message = str(raised.value)
+    assert message.startswith(f"{tmp_path / 'lid.csv'}: ")
+    assert expected in message
+    assert "\n" not in message
+
+
 three = st.tuples(*[st.floats(-0.5, 0.5)] * 3)
 direction = three.filter(lambda axis: np.linalg.norm(axis) > 1e-3)
 
