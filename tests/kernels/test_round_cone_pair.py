@@ -48,7 +48,8 @@ def test_distance_is_the_least_over_both_axes(pair: tuple[FloatArray, FloatArray
 
     def at(s: float, t: float) -> float:
         gap = [x + s * (y - x) - z - t * (w - z) for x, y, z, w in zip(a, b, c, d)]
-        return float(math.hypot(*gap) - radius[0] - s * (radius[1] - radius[0]) - radius[2] - t * (radius[3] - radius[2]))
+        own = radius[0] + s * (radius[1] - radius[0]), radius[2] + t * (radius[3] - radius[2])
+        return float(math.hypot(*gap) - own[0] - own[1])
 
     distance, s, t, *normal = round_cone_pair(cones.kernel(0), cones.kernel(1))
     assert abs(distance - least(lambda one: least(lambda two: at(one, two)))) < 1e-9
