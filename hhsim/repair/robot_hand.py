@@ -91,7 +91,10 @@ class RobotHand:
         """
         if find_spec("mujoco") is None:
             raise InputError("a robot's hand needs mujoco, which is not installed: pip install 'hhsim[retarget]'")
-        import mujoco
+        try:
+            import mujoco
+        except ImportError as error:
+            raise InputError(f"mujoco cannot be loaded ({error}): pip install 'hhsim[retarget]'") from None
 
         self.name = str(path)
         self._mujoco: Any = mujoco

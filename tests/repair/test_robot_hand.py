@@ -1,5 +1,6 @@
 """A robot's hand: its points against a chain written out, what mimics, its shapes, and files that are none."""
 
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
@@ -136,6 +137,9 @@ def test_what_is_not_installed_and_names_are_told(tmp_path: Path, monkeypatch: p
     with pytest.raises(InputError, match="pip install robot_descriptions, or name a file"):
         find_robot("allegro")
     monkeypatch.setattr(robot_hand, "find_spec", lambda name: name)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(InputError, match=r"mujoco cannot be loaded .*: pip install 'hhsim\[retarget\]'"):
+        RobotHand(path)
 
     def described(name: str) -> SimpleNamespace:
         if "shadow" in name:
