@@ -166,7 +166,7 @@ class Projection:
         smooth: bool,
         progress: Progress = silent,
     ) -> HandConfiguration:
-        """Return free hands near the repaired ones, and as few other frames changed as a steady motion allows.
+        """Return free hands near the recorded ones; as few frames are changed as a steady motion allows.
 
         Args:
             posture: Repaired hands of T frames.
@@ -206,7 +206,7 @@ class Projection:
     def made_free(
         self, start: HandConfiguration, goals: HandConfiguration, progress: Progress = silent
     ) -> HandConfiguration:
-        """Return the goals, where their written hands penetrate the free hands nearest to them."""
+        """Return the goals; a goal whose written hand penetrates is replaced by the nearest free hand found."""
         made = goals.copy()
         changed = change_between(self.written.fitted, goals).any(axis=1)
         inside = np.flatnonzero(self.clearance(goals) < np.where(changed, CLEAR, 0.0)).tolist()

@@ -1,6 +1,6 @@
 """Things of several rigid parts that hang on each other by hinges and sliders, as TOML declares them.
 
-Keys, with their defaults::
+No scene takes them yet. Keys, with their defaults::
 
     [[part]]
     name = "base"
@@ -147,11 +147,11 @@ class JointedThing(Settings, frozen=True):
         check_known("part", [part.parent for part in self.part if part.parent], names)
         parents = {part.name: part.parent for part in self.part}
         for name in names:
-            way = [name]
-            while parents[way[-1]]:
-                way.append(parents[way[-1]])
-                if way[-1] in way[:-1]:
-                    circle = way[way.index(way[-1]) :]
+            chain = [name]
+            while parents[chain[-1]]:
+                chain.append(parents[chain[-1]])
+                if chain[-1] in chain[:-1]:
+                    circle = chain[chain.index(chain[-1]) :]
                     raise InputError(f"joints in a circle: {' on '.join(circle)}; expected one part without a parent")
         roots = [part.name for part in self.part if not part.parent]
         if len(roots) > 1:
@@ -211,8 +211,8 @@ def _moved(part: Part, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     if part.joint is None:
         return place, orientation
     axis = np.array(part.joint.axis)
-    way = values[:, None] * (axis / norm(axis))
+    along = values[:, None] * (axis / norm(axis))
     if part.joint.type == "slider":
-        return place + way, orientation
-    turn, origin = quaternion(way), np.array(part.joint.origin)
+        return place + along, orientation
+    turn, origin = quaternion(along), np.array(part.joint.origin)
     return origin + _turned(turn, place - origin), quaternion_product(turn, orientation)
