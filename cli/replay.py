@@ -18,19 +18,23 @@ from .arguments.comma_list import number_list
 from .arguments.free_object import FreeChoice
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, option, shared
-from .arguments.options import COUNT, Side, isolate, ranged
+from .arguments.options import COUNT, isolate, ranged
 from .arguments.tree_choice import TreeOrFile
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
 from .run_again import names_a_result, run_again
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from hhsim.replay.summary import ReplaySummary
-    from hhsim.scene.described_scene import SceneWords
+    from hhsim.scene.described_scene import PlacedScene, SceneWords
     from hhsim.scene.motion_catalogue import Motion
     from hhsim.solver.options import SolverOptions
+    from hhsim.system.progress import Progress
     from hhsim.view.sink import RerunTarget
 
 
+HANDS: tuple[options.Side, options.Side] = ("right", "left")
 STIFFNESSES = {"translation": "k_t [N/m]", "rotation": "k_r [N·m/rad]", "flexion": "k_θ [N·m/rad]"}
 """Parts of --stiffness in their order, by the library's names."""
 
@@ -116,8 +120,10 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
         default="recorded",
         help="An object that a recording moves: it moves as recorded, or stays fixed where it was at first.",
     )
-    side: Side | None = option(
-        "--hand", type=options.SIDES, help="Which hand grasps. Default: the recording's, else the right one."
+    side: Literal["right", "left", "both"] | None = option(
+        *("--hand", "--hands"),
+        type=click.Choice(["right", "left", "both"]),
+        help="Which hand grasps, or both. Default: the recording's, else the right one.",
     )
     hand_file: Path | None = shared(options.hand_file)
     tremor: tuple[float, float] | None = option(
@@ -127,17 +133,24 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
     )
     ticks: int | None = option(type=COUNT, metavar="N", help="Run only the first N ticks. Default: the whole motion.")
 
-    def motion(self, trajectory: str) -> "Motion":
-        """Return the motion that TRAJECTORY names, with its tremor.
+    def motions(self, trajectory: str) -> "list[Motion]":
+        """Return the motion that TRAJECTORY names, or that of the right and of the left hand, with its tremor.
 
         Raises:
             UsageError, HhsimError: Options that do not go with it, no such motion, or a file that cannot be read.
         """
-        from hhsim.motion.trajectory import Trajectory
         from hhsim.scene.motion_catalogue import resolve_trajectory
+
+        if self.side != "both":
+            return [self._motion(resolve_trajectory(trajectory), trajectory)]
+        from hhsim.scene.two_hands import two_handed_motions
+
+        return [self._motion(motion, trajectory) for motion in two_handed_motions(trajectory)]
+
+    def _motion(self, motion: "Motion", trajectory: str) -> "Motion":
+        from hhsim.motion.trajectory import Trajectory
         from hhsim.scene.script import Script
 
-        motion = resolve_trajectory(trajectory)
         if self.place_object == "auto" and not isinstance(motion, Trajectory):
             raise click.UsageError(
                 f"--place-object is for recordings; '{trajectory}' finds its place at the object itself"
@@ -257,8 +270,11 @@ def command(
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.scene.scene import hand_of
 
+    if moving.side == "both":
+        _refuse_of_both(free, output, rerun)
     solver_options = solver.options()
-    motion = moving.motion(trajectory)
+    motions = moving.motions(trajectory)
+    motion = motions[0]
     free.require(solver_options, motion, way_out=": --object-pose fixed keeps it where it is at first")
     remarks = import_remarks(motion, trajectory)
     announce_compilation(quiet=output.quiet)
@@ -277,12 +293,18 @@ def command(
             # Before the progress bar starts a thread, which would not survive a fork.
             viewer = stack.enter_context(ViewAhead(rerun))
         report = stack.enter_context(progress(quiet=output.quiet))
-        hand = hand_of(motion, moving.side, moving.hand_file)
         if tree.path is None:
             chosen = tree.choose(mesh, usual_level, report, solid=solid)
         else:
             chosen = tree.load(mesh, mesh_file.unit_length(object_))
         described = moving.words(object_, trajectory, mesh_file, tree, seed)
+        if moving.side == "both":
+            from hhsim.scene.two_hands import two_handed_scenes
+
+            hands = [hand_of(each, side, moving.hand_file) for each, side in zip(motions, HANDS)]
+            scenes = two_handed_scenes(described, mesh, chosen.tree, hands, motions, solver_options.fingers)
+            return _replay_both(scenes, solver_options, output, output_path, [*remarks, *chosen.notes], report)
+        hand = hand_of(motion, moving.side, moving.hand_file)
         placed = described_scene(described, mesh, chosen.tree, hand, motion, solver_options.fingers)
         remarks += filter(None, [placed.note])
         scene = replace(placed.scene, free=free.object(placed.scene.mesh, object_))
@@ -316,6 +338,45 @@ def command(
     elif summary.verdict.mostly_stuck:
         print_notes([summary.verdict.line], prefix="missed")
     return int(summary.verdict.mostly_stuck)
+
+
+def _refuse_of_both(free: FreeChoice, output: ReplayOutput, rerun: "RerunTarget | None") -> None:
+    if free.free:
+        raise click.UsageError("--free is of one hand: two hands on a free object are not solved")
+    if output.repeat > 1:
+        raise click.UsageError("--repeat is of one hand: name it with --hand right or --hand left")
+    if rerun is not None:
+        raise click.UsageError("--rerun is of one hand: hhsim view RESULT shows both after the replay")
+
+
+def _replay_both(
+    scenes: "Sequence[PlacedScene]",
+    solver_options: "SolverOptions",
+    output: ReplayOutput,
+    path: Path,
+    notes: list[str],
+    report: "Progress",
+) -> int:
+    """Replay two hands, print a table of each, and return the exit code."""
+    from hhsim.replay.two_hands import replay_two_hands
+
+    typed = ("hhsim", *sys.argv[1:])
+    both = replay_two_hands([placed.scene for placed in scenes], solver_options, path, command=typed, progress=report)
+    notes = [*dict.fromkeys([*notes, *filter(None, (placed.note for placed in scenes))]), both.note]
+    stuck = [summary for summary in both.hands if summary.verdict.mostly_stuck]
+    if output.as_json:
+        print_json({**both.to_json(), "notes": notes})
+    elif not output.quiet:
+        for side, summary in zip(HANDS, both.hands):
+            print_line(f"{side} hand")
+            _print(summary, whole=output.whole)
+            print()
+        for note in dict.fromkeys([*notes, *(note for summary in both.hands for note in summary.notes)]):
+            print_line(f"note: {note}")
+        print_line(f"every tick is in {both.path}")
+    else:
+        print_notes([summary.verdict.line for summary in stuck], prefix="missed")
+    return int(bool(stuck))
 
 
 def _print(summary: "ReplaySummary", *, whole: bool) -> None:

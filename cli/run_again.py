@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
@@ -10,15 +11,18 @@ from hhsim.table.table import Table
 
 from .console import announce_compilation, print_json, print_notes, print_table, progress
 
+if TYPE_CHECKING:
+    from hhsim.replay.repeat import RunAgain
+
 TAKEN = ("object_", "as_json", "quiet")
 """Parameters of `hhsim replay` that a second run may have."""
 
 
 def names_a_result(name: str | Path) -> bool:
-    """Return whether an argument is a result, and not an object, a suite or a baseline."""
-    from hhsim.result.schema import SUFFIXES
+    """Return whether an argument is a result, or one hand of it, and not an object, a suite or a baseline."""
+    from hhsim.result.schema import SUFFIXES, is_one_of_two
 
-    return Path(name).suffix.lower() in SUFFIXES
+    return Path(name).suffix.lower() in SUFFIXES or is_one_of_two(Path(name))
 
 
 def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool) -> int:
@@ -26,31 +30,37 @@ def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool)
     _refuse_changes(context, path)
     announce_compilation(quiet=quiet)
     from hhsim.replay.repeat import run_again as run
-    from hhsim.result.reader import load_result
+    from hhsim.result.reader import hand_paths, load_result
 
     with progress(quiet=quiet) as report:
-        again = run(load_result(path), progress=report)
+        runs = [run(load_result(hand), progress=report) for hand in hand_paths(path)]
     if as_json:
-        print_json(again.to_json())
-    elif not quiet:
-        same = sum(array.identical for array in again.arrays)
-        title = f"{path}: {again.ticks:,} ticks run again, {same} of {len(again.arrays)} arrays identical"
-        columns = ("array", "is", "ticks that differ", "first", "largest difference", "bound", "unit")
-        numbers = ("ticks that differ", "first", "largest difference", "bound")
-        rows = []
-        for array in again.arrays:
-            found = ("", "", "")
-            if not array.identical:
-                found = (f"{array.ticks:,}", f"{array.first_tick:,}", f"{array.largest:.3g}")
-            bound = "none" if math.isinf(array.bound) else f"{array.bound:g}"
-            rows.append((array.name, array.word, *found, bound, array.units))
-        print_table(Table.of_cells(columns, rows, title, numbers=numbers))
-        for note in again.notes:
-            print(f"note: {note}")
-        print(again.sentence)
-    if quiet and not again.identical:
-        print_notes([f"{path} is run again: {again.sentence}"], prefix="note" if again.same else "missed")
-    return 0 if again.same else 1
+        documents = [again.to_json() for again in runs]
+        print_json(documents[0] if len(documents) == 1 else {"result": str(path), "hands": documents})
+    for again in () if as_json else runs:
+        if not quiet:
+            _print(again)
+        elif not again.identical:
+            print_notes([f"{again.path} is run again: {again.sentence}"], prefix="note" if again.same else "missed")
+    return 0 if all(again.same for again in runs) else 1
+
+
+def _print(again: "RunAgain") -> None:
+    same = sum(array.identical for array in again.arrays)
+    title = f"{again.path}: {again.ticks:,} ticks run again, {same} of {len(again.arrays)} arrays identical"
+    columns = ("array", "is", "ticks that differ", "first", "largest difference", "bound", "unit")
+    numbers = ("ticks that differ", "first", "largest difference", "bound")
+    rows = []
+    for array in again.arrays:
+        found = ("", "", "")
+        if not array.identical:
+            found = (f"{array.ticks:,}", f"{array.first_tick:,}", f"{array.largest:.3g}")
+        bound = "none" if math.isinf(array.bound) else f"{array.bound:g}"
+        rows.append((array.name, array.word, *found, bound, array.units))
+    print_table(Table.of_cells(columns, rows, title, numbers=numbers))
+    for note in again.notes:
+        print(f"note: {note}")
+    print(again.sentence)
 
 
 def _refuse_changes(context: click.Context, path: Path) -> None:

@@ -45,10 +45,10 @@ WHY = words("what is claimed; why so much is let pass", lambda claim: "; ".join(
 def command(result: Path, every: int | None, again: bool, why: bool, as_json: bool, quiet: bool) -> int:
     """Check every claim of a result with independent code.
 
-    RESULT is a file that hhsim replay or hhsim live wrote. Joints, depths, forces, optimality, times and the summary
-    are computed anew from the stored hands; of a session also its periods, its latency and what the fingers were told.
-    The true mesh is asked through the collision library coal, which pip install 'hhsim[verify]' brings. The exit code
-    is 1 where a claim is false.
+    RESULT is a file that hhsim replay or hhsim live wrote; of two hands, each is checked. Joints, depths, forces,
+    optimality, times and the summary are computed anew from the stored hands; of a session also its periods, its
+    latency and what the fingers were told. The true mesh is asked through the collision library coal, which
+    pip install 'hhsim[verify]' brings. The exit code is 1 where a claim is false.
 
     \b
     Examples:
@@ -57,18 +57,21 @@ def command(result: Path, every: int | None, again: bool, why: bool, as_json: bo
       hhsim verify grasp.h5 --again
       hhsim verify session.h5 --every 100 --json
     """
-    from hhsim.result.reader import load_result
+    from hhsim.result.reader import hand_paths, load_result
     from hhsim.verify.verify import verify
 
     begin = time.perf_counter()
-    loaded = load_result(result)
+    results = [load_result(path) for path in hand_paths(result)]
     with progress(quiet=quiet) as report:
-        found = verify(loaded, every=every, again=again, progress=report)
+        all_found = [verify(one, every=every, again=again, progress=report) for one in results]
     if as_json:
-        print_json({"result": str(result), **found.to_json(), "seconds": time.perf_counter() - begin})
+        documents = [{"result": str(one.path), **found.to_json()} for one, found in zip(results, all_found)]
+        whole = documents[0] if len(documents) == 1 else {"result": str(result), "hands": documents}
+        print_json({**whole, "seconds": time.perf_counter() - begin})
     elif not quiet:
-        _print(result, found, why=why)
-    return 0 if found.passed else 1
+        for one, found in zip(results, all_found):
+            _print(one.path, found, why=why)
+    return 0 if all(found.passed for found in all_found) else 1
 
 
 def _print(path: Path, found: "Verification", *, why: bool) -> None:

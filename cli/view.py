@@ -59,10 +59,11 @@ def command(
 ) -> None:
     """Look at results, motions and meshes in the rerun viewer.
 
-    FILE is what hhsim replay or hhsim live wrote, a trajectory (.h5, .csv), a sphere tree, or a mesh; which it is, its
-    content tells. Of a result both hands are shown, the object, contacts, forces and plots of every tick: the graphic
-    hand in skin colour, the haptic hand (the user's) in blue, contact forces in red. Several files stand side by side
-    on one time axis. With half a million ticks, --every 10 keeps the viewer quick.
+    FILE is what hhsim replay or hhsim live wrote, a trajectory (.h5, .csv), a sphere tree, or a mesh; which it is,
+    its content tells. A right and a left hand on the same object at the same time are in one picture. Of a result
+    both hands are shown, the object, contacts, forces and plots of every tick: the graphic hand in skin colour, the
+    haptic hand (the user's) in blue, contact forces in red. Several files stand side by side on one time axis. With
+    half a million ticks, --every 10 keeps the viewer quick.
 
     --video makes a film of one result, 25 frames a second: a GIF, or an MP4 where the program ffmpeg is installed.
 
@@ -76,6 +77,7 @@ def command(
     """
     if video is None and (slow is not None or pixels is not None):
         raise click.UsageError("--slow and --pixels are of a film: name its file with --video")
+    from hhsim.result.reader import hand_paths
     from hhsim.view.gallery import file_kind
 
     kinds = [file_kind(path) for path in files]
@@ -91,7 +93,7 @@ def command(
         target = parse_target("spawn")
         check_target(target)
     if target is not None:
-        if kinds == ["result"]:
+        if kinds == ["result"] and len(hand_paths(files[0])) == 1:
             document |= _view_result(files[0], target, every, spheres=spheres, quiet=quiet, as_json=as_json)
         else:
             document |= _view_files(files, target, every, unit or "m", spheres=spheres, quiet=quiet, as_json=as_json)
@@ -100,14 +102,14 @@ def command(
 
 
 def _make_video(path: Path, video: Path, slow: float, pixels: int, *, quiet: bool) -> dict[str, object]:
-    from hhsim.result.reader import load_result
+    from hhsim.result.reader import hand_paths, load_result
     from hhsim.view.film import FPS, check_video_path, write_video
 
     check_video_path(video)
-    result = load_result(path)
+    result, *others = (load_result(one) for one in hand_paths(path))
     announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
-        frames = write_video(result, video, slow, pixels, report)
+        frames = write_video(result, video, slow, pixels, report, *others)
     if not quiet:
         print(f"{counted(frames, 'frame')} of {counted(result.ticks, 'tick')}, {frames / FPS:.1f} s, in {video}")
     return {"result": str(path), "video": str(video), "frames": frames}

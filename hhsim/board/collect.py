@@ -7,7 +7,7 @@ from pathlib import Path
 from hhsim.board.entry import FAILED, Entry, entry_of_result, entry_of_row
 from hhsim.errors import InputError
 from hhsim.replay.verdict import UNTOUCHED
-from hhsim.result.reader import load_result
+from hhsim.result.reader import hand_paths, load_result
 from hhsim.result.schema import FORMAT, SUFFIXES
 from hhsim.sweep.cell import BOTH
 from hhsim.sweep.folder import CELLS, is_sweep, read_row
@@ -48,11 +48,11 @@ def collect(folders: Sequence[Path], progress: Progress = silent) -> Board:
                 except (KeyError, TypeError, ValueError) as error:
                     raise InputError(f"a row that lacks {error}") from None
                 continue
-            result = load_result(path)
-            if not result.complete:
-                notes.append(f"{path} is of a run that was stopped: left out")
-                continue
-            entries.append(entry_of_result(result))
+            for result in map(load_result, hand_paths(path)):
+                if result.complete:
+                    entries.append(entry_of_result(result))
+                else:
+                    notes.append(f"{path} is of a run that was stopped: left out")
         except InputError as error:
             notes.append(f"{path} is left out: {error}")
     if not entries:

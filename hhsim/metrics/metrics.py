@@ -5,6 +5,7 @@ selects a phase. What is undefined is NaN: a rate of a force that is not there, 
 and force variation are the paper's (Section V-D); the others are defined here.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -17,6 +18,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.contact.penetration import clearances
 from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.kernels.hand.hands_apart import hands_apart
 from hhsim.kernels.jit import as_argument
 
 FORCE_FLOOR = 0.01
@@ -136,6 +138,19 @@ def hand_clearance(
     placed = (joint_array, as_argument(position), rotation_matrix(orientation))
     clearances(surface, shape, *placed, float(limit), palm, finger)
     return palm, finger
+
+
+def distance_of_hands(
+    shape: HandShape, placed: Sequence[ArrayLike], other_shape: HandShape, other: Sequence[ArrayLike]
+) -> FloatArray:
+    """Least signed distance [m] of two hands at each tick, shape (T,), negative where one is in the other.
+
+    Each is placed by joints [m] (T, 5, 4, 3), palm position [m] (T, 3) and orientation (T, 4), world.
+    """
+    hands = [(as_argument(at), as_argument(origin), rotation_matrix(turn)) for at, origin, turn in (placed, other)]
+    found = np.empty(len(hands[0][0]))
+    hands_apart(shape, *hands[0], other_shape, *hands[1], found)
+    return found
 
 
 def force_variation_rate(force: ArrayLike) -> FloatArray:

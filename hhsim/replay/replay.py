@@ -3,15 +3,17 @@
 The ticks run in compiled blocks; each is measured and written before the next one starts, outside of the timed ticks.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from hhsim.arrays import AnyArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.run.registry import needed_columns
 from hhsim.replay.moving_object import scene_frames
 from hhsim.replay.stored_scene import describe_scene, static_arrays
@@ -61,51 +63,89 @@ def replay_scene(
         OutputError: The file cannot be written.
         HhsimError: More pairs were near than the solver holds.
     """
-    if not isinstance(options, SolverOptions):
-        raise InputError(f"options: expected SolverOptions, found {options!r}")
-    options, free, report = options.at_rate(scene.ticks.rate), scene.free, progress or silent
-    prepared = warm_up(scene.hand, options, free)
-    surface = contact_surface(options.surface, scene.mesh, scene.tree)
-    solver = HandSolver(scene.hand, surface, options, free)
-    ticks, total = scene.ticks, scene.ticks.tick_count
-    motion = scene.trajectory
-    static = static_arrays(scene.mesh, scene.tree, scene.hand, motion.object_position, motion.object_orientation)
-    described = {
-        **scene.description,
-        **(description or {}),
-        "rate": ticks.rate,
-        "motion": motion.name,
-        "motion_source": motion.source,
-        **_of_outside_method(options.method, solver.method),
-        **describe_scene(scene.mesh, scene.tree, scene.hand, options, static, free),
-    }
-    series, kept = KeptColumns((*needed_columns(), *GRAPHIC_HAND)), KeptColumns(OF_FREE_OBJECT if free else ())
-    columns = TickColumns(surface.arrays, scene.hand, options)
-    frame_of = scene_frames(scene, solver)
-    moves: dict[str, Any] = {"driven": scene.driven is not None, "free": free is not None}
-    with ResultWriter(
-        Path(output_path), scene=described, static=static, phases=ticks.phases, command=command, **moves
-    ) as writer:
+    run, report = Replay(scene, options, description), progress or silent
+    with run.writer(Path(output_path), command):
         if before_ticks is not None:
             before_ticks()
         with interruptible_between() as check_interrupt:
-            for first in range(0, total, CHUNK_TICKS):
-                report("ticks", first, total)
-                part = slice(first, min(first + CHUNK_TICKS, total))
-                record = solver.run(*HandConfiguration.of(ticks).at(part))
-                if not np.isfinite(record.joints).all():
-                    raise HhsimError(f"the graphic hand is not finite after tick {first}: please report the command")
-                frame = frame_of(part)
-                block = columns.block(ticks.time[part], ticks.input_seq[part], frame.haptic, record)
-                whole, contacts = frame.world(block), frame.contacts(first)
-                writer.append(whole, {CONTACT: contacts})
-                kept.keep(whole | {f"{CONTACT}/{name}": rows for name, rows in contacts.items()})
-                series.keep(block)
+            for part in run.blocks():
+                report("ticks", part.start, run.total)
+                run.write(part, run.solve(part))
                 check_interrupt()
-        report("ticks", total, total)
-        summary = summarise(scene, surface, options, series, prepared, kept, of_paper=of_the_paper(described))
-        path = writer.finish(summary.attributes())
-    return replace(summary, path=path)
+        report("ticks", run.total, run.total)
+        return run.finish()
+
+
+class Replay:
+    """Run of one hand: its solver, and what is written of each block of ticks.
+
+    Args:
+        scene, options, description: As of `replay_scene`, which says what is raised.
+    """
+
+    def __init__(self, scene: Scene, options: SolverOptions, description: Mapping[str, Any] | None = None) -> None:
+        if not isinstance(options, SolverOptions):
+            raise InputError(f"options: expected SolverOptions, found {options!r}")
+        self.scene, self.total = scene, scene.ticks.tick_count
+        self._options, free = options.at_rate(scene.ticks.rate), scene.free
+        self._prepared = warm_up(scene.hand, self._options, free)
+        self._surface = contact_surface(self._options.surface, scene.mesh, scene.tree)
+        self.solver = HandSolver(scene.hand, self._surface, self._options, free)
+        motion = scene.trajectory
+        self._static = static_arrays(
+            scene.mesh, scene.tree, scene.hand, motion.object_position, motion.object_orientation
+        )
+        self._described = {
+            **scene.description,
+            **(description or {}),
+            "rate": scene.ticks.rate,
+            "motion": motion.name,
+            "motion_source": motion.source,
+            **_of_outside_method(self._options.method, self.solver.method),
+            **describe_scene(scene.mesh, scene.tree, scene.hand, self._options, self._static, free),
+        }
+        self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
+        self._kept = KeptColumns(OF_FREE_OBJECT if free else ())
+        self._columns = TickColumns(self._surface.arrays, scene.hand, self._options)
+        self._frame_of = scene_frames(scene, self.solver)
+        self._haptic = HandConfiguration.of(scene.ticks)
+
+    def writer(self, path: Path, command: Sequence[str]) -> ResultWriter:
+        """Return the writer of the run's file, to be entered before the first tick."""
+        moves: dict[str, Any] = {"driven": self.scene.driven is not None, "free": self.scene.free is not None}
+        about: dict[str, Any] = {"scene": self._described, "static": self._static, "phases": self.scene.ticks.phases}
+        self._writer = ResultWriter(path, **about, command=command, **moves)
+        return self._writer
+
+    def blocks(self) -> Iterator[slice]:
+        """Yield the blocks of ticks in their order."""
+        for first in range(0, self.total, CHUNK_TICKS):
+            yield slice(first, min(first + CHUNK_TICKS, self.total))
+
+    def solve(self, part: slice) -> TickRecord:
+        """Run the next ticks."""
+        record = self.solver.run(*self._haptic.at(part))
+        if not np.isfinite(record.joints).all():
+            raise HhsimError(f"the graphic hand is not finite after tick {part.start}: please report the command")
+        return record
+
+    def write(self, part: slice, record: TickRecord) -> dict[str, AnyArray]:
+        """Write the ticks that were solved last; returns their columns, world."""
+        ticks, frame = self.scene.ticks, self._frame_of(part)
+        block = self._columns.block(ticks.time[part], ticks.input_seq[part], frame.haptic, record)
+        whole, contacts = frame.world(block), frame.contacts(part.start)
+        self._writer.append(whole, {CONTACT: contacts})
+        self._kept.keep(whole | {f"{CONTACT}/{name}": rows for name, rows in contacts.items()})
+        self._series.keep(block)
+        return whole
+
+    def finish(self) -> ReplaySummary:
+        """Compute the table, write it, and complete the file."""
+        shown = of_the_paper(self._described)
+        kept = self._series, self._prepared, self._kept
+        summary = summarise(self.scene, self._surface, self._options, *kept, of_paper=shown)
+        path = self._writer.finish(summary.attributes())
+        return replace(summary, path=path)
 
 
 def _of_outside_method(name: str, method: Method) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from hhsim.report.pictures import overview_picture
 from hhsim.report.posed_result import posed_result
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import Result, hand_paths, load_result
 from hhsim.system.output_path import check_output_path
 
 FIGURES: Mapping[str, Callable[[Mapping[str, Result]], ReportFigure]] = {
@@ -62,7 +62,7 @@ def make_figure(paths: Sequence[Path], name: str) -> ReportFigure:
     tables = [path for path in paths if is_table(path)]
     if tables:
         return _table_figure(tables[0], name, alone=len(paths) == 1)
-    results = [posed_result(load_result(path)) for path in paths]
+    results = [posed_result(load_result(hand)) for path in paths for hand in hand_paths(path)]
     return FIGURES[name](dict(zip(result_labels(results), results)))
 
 

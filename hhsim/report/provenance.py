@@ -11,6 +11,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.metrics.session_faults import how_it_ended
 from hhsim.replay.stored_scene import PARTS
 from hhsim.result.reader import Result
+from hhsim.result.schema import is_one_of_two
 from hhsim.result.wording import commit, motion_name, object_name
 from hhsim.system.counted import counted
 from hhsim.system.input_file import open_input
@@ -102,7 +103,7 @@ def option_facts(result: Result) -> dict[str, str]:
 def file_digest(path: Path) -> str:
     """Return the SHA-256 of a file in hexadecimal digits; raise InputError if it cannot be read."""
     try:
-        with open_input(path) as file:
+        with open_input(path.parent if is_one_of_two(path) else path) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error

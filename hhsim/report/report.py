@@ -20,7 +20,7 @@ from hhsim.report.sections import result_tables
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
 from hhsim.report.worst_ticks import worst_cards
-from hhsim.result.reader import load_result
+from hhsim.result.reader import hand_paths, load_result
 from hhsim.result.wording import motion_name, object_name
 from hhsim.system.atomic_write import write_together
 from hhsim.system.counted import counted
@@ -105,7 +105,7 @@ def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report
         InputError: A file that is neither a result nor a table of hhsim bench.
     """
     tables = {path: bench_file.load_table(path) for path in paths if bench_file.is_table(path)}
-    results = [load_result(path) for path in paths if path not in tables]
+    results = [load_result(hand) for path in paths if path not in tables for hand in hand_paths(path)]
     steps = itertools.count()
 
     def report_step(what: str) -> None:

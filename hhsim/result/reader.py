@@ -24,17 +24,21 @@ from hhsim.result.schema import (
     DRIVEN_SCHEMA_VERSION,
     FORMAT,
     FREE_COLUMNS,
+    HANDS,
     LIVE,
     LIVE_TICK,
     LIVE_TICK_COLUMNS,
     OBJECT_COLUMNS,
     SCHEMA_VERSIONS,
+    SIDES,
     SKIN,
     SKIN_COLUMNS,
     STATIC_COLUMNS,
     SUFFIXES,
     TICK_COLUMNS,
+    TWO_HANDED_SCHEMA_VERSION,
     Column,
+    is_one_of_two,
     wrong_schema,
 )
 from hhsim.system.environment import UNKNOWN
@@ -120,6 +124,11 @@ class Result:
             return _mapping(str((self.live or {})[name]))
         except (KeyError, DamagedFileError) as error:
             raise InputError(f"{self.path}: {name} of /live: {error}") from None
+
+    @property
+    def side(self) -> str:
+        """Side of the hand, right or left."""
+        return str(self.scene["hand"]["side"])
 
     @property
     def rate(self) -> float:
@@ -230,10 +239,10 @@ class Result:
 
     def _whole_rows(self, dataset: h5py.Dataset) -> int:
         """Number of rows that belong to the ticks: a killed run may have written a block to some datasets only."""
-        if dataset.name.startswith(f"/{LIVE_TICK}/"):
-            return self.ticks
         table = dataset.parent
-        if table.name != f"/{CONTACT}":
+        if f"{table.name}/".endswith((f"/{LIVE_TICK}/", f"/{LIVE_TICK}/taken/")):
+            return self.ticks
+        if not table.name.endswith(f"/{CONTACT}"):
             return min(len(column) for column in table.values())
         ticks, bodies = table["tick"][...], table["body"][...]
         if (np.diff(ticks) < 0).any() or (ticks[:1] < 0).any() or ((bodies < -1) | (bodies >= BODIES)).any():
@@ -278,11 +287,24 @@ class Result:
         raise InputError(f"{self.path} has no phase '{name}': it has {known}")
 
 
-def load_result(path: str | Path) -> Result:
-    """Open a result file, complete or not.
+def hand_paths(path: Path) -> list[Path]:
+    """Return the paths of the results in a file: its own, or `FILE/right` and `FILE/left` where it holds two hands.
 
     Raises:
-        InputError: No such file, no HDF5, no result, another schema, or datasets that are missing or misshapen.
+        InputError: As `load_result`.
+    """
+    if is_one_of_two(path):
+        return [path]
+    with _opened(path) as file:
+        return [path / side for side in SIDES] if HANDS in file else [path]
+
+
+def load_result(path: str | Path) -> Result:
+    """Open a result file, complete or not; one hand of a file of two is `FILE.h5/right` or `FILE.h5/left`.
+
+    Raises:
+        InputError: No such file, no HDF5, no result, another schema, datasets that are missing or misshapen, or a file
+            of two hands.
     """
     path = Path(path)
     with _opened(path) as file:
@@ -394,7 +416,13 @@ def read_phases(file: h5py.File) -> Iterator[TickPhase]:
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[h5py.File]:
-    """Open for reading; raise InputError for every failure of the file."""
+    """Open for reading, of `FILE.h5/left` that hand's group; raise InputError for every failure of the file."""
+    if is_one_of_two(path):
+        with _opened(path.parent) as file:
+            if HANDS not in file:
+                raise InputError(f"{path.parent} holds one hand: name it without /{path.name}")
+            yield file[HANDS][path.name]
+        return
     if not path.exists():
         raise InputError(f"{path}: no such file; expected a result (.h5)")
     if path.is_dir():
@@ -422,6 +450,8 @@ def _check_format(file: h5py.File, path: Path) -> None:
         what = f"its format is '{found}'" if isinstance(found, str) else "it states no format"
         raise InputError(f"{path} is no result file: {what}, not '{FORMAT}'{_HINTS.get(str(found), '')}")
     version = file.attrs.get("schema_version")
+    if version == TWO_HANDED_SCHEMA_VERSION:
+        raise InputError(f"{path} holds two hands: name one of them, {path}/right or {path}/left")
     if version not in SCHEMA_VERSIONS:
         raise InputError(f"{path} {wrong_schema(version)}")
 

@@ -6,7 +6,8 @@ A result holds all that a run needs, so that it can be run again from nothing el
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,16 @@ SCHEMA_VERSION = 3
 DRIVEN_SCHEMA_VERSION = 4
 """Version of a file whose object moves; readers of still objects alone refuse it."""
 SCHEMA_VERSIONS = (SCHEMA_VERSION, DRIVEN_SCHEMA_VERSION)
+TWO_HANDED_SCHEMA_VERSION = 5
+"""Version of a file of two hands, each of which is a result under `HANDS`."""
 SUFFIXES = (".h5", ".hdf5")
 """Suffixes of a result's name."""
+HANDS = "hands"
+"""Group of the two hands' results, `hands/right` and `hands/left`."""
+SIDES: tuple[Literal["right"], Literal["left"]] = ("right", "left")
+"""Hands of a file of two, in their order."""
+TWO_HANDED = "two_handed"
+"""Key of a scene's description: true for one of two hands that were run together."""
 LIVE = "live"
 """Group of live sessions."""
 LIVE_TICK = "live/tick"
@@ -367,6 +376,12 @@ def sample_columns(channels: int) -> tuple[Column, ...]:
 
 def wrong_schema(version: Any) -> str:
     """Message on a result of another schema, to follow its path."""
-    if isinstance(version, int | np.integer) and version > DRIVEN_SCHEMA_VERSION:
-        return f"was written by a newer hhsim (schema {version}; this one reads {DRIVEN_SCHEMA_VERSION}): upgrade hhsim"
+    if isinstance(version, int | np.integer) and version > TWO_HANDED_SCHEMA_VERSION:
+        newest = TWO_HANDED_SCHEMA_VERSION
+        return f"was written by a newer hhsim (schema {version}; this one reads {newest}): upgrade hhsim"
     return f"is a result of schema {version}; this hhsim reads schema {SCHEMA_VERSION} alone: make it anew"
+
+
+def is_one_of_two(path: Path) -> bool:
+    """Return True for the path of one hand in a file of two, `FILE.h5/right` or `FILE.h5/left`."""
+    return path.name in SIDES and path.parent.suffix.lower() in SUFFIXES and path.parent.is_file()

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.result.reader import Result
+from hhsim.result.schema import TWO_HANDED
 
 LENGTHS = ("margin", "skin", "offset", "step_tolerance", "touch")
 """Options of the solver that are lengths [m]."""
@@ -20,9 +21,10 @@ def object_name(result: Result) -> str:
 
 
 def motion_name(result: Result) -> str:
-    """Return what people call the motion."""
+    """Return what people call the motion; of one of two hands, with its side."""
     scene = result.scene
-    return str(scene.get("motion") or Path(str(scene.get("trajectory") or "motion")).name)
+    name = str(scene.get("motion") or Path(str(scene.get("trajectory") or "motion")).name)
+    return f"{name} ({scene['hand']['side']} of two hands)" if scene.get(TWO_HANDED) else name
 
 
 def commit(result: Result) -> str:

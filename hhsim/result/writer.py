@@ -95,7 +95,7 @@ class ResultWriter:
             self._tables[CONTACT] = _Table(CONTACT_COLUMNS)
         self._tables |= {group: _Table(columns) for group, columns in (tables or {}).items()}
         self._complete = False
-        with _output_errors(self.path), contextlib.ExitStack() as undo:
+        with output_errors(self.path), contextlib.ExitStack() as undo:
             self.path.touch(exist_ok=False)
             undo.callback(self.path.unlink, missing_ok=True)
             self._file = h5py.File(self.path, "w")
@@ -151,7 +151,7 @@ class ResultWriter:
         """
         given = {_TICK: block, **(others or {})}
         blocks = {group: _rows(of, self._tables[group].columns) for group, of in given.items() if of}
-        with _output_errors(self.path):
+        with output_errors(self.path):
             self._claim(sum(self._tables[group].growth(arrays) for group, arrays in blocks.items()) + _OVERHEAD)
             for group, arrays in blocks.items():
                 table = self._tables[group]
@@ -171,7 +171,7 @@ class ResultWriter:
 
         `phases` replaces those of the start.
         """
-        with _output_errors(self.path):
+        with output_errors(self.path):
             self._claim(_OVERHEAD)
             if phases is not None:
                 self._write_phases(phases)
@@ -201,7 +201,7 @@ class ResultWriter:
         first = {"format": FORMAT, "schema_version": self._schema, "complete": 0}
         self._file.attrs.update({**first, **info.file_attributes(), "scene": scene_json})
         for column in STATIC_COLUMNS:
-            _describe(self._file.create_dataset(column.name, data=arrays[column.name]), column)
+            describe_dataset(self._file.create_dataset(column.name, data=arrays[column.name]), column)
         for group, table in self._tables.items():
             for column in table.columns:
                 dataset = self._file.create_dataset(
@@ -211,7 +211,7 @@ class ResultWriter:
                     chunks=(CHUNK_TICKS, *column.shape),
                     dtype=_stored_type(column),
                 )
-                _describe(dataset, column)
+                describe_dataset(dataset, column)
         self._file.create_group("summary")
         for group, values in attributes.items():
             self._file[group].attrs.update(values)
@@ -223,10 +223,11 @@ class ResultWriter:
             del self._file["phase"]
         group = self._file.create_group("phase")
         names = group.create_dataset("name", data=[phase.name for phase in phases], dtype=h5py.string_dtype())
-        _describe(names, Column("name", (-1,), "", "1", "name of each phase of the trajectory"))
+        describe_dataset(names, Column("name", (-1,), "", "1", "name of each phase of the trajectory"))
         for name in ("first_tick", "last_tick"):
             dataset = group.create_dataset(name, data=np.array([getattr(phase, name) for phase in phases], dtype="<i8"))
-            _describe(dataset, Column(name, (-1,), "<i8", "1", f"{name.split('_')[0]} tick of each phase, from 0"))
+            what = f"{name.split('_')[0]} tick of each phase, from 0"
+            describe_dataset(dataset, Column(name, (-1,), "<i8", "1", what))
 
     def _claim(self, size: int) -> None:
         """Allocate `size` bytes of the file system behind HDF5's own."""
@@ -262,7 +263,7 @@ def state(path: Path, name: str, document: Mapping[str, Any]) -> None:
     Raises:
         OutputError: The file cannot be written.
     """
-    with _output_errors(path), _amended(path) as file:
+    with output_errors(path), _amended(path) as file:
         file.attrs[name] = json.dumps(document)
 
 
@@ -280,12 +281,12 @@ def add_skin(path: Path, vertices: AnyArray, faces: AnyArray) -> None:
     arrays = _checked({"vertices": vertices, "faces": faces}, SKIN_COLUMNS, lambda column: column.shape)
     partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        with _output_errors(path):
+        with output_errors(path):
             shutil.copyfile(path, partial)
             with _amended(partial) as file:
                 file.pop(SKIN, None)
                 for column in SKIN_COLUMNS:
-                    _describe(file.create_dataset(f"{SKIN}/{column.name}", data=arrays[column.name]), column)
+                    describe_dataset(file.create_dataset(f"{SKIN}/{column.name}", data=arrays[column.name]), column)
             partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
@@ -356,13 +357,14 @@ def _stored_type(column: Column) -> Any:
     return column.dtype
 
 
-def _describe(dataset: h5py.Dataset, column: Column) -> None:
+def describe_dataset(dataset: h5py.Dataset, column: Column) -> None:
+    """Set unit and description of a dataset."""
     dataset.attrs["units"] = column.units
     dataset.attrs["long_name"] = column.long_name
 
 
 @contextlib.contextmanager
-def _output_errors(path: Path) -> Iterator[None]:
+def output_errors(path: Path) -> Iterator[None]:
     """Raise OutputError for a failure of the file system."""
     try:
         yield

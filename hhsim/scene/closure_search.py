@@ -14,11 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.arrays import FloatArray
+from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.metrics.metrics import distance_of_hands
 from hhsim.reproducible import dot, matmul, norm, sine_and_cosine
 from hhsim.scene.finger_closure import OPEN_SHARE, Closer, FingerClosure, body_distances, make_work
 from hhsim.scene.kept_closures import kept_closure
@@ -49,6 +53,13 @@ OPPOSE_WEIGHT = 20.0
 SLIDE_WEIGHT = 40.0
 """Penalty of a slide that loses all fingers."""
 
+BESIDE = 0.02
+"""Distance [m] from which another hand counts as clear."""
+BESIDE_WEIGHT = 60.0
+"""Penalty of a grasp that touches the other hand: more than that of one that reaches with no finger."""
+WAY_BACK = (1.0, 0.5, 0.25, 0.0)
+"""Shares of the way back at which two hands are kept clear of each other."""
+
 MARGIN = 0.002
 """Distance [m] that fingers which will touch keep while the open hand advances."""
 UNDER = 0.02
@@ -77,14 +88,32 @@ class _Candidate(NamedTuple):
     closure: FingerClosure
 
 
-def plan_finger_closure(script: Script, hand: HandModel, tree: SphereTree) -> FingerClosure:
+class OtherHand(NamedTuple):
+    """Hand that closes on the object too, and where."""
+
+    hand: HandModel
+    closure: FingerClosure
+
+
+def plan_finger_closure(
+    script: Script, hand: HandModel, tree: SphereTree, other: OtherHand | None = None
+) -> FingerClosure:
     """Find how the hand of a script closes on an object at rest (`tree`, world frame), whose leaves are touched.
 
+    Beside another hand, which comes and goes at the same time, it keeps clear of that.
+
     Raises:
-        TrajectoryError: No named finger reaches the object from any side, or the palm cannot touch it.
+        TrajectoryError: No named finger reaches the object from any side, or the palm cannot touch it; no place is free
+            beside the other hand.
     """
     closing = _closing(script)
-    closure = kept_closure(closing, hand, tree, lambda: _Search(closing, hand, tree).best())
+    if other is None:
+        closure = kept_closure(closing, hand, tree, lambda: _Search(closing, hand, tree).best())
+    else:
+        search = _Search(replace(closing, start_distance=script.start_distance), hand, tree, other)
+        closure = search.best()
+        if search.gap_to_other(closure) < 0.0:
+            raise TrajectoryError(f"script {script.name}: the object has no room for both hands")
     closure.require_touch(script, f"the object, {2.0 * bounding_radius(tree):.3g} m across, from any side")
     return closure
 
@@ -147,8 +176,9 @@ def _leading(candidates: list[_Candidate]) -> list[_Candidate]:
 
 
 class _Search(Closer):
-    def __init__(self, script: Script, hand: HandModel, tree: SphereTree) -> None:
+    def __init__(self, script: Script, hand: HandModel, tree: SphereTree, other: OtherHand | None = None) -> None:
         super().__init__(script, hand, tree)
+        self.model, self.other = hand, other
         low, high = tree.bounds
         self.middle = 0.5 * (low + high)
         self.floor = float(low[2])
@@ -236,8 +266,28 @@ class _Search(Closer):
         score = self._score(closure) if blocking >= 0 else -math.inf
         return _Candidate(rotation, aim, score, closure)
 
+    def gap_to_other(self, closure: FingerClosure) -> float:
+        """Least distance to the other hand [m] as both come near, open, and close; infinite without another."""
+        if self.other is None:
+            return math.inf
+        own, other = self._coming(self.model, closure), self._coming(*self.other)
+        return float(distance_of_hands(hand_shape(self.model), own, hand_shape(self.other.hand), other).min())
+
+    def _coming(self, model: HandModel, closure: FingerClosure) -> PlacedHand:
+        """Hand at the shares of its way back in `WAY_BACK`, open, and closed at last."""
+        back = self.script.start_distance * np.array([*WAY_BACK, 0.0])
+        flexion = np.stack([*[closure.open] * len(WAY_BACK), closure.command])
+        turn = np.tile(quaternion_from_matrix(closure.rotation), (len(back), 1))
+        position = closure.position + back[:, None] * closure.back
+        return forward_kinematics(model, position, turn, flexion, np.tile(closure.abduction, (len(back), 1)))
+
     def _score(self, closure: FingerClosure) -> float:
         """Quality of a grasp; the weights order the demands, from reaching at all down to appearance."""
+        near = max(0.0, 1.0 - self.gap_to_other(closure) / BESIDE)
+        return self._alone(closure) - BESIDE_WEIGHT * near
+
+    def _alone(self, closure: FingerClosure) -> float:
+        """Quality of a grasp by one hand."""
         upward = float(closure.rotation[2, 2])
         # From above or the side rather than from below, where a table would be.
         score = 0.5 * upward - 3.0 * max(0.0, -upward)

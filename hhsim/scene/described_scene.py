@@ -15,6 +15,7 @@ from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.trajectory import ResampleMode, Trajectory
+from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.contact_goals import TOUCHING
 from hhsim.scene.motion_catalogue import Motion
 from hhsim.scene.recorded_grasp_pose import GraspPlacement, place_at_grasp
@@ -105,15 +106,17 @@ def described_scene(
     hand: HandModel,
     motion: Motion,
     fingers: Sequence[str] = FINGERS,
+    other: OtherHand | None = None,
 ) -> PlacedScene:
     """Make a scene with its description, and place the object of a recording that is in no world.
 
     Keypoints of a camera are such a recording. Mesh [m] and tree are in the object's own frame; `fingers` are used.
+    `other` is a hand beside which the one of a script finds its place.
 
     Raises:
         TrajectoryError: The motion cannot be done on this object, or cannot be placed as demanded.
     """
-    placed = _placed_scene(words, mesh, tree, hand, motion, fingers)
+    placed = _placed_scene(words, mesh, tree, hand, motion, fingers, other)
     scene = placed.scene
     if words.ticks is not None:
         # Cut last: where the object is placed does not depend on how much of the motion is run.
@@ -142,9 +145,10 @@ def _placed_scene(
     hand: HandModel,
     motion: Motion,
     fingers: Sequence[str],
+    other: OtherHand | None,
 ) -> PlacedScene:
     def make(moved: Motion) -> Scene:
-        return make_scene(mesh, tree, hand, moved, rate=words.rate, mode=words.samples, seed=words.seed)
+        return make_scene(mesh, tree, hand, moved, rate=words.rate, mode=words.samples, seed=words.seed, other=other)
 
     if words.place_object == "auto" and isinstance(motion, Trajectory):
         found = place_at_grasp(motion, hand, tree)

@@ -9,18 +9,21 @@ from collections.abc import Mapping
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from hhsim.errors import InputError, TrajectoryError, UnknownNameError, check_known
 from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.sample_flags import MENDED, marked
-from hhsim.motion.trajectory import UNCHECKED, Trajectory
+from hhsim.motion.trajectory import UNCHECKED, HandSide, Trajectory
 from hhsim.scene.demonstration import Demonstration, is_demonstration, parse_demonstration
 from hhsim.scene.script import Script, parse_script
 from hhsim.system.media_kind import media_kind_of
 from hhsim.system.settings_file import parse_toml, read_toml_text
+
+if TYPE_CHECKING:
+    from hhsim.recordings.recording import Recording
 
 Motion: TypeAlias = Script | Demonstration | Trajectory
 """Motion of a hand, as a word on the command line names it."""
@@ -151,7 +154,7 @@ def load_recorded(path: Path) -> Trajectory:
         TrajectoryError: No such file, no known format, or a recording that cannot be cleaned safely.
     """
     if is_imported(path):
-        return _imported(path)
+        return clean_imported(path, read_imported(path))
     from hhsim.motion.file import load_trajectory
     from hhsim.result.motion import holds_a_result, load_result_motion
 
@@ -176,18 +179,28 @@ def import_remarks(motion: Any, word: str) -> list[str]:
     return [remark, UNCHECKED] if motion.checksums == "missing" else [remark]
 
 
-def _imported(path: Path) -> Trajectory:
-    from hhsim.recordings.cleaning import clean_recording
-    from hhsim.recordings.registry import read_recording
+def read_imported(path: Path, hand: HandSide = "") -> "Recording":
+    """Read a recording as `hhsim import` does without options, but for the hand.
+
+    Raises:
+        InputError, TrajectoryError: As `hhsim.recordings.registry.read_recording`.
+    """
+    from hhsim.recordings.registry import ReadOptions, read_recording
 
     try:
-        recording = read_recording(path)
+        return read_recording(path, ReadOptions(hand=hand))
     except InputError as error:
         if "--" not in str(error):
             raise
         # The reader names options of the import; a replay has others of the same name.
         kind = TrajectoryError if isinstance(error, TrajectoryError) else InputError
         raise kind(f"{error} (of hhsim import, whose output is replayed)") from None
+
+
+def clean_imported(path: Path, recording: "Recording") -> Trajectory:
+    """Make the motion of a recording; TrajectoryError, which names the file, for one that cannot be cleaned safely."""
+    from hhsim.recordings.cleaning import clean_recording
+
     try:
         return clean_recording(recording).trajectory
     except TrajectoryError as error:

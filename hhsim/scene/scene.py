@@ -7,7 +7,7 @@ is the world's at the first tick. `Scene.trajectory` and `Scene.driven` have the
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hhsim.errors import InputError, check_known
 from hhsim.hand.model import HandModel, Side
@@ -23,6 +23,9 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.triangle_tree import tree_of_any
+
+if TYPE_CHECKING:
+    from hhsim.scene.closure_search import OtherHand
 
 SIDES = ("right", "left")
 
@@ -95,6 +98,7 @@ def make_scene(
     mode: ResampleMode = "interpolate",
     seed: int = 0,
     description: Mapping[str, Any] | None = None,
+    other: "OtherHand | None" = None,
 ) -> Scene:
     """Make a scene of hand, motion, object and tree; the last two are given in the object's own frame.
 
@@ -105,6 +109,7 @@ def make_scene(
         mode: Resampling of a motion of another rate.
         seed: Seed of a script's tremor and sensor noise.
         description: Origin of the scene.
+        other: Hand beside which the one of a script finds its place.
 
     Raises:
         TrajectoryError: The script or the demonstration cannot be done on this object.
@@ -112,7 +117,7 @@ def make_scene(
     if isinstance(motion, Script):
         from hhsim.scene.synthesis import synthesize
 
-        motion = synthesize(motion, hand, tree, seed)
+        motion = synthesize(motion, hand, tree, seed, other=other)
     elif isinstance(motion, Demonstration):
         motion = motion.placed(hand, tree)
     rotation = rotation_matrix(motion.object_orientation)

@@ -17,7 +17,7 @@ from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.tremor import Disturbance
 from hhsim.reproducible import sine_and_cosine
-from hhsim.scene.closure_search import level, plan_finger_closure
+from hhsim.scene.closure_search import OtherHand, level, plan_finger_closure
 from hhsim.scene.finger_closure import FingerClosure, PlacedCloser, find_placement
 from hhsim.scene.script import DEFAULT_FINGERS, TAKE_ALONG, Placement, Script, ScriptPhase
 from hhsim.trees.sphere_tree import SphereTree
@@ -114,6 +114,7 @@ def synthesize(
     placement: Placement | None = None,
     object_position: ArrayLike = (0.0, 0.0, 0.0),
     object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+    other: OtherHand | None = None,
 ) -> Trajectory:
     """Make the trajectory of a script on an object at rest (`tree`, world); the same arguments give the same bytes.
 
@@ -122,11 +123,12 @@ def synthesize(
         disturbance, placement: Replace the script's own, the latter also a search.
         object_position, object_orientation: Recorded with the motion [m], shape (3,), and (w, x, y, z), shape (4,);
             `tree` is already there.
+        other: Hand beside which this one finds its place.
 
     Raises:
         TrajectoryError: The script cannot be done on this object.
     """
-    closure = planned(script, hand, tree, object_position, object_orientation, placement)
+    closure = planned(script, hand, tree, object_position, object_orientation, placement, other)
     time = np.arange(script.sample_count) / script.rate
     course = _Course(script, time)
     position = closure.position + course.retreat[:, None] * closure.back + course.slide[:, None] * closure.slide
@@ -167,6 +169,7 @@ def planned(
     object_position: ArrayLike = (0.0, 0.0, 0.0),
     object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
     placement: Placement | None = None,
+    other: OtherHand | None = None,
 ) -> FingerClosure:
     """Return the closed hand: at the given place, at the script's own on this object, or where a search finds the best.
 
@@ -175,7 +178,7 @@ def planned(
     if placement is None:
         placement = find_placement(script, hand, tree)
     if placement is None:
-        return plan_finger_closure(script, hand, tree)
+        return plan_finger_closure(script, hand, tree, other)
     position = np.asarray(object_position, dtype=np.float64)
     closure = PlacedCloser(script, hand, tree).close(placement, position, rotation_matrix(object_orientation))
     closure.require_touch(script, "the object from its place")

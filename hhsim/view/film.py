@@ -9,7 +9,7 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +28,7 @@ from hhsim.result.reader import Result
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
-from hhsim.view.moment import Moment, moment, overview_tick
+from hhsim.view.moment import Moment, both_hands, moment, overview_tick
 from hhsim.view.viewer import shown_scene
 
 Picture = NDArray[np.uint8]
@@ -61,13 +61,19 @@ def check_video_path(output_path: Path) -> None:
 
 
 def write_video(
-    result: Result, output_path: Path, slow: float = 1.0, width: int = 640, progress: Progress = silent
+    result: Result,
+    output_path: Path,
+    slow: float = 1.0,
+    width: int = 640,
+    progress: Progress = silent,
+    other: Result | None = None,
 ) -> int:
     """Make a film of a result, complete or not, and return its number of frames; it appears when it is whole.
 
     Args:
         slow: Factor by which it is slower than the motion.
         width: Width of a frame [pixels].
+        other: Result of the other hand on the same object.
 
     Raises:
         InputError: As `video_ticks`; or the result's hand cannot be told.
@@ -76,7 +82,7 @@ def write_video(
     ticks = video_ticks(result, slow)
 
     def frames() -> Iterator[Picture]:
-        for number, picture in enumerate(video_frames(result, ticks, width)):
+        for number, picture in enumerate(video_frames(result, ticks, width, other)):
             progress("frames", number, len(ticks))
             yield picture
 
@@ -102,16 +108,17 @@ def video_ticks(result: Result, slow: float) -> IntArray:
     return ticks if ticks[-1] == result.ticks - 1 else np.append(ticks, result.ticks - 1)
 
 
-def video_frames(result: Result, ticks: IntArray, width: int) -> Iterator[Picture]:
+def video_frames(result: Result, ticks: IntArray, width: int, other: Result | None = None) -> Iterator[Picture]:
     """Yield pictures, shape (rows, columns, 3), by one camera that sees hands and object near them all the time.
 
     InputError for a result whose hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
     """
-    scene = shown_scene(result)
-    pieces = piece_surfaces(scene.hand)
+    results = [result] if other is None else [result, other]
+    scenes = [shown_scene(one) for one in results]
+    pieces, scene = [piece_surfaces(one.hand) for one in scenes], scenes[0]
 
     def at(tick: int) -> Moment:
-        return moment(result, scene, tick, pieces)
+        return both_hands([moment(one, scenes[i], tick, pieces[i]) for i, one in enumerate(results)])
 
     some = ticks[:: max(1, len(ticks) // FRAMED)].tolist()
     points = np.concatenate([surface.points for tick in some for surface in at(tick).hands])
@@ -134,7 +141,7 @@ def video_frames(result: Result, ticks: IntArray, width: int) -> Iterator[Pictur
             stone = shade(_at_tick(whole, result, tick), camera)
         now = at(tick)
         layers = transparent(*now.hands, stone, arrow_surfaces(now.forces), camera)
-        yield _written_on(composed(layers), result, tick, width)
+        yield _written_on(composed(layers), results, tick, width)
 
 
 def _at_tick(surface: Surface, result: Result, tick: int) -> Surface:
@@ -142,17 +149,18 @@ def _at_tick(surface: Surface, result: Result, tick: int) -> Surface:
     return moved(surface, rotation_matrix(motion.turn[0]), motion.shift[0])
 
 
-def _written_on(picture: FloatArray, result: Result, tick: int, width: int) -> Picture:
-    """Return the frame with time, phase and force written below."""
+def _written_on(picture: FloatArray, results: Sequence[Result], tick: int, width: int) -> Picture:
+    """Return the frame with time, phase and each hand's force written below."""
     from PIL import Image, ImageDraw, ImageFont
 
     rows, columns = frame_shape(width)
     drawn = Image.fromarray(np.rint(255.0 * np.clip(picture, 0.0, 1.0)).astype(np.uint8))
     image = drawn.resize((columns, rows), Image.Resampling.LANCZOS)
     size = max(11, round(0.028 * image.width))
-    force = float(np.linalg.norm(result["force/total"][tick]))
-    felt = f"{force:.2f} N" if force >= FORCE_FLOOR else ""
-    text = "   ".join(filter(None, (f"{float(result['time'][tick]):.3f} s", result.phase_at(tick), felt)))
+    forces = [float(np.linalg.norm(one["force/total"][tick])) for one in results]
+    felt = [f"{force:.2f} N" for force in forces if force >= FORCE_FLOOR]
+    time, phase = float(results[0]["time"][tick]), results[0].phase_at(tick)
+    text = "   ".join(filter(None, (f"{time:.3f} s", phase, *felt)))
     place = size, image.height - 1.8 * size
     ImageDraw.Draw(image).text(place, text, fill=INK, font=ImageFont.load_default(size))
     return np.asarray(image)

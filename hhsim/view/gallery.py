@@ -1,7 +1,8 @@
 """Results, motions, meshes and sphere trees in the rerun viewer, a view for each, on one time axis."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -16,7 +17,8 @@ from hhsim.motion.file import load_trajectory
 from hhsim.motion.trajectory import Trajectory
 from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
 from hhsim.render.triangle_soup import STONE, mesh_surface
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import Result, hand_paths, load_result
+from hhsim.result.schema import SIDES, is_one_of_two
 from hhsim.system.hdf5_input import SIGNATURE, hdf5_format
 from hhsim.system.input_file import open_input
 from hhsim.system.media_kind import media_kind_of
@@ -89,7 +91,8 @@ def view_files(
         InputError: A file that is none of these or cannot be read, or a result without a tick; as `rerun_stream`.
         OutputError: As `rerun_stream`.
     """
-    shown = [_read(path, f"file-{number + 1}", unit) for number, path in enumerate(paths)]
+    each = [one for path in paths for one in (hand_paths(path) if file_kind(path) == "result" else [path])]
+    shown = _paired([_read(path, f"file-{number + 1}", unit) for number, path in enumerate(each)])
     with rerun_stream(target, APPLICATION, _arranged(shown, spheres=spheres)) as stream:
         stream.send_recording_name(", ".join(dict.fromkeys(path.name for path in paths)))
         for number, one in enumerate(shown):
@@ -143,6 +146,24 @@ def _read(path: Path, root: str, unit: str) -> Shown:
     return Shown(path, kind, root, mesh, _bounds(mesh.vertices), 0)
 
 
+def _paired(shown: Sequence[Shown]) -> list[Shown]:
+    """Give a right and a left hand on the same object at the same time one root, for one picture."""
+    found = list(shown)
+    for i, (one, other) in enumerate(pairwise(shown)):
+        if one.kind == other.kind == "result" and "/" not in found[i].root and _of_both(one.content, other.content):
+            found[i : i + 2] = [replace(each, root=f"{one.root}/{each.content.side}") for each in (one, other)]
+    return found
+
+
+def _of_both(one: Result, other: Result) -> bool:
+    """Return whether two results are of a right and a left hand on the same object at the same time."""
+    if {one.side, other.side} != set(SIDES) or (one.ticks, one.rate) != (other.ticks, other.rate):
+        return False
+    if not all(np.array_equal(one.static[name], other.static[name]) for name in ("object/vertices", "object/faces")):
+        return False
+    return all(np.array_equal(a, b) for a, b in zip(one.object_motion(), other.object_motion()))
+
+
 def _bounds(points: FloatArray) -> FloatArray:
     return np.stack([points.min(axis=0), points.max(axis=0)])
 
@@ -175,10 +196,16 @@ def _arranged(shown: Sequence[Shown], *, spheres: bool) -> "rrb.Blueprint":
     import rerun.blueprint as rrb
 
     views = []
-    for one in shown:
-        middle, extent = one.bounds.mean(axis=0), float(np.linalg.norm(np.ptp(one.bounds, axis=0)))
-        hidden = [f"{one.root}/world/object"] if spheres and one.kind == "result" else []
-        views.append(scene_view(f"{one.root}/world", f"{one.path.name} ({one.kind})", middle, extent, hidden))
+    for pair, of_it in groupby(shown, key=lambda one: one.root.partition("/")[0]):
+        group = list(of_it)
+        bounds = _bounds(np.concatenate([one.bounds for one in group]))
+        middle, extent = bounds.mean(axis=0), float(np.linalg.norm(np.ptp(bounds, axis=0)))
+        # Of two hands' objects, which are the same, one is drawn.
+        unseen = [one for one in group if one.kind == "result"][0 if spheres else 1 :]
+        hidden = [f"{one.root}/world/object" for one in unseen]
+        origin = f"{group[0].root}/world" if len(group) == 1 else pair
+        names = " and ".join(dict.fromkeys(one.path.name for one in group))
+        views.append(scene_view(origin, f"{names} ({group[0].kind})", middle, extent, hidden))
     plots = [
         rrb.Vertical(
             *(rrb.TimeSeriesView(origin=f"{one.root}/{plot.path}", name=plot.title) for plot in RESULT_PLOTS),
@@ -195,6 +222,8 @@ def file_kind(path: Path) -> Kind:
     """Return whether a file is a result, a motion, a sphere tree or a mesh; raise InputError for any other."""
     if path.is_dir():
         raise InputError(f"{path} is a folder: expected {EXPECTED}")
+    if is_one_of_two(path):
+        return "result"
     if not path.exists():
         raise InputError(f"{path}: no such file; expected {EXPECTED}")
     try:

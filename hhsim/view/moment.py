@@ -13,7 +13,7 @@ from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.run_ticks import HOLD
 from hhsim.render.hand_meshes import PIECES, hand_surface
 from hhsim.render.hand_picture import GHOST, PieceForce, arrow
-from hhsim.render.triangle_soup import SKIN, Surface, mesh_surface, painted
+from hhsim.render.triangle_soup import SKIN, Surface, joined, mesh_surface, painted
 from hhsim.result.reader import Result
 from hhsim.view.plots import SHOWN_COLUMNS, body_forces, shown_ticks, sizes
 from hhsim.view.scene_log import ShownScene, contact_points, force_places
@@ -55,6 +55,14 @@ def moment(result: Result, scene: ShownScene, tick: int, pieces: Sequence[Surfac
     felt = np.flatnonzero(sizes(force[0]) >= FORCE_FLOOR)
     forces = [PieceForce(PIECES[k], places[k], force[0, k]) for k in felt]
     return Moment(graphic, painted(haptic, GHOST), forces, contacts)
+
+
+def both_hands(moments: Sequence[Moment]) -> Moment:
+    """Return one tick of several results of one object and time in one picture; the contacts are the first one's."""
+    if len(moments) == 1:
+        return moments[0]
+    graphic, haptic = (joined([getattr(one, whose) for one in moments]) for whose in ("graphic", "haptic"))
+    return Moment(graphic, haptic, [force for one in moments for force in one.forces], moments[0].contacts)
 
 
 def overview_tick(result: Result) -> int:

@@ -418,7 +418,7 @@ SPOILED: dict[str, tuple[Callable[[Path], object], str]] = {
     "empty": (lambda path: os.truncate(path, 0), "is no HDF5 file"),
     "newer": (
         forged(lambda file: file.attrs.update(schema_version=DRIVEN_SCHEMA_VERSION + 1)),
-        r"newer hhsim \(schema 5; this one reads 4\): upgrade hhsim",
+        r"newer hhsim \(schema 6; this one reads 5\): upgrade hhsim",
     ),
     "format": (forged(lambda file: file.attrs.update(format="hhsim-tree")), "'hhsim-tree', not 'hhsim-result'"),
     "no format": (lambda path: h5py.File(path, "w").close(), "states no format"),

@@ -1,0 +1,138 @@
+"""Replay of two hands on one object: a program for each, side by side on two threads, and one file of both.
+
+Each hand's ticks are those that it has alone. How near the hands come to each other is measured, not prevented.
+"""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hhsim.arrays import AnyArray, FloatArray
+from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
+from hhsim.metrics.metrics import distance_of_hands
+from hhsim.replay.replay import Replay
+from hhsim.replay.summary import ReplaySummary
+from hhsim.result.reader import check_result_path
+from hhsim.result.schema import SIDES, TWO_HANDED
+from hhsim.result.two_handed_file import BETWEEN_COLUMNS, join_hands
+from hhsim.scene.scene import Scene
+from hhsim.solver.options import SolverOptions
+from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.system.output_path import free_name
+from hhsim.system.progress import Progress, silent
+
+
+@dataclass(frozen=True)
+class TwoHandedReplay:
+    """Outcome of a replay of two hands.
+
+    Attributes:
+        path: Result file of both.
+        hands: Table of the right and of the left hand.
+        tick_p50, tick_p99: Time of a tick of both side by side, the longer one's [s].
+        haptic_distance, graphic_distance: Least distance between the haptic and between the graphic hands [m],
+            negative where one is in the other.
+    """
+
+    path: Path
+    hands: tuple[ReplaySummary, ReplaySummary]
+    tick_p50: float
+    tick_p99: float
+    haptic_distance: float
+    graphic_distance: float
+
+    @property
+    def note(self) -> str:
+        """Sentence on both hands together."""
+        nearest = f"{1e3 * self.graphic_distance:.3g} mm"
+        met = f"; the haptic hands enter each other by {-1e3 * self.haptic_distance:.2g} mm"
+        return (
+            f"a tick of both hands, side by side: p50 {1e6 * self.tick_p50:.3g} µs, p99 {1e6 * self.tick_p99:.3g} µs; "
+            f"the graphic hands come within {nearest} of each other{met if self.haptic_distance < 0.0 else ''}"
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain values, SI."""
+        hands = {side: one.to_json() for side, one in zip(SIDES, self.hands)}
+        names = ("tick_p50", "tick_p99", "haptic_distance", "graphic_distance")
+        return {"result": str(self.path), "hands": hands, **{name: getattr(self, name) for name in names}}
+
+
+def replay_two_hands(
+    scenes: Sequence[Scene],
+    options: SolverOptions,
+    output_path: str | Path,
+    *,
+    command: Sequence[str] = (),
+    progress: Progress = silent,
+) -> TwoHandedReplay:
+    """Replay the scenes of the right and the left hand, which have the object and its motion in common.
+
+    Until both are complete, each hand has a result file of its own beside `output_path`. Other arguments and errors are
+    those of `hhsim.replay.replay.replay_scene`.
+
+    Raises:
+        InputError: Scenes that are not of one object and time, or a free object, which both would move together.
+    """
+    _check(scenes)
+    path = Path(output_path)
+    check_result_path(path)
+    runs = [Replay(scene, options, {TWO_HANDED: True}) for scene in scenes]
+    parts = [free_name(path.with_name(f"{path.stem}.{side}.partial{path.suffix}")) for side in SIDES]
+    graphic: list[FloatArray] = []
+    duration: list[AnyArray] = []
+    with ExitStack() as stack:
+        for run, own in zip(runs, parts):
+            stack.enter_context(run.writer(own, command))
+        threads = stack.enter_context(ThreadPoolExecutor(len(runs)))
+        check_interrupt = stack.enter_context(interruptible_between())
+        for part in runs[0].blocks():
+            progress("ticks", part.start, runs[0].total)
+            records = list(threads.map(lambda run, part=part: run.solve(part), runs))
+            blocks = [run.write(part, record) for run, record in zip(runs, records)]
+            placed = [
+                PlacedHand(*(block[f"graphic/{name}"] for name in ("joints", "position", "orientation")))
+                for block in blocks
+            ]
+            graphic.append(distance_of_hands(*_beside(scenes, placed)))
+            duration.append(np.maximum(*(record.duration_total for record in records)))
+            check_interrupt()
+        progress("ticks", runs[0].total, runs[0].total)
+        hands = tuple(run.finish() for run in runs)
+    haptic = [forward_kinematics(scene.hand, *HandConfiguration.of(scene.driven or scene.ticks)) for scene in scenes]
+    distances = (distance_of_hands(*_beside(scenes, haptic)), np.concatenate(graphic))
+    join_hands(parts, dict(zip((column.name for column in BETWEEN_COLUMNS), distances)), path)
+    times = 1e-9 * np.concatenate(duration)
+    return TwoHandedReplay(
+        path,
+        (hands[0], hands[1]),
+        *(float(np.quantile(times, share)) for share in (0.5, 0.99)),
+        *(float(np.min(values)) for values in distances),
+    )
+
+
+def _beside(scenes: Sequence[Scene], placed: Sequence[PlacedHand]) -> list[Any]:
+    return [value for scene, hand in zip(scenes, placed) for value in (hand_shape(scene.hand), hand)]
+
+
+def _check(scenes: Sequence[Scene]) -> None:
+    right, left = scenes
+    if [scene.hand.side for scene in scenes] != list(SIDES):
+        raise InputError(f"hands {right.hand.side} and {left.hand.side}: expected {' and '.join(SIDES)}")
+    if right.free is not None or left.free is not None:
+        raise InputError("two hands on a free object are not solved: leave --free out, or choose one hand")
+    same: Mapping[str, bool] = {
+        "object": np.array_equal(right.mesh.vertices, left.mesh.vertices),
+        "number of ticks": right.ticks.tick_count == left.ticks.tick_count,
+        "motion of the object": (right.driven is None) == (left.driven is None),
+    }
+    for what, equal in same.items():
+        if not equal:
+            raise InputError(f"the two hands' recordings have not the same {what}")

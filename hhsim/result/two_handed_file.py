@@ -1,0 +1,74 @@
+"""Result file of two hands: `hands/right` and `hands/left` are a result each, and /between holds how far they are."""
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from hhsim.arrays import AnyArray
+from hhsim.result.schema import HANDS, SIDES, STATIC_COLUMNS, TWO_HANDED_SCHEMA_VERSION, Column
+from hhsim.result.writer import describe_dataset, output_errors
+from hhsim.system.checksummed_file import seal_file
+
+OBJECT = "object"
+BETWEEN = "between"
+BETWEEN_COLUMNS = (
+    Column("haptic_distance", (), "<f8", "m", "least signed distance of the two haptic hands, negative inside"),
+    Column("graphic_distance", (), "<f8", "m", "least signed distance of the two graphic hands, negative inside"),
+)
+"""Datasets under /between, one row a tick."""
+STATED = ("format", "command", "hhsim_version", "created_utc", "git_revision", "git_dirty", "machine", "packages")
+"""Attributes of the right hand's result that the whole file states too."""
+
+
+def join_hands(parts: Sequence[Path], between: Mapping[str, AnyArray], path: Path) -> Path:
+    """Join the complete results of the right and the left hand to one file at `path`, and delete them.
+
+    Args:
+        parts: Their paths, in the order of `SIDES`.
+        between: Arrays of `BETWEEN_COLUMNS` by name.
+
+    Raises:
+        OutputError: The file cannot be written; the parts stay.
+    """
+    partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with output_errors(path):
+            with h5py.File(partial, "w") as file:
+                for side, part in zip(SIDES, parts, strict=True):
+                    with h5py.File(part, "r") as one:
+                        _copy_hand(one, file, side)
+                file.attrs.update({name: file[HANDS][SIDES[0]].attrs[name] for name in STATED})
+                for column in BETWEEN_COLUMNS:
+                    values = np.asarray(between[column.name], column.dtype)
+                    describe_dataset(file.create_dataset(f"{BETWEEN}/{column.name}", data=values), column)
+                file.attrs.update({"schema_version": TWO_HANDED_SCHEMA_VERSION, "complete": 1})
+                file.flush()
+                size = int(file.id.get_filesize())
+            seal_file(partial, size)
+            partial.replace(path.resolve())
+            for part in parts:
+                part.unlink()
+    finally:
+        partial.unlink(missing_ok=True)
+    return path
+
+
+def _copy_hand(one: h5py.File, file: h5py.File, side: str) -> None:
+    """Copy a result to its hand's group; an object equal to the right hand's becomes a link to that."""
+    hand = file.create_group(f"{HANDS}/{side}")
+    hand.attrs.update(one.attrs)
+    for name in one:
+        other = file[HANDS][SIDES[0]].get(name)
+        if name == OBJECT and other is not None and _equal(one[name], other):
+            hand[name] = other
+        else:
+            one.copy(name, hand)
+
+
+def _equal(one: h5py.Group, other: h5py.Group) -> bool:
+    """Return whether the object's static datasets of two results are equal."""
+    names = [column.name.removeprefix(f"{OBJECT}/") for column in STATIC_COLUMNS if column.name.startswith(OBJECT)]
+    return all(np.array_equal(one[name], other[name]) for name in names)

@@ -1,0 +1,160 @@
+"""Two hands on one object: each as it is alone, and one file of both."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from leap_document import document
+from short_grasp import short_grasp, shortened
+
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import load_object
+from hhsim.metrics.metrics import distance_of_hands
+from hhsim.replay.replay import replay_scene
+from hhsim.replay.two_hands import TwoHandedReplay, replay_two_hands
+from hhsim.result.reader import Result, hand_paths, load_result
+from hhsim.result.two_handed_file import BETWEEN_COLUMNS
+from hhsim.scene.described_scene import SceneWords
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.scene import Scene, make_scene
+from hhsim.scene.two_hands import two_handed_motions, two_handed_scenes
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
+
+HANDS = HandModel.default("right"), HandModel.default("left")
+SCRIPT = shortened(load_script("grasp"), 0.7)
+
+
+def scenes_of(name: str = "cylinder", script: Any = SCRIPT) -> list[Scene]:
+    mesh = load_object(name).mesh
+    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
+    words = SceneWords(object=name, trajectory="grasp")
+    return [placed.scene for placed in two_handed_scenes(words, mesh, tree, HANDS, (script, script))]
+
+
+@pytest.fixture(scope="module")
+def scenes() -> list[Scene]:
+    return scenes_of()
+
+
+@pytest.fixture(scope="module")
+def both(scenes: list[Scene], tmp_path_factory: pytest.TempPathFactory) -> TwoHandedReplay:
+    return replay_two_hands(scenes, SolverOptions(), tmp_path_factory.mktemp("both") / "both.h5", command=("hhsim",))
+
+
+def test_each_hand_is_as_it_is_alone(both: TwoHandedReplay, scenes: list[Scene], tmp_path: Path) -> None:
+    for scene, path in zip(scenes, hand_paths(both.path)):
+        replay_scene(scene, SolverOptions(), tmp_path / f"{scene.hand.side}.h5")
+        alone, found = load_result(tmp_path / f"{scene.hand.side}.h5"), load_result(path)
+        assert found.side == path.name == scene.hand.side and found.complete
+        for name in sorted(alone.keys()):
+            if not name.startswith("duration/"):
+                assert found[name].tobytes() == alone[name].tobytes(), name
+        assert found.summary.keys() == alone.summary.keys()
+        assert found["contacts/touching"].max() > 0
+
+
+def test_one_file_holds_both_and_nothing_is_left_beside_it(both: TwoHandedReplay) -> None:
+    assert [path.name for path in both.path.parent.iterdir()] == ["both.h5"]
+    with h5py.File(both.path) as file:
+        assert file.attrs["complete"] == 1 and file.attrs["schema_version"] == 5
+        assert json.loads(file.attrs["command"]) == ["hhsim"]
+        vertices = [file[f"hands/{side}/object/vertices"].id for side in ("right", "left")]
+        assert h5py.h5o.get_info(vertices[0]).addr == h5py.h5o.get_info(vertices[1]).addr
+    assert hand_paths(both.path) == [both.path / "right", both.path / "left"]
+    with pytest.raises(InputError, match=r"both\.h5 holds two hands: name one of them, .*both\.h5/right or"):
+        load_result(both.path)
+
+
+def test_how_near_the_hands_come_is_that_of_the_stored_poses(both: TwoHandedReplay, scenes: list[Scene]) -> None:
+    results: list[Result] = [load_result(path) for path in hand_paths(both.path)]
+    names = ("graphic/joints", "graphic/position", "graphic/orientation")
+    placed = [PlacedHand(*(one[name] for name in names)) for one in results]
+    shapes = [hand_shape(hand) for hand in HANDS]
+    apart = distance_of_hands(shapes[0], placed[0], shapes[1], placed[1])
+    with h5py.File(both.path) as file:
+        np.testing.assert_array_equal(file["between/graphic_distance"], apart)
+        assert set(file["between"]) == {column.name for column in BETWEEN_COLUMNS}
+    assert both.graphic_distance == apart.min() > 0.0 and both.haptic_distance > 0.0
+    assert "µs" in both.note and "come within" in both.note
+
+
+def test_the_left_hand_finds_its_place_beside_the_right_one(scenes: list[Scene]) -> None:
+    alone = make_scene(scenes[0].mesh, scenes[0].tree, HANDS[1], SCRIPT)
+    assert not np.allclose(alone.ticks.position, scenes[1].ticks.position)
+    tiny = load_object("sphere").mesh.transformed(0.1 * np.eye(3), np.zeros(3))
+    tree = cached_sphere_tree(tiny, TreeOptions(level=2))
+    words = SceneWords(object="sphere", trajectory="grasp")
+    with pytest.raises(TrajectoryError, match=r"no room for both hands|cannot reach"):
+        two_handed_scenes(words, tiny, tree, HANDS, (SCRIPT, SCRIPT))
+
+
+def test_mirrored_hands_on_a_mirrored_object_feel_mirrored_forces() -> None:
+    scene = make_scene(*_cube(), HANDS[0], short_grasp())
+    flip = np.diag([-1.0, 1.0, 1.0])
+    mirrored = scene.tree.transformed(flip, np.zeros(3))
+    given = HandConfiguration.of(scene.ticks)
+    turned = given.orientation * [1.0, 1.0, -1.0, -1.0]
+    other = HandConfiguration(given.position @ flip, turned, given.flexion, given.abduction)
+    one = HandSolver(HANDS[0], scene.tree.arrays(), SolverOptions()).run(*given)
+    two = HandSolver(HANDS[1], mirrored.arrays(), SolverOptions()).run(*other)
+    assert np.abs(one.total).max() > 0.5
+    np.testing.assert_allclose(two.total @ flip, one.total, atol=1e-9)
+    np.testing.assert_allclose(two.joints @ flip, one.joints, atol=1e-12)
+
+
+def _cube() -> tuple[Any, Any]:
+    mesh = load_object("cube").mesh
+    return mesh, cached_sphere_tree(mesh, TreeOptions(level=2))
+
+
+def test_a_recording_of_two_hands_gives_both_over_the_time_that_both_have(tmp_path: Path) -> None:
+    whole, other = document("right"), document("left")
+    for k, (frame, seen) in enumerate(zip(whole["frames"], other["frames"])):
+        seen["hands"][0]["id"] = 8
+        for pointable in seen["pointables"]:
+            pointable["handId"] = 8
+        if k >= 5:
+            frame["hands"] += seen["hands"]
+            frame["pointables"] += seen["pointables"]
+    path = tmp_path / "two.json"
+    path.write_text(json.dumps(whole))
+    right, left = two_handed_motions(str(path))
+    assert (right.hand, left.hand) == ("right", "left")  # type: ignore[union-attr]
+    for motion in (right, left):
+        assert motion.sample_count == 25  # type: ignore[union-attr]
+        np.testing.assert_allclose(motion.position, right.position, atol=1e-9)  # type: ignore[union-attr]
+    path.write_text(json.dumps(document("right")))
+    with pytest.raises(TrajectoryError, match="no left hand"):
+        two_handed_motions(str(path))
+
+
+def test_a_result_of_two_hands_is_a_motion_of_both(both: TwoHandedReplay) -> None:
+    motions = two_handed_motions(str(both.path))
+    for motion, path in zip(motions, hand_paths(both.path)):
+        np.testing.assert_array_equal(motion.position, load_result(path)["haptic/position"])  # type: ignore[union-attr]
+    with pytest.raises(TrajectoryError, match="is of one hand"):
+        two_handed_motions("finger-tap")
+
+
+def test_scenes_that_do_not_belong_together_are_refused(scenes: list[Scene], tmp_path: Path) -> None:
+    path, options = tmp_path / "out.h5", SolverOptions()
+    right, left = scenes
+    shorter = replace(left, ticks=left.ticks.first(10))
+    for given, said in (
+        ([left, right], "hands left and right: expected right and left"),
+        ([right, shorter], "the same number of ticks"),
+        ([right, scenes_of("cube")[1]], "the same object"),
+    ):
+        with pytest.raises(InputError, match=said):
+            replay_two_hands(given, options, path)
+    assert not list(tmp_path.iterdir())
