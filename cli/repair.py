@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 from click.core import ParameterSource
@@ -12,6 +12,9 @@ from .arguments.option_group import GroupedCommand, OptionGroup, option
 from .arguments.options import FILE, JOBS, UNITS, Number, file, metres, ranged
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
 from .import_ import FileSettings, HandData
+
+if TYPE_CHECKING:
+    from hhsim.repair.request import RepairOutcome
 
 ALWAYS, OF_MANY = ("recording", "out", "as_json", "quiet"), ("jobs", "scheduler")
 """Options of every repair, and those of a manifest alone."""
@@ -39,6 +42,9 @@ class RepairLimits(OptionGroup, heading="Repair"):
         type=click.Choice(["fitted", "thin", "none"]),
         default="fitted",
         help="Palm that stays outside: fitted to the recorded hand, half as thick, or none.",
+    )
+    hands: Literal["one", "both"] = option(
+        type=click.Choice(["one", "both"]), default="one", help="Hands of the recording that are repaired."
     )
     max_correction: float = option(
         type=Number(0.1, 200.0), default=15.0, metavar="MM", help="Largest move of a joint in a repaired frame [mm]."
@@ -93,6 +99,8 @@ def command(
     _refuse_options(recording, is_many=is_many)
     if is_many:
         return _many(recording, out, jobs or 0, scheduler, as_json=as_json, quiet=quiet)
+    if limits.hands == "both" and (reading.hand or limits.skin):
+        raise click.UsageError("--hand and --skin are of one hand, and --hands both repairs two")
     if thing.object is None:
         raise click.UsageError("--object names the object that the hand holds; a manifest names it in each row")
     request = RepairRequest(
@@ -110,21 +118,34 @@ def command(
         palm=limits.palm,
         options=_read_fields(reading, data),
     )
+    typed = ("hhsim", *sys.argv[1:])
     with progress(quiet=quiet) as report:
-        outcome = repair_recording(request, command=("hhsim", *sys.argv[1:]), progress=report)
+        if limits.hands == "one":
+            outcomes = [repair_recording(request, command=typed, progress=report)]
+            document, last = outcomes[0].to_json(), ""
+        else:
+            from hhsim.repair.both_hands import repair_both_hands
+
+            both = repair_both_hands(request, command=typed, progress=report)
+            outcomes, document, last = list(both.hands), both.to_json(), both.text
     if as_json:
-        print_json(outcome.to_json())
-    elif not quiet and outcome.table is not None:
-        print_notes(outcome.findings)
+        print_json(document)
+    for outcome in () if quiet or as_json else outcomes:
+        _print(outcome)
+    if last and not (quiet or as_json):
+        print_line(last)
+    return 0 if all(outcome.ok for outcome in outcomes) else 1
+
+
+def _print(outcome: "RepairOutcome") -> None:
+    print_notes(outcome.findings)
+    if outcome.table is not None:
         print_table(outcome.table)
-        print_line(outcome.verdict)
-        if outcome.marked:
-            listed = ", ".join(map(str, outcome.marked[:12])) + (", …" if len(outcome.marked) > 12 else "")
-            print_line(
-                f"marked, without a repair or beyond the limit: {len(outcome.marked)} of {outcome.frames}: {listed}"
-            )
-        print_line(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
-    return 0 if outcome.ok else 1
+    print_line(outcome.verdict)
+    if outcome.marked:
+        listed = ", ".join(map(str, outcome.marked[:12])) + (", …" if len(outcome.marked) > 12 else "")
+        print_line(f"marked, without a repair or beyond the limit: {len(outcome.marked)} of {outcome.frames}: {listed}")
+    print_line(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
 
 
 def _refuse_options(path: Path, *, is_many: bool) -> None:

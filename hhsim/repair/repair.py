@@ -36,6 +36,7 @@ from hhsim.repair.skin_depth import push_out
 from hhsim.repair.skin_hull import SkinFit, hand_with_skin, with_palm
 from hhsim.repair.written_hand import WrittenHand
 from hhsim.result.reader import load_result
+from hhsim.result.schema import TWO_HANDED
 from hhsim.result.writer import add_skin
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.output_path import check_output_path
@@ -102,10 +103,11 @@ def repair_recording(
         after_skin = after_skin or replace(skin, vertices=moved_skin(skin, _joints(recording), correction))
     said: dict[str, Any] = {
         "object": request.object,
-        "trajectory": str(request.recording),
-        "recording": request.recording.name,
+        "trajectory": str(request.source),
+        "recording": request.source.name,
+        "marked": recorded.frames[marked].tolist(),
+        **({} if request.of_both is None else {TWO_HANDED: True}),
     }
-    said |= {"marked": recorded.frames[marked].tolist()}
     write_result(scene, surface, seen.posture, paths["result"], description=said, command=command, progress=progress)
     if after_skin is not None:
         add_skin(paths["result"], after_skin.vertices[recorded.frames], after_skin.faces)
@@ -127,7 +129,7 @@ def repair_recording(
         ok=not verdict.missed and not frames,
         findings=tuple(finding.text for finding in recording.findings),
         paths=paths,
-        table=field_table(rows, f"{request.recording.name} with {scene.mesh.name}"),
+        table=field_table(rows, f"{request.source.name} with {scene.mesh.name}"),
     )
     progress("picture", 0, 1)
     _draw(recorded, seen, before, after, paths["picture"])

@@ -32,6 +32,7 @@ class RepairRequest:
             model, or our hand's cones.
         palm: Palm that stays outside: `fitted` to the skin, or else in proportion to the hand, half as
             `thin`, or `none`.
+        of_both: Recording of two hands of which this one is repaired; None for that of one hand.
         options: Further fields of `hhsim.recordings.registry.ReadOptions`.
     """
 
@@ -47,7 +48,13 @@ class RepairRequest:
     max_correction: float = MAX_CORRECTION
     skin: Path | None = None
     palm: Literal["fitted", "thin", "none"] = "fitted"
+    of_both: Path | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def source(self) -> Path:
+        """Recording as the user named it."""
+        return self.of_both or self.recording
 
     def beside(self, name: str) -> Path:
         """Return the path of a file that is written beside the repaired recording, such as report.html."""

@@ -1,0 +1,87 @@
+"""Both hands of one recording, repaired in one command."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import Run
+from repair_scenes import HAND
+from short_grasp import shortened
+
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.mesh.catalogue import load_object
+from hhsim.recordings.frames import world_matrix
+from hhsim.result.reader import hand_paths, load_result
+from hhsim.scene.described_scene import SceneWords
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.two_hands import two_handed_scenes
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
+
+HANDS = HAND, HandModel.default("left")
+
+
+@pytest.fixture(scope="module")
+def document() -> dict[str, Any]:
+    """What a Leap Motion would have written of both hands in a cube."""
+    script = shortened(load_script("grasp"), 1.0)
+    mesh = load_object("cube").mesh
+    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
+    words = SceneWords(object="cube", trajectory="grasp")
+    scenes = [placed.scene for placed in two_handed_scenes(words, mesh, tree, HANDS, (script, script))]
+    ticks = [HandConfiguration.of(scene.ticks) for scene in scenes]
+    frames = []
+    for i in range(0, ticks[0].ticks, 100):
+        hands, pointables = [], []
+        for number, (hand, side) in enumerate(zip(HANDS, ("right", "left"))):
+            seen, joints = _seen(hand, ticks[number].at(i))
+            hands.append({"id": 7 + number, "type": side, **seen, "confidence": 0.9})
+            pointables += [{"handId": 7 + number, "type": f, **joints[f]} for f in range(5)]
+        frames.append({"id": i, "timestamp": 1000 * i, "hands": hands, "pointables": pointables})
+    return {"metadata": {"formatVersion": 1, "frames": len(frames), "generatedBy": "LeapJS"}, "frames": frames}
+
+
+def _seen(hand: HandModel, pose: Any) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    back = world_matrix("y").T
+    joints, palm = 1e3 * hand.joints(*pose) @ back.T, back @ rotation_matrix(pose[1])
+    keys = ("mcpPosition", "pipPosition", "dipPosition", "btipPosition")
+    wrist = 1e3 * back @ pose[0] - 42.0 * palm[:, 1]
+    words = {"direction": palm[:, 1], "palmNormal": -palm[:, 2], "wrist": wrist}
+    fingers = [{key: joints[f, k].tolist() for k, key in enumerate(keys)} for f in range(5)]
+    return {name: value.tolist() for name, value in words.items()}, fingers
+
+
+def test_one_command_frees_both_hands_in_one_file(run: Run, tmp_path: Path, document: dict[str, Any]) -> None:
+    (tmp_path / "two.json").write_text(json.dumps(document))
+    words = ("--object", "cube", "--hands", "both", "--max-correction", "100")
+    answer = run("repair", "two.json", *words, "--out", "free.json", "--json")
+    found = json.loads(answer.out)
+    for side in ("right", "left"):
+        figures = found["hands"][side]["figures"]
+        assert figures["depth_cones_max_before"] > 0.005 and figures["depth_cones_max_after"] == 0.0, side
+    names = {path.name for path in tmp_path.iterdir()}
+    each = {f"free-{side}-{name}" for side in ("right", "left") for name in ("report.html", "worst.png")}
+    assert names == {"two.json", "free.json", "free-result.h5", *each}
+    results = [load_result(path) for path in hand_paths(tmp_path / "free-result.h5")]
+    assert [one.side for one in results] == ["right", "left"]
+    assert all(one.scene["trajectory"] == "two.json" for one in results)
+    assert found["distance_of_hands"] > 0.0
+    # Both are in the file: read again, neither is inside, and nothing is left to repair.
+    again = run("repair", "free.json", *words, "--out", "again.json", "--json")
+    assert again.code == 0
+    for side in ("right", "left"):
+        assert json.loads(again.out)["hands"][side]["figures"]["depth_cones_max_before"] < 1e-5
+    assert len(json.loads((tmp_path / "free.json").read_text())["frames"]) == len(document["frames"])
+
+
+def test_a_hand_that_is_not_there_leaves_nothing(run: Run, tmp_path: Path, document: dict[str, Any]) -> None:
+    frames = [{**frame, "hands": frame["hands"][:1]} for frame in document["frames"]]
+    (tmp_path / "one.json").write_text(json.dumps({**document, "frames": frames}))
+    answer = run("repair", "one.json", "--object", "cube", "--hands", "both", "--out", "free.json")
+    assert answer.code == 2 and "no left hand" in answer.err
+    assert [path.name for path in tmp_path.iterdir()] == ["one.json"]
+    refused = run("repair", "one.json", "--object", "cube", "--hands", "both", "--hand", "left", "--out", "free.json")
+    assert refused.code == 2 and "--hands both repairs two" in refused.err
