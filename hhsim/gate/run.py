@@ -60,13 +60,14 @@ class Side:
             return self._read(scene, folder / scene.session, read)
         with tempfile.TemporaryDirectory(prefix="hhsim-gate-") as place:
             out = Path(place) / "run.h5"
+            judged = out / scene.hand if scene.hand else out
             answer = run_python(self.python, MAIN, [*command, "--quiet", "--out", str(out)], folder)
             # Code 1: the run ended and missed a limit, which its ticks show.
-            if answer.returncode not in (0, 1) or not (out.exists() and load_result(out).complete):
+            if answer.returncode not in (0, 1) or not (out.exists() and load_result(judged).complete):
                 lines = [line for line in answer.stderr.strip().splitlines() if line.strip()]
                 reason = lines[-1].removeprefix("hhsim: error: ") if lines else f"exit code {answer.returncode}"
                 raise self._failed(scene, reason, refused=answer.returncode == BAD_INPUT)
-            return self._read(scene, out, read)
+            return self._read(scene, judged, read)
 
     def _read(self, scene: GateScene, path: Path, read: Callable[[Result], T]) -> T:
         try:

@@ -21,7 +21,7 @@ OWN_ARGUMENTS = ("--out", "--json", "--quiet", "-q", "--rerun", "--method", "--l
 REPLAY, SUBMISSION, SESSION = "object", "submission", "session"
 """Kinds of scenes by their key: a replay, the poses of other software, a recorded live session."""
 KEYS = {
-    REPLAY: ("object", "trajectory", "method", "level", "arguments", "timed"),
+    REPLAY: ("object", "trajectory", "method", "level", "hand", "arguments", "timed"),
     SUBMISSION: ("submission", "arguments"),
     SESSION: ("session",),
 }
@@ -29,6 +29,8 @@ KEYS = {
 EVERY = ("name", "motion_may_change", "limits", "counters")
 ONLY_OF = {SESSION: OF_SESSIONS, SUBMISSION: OF_SUBMISSIONS}
 """Figures that only one kind of scene has."""
+BOTH = "both"
+"""Value of --hand, among a scene's arguments, for two hands."""
 SCENES = "[[scene]] tables, each with a name, and object and trajectory, submission, or session"
 Share = Annotated[float, between(0.0, 1.0)]
 Word = Annotated[str, Meta(pattern="^[^-]", description="text that is no option: options go to arguments")]
@@ -106,6 +108,7 @@ class GateScene(_Judged, frozen=True, kw_only=True, rename={"slack": "counters",
         session: File of a recorded live session.
         method: As `hhsim replay` takes it, one from outside too.
         level: Level of the sphere tree; None: the object's default.
+        hand: Hand that is judged of a run with `--hand both`; None for the only one.
         arguments: More arguments of `hhsim replay` or `hhsim score`.
         timed: True if its time is judged.
         may_change: Key `motion_may_change`; None where the suite does not set it.
@@ -120,6 +123,7 @@ class GateScene(_Judged, frozen=True, kw_only=True, rename={"slack": "counters",
     session: Word = ""
     method: str = "coupled"
     level: Annotated[int, between(1, 5)] | None = None
+    hand: Literal["right", "left"] | None = None
     arguments: tuple[str, ...] = ()
     timed: bool = False
     may_change: bool | None = None
@@ -151,6 +155,8 @@ class GateScene(_Judged, frozen=True, kw_only=True, rename={"slack": "counters",
         # A method from outside is imported by its own run, where its module lies.
         if ":" not in method and method not in method_names():
             raise InputError(f"{UnknownNameError('method', method, method_names())}, or package.module:Class")
+        if (self.hand is not None) != (BOTH in self.arguments):
+            raise InputError(f"hand is of a run of two, whose arguments have \"{BOTH}\": which of them is judged")
         for item in self.arguments:
             if item.split("=")[0] in OWN_ARGUMENTS:
                 raise InputError(f"{item} is no argument to give: the gate gives it, or has a key for it")

@@ -424,6 +424,8 @@ def test_figures_of_a_session_are_limited_beside_those_of_scenes(result: Path) -
         ("timed = true", 'timed = "yes"', "true or false"),
         ("timed = true", 'method = "best"', "unknown method 'best'"),
         ("timed = true", "level = 9", "1 to 5"),
+        ("timed = true", 'hand = "left"', "hand is of a run of two"),
+        ("timed = true", 'arguments = ["--hand", "both"]', "which of them is judged"),
         ("timed = true", "level = 3.0", "1 to 5"),
         ("version = 1", f"version = {5_000 * '['}", "not TOML"),
         ("timed = true", 'arguments = ["--out=x"]', "--out=x"),
