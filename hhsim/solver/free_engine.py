@@ -33,6 +33,7 @@ def require_free(options: SolverOptions) -> None:
     for wrong, message in (
         (options.method != "coupled", f"method {options.method} has no free objects: coupled has"),
         (qp != "active-set", f"a free object is solved for by hhsim's own QP solver, not {qp}: use active-set"),
+        (options.self_contact, "with a free object the hand's own parts go through each other: leave out self-contact"),
         (options.force != "kkt", "with a free object the forces are the program's own: use the force model kkt"),
     ):
         if wrong:

@@ -3,11 +3,16 @@
 import numpy as np
 
 from hhsim.hand.forward_kinematics import hand_shape
+from hhsim.hand.self_pairs import self_clearance
 from hhsim.kernels.contact.penetration import clearances
+from hhsim.kernels.contact.self_pairs import NoPairs
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.reproducible import norm
 from hhsim.solver.workspace import TickWorkspace
+
+SHARES = 64
+"""Number of postures that are tried between a hand that is in itself and the straight one."""
 
 
 def clearance(workspace: TickWorkspace) -> float:
@@ -24,6 +29,20 @@ def clearance(workspace: TickWorkspace) -> float:
     clearances(workspace.surface, shape, *placed, 10.0 * options.margin, palm, finger)
     used = options.modelled()[:PALM_BODY:PHALANX_COUNT]
     return float(min(palm[0], finger[0, used].min(initial=np.inf)))
+
+
+def part_fingers(workspace: TickWorkspace) -> bool:
+    """Straighten the fingers of a hand that is in itself until it is not; return whether it was."""
+    own = workspace.tick_options.own
+    if isinstance(own, NoPairs):
+        return False
+    pose, share = workspace.states[0].pose, np.linspace(1.0, 0.0, SHARES + 1)
+    flexion, abduction = (share.reshape(-1, *[1] * values.ndim) * values for values in (pose.flexion, pose.abduction))
+    flexion = np.clip(flexion, workspace.hand.flexion_min, workspace.hand.flexion_max)
+    # The straight hand is the last one: its parts that may meet are apart.
+    first = int(np.argmax(self_clearance(workspace.model, own, flexion, abduction) >= workspace.options.offset))
+    pose.flexion[:], pose.abduction[:] = flexion[first], abduction[first]
+    return first > 0
 
 
 def retreat(workspace: TickWorkspace) -> None:

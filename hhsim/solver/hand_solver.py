@@ -16,7 +16,7 @@ from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSI
 from hhsim.reproducible import norm
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.free_engine import FreeEngine
-from hhsim.solver.free_place import clearance, retreat
+from hhsim.solver.free_place import clearance, part_fingers, retreat
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.linearising_engine import LinearisingEngine
 from hhsim.solver.method import Engine
@@ -104,7 +104,8 @@ class HandSolver:
     def begin(self, haptic: HapticBlock) -> int:
         """Place the graphic hand at the first finite haptic configuration; the first tick does it if nobody has.
 
-        Where that is inside the object, start at a free place nearby and come as near as possible.
+        Where that is inside the object, or its own parts are in each other, start at a free place nearby and come as
+        near as possible.
 
         Args:
             haptic: As in `tick`; the first tick must be given the same.
@@ -126,9 +127,11 @@ class HandSolver:
             pose.abduction[:] = first[3]
         for name in HapticBlock._fields:
             haptic_pose[name][:] = pose[name]
+        in_itself = part_fingers(workspace)
         inside = clearance(workspace) < 0.0
         if inside:
             retreat(workspace)
+        inside |= in_itself
         self.engine.begin()
         if not inside:
             return 0

@@ -49,6 +49,7 @@ class Method:
         follows_input: Promised: where nothing is near, the shown hand is the user's.
         takes_threads: The fingers' programs of a tick can be shared among threads.
         takes_backends: Its programs can be solved by any QP solver that qpsolvers offers.
+        takes_self_contact: It can keep the hand's own parts out of each other.
         refuses_surfaces: Reason for taking no surface but spheres; "" if it takes any.
         defaults: Defaults of the options named in `USUAL`.
         gives: Subset of `EVERYTHING`; what is missing has no row in a table.
@@ -64,6 +65,7 @@ class Method:
     follows_input: bool = False
     takes_threads: bool = False
     takes_backends: bool = False
+    takes_self_contact: bool = False
     refuses_surfaces: str = ""
     defaults: Mapping[str, Any] = field(default_factory=lambda: USUAL)
     gives: frozenset[str] = EVERYTHING

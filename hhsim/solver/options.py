@@ -104,6 +104,7 @@ class SolverOptions:
         stiffness: Virtual coupling.
         frustum_ends: Of method `paper`: `spheres` (Eq. 13's range of k at every joint, as at the fingertip) or `flat`
             (Eq. 7's, but for the fingertip), which takes large object spheres beyond a joint for contacts.
+        self_contact: True if the hand's own parts keep out of each other, with method `coupled`.
         period: Duration of a tick [s]; only the dynamics of `penalty` need it. A replay takes it from the motion.
         response: Time constant of the coupling of `penalty` [s]: its virtual mass is G times the square of it.
         contact_response: Damping of the contacts of `penalty`, as a time [s]: b = k times it.
@@ -128,6 +129,7 @@ class SolverOptions:
     threads: int = 1
     stiffness: Stiffness = field(default_factory=Stiffness)
     frustum_ends: str = "spheres"
+    self_contact: bool = False
     period: float = 1e-3
     response: float = 1e-3
     contact_response: float = 1e-3
@@ -147,6 +149,9 @@ class SolverOptions:
         if self.qp != "active-set" and not method.takes_backends:
             known = " and ".join(methods_that("takes_backends"))
             raise InputError(f"method {self.method} is not solved by {self.qp}: {known} takes any QP solver")
+        if self.self_contact and not method.takes_self_contact:
+            known = " and ".join(methods_that("takes_self_contact"))
+            raise InputError(f"method {self.method} lets the hand's own parts through each other: {known} has self-contact")
         check_known("force model", [self.force], FORCES)
         check_known("kind of frustum ends", [self.frustum_ends], FRUSTUM_ENDS)
         check_known("finger", self.fingers, FINGERS)

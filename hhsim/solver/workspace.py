@@ -8,8 +8,10 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.model import HandModel
+from hhsim.hand.self_pairs import self_pairs
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
+from hhsim.kernels.contact.self_pairs import NoPairs
 from hhsim.kernels.contact.surface import Surface
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.jit import JIT_ENABLED
@@ -30,8 +32,8 @@ RELAXATION = 100.0
 """Number of tolerances by which contradicting rows are relaxed."""
 
 
-def tick_options(options: SolverOptions) -> TickOptions:
-    """Return the solver's options in the kernels' form; tolerances in units of √G times a length."""
+def tick_options(options: SolverOptions, model: HandModel) -> TickOptions:
+    """Return the solver's options in the kernels' form, of a hand; tolerances in units of √G times a length."""
     tolerance = options.tolerance * options.margin * math.sqrt(options.stiffness.translation)
     return TickOptions(
         force_model=FORCE_MODELS[options.force],
@@ -47,6 +49,7 @@ def tick_options(options: SolverOptions) -> TickOptions:
         longest_correction=options.margin * math.sqrt(options.stiffness.translation),
         contact_stiffness=options.stiffness.contact,
         touch=options.touch,
+        own=self_pairs(model, options.fingers) if options.self_contact else NoPairs(),
     )
 
 
@@ -77,7 +80,7 @@ class TickWorkspace:
         self.mesh, self.tree = made_of.mesh, made_of.tree
         self.hand = model.arrays()
         self.options = options
-        self.tick_options = tick_options(options)
+        self.tick_options = tick_options(options, model)
         kind = surface_of(surface)
         if kind is not SURFACES[options.surface]:
             raise InputError(f"surface '{options.surface}' of the options: {type(surface).__name__} are not its arrays")
@@ -129,6 +132,7 @@ def fresh_state(dtype: np.dtype[Any], stiffness: FloatArray, modelled: BoolArray
     state.modelled[:] = modelled
     state.candidates.gathered_slack[:] = np.where(state.modelled == 1, -np.inf, np.inf)
     state.candidates.nearest[:] = np.inf
+    state.self_contact.least = np.inf
     state.problem.inverse_root[:] = 1.0 / np.sqrt(stiffness)
     state.stiffness[:] = stiffness
     return states

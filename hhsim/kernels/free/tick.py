@@ -324,7 +324,7 @@ def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, s
     if not fits:
         progress.lag = max(full_motion, longest) - fraction * longest
         done = True
-    elif least_distance(state.candidates) >= 0.0 and table >= 0.0:
+    elif least_distance(state) >= 0.0 and table >= 0.0:
         _keep(table, state)
         done = accept(options, fraction, longest, full_motion, state)
     else:

@@ -28,6 +28,7 @@ from hhsim.kernels.qp.row_scan import (
     ROWS_NAN,
     ROWS_ZERO,
     Rows,
+    add_second_columns,
     most_violated,
     row_lengths,
     row_violations,
@@ -84,6 +85,7 @@ def _load_normal(row: int, n: int, rows: Rows, work: Record) -> float:
     if offset >= 0:
         for j in range(3):
             normal[offset + j] = rows.block[j, row] * scale
+    add_second_columns(rows, row, scale, normal)
     return scale
 
 

@@ -52,7 +52,22 @@ class WideRows(NamedTuple):
     group_block: Indices
 
 
-Rows: TypeAlias = ProgramRows | WideRows
+class MeetingRows(NamedTuple):
+    """Rows as those of `ProgramRows`; those of the last groups, one each, have three more columns of their own."""
+
+    n_common: int
+    common: Array
+    block: Array
+    rhs: Array
+    group_start: Indices
+    group_stop: Indices
+    group_block: Indices
+    groups: int  # groups of rows without second columns; the rows of the others follow each other
+    second: Array  # second columns of the rows of the others, (3, rows)
+    second_block: Indices  # their first variable, -1 for none, (rows,)
+
+
+Rows: TypeAlias = ProgramRows | WideRows | MeetingRows
 
 
 # Plain loops over slices, few arrays in each and no name used for two of them: the compiler gives up the vector unit
@@ -142,6 +157,21 @@ def _lengths(rows: ProgramRows, inverse_norm_out: Array) -> None:
         for j in range(0, n_common, 3):
             _add_squares(start, stop, common, j, inverse_norm_out)
         _invert_root(start, stop, inverse_norm_out)
+
+
+@row_lengths.of(MeetingRows)
+@jit_inline
+def _meeting_lengths(rows: MeetingRows, inverse_norm_out: Array) -> None:
+    n_common, common, block, rhs, start, stop, offset, groups, second, second_block = rows
+    _lengths(ProgramRows(n_common, common, block, rhs, start, stop, offset), inverse_norm_out)
+    for i in range(start.shape[0] - groups):
+        row, total = start[groups + i], 0.0
+        for j in range(n_common):
+            total += common[j, row] * common[j, row]
+        for j in range(3):
+            total += block[j, row] * block[j, row]
+            total += second[j, i] * second[j, i] if second_block[i] >= 0 else 0.0
+        inverse_norm_out[row] = 1.0 / math.sqrt(total) if total > 0.0 else 0.0
 
 
 @jit_inline
@@ -259,6 +289,46 @@ def _violations(rows: ProgramRows, x: Array, inverse_norm: Array, violation: Arr
             _take_six_and_scale(start, stop, common, as_int64(0), x, rhs, inverse_norm, violation)
         else:
             _take_nine_and_scale(start, stop, common, block, x, offset, rhs, inverse_norm, violation)
+
+
+@row_violations.of(MeetingRows)
+@jit_inline
+def _meeting_violations(rows: MeetingRows, x: Array, inverse_norm: Array, violation: Array) -> None:
+    n_common, common, block, rhs, start, stop, offset, groups, second, second_block = rows
+    _violations(ProgramRows(n_common, common, block, rhs, start, stop, offset), x, inverse_norm, violation)
+    for i in range(start.shape[0] - groups):
+        row, first = start[groups + i], second_block[i]
+        if first >= 0:
+            for j in range(3):
+                violation[row] -= inverse_norm[row] * second[j, i] * x[first + j]
+
+
+@generic
+def add_second_columns(rows: Rows, row: int, scale: float, normal_out: Array) -> None:
+    """Add a row's second columns, scaled, to its unit normal."""
+
+
+@add_second_columns.of(ProgramRows)
+@jit_inline
+def _no_second(rows: ProgramRows, row: int, scale: float, normal_out: Array) -> None:
+    pass
+
+
+@add_second_columns.of(WideRows)
+@jit_inline
+def _none_second(rows: WideRows, row: int, scale: float, normal_out: Array) -> None:
+    pass
+
+
+@add_second_columns.of(MeetingRows)
+@jit_inline
+def _second_columns(rows: MeetingRows, row: int, scale: float, normal_out: Array) -> None:
+    if rows.groups == rows.group_start.shape[0]:
+        return
+    i = row - rows.group_start[rows.groups]
+    if i >= 0 and rows.second_block[i] >= 0:
+        for j in range(3):
+            normal_out[rows.second_block[i] + j] = rows.second[j, i] * scale
 
 
 @jit_inline

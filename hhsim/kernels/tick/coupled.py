@@ -4,15 +4,19 @@ The paper rejected it as slower than 20 Hz; with a warm-started dual active set 
 and since standing still is always feasible, so is the program.
 """
 
+from typing import Any
+
 import numpy as np
 
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import limit_start
+from hhsim.kernels.contact.self_pairs import NoPairs, SelfPairs
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
-from hhsim.kernels.jit import Indices, Record, as_int64, jit_inline, jit_noinline, jit_once
+from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit_inline, jit_noinline, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
-from hhsim.kernels.qp.row_scan import ProgramRows
+from hhsim.kernels.qp.row_scan import MeetingRows, ProgramRows, Rows
 from hhsim.kernels.tick.method import Coupled, energy_stalled, solve_program
+from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.second_order import correct_for_curvature, lagrangian_of
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_PALM, guess_rows
 
@@ -46,34 +50,12 @@ def coupled_groups(contacts: Record, group_start: Indices, group_stop: Indices, 
         group_block[6 + f] = 6 + 3 * f
 
 
-@solve_program.of(Coupled)
-@jit_noinline
-def solve_coupled(method: Coupled, state: Record, qp: QpWork) -> int:
-    """Solve the coupled program.
-
-    The state's `step` is written where the status is OPTIMAL. Returns a status of `kernels.qp.active_set`.
-    """
-    options = method.options
-    problem, contacts, active, work, step = state.problem, state.contacts, state.warm, state.coupled, state.step
-    coupled_groups(contacts, work.group_start, work.group_stop, work.group_block)
-    began = monotonic_ns()
-    guessed = as_int64(0)
-    for group in range(FINGER_COUNT + 1):
-        guessed = guess_rows(contacts, active, group, work.guess[:], guessed)
-    rows = ProgramRows(
-        as_int64(6),
-        problem.common[:],
-        problem.block[:],
-        problem.rhs[:],
-        work.group_start[:],
-        work.group_stop[:],
-        work.group_block[:],
-    )
-    guess, tolerance = work.guess[:], options.tolerance
+@jit_inline
+def _solve_rows(options: TickOptions, rows: Rows, guess: Indices, guessed: int, state: Record, qp: QpWork) -> int:
+    problem, step, tolerance = state.problem, state.step, options.tolerance
     status = solve(as_int64(DOF), rows, problem.target[:], tolerance, options.relaxation, guess, guessed, qp)
     step.iterations += qp.counts[1]
     if status != OPTIMAL:
-        step.duration[DURATION_PALM] += monotonic_ns() - began
         return status
     count = qp.counts[0]
     for i in range(count):
@@ -87,7 +69,85 @@ def solve_coupled(method: Coupled, state: Record, qp: QpWork) -> int:
     correct_for_curvature(lagrangian, step.delta[:], rows, tolerance, longest, state.correction, qp)
     for j in range(DOF):
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
-    step.duration[DURATION_PALM] += monotonic_ns() - began
+    return status
+
+
+@generic
+def _solve_parts(own: Any, options: TickOptions, state: Record, qp: QpWork) -> int:
+    """Solve the program of contacts and joint limits, and of the hand's own parts where these have rows."""
+
+
+@_solve_parts.of(NoPairs)
+@jit_inline
+def _solve_contacts(own: NoPairs, options: TickOptions, state: Record, qp: QpWork) -> int:
+    problem, contacts, active, work = state.problem, state.contacts, state.warm, state.coupled
+    guessed = as_int64(0)
+    for group in range(FINGER_COUNT + 1):
+        guessed = guess_rows(contacts, active, group, work.guess[:], guessed)
+    rows = ProgramRows(
+        as_int64(6),
+        problem.common[:],
+        problem.block[:],
+        problem.rhs[:],
+        work.group_start[:],
+        work.group_stop[:],
+        work.group_block[:],
+    )
+    return _solve_rows(options, rows, work.guess[:], guessed, state, qp)
+
+
+@jit_noinline
+def _solve_meeting(options: TickOptions, state: Record, qp: QpWork) -> int:
+    """Solve with the rows of the hand's own parts, from what was active before they came."""
+    problem, contacts, work, own, step = state.problem, state.contacts, state.coupled, state.self_contact, state.step
+    groups = as_int64(2 * FINGER_COUNT + 1)
+    for g in range(groups):
+        own.group_start[g], own.group_stop[g] = work.group_start[g], work.group_stop[g]
+        own.group_block[g] = work.group_block[g]
+    for f in range(FINGER_COUNT):
+        if own.meets[f] == 1:
+            own.group_stop[FINGER_COUNT + 1 + f] = limit_start(contacts, f + 1)
+    guessed = min(step.count, ACTIVE_CAPACITY - own.count)
+    for i in range(guessed):
+        work.guess[i] = step.row[i]
+    for i in range(own.count):
+        work.guess[guessed + i] = limit_start(contacts, as_int64(FINGER_COUNT)) + i
+    end = groups + own.count
+    rows = MeetingRows(
+        as_int64(6),
+        problem.common[:],
+        problem.block[:],
+        problem.rhs[:],
+        own.group_start[:end],
+        own.group_stop[:end],
+        own.group_block[:end],
+        groups,
+        own.second[:],
+        own.second_block[:],
+    )
+    return _solve_rows(options, rows, work.guess[:], guessed + own.count, state, qp)
+
+
+@_solve_parts.of(SelfPairs)
+@jit_inline
+def _solve_own(own: SelfPairs, options: TickOptions, state: Record, qp: QpWork) -> int:
+    if state.self_contact.count > 0:
+        return _solve_meeting(options, state, qp)
+    return _solve_contacts(NoPairs(), options, state, qp)
+
+
+@solve_program.of(Coupled)
+@jit_noinline
+def solve_coupled(method: Coupled, state: Record, qp: QpWork) -> int:
+    """Solve the coupled program.
+
+    The state's `step` is written where the status is OPTIMAL. Returns a status of `kernels.qp.active_set`.
+    """
+    work = state.coupled
+    coupled_groups(state.contacts, work.group_start, work.group_stop, work.group_block)
+    began = monotonic_ns()
+    status = _solve_parts(method.options.own, method.options, state, qp)
+    state.step.duration[DURATION_PALM] += monotonic_ns() - began
     return status
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, evaluate
+from hhsim.kernels.contact.self_pairs import measure_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
 from hhsim.kernels.jit import Record, jit_inline, jit_noinline
@@ -48,14 +49,15 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
     # where the step turns out longer, `complete_lists` gathers them.
     candidates.allowed_deficit = needed - max(options.listed, needed / REACH_PACE)
     status = evaluate(hand, pose, surface, needed, margin, skin, candidates, state.work)
+    measure_pairs(options.own, hand, pose, margin, state.self_contact)
     state.progress.pairs_overflow = status != 0
     return status == 0
 
 
 @jit_inline
-def least_distance(candidates: Record) -> float:
-    """Return the least signed distance of all pairs at hand [m], infinite where there is none."""
-    least = np.inf
+def least_distance(state: Record) -> float:
+    """Return the least signed distance of all pairs at hand [m], the hand's own too; infinite where there is none."""
+    candidates, least = state.candidates, state.self_contact.least
     for body in range(BODY_COUNT):
         least = min(least, candidates.nearest[body])
     return least
@@ -93,6 +95,7 @@ def rebuild_candidates(hand: HandArrays, surface: Any, options: TickOptions, sta
     """
     state = states[0]
     copy_configuration(state.pose, state.prediction.start)
+    state.self_contact.bound[:] = -np.inf
     for body in range(BODY_COUNT):
         # A body that the scene does not use is never due for a walk and never near.
         state.candidates.gathered_slack[body] = -np.inf if state.modelled[body] == 1 else np.inf

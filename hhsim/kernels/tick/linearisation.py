@@ -6,6 +6,7 @@ from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import evaluate, find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
+from hhsim.kernels.contact.self_pairs import begin_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
 from hhsim.kernels.jit import Array, Record, jit_inline, jit_noinline, jit_once
 from hhsim.kernels.rotation import rotation_vector_between
@@ -77,6 +78,7 @@ def build_program(hand: HandArrays, surface: Any, options: TickOptions, state: R
     """
     began = monotonic_ns()
     problem = state.problem
+    begin_rows(state.self_contact)
     if not find_program_contacts(hand, surface, options, state):
         return -1
     found = state.contacts.start[FINGER_COUNT + 1]

@@ -1,6 +1,8 @@
 """Lengths and tolerances of a tick."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from hhsim.kernels.contact.self_pairs import NoPairs
 
 
 class TickOptions(NamedTuple):
@@ -20,6 +22,7 @@ class TickOptions(NamedTuple):
     | longest_correction | for curvature, in units of √G δ, see `kernels.tick.second_order` |
     | contact_stiffness | of Eq. 14 and Fig. 9 [N/m] |
     | touch | pairs nearer than this count as touching |
+    | own | pairs of the hand's own parts that may meet: `SelfPairs`, or `NoPairs` |
     """
 
     force_model: int
@@ -35,3 +38,4 @@ class TickOptions(NamedTuple):
     longest_correction: float
     contact_stiffness: float
     touch: float
+    own: Any = NoPairs()

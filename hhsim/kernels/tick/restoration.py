@@ -55,7 +55,7 @@ def take_free_share(hand: HandArrays, surface: Any, options: TickOptions, state:
     first = state.first_step
     if first.free_share >= LEAST_TRUST:
         move(state.pose, first.delta, first.abduction, first.free_share)
-        if evaluate_pose(hand, surface, options, state) and least_distance(state.candidates) >= 0.0:
+        if evaluate_pose(hand, surface, options, state) and least_distance(state) >= 0.0:
             copy_configuration(state.pose, state.safe)
             state.progress.is_accepted = True
             return True

@@ -4,6 +4,7 @@ from typing import Any
 
 from hhsim.kernels.contact.detection import find_contacts
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
+from hhsim.kernels.contact.self_pairs import scale_rows
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, HandArrays
 from hhsim.kernels.jit import Record, as_bool, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
@@ -11,6 +12,7 @@ from hhsim.kernels.tick.coupled import solve_coupled
 from hhsim.kernels.tick.linearisation import step_to_haptic
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.self_contact import find_meeting, store_meeting
 from hhsim.kernels.tick.step import DURATION_FINGERS, DURATION_PALM, store_active
 
 ON_THE_WAY = 20.0
@@ -31,18 +33,22 @@ def settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: R
     palm, fingers = duration[DURATION_PALM], duration[DURATION_FINGERS]
     near = max(options.touch, ON_THE_WAY * options.offset) if state.progress.lag > 0.0 else options.touch
     status = find_contacts(surface, hand, state.pose, state.candidates, near, state.contacts)
-    if status == 0 and state.contacts.start[FINGER_COUNT + 1] == 0:
+    find_meeting(options.own, hand, near, options, state)
+    own = state.self_contact
+    if status == 0 and state.contacts.start[FINGER_COUNT + 1] + own.count == 0:
         state.active.count = 0
     elif status == 0:
         step_to_haptic(state, state.problem.target[:], state.problem.abduction_step[:])
         for f in range(FINGER_COUNT):
             state.problem.abduction_step[f] = 0.0
-            if state.contacts.start[f + 2] == state.contacts.start[f + 1]:
+            if state.contacts.start[f + 2] == state.contacts.start[f + 1] and own.meets[f] == 0:
                 clamp_to_limits(hand, state.pose, f, state.problem.target[:])
         build_rows(hand, state.pose, state.contacts, options.offset, as_bool(True), state.problem)
+        scale_rows(options.own, options.offset, as_bool(True), state)
         for j in range(DOF):
             state.problem.target[j] /= state.problem.inverse_root[j]
         if solve_coupled(Coupled(options), state, qp) == OPTIMAL:
             store_active(state.contacts, state.step, state.active)
+            store_meeting(options.own, state, state.active)
     duration[DURATION_PALM] = palm
     duration[DURATION_FINGERS] = fingers

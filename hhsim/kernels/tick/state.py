@@ -7,6 +7,7 @@ import numpy as np
 
 from hhsim.kernels.contact.detection import CONTACT_ROWS, CONTACTS
 from hhsim.kernels.contact.linearise import PROBLEM
+from hhsim.kernels.contact.self_pairs import SELF_CONTACT
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.hand.pose import HAND_POSE
 from hhsim.kernels.parallel.thread_team import THREAD_TEAM
@@ -148,6 +149,7 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     | haptic | the haptic hand: the last good input |
     | input, prediction, trust, progress, program, first_step | see the records above |
     | decoupling | see `kernels.tick.decoupling` |
+    | self_contact | see `kernels.contact.self_pairs` |
     | candidates, contacts | near pairs and contact records |
     | problem, step | the program and the step that solves it |
     | warm | contacts active in the last program, to start the next one from |
@@ -192,6 +194,7 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("program", PROGRAM),
             ("first_step", FIRST_STEP),
             ("decoupling", DECOUPLING),
+            ("self_contact", SELF_CONTACT),
         ],
         align=True,
     )

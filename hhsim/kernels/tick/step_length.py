@@ -1,6 +1,7 @@
 """Length of a step: the share that the known pairs allow, or a step to a nearer target."""
 
 from hhsim.kernels.contact.linearise import build_rows
+from hhsim.kernels.contact.self_pairs import clear_fraction, scale_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, HandArrays, motion_bounds
 from hhsim.kernels.jit import Record, jit_inline, jit_once
 from hhsim.kernels.tick.evaluation import least_distance
@@ -40,7 +41,7 @@ def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> t
             allowed = min(candidates.slack[body], near)
         if motion * fraction > allowed:
             fraction = allowed / motion
-    return fraction, longest
+    return clear_fraction(options.own, hand, options, fraction, state), longest
 
 
 @jit_once
@@ -61,7 +62,7 @@ def clip_target(hand: HandArrays, options: TickOptions, only_restore: bool, stat
     fraction, longest = allowed_fraction(hand, options, state)
     if only_restore:
         fraction = 0.0
-    elif fraction >= (LEAST_SHARE if least_distance(state.candidates) >= CLEAR * options.offset else 0.5):
+    elif fraction >= (LEAST_SHARE if least_distance(state) >= CLEAR * options.offset else 0.5):
         return WHOLE_TARGET
     problem = state.problem
     for j in range(DOF):
@@ -69,4 +70,5 @@ def clip_target(hand: HandArrays, options: TickOptions, only_restore: bool, stat
     for f in range(FINGER_COUNT):
         problem.abduction_step[f] *= fraction
     build_rows(hand, state.pose, state.contacts, options.offset, state.program.is_relaxed, problem)
+    scale_rows(options.own, options.offset, state.program.is_relaxed, state)
     return longest

@@ -70,6 +70,7 @@ from hhsim.kernels.tick.method import (
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.prediction import forget_prediction, judge_last_tick
 from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY, keep_first_step, only_restores, take_free_share
+from hhsim.kernels.tick.self_contact import keep_apart, store_meeting
 from hhsim.kernels.tick.settled_forces import settle_forces
 from hhsim.kernels.tick.state import (
     STATUS_ABDUCTION_HELD,
@@ -157,6 +158,7 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
             return as_int64(OVERFLOW), full_motion
         if contacts > 0:
             status = solve_program(method, state, qp)
+        status = keep_apart(options.own, method, hand, status, state, qp)
         if status != OPTIMAL or attempt == 1 or not complete_lists(hand, surface, options, state):
             break
         # Of the discarded program only node tests, pair tests and QP iterations count as work.
@@ -164,7 +166,7 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
         work[WORK_LINEARISATIONS] -= 1
     if state.progress.pairs_overflow:
         return as_int64(OVERFLOW), full_motion
-    if status == OPTIMAL and contacts > 0:
+    if status == OPTIMAL and contacts + state.self_contact.count > 0:
         full_motion = clip_target(hand, options, only_restores(options, state, done), state)
         if full_motion != WHOLE_TARGET:
             status = solve_program(method, state, qp)
@@ -187,7 +189,7 @@ def accept(options: TickOptions, fraction: float, longest: float, full_motion: f
     progress.is_accepted = True
     state.prediction.is_predicted = False
     progress.failed_steps = 0
-    unhindered = state.contacts.start[FINGER_COUNT + 1] == 0
+    unhindered = state.contacts.start[FINGER_COUNT + 1] + state.self_contact.count == 0
     is_whole = fraction == 1.0 and full_motion == WHOLE_TARGET
     done = is_whole and (unhindered or longest <= options.step_tolerance)
     progress.lag = max(full_motion, longest) - fraction * longest
@@ -228,11 +230,12 @@ def advance_hand(method: Any, hand: HandArrays, surface: Any, full_motion: float
     began = monotonic_ns()
     options, step, progress = method.options, state.step, state.progress
     store_active(state.contacts, step, state.warm)
+    store_meeting(options.own, state, state.warm)
     # A program may miss a joint limit by its tolerance, and the next one would start from there: with a palm that is a
     # million times stiffer than a joint that adds up.
     for f in range(FINGER_COUNT):
         clamp_to_limits(hand, state.pose, f, step.delta[:])
-    clearance = least_distance(state.candidates)
+    clearance = least_distance(state)
     fraction, longest = allowed_fraction(hand, options, state)
     move(state.pose, step.delta, state.problem.abduction_step, fraction)
     # Twice the step: where contacts change, the next one may be longer, and cut short by the reach, make that grow.
@@ -241,14 +244,14 @@ def advance_hand(method: Any, hand: HandArrays, surface: Any, full_motion: float
     done = False
     if not evaluate_pose(hand, surface, options, state):
         done = True
-    elif least_distance(state.candidates) >= 0.0:
+    elif least_distance(state) >= 0.0:
         done = accept(options, fraction, longest, full_motion, state)
     elif forget_prediction(hand, surface, options, state):
         done = progress.pairs_overflow
     else:
         if progress.failed_steps == 0:
             progress.lag = max(full_motion, longest)
-            keep_first_step(options, fraction, clearance, -least_distance(state.candidates), state)
+            keep_first_step(options, fraction, clearance, -least_distance(state), state)
         progress.failed_steps += 1
         if progress.failed_steps > MOST_FAILED_STEPS:
             if not state.program.is_coupled:
@@ -278,7 +281,7 @@ def tick_status(cut_short: bool, made_part: bool, state: Record) -> int:
     elif progress.lag > 0.0:
         status |= STATUS_LAG
     progress.is_unfinished = not progress.is_accepted or made_part or (progress.is_unfinished and progress.lag > 0.0)
-    if progress.is_accepted and state.program.holds_abduction:
+    if progress.is_accepted and (state.program.holds_abduction or state.self_contact.holds):
         status |= STATUS_ABDUCTION_HELD
     if status & (STATUS_STUCK | STATUS_LAG):
         # Along a soft, almost unconstrained direction a step can be longer than the distance left to the haptic hand.

@@ -23,4 +23,5 @@ METHOD = Method(
     nearest_to_user=True,
     follows_input=True,
     takes_backends=True,
+    takes_self_contact=True,
 )

@@ -1,0 +1,451 @@
+"""Pairs of the hand's own parts: their distances at a pose, and the rows that keep them apart in a step.
+
+A pair is a phalanx and one of another finger, or a phalanx and the palm, whose spheres count as one part. The palm's
+motion moves no part against another: a row has the joints of one finger or of two, and abduction on the right-hand
+side. With p and q the nearest axis points, n the normal from q to p, J and a the centre and axis of a joint, a joint of
+the first finger changes the distance by n · (a × (p - J)), one of the second by -n · (a × (q - J)).
+
+A bound of each pair's distance goes down by what its parts have moved since: a joint's angle times its lever. Pairs are
+measured again where it falls below the margin, so that an open hand measures few.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.contact.linearise import LEVER_FLOOR, limit_start
+from hhsim.kernels.copy import copy_values
+from hhsim.kernels.hand.kinematics import (
+    BODY_COUNT,
+    DOF,
+    FINGER_COUNT,
+    PALM_BODY,
+    PHALANX_COUNT,
+    HandArrays,
+    phalanx_cone,
+    placed_sphere,
+)
+from hhsim.kernels.hand.pose import update_kinematics
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, generic, jit, jit_inline
+from hhsim.kernels.rotation import turned_back
+from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
+from hhsim.kernels.round_cone_pair import round_cone_pair
+
+SELF_PAIRS = PHALANX_COUNT * PHALANX_COUNT * FINGER_COUNT * (FINGER_COUNT - 1) // 2 + PHALANX_COUNT * FINGER_COUNT
+"""Most pairs of a hand."""
+SELF_ROWS = 32
+"""Most rows of such pairs in a program; what it lacks is found by the true distances."""
+WHOLE_PALM = -1
+"""In place of a palm sphere in a row of two phalanges."""
+
+
+class NoPairs(NamedTuple):
+    """In place of the pairs of a hand whose parts go through each other."""
+
+    pairs: int = 0
+
+
+class SelfPairs(NamedTuple):
+    """Pairs of a hand's own parts that may meet.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | first | a phalanx, body 0 to 14 | (N,) |
+    | second | a phalanx of a later finger, or the palm, body 15 | (N,) |
+    | thickness | sum of the least radii of both [m] | (N,) |
+    """
+
+    first: Indices
+    second: Indices
+    thickness: Array
+
+
+SELF_CONTACT = np.dtype(
+    [
+        ("bound", np.float64, (SELF_PAIRS,)),  # no pair is nearer [m]; below the margin it is the distance
+        ("least", np.float64),  # least of these [m], infinite without pairs
+        ("posture", np.float64, (DOF,)),  # flexion at the bounds, in its place among the variables [rad]
+        ("abduction", np.float64, (FINGER_COUNT,)),
+        ("motion", np.float64, (BODY_COUNT,)),  # bound of each part's motion in the palm frame [m]
+        ("count", np.int64),  # rows in the program
+        ("pair", np.int64, (SELF_ROWS,)),  # pair of each row
+        ("sphere", np.int64, (SELF_ROWS,)),  # its palm sphere, or WHOLE_PALM
+        ("distance", np.float64, (SELF_ROWS,)),  # [m]
+        ("normal", np.float64, (SELF_ROWS, 3)),  # unit, from the second part to the first, world
+        ("lever", np.float64, (SELF_ROWS, 2, PHALANX_COUNT)),  # change of distance by the joints of both fingers [m/rad]
+        ("spread", np.float64, (SELF_ROWS, 2)),  # the same by their abduction
+        ("second", np.float64, (PHALANX_COUNT, SELF_ROWS)),  # columns of the second finger, divided by √G
+        ("second_block", np.int64, (SELF_ROWS,)),  # their first variable, -1 for the palm
+        ("meets", np.int64, (FINGER_COUNT,)),  # 1 for fingers with a row
+        ("share", np.float64, (FINGER_COUNT,)),  # share of its abduction step that a finger has room for
+        ("holds", np.bool_),  # a share is below 1
+        ("group_start", np.int64, (2 * FINGER_COUNT + 1 + SELF_ROWS,)),
+        ("group_stop", np.int64, (2 * FINGER_COUNT + 1 + SELF_ROWS,)),
+        ("group_block", np.int64, (2 * FINGER_COUNT + 1 + SELF_ROWS,)),
+    ],
+    align=True,
+)
+"""Contacts of the hand with itself, from tick to tick, and their rows, which stand behind the joint limits."""
+
+
+@jit_inline
+def _finger_motions(hand: HandArrays, step: Array, abduction_step: Array, motion_out: Array) -> None:
+    """Compute how far any axis point of each part goes at most in the palm frame [m], shape (16,), in a step (21,)."""
+    motion_out[PALM_BODY] = 0.0
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT):
+            total = abs(abduction_step[f]) * hand.lever[f, k, 0]
+            for i in range(k + 1):
+                total += abs(step[6 + PHALANX_COUNT * f + i]) * hand.lever[f, k, i]
+            motion_out[PHALANX_COUNT * f + k] = total
+
+
+@jit_inline
+def _cone(hand: HandArrays, pose: Record, body: int) -> RoundCone:
+    return phalanx_cone(hand, pose.joints, pose.direction, body // PHALANX_COUNT, body % PHALANX_COUNT)
+
+
+@jit_inline
+def _sphere_distance(cone: RoundCone, x: float, y: float, z: float, radius: float) -> float:
+    dx, dy, dz = x - cone.x, y - cone.y, z - cone.z
+    s = round_cone_parameter(dx, dy, dz, cone.ux, cone.uy, cone.uz, cone.tan_slope, cone.inverse_length)
+    along = s * cone.length
+    dx, dy, dz = dx - along * cone.ux, dy - along * cone.uy, dz - along * cone.uz
+    return math.sqrt(dx * dx + dy * dy + dz * dz) - radius - cone.radius + s * cone.drop
+
+
+@jit_inline
+def _in_palm_frame(pose: Record, cone: RoundCone) -> RoundCone:
+    position, rotation = pose.position, pose.rotation
+    x, y, z = turned_back(rotation, cone.x - position[0], cone.y - position[1], cone.z - position[2])
+    ux, uy, uz = turned_back(rotation, cone.ux, cone.uy, cone.uz)
+    return RoundCone(
+        x, y, z, ux, uy, uz, cone.length, cone.tan_slope, cone.inverse_length, cone.radius, cone.drop
+    )
+
+
+@jit_inline
+def _next_sphere(hand: HandArrays, cone: RoundCone, limit: float, after: int) -> tuple[int, float]:
+    """Find the next palm sphere nearer than `limit` [m] to a cone of the palm frame; its number, -1 for none."""
+    group, start = hand.palm_group, hand.palm_group_start
+    for g in range(group.shape[1]):
+        if start[g + 1] <= after:
+            continue
+        if _sphere_distance(cone, group[0, g], group[1, g], group[2, g], group[3, g]) >= limit:
+            continue
+        for i in range(max(start[g], after), start[g + 1]):
+            distance = _sphere_distance(cone, hand.palm_x[i], hand.palm_y[i], hand.palm_z[i], hand.palm_radius[i])
+            if distance < limit:
+                return i, distance
+    return as_int64(-1), limit
+
+
+@jit
+def pair_distance(hand: HandArrays, pose: Record, first: int, second: int) -> float:
+    """Compute the signed distance [m] of a phalanx and another, or the palm, at a pose whose kinematics are up to date."""
+    if second != PALM_BODY:
+        return round_cone_pair(_cone(hand, pose, first), _cone(hand, pose, second))[0]
+    cone, nearest, sphere = _in_palm_frame(pose, _cone(hand, pose, first)), np.inf, as_int64(-1)
+    while True:
+        sphere, distance = _next_sphere(hand, cone, nearest, sphere + 1)
+        if sphere < 0:
+            return nearest
+        nearest = distance
+
+
+@generic
+def measure_pairs(pairs: Any, hand: HandArrays, pose: Record, margin: float, own: Record) -> None:
+    """Bring the bounds of all pairs up to date at a pose; those below `margin` [m] are then exact."""
+
+
+@measure_pairs.of(NoPairs)
+@jit_inline
+def _measure_none(pairs: NoPairs, hand: HandArrays, pose: Record, margin: float, own: Record) -> None:
+    pass
+
+
+@measure_pairs.of(SelfPairs)
+@jit
+def _measure_pairs(pairs: SelfPairs, hand: HandArrays, pose: Record, margin: float, own: Record) -> None:
+    posture, motion = own.posture, own.motion
+    for f in range(FINGER_COUNT):
+        own.abduction[f] -= pose.abduction[f]
+        for k in range(PHALANX_COUNT):
+            posture[6 + PHALANX_COUNT * f + k] -= pose.flexion[f, k]
+    _finger_motions(hand, posture, own.abduction, motion)
+    for f in range(FINGER_COUNT):
+        own.abduction[f] = pose.abduction[f]
+        for k in range(PHALANX_COUNT):
+            posture[6 + PHALANX_COUNT * f + k] = pose.flexion[f, k]
+    least = np.inf
+    for i in range(pairs.first.shape[0]):
+        first, second = pairs.first[i], pairs.second[i]
+        bound = own.bound[i] - motion[first] - motion[second]
+        # Not below, or a bound that is no number would be kept.
+        if not bound >= margin:
+            bound = pair_distance(hand, pose, first, second)
+        own.bound[i] = bound
+        least = bound if not bound >= least else least
+    own.least = least
+
+
+@jit
+def self_clearances(
+    hand: HandArrays,
+    pairs: SelfPairs,
+    flexion: Array,
+    abduction: Array,
+    poses: NDArray[np.void],
+    contacts: NDArray[np.void],
+    clearance_out: Array,
+) -> None:
+    """Compute the least signed distance [m] of T hands' own parts, shape (T,): exact where negative, else a lower bound.
+
+    Flexion [rad] has shape (T, 5, 3), abduction (T, 5); NaN where one is not finite. Workspace are a record of
+    `HAND_POSE` and a fresh one of `SELF_CONTACT`, each of shape (1,).
+    """
+    pose, own = poses[0], contacts[0]
+    for t in range(flexion.shape[0]):
+        copy_values(flexion[t], pose.flexion[:])
+        copy_values(abduction[t], pose.abduction[:])
+        update_kinematics(hand, pose)
+        measure_pairs(pairs, hand, pose, 0.0, own)
+        clearance_out[t] = own.least
+
+
+@jit_inline
+def _levers(pose: Record, body: int, sign: float, x: float, y: float, z: float, floor: float, row: int, own: Record) -> None:
+    # Change of the distance by the joints and the abduction of a finger whose axis point (x, y, z) is nearest.
+    side = 0 if sign > 0.0 else 1
+    finger, last = body // PHALANX_COUNT, body % PHALANX_COUNT
+    nx, ny, nz = sign * own.normal[row, 0], sign * own.normal[row, 1], sign * own.normal[row, 2]
+    for k in range(PHALANX_COUNT + 1):
+        joint = pose.joints[finger, k % PHALANX_COUNT]
+        axis = pose.axis[finger] if k < PHALANX_COUNT else pose.abduction_axis[finger]
+        rx, ry, rz = x - joint[0], y - joint[1], z - joint[2]
+        ax, ay, az = axis[0], axis[1], axis[2]
+        lever = nx * (ay * rz - az * ry) + ny * (az * rx - ax * rz) + nz * (ax * ry - ay * rx)
+        if k == PHALANX_COUNT:
+            own.spread[row, side] = lever
+        else:
+            own.lever[row, side, k] = lever if k <= last and abs(lever) > floor else 0.0
+
+
+@jit
+def write_row(hand: HandArrays, pose: Record, first: int, second: int, sphere: int, row: int, own: Record) -> None:
+    """Write distance, normal and levers of a pair to a row; `sphere` is the palm's, or WHOLE_PALM of two phalanges."""
+    cone = _cone(hand, pose, first)
+    if sphere >= 0:
+        c = (hand.palm_x[sphere], hand.palm_y[sphere], hand.palm_z[sphere])
+        other = placed_sphere(pose.position, pose.rotation, c[0], c[1], c[2], hand.palm_radius[sphere])
+    else:
+        other = _cone(hand, pose, second)
+    distance, s, t, nx, ny, nz = round_cone_pair(cone, other)
+    own.distance[row] = distance
+    own.normal[row, 0], own.normal[row, 1], own.normal[row, 2] = nx, ny, nz
+    along = s * cone.length
+    x, y, z = cone.x + along * cone.ux, cone.y + along * cone.uy, cone.z + along * cone.uz
+    _levers(pose, first, 1.0, x, y, z, LEVER_FLOOR * hand.length[first // PHALANX_COUNT, 0], row, own)
+    if sphere >= 0:
+        own.spread[row, 1] = 0.0
+        for k in range(PHALANX_COUNT):
+            own.lever[row, 1, k] = 0.0
+        return
+    along = t * other.length
+    x, y, z = other.x + along * other.ux, other.y + along * other.uy, other.z + along * other.uz
+    _levers(pose, second, -1.0, x, y, z, LEVER_FLOOR * hand.length[second // PHALANX_COUNT, 0], row, own)
+
+
+@jit_inline
+def _clearance(relaxed: bool, offset: float, distance: float) -> float:
+    # As a contact's row: relaxed, what is nearer than the offset may stay as near as it is.
+    return min(offset, distance) if relaxed and distance >= 0.0 else offset
+
+
+@jit_inline
+def _is_violated(
+    pairs: SelfPairs, offset: float, relaxed: bool, tolerance: float, relaxation: float, row: int, state: Record
+) -> bool:
+    """Return whether the step breaks a row by more than a program would leave it broken."""
+    own, problem, delta = state.self_contact, state.problem, state.step.delta
+    pair = own.pair[row]
+    after, square = own.distance[row], 0.0
+    for side in range(2):
+        body = pairs.first[pair] if side == 0 else pairs.second[pair]
+        if body == PALM_BODY:
+            continue
+        finger = body // PHALANX_COUNT
+        after += own.spread[row, side] * problem.abduction_step[finger]
+        for k in range(PHALANX_COUNT):
+            j = 6 + PHALANX_COUNT * finger + k
+            after += own.lever[row, side, k] * delta[j]
+            square += (own.lever[row, side, k] * problem.inverse_root[j]) ** 2
+    short = _clearance(relaxed, offset, own.distance[row]) - after
+    return short > tolerance * math.sqrt(square) if square > 0.0 else short > relaxation
+
+
+@jit_inline
+def _leave_room(pairs: SelfPairs, offset: float, row: int, state: Record) -> None:
+    """Reduce the abduction of the pair's fingers to what brings them no nearer than the offset by itself.
+
+    Abduction is given, and no variable. Joints with shorter levers than it has would turn farther than it to make room.
+    """
+    own, problem, pair = state.self_contact, state.problem, state.self_contact.pair[row]
+    closing, opening, excess = 0.0, max(own.distance[row] - offset, 0.0), 0.0
+    for side in range(2):
+        body = pairs.first[pair] if side == 0 else pairs.second[pair]
+        rate = 0.0 if body == PALM_BODY else own.spread[row, side] * problem.abduction_step[body // PHALANX_COUNT]
+        closing -= min(rate, 0.0)
+        opening += max(rate, 0.0)
+        excess += own.spread[row, side] ** 2
+        for k in range(PHALANX_COUNT):
+            excess -= own.lever[row, side, k] ** 2
+    if closing <= opening or excess <= 0.0:
+        return
+    for side in range(2):
+        body = pairs.first[pair] if side == 0 else pairs.second[pair]
+        if body != PALM_BODY and own.spread[row, side] * problem.abduction_step[body // PHALANX_COUNT] < 0.0:
+            own.share[body // PHALANX_COUNT] *= opening / closing
+            own.holds = True
+
+
+@jit_inline
+def _has_row(own: Record, pair: int, sphere: int) -> bool:
+    for row in range(own.count):
+        if own.pair[row] == pair and own.sphere[row] == sphere:
+            return True
+    return False
+
+
+@jit_inline
+def _keep_row(pairs: SelfPairs, own: Record) -> None:
+    pair = own.pair[own.count]
+    own.meets[pairs.first[pair] // PHALANX_COUNT] = 1
+    if pairs.second[pair] != PALM_BODY:
+        own.meets[pairs.second[pair] // PHALANX_COUNT] = 1
+    own.count += 1
+
+
+@jit
+def _add_row(
+    pairs: SelfPairs, hand: HandArrays, pair: int, sphere: int, within: float, options: Any, state: Record
+) -> bool:
+    """Add the row of a pair that the step breaks, or that is not farther than `within` [m]; return whether it is."""
+    own = state.self_contact
+    if own.count == SELF_ROWS or _has_row(own, pair, sphere):
+        return False
+    row = own.count
+    write_row(hand, state.pose, pairs.first[pair], pairs.second[pair], sphere, row, own)
+    own.pair[row], own.sphere[row] = pair, sphere
+    if own.distance[row] > within:
+        tolerance, relaxed = options.tolerance, state.program.is_relaxed
+        if not _is_violated(pairs, options.offset, relaxed, tolerance, options.relaxation, row, state):
+            return False
+        _leave_room(pairs, options.offset, row, state)
+    _keep_row(pairs, own)
+    return True
+
+
+@jit_inline
+def begin_rows(own: Record) -> None:
+    """Remove all rows, and follow the abduction as a whole."""
+    own.count = 0
+    own.holds = False
+    for f in range(FINGER_COUNT):
+        own.meets[f] = 0
+        own.share[f] = 1.0
+
+
+@jit
+def add_rows(pairs: SelfPairs, hand: HandArrays, within: float, options: Any, state: Record) -> bool:
+    """Add rows of pairs that the step breaks, or that are not farther than `within` [m]; return whether one is new."""
+    own = state.self_contact
+    motion = own.motion
+    _finger_motions(hand, state.step.delta, state.problem.abduction_step, motion)
+    added = False
+    for pair in range(pairs.first.shape[0]):
+        first, second = pairs.first[pair], pairs.second[pair]
+        limit = max(within, motion[first] + motion[second] + options.offset)
+        if own.bound[pair] > limit:
+            continue
+        if second != PALM_BODY:
+            added = _add_row(pairs, hand, pair, as_int64(WHOLE_PALM), within, options, state) or added
+            continue
+        cone, sphere = _in_palm_frame(state.pose, _cone(hand, state.pose, first)), as_int64(-1)
+        while True:
+            sphere, _ = _next_sphere(hand, cone, limit, sphere + 1)
+            if sphere < 0:
+                break
+            added = _add_row(pairs, hand, pair, sphere, within, options, state) or added
+    return added
+
+
+@generic
+def scale_rows(pairs: Any, offset: float, relaxed: bool, state: Record) -> None:
+    """Write the rows to the program behind the joint limits, for its abduction step; arguments as of `build_rows`."""
+
+
+@scale_rows.of(NoPairs)
+@jit_inline
+def _scale_none(pairs: NoPairs, offset: float, relaxed: bool, state: Record) -> None:
+    pass
+
+
+@scale_rows.of(SelfPairs)
+@jit
+def _scale_rows(pairs: SelfPairs, offset: float, relaxed: bool, state: Record) -> None:
+    own, problem, groups = state.self_contact, state.problem, as_int64(2 * FINGER_COUNT + 1)
+    first_row = limit_start(state.contacts, as_int64(FINGER_COUNT))
+    for row in range(own.count):
+        place, pair = first_row + row, own.pair[row]
+        rhs = _clearance(relaxed, offset, own.distance[row]) - own.distance[row]
+        for j in range(6):
+            problem.common[j, place] = 0.0
+        for side in range(2):
+            body = pairs.first[pair] if side == 0 else pairs.second[pair]
+            start = 6 + PHALANX_COUNT * (body // PHALANX_COUNT) if body != PALM_BODY else -1
+            if start >= 0:
+                rhs -= own.spread[row, side] * problem.abduction_step[body // PHALANX_COUNT]
+            for k in range(PHALANX_COUNT):
+                value = own.lever[row, side, k] * problem.inverse_root[start + k] if start >= 0 else 0.0
+                if side == 0:
+                    problem.block[k, place] = value
+                else:
+                    own.second[k, row] = value
+            if side == 0:
+                own.group_block[groups + row] = start
+            else:
+                own.second_block[row] = start
+        own.group_start[groups + row], own.group_stop[groups + row] = place, place + 1
+        problem.rhs[place] = rhs
+
+
+@generic
+def clear_fraction(pairs: Any, hand: HandArrays, options: Any, fraction: float, state: Record) -> float:
+    """Reduce the share of the step so that no part passes through another unseen."""
+
+
+@clear_fraction.of(NoPairs)
+@jit_inline
+def _whole_fraction(pairs: NoPairs, hand: HandArrays, options: Any, fraction: float, state: Record) -> float:
+    return fraction
+
+
+@clear_fraction.of(SelfPairs)
+@jit
+def _clear_fraction(pairs: SelfPairs, hand: HandArrays, options: Any, fraction: float, state: Record) -> float:
+    # Axes that move by less than the distance and both radii against each other do not cross: the end says all.
+    own, radius = state.self_contact, state.trust.radius
+    motion = own.motion
+    _finger_motions(hand, state.step.delta, state.problem.abduction_step, motion)
+    for pair in range(pairs.first.shape[0]):
+        moved, bound = motion[pairs.first[pair]] + motion[pairs.second[pair]], max(own.bound[pair], 0.0)
+        allowed = bound + pairs.thickness[pair]
+        if radius < options.margin:
+            # A step has failed before: it is as for the object.
+            allowed = min(allowed, max(bound, radius))
+        if fraction * moved > allowed:
+            fraction = allowed / moved
+    return fraction
