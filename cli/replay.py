@@ -71,6 +71,11 @@ class SolverSettings(options.Linearising, options.SolverChoice):
     tolerance: float | None = ranged(
         "tolerance", "SHARE", "Largest violation of a contact's row, as a share of the margin. Default: 1e-8."
     )
+    self_contact: Literal["on", "off"] = option(
+        type=click.Choice(["on", "off"]),
+        default="off",
+        help="Keep the fingers and the palm out of each other (on), or let them through (off); with --method coupled.",
+    )
     frustum_ends: str | None = option(
         type=click.Choice(["spheres", "flat"]),
         help="Ends of a frustum with --method paper: spheres (Eq. 13) or flat (Eq. 7). Default: spheres.",
@@ -99,7 +104,7 @@ class SolverSettings(options.Linearising, options.SolverChoice):
             if self.method != "penalty":
                 raise click.UsageError(f"--penalty-stiffness is for --method penalty, not {self.method}")
             stiffness["penalty"] = self.penalty_stiffness
-        changed = {**self.given(), "margin": options.metres(self.margin)}
+        changed = {**self.given(), "margin": options.metres(self.margin), "self_contact": self.self_contact == "on"}
         changed |= {"stiffness": Stiffness(**stiffness) if stiffness else None}
         changed.pop("penalty_stiffness", None)
         if changed.pop("isolate"):

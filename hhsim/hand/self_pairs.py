@@ -16,12 +16,12 @@ from hhsim.kernels.jit import as_argument
 def self_pairs(hand: HandModel, fingers: Sequence[str] = FINGERS) -> SelfPairs:
     """Return the pairs of the parts of some fingers and the palm, without those that are joined.
 
-    Joined are the phalanges of one finger, and parts that overlap in the straight hand, all of whose angles are zero or
-    the nearest that their limits allow: a proximal phalanx and the palm.
+    Joined are the phalanges of one finger, and parts that overlap in the straight hand, whose angles are zero, or as near
+    to it as the limits of flexion allow: a proximal phalanx and the palm.
     """
     least = np.append(np.minimum(hand.radius[:, :-1], hand.radius[:, 1:]).ravel(), hand.palm_tree.leaf_radius.min())
     straight = np.clip(np.zeros((1, 5, 3)), hand.flexion_min, hand.flexion_max)
-    spread = np.clip(np.zeros((1, 5)), hand.abduction_min, hand.abduction_max)
+    spread = np.zeros((1, 5))
     found = []
     for i in range(PALM_BODY):
         for j in range(PHALANGES * (i // PHALANGES + 1), PALM_BODY + 1):

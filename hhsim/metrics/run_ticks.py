@@ -6,12 +6,13 @@ from functools import cached_property
 
 import numpy as np
 
-from hhsim.arrays import AnyArray, BoolArray
+from hhsim.arrays import AnyArray, BoolArray, FloatArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
+from hhsim.hand.self_pairs import self_clearance, self_pairs
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.free_run import Datasets, FreeRun, result_free_run
@@ -45,6 +46,8 @@ class RunTicks:
     breaks: BoolArray | None = None  # ticks before which others are missing, shape (T,); None for none
     hand: HandModel | None = None  # the hand; None where the user's hand is not examined
     free: FreeRun | None = None  # motion of a free object; None for another
+    modelled: tuple[str, ...] = FINGERS  # names of the modelled fingers
+    self_contact: bool = False  # True if the hand's own parts keep out of each other
 
     def __getitem__(self, name: str) -> AnyArray:
         return self.columns[name]
@@ -83,7 +86,15 @@ class RunTicks:
         shown = PlacedHand(*(self.columns[name] for name in PLACED))
         touching, touched = np.asarray(self.columns[TOUCHING] > 0), self.touched
         depths = object_depths(touched.surface, touched.mesh, touched.shape, touched.fingers)
-        return input_hand(self.hand, depths, haptic, shown, touching, self.contact)
+        near = self.contact | (self.self_contact & (self.self_clearance("graphic") <= touched.touch))
+        return input_hand(self.hand, depths, haptic, shown, touching, near)
+
+    def self_clearance(self, whose: str) -> FloatArray:
+        """Least distance of the own parts [m] of the graphic or the haptic hand, shape (T,), as of that function."""
+        if self.hand is None:
+            return np.full(self.ticks, np.nan)
+        pairs = self_pairs(self.hand, self.modelled)
+        return self_clearance(self.hand, pairs, self.columns[f"{whose}/flexion"], self.columns[f"{whose}/abduction"])
 
     @cached_property
     def touch(self) -> BoolArray:
@@ -123,6 +134,8 @@ def ticks_alone(result: Result, columns: Datasets | None = None) -> RunTicks:
         breaks=_breaks(result),
         hand=_hand(result),
         free=result_free_run(result),
+        modelled=tuple(result.fingers),
+        self_contact=bool(result.scene["solver"].get("self_contact", False)),
     )
 
 

@@ -144,6 +144,8 @@ def summarise(
         ),
         hand=scene.hand,
         free=free_run,
+        modelled=options.fingers,
+        self_contact=options.self_contact,
     )
     haptic = HandConfiguration.of(ticks)
     method = find_method(options.method)
@@ -210,7 +212,8 @@ def _floating(scene: Scene, figures: Mapping[str, float]) -> tuple[str, ...]:
 def _notes(scene: Scene, options: SolverOptions, status: AnyArray) -> tuple[str, ...]:
     notes = [*scene.mesh.repairs, *scene.mesh.warnings]
     if np.any(status & STATUS_START_INSIDE):
-        notes.append("the haptic hand begins inside the object: the graphic hand began at the nearest free place")
+        where = "the object, or in itself" if options.self_contact else "the object"
+        notes.append(f"the haptic hand begins inside {where}: the graphic hand began at the nearest free place")
     held = int(np.sum(status & STATUS_INPUT_INVALID > 0))
     if held:
         notes.append(f"{counted(held, 'tick')} had input that was not finite and used the last good one")

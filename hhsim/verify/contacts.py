@@ -154,11 +154,11 @@ def axis_places(
         length = np.sqrt(np.einsum("ni,ni->n", away, away))
         return np.asarray(np.einsum("ni,ni->n", away, axis) < drop * length)
 
-    share = _lowest(len(a), falls)
+    share = lowest_places(len(a), falls)
     return a + share[:, None] * axis, radius_a + share * drop
 
 
-def _lowest(count: int, falls: Callable[[FloatArray], BoolArray]) -> FloatArray:
+def lowest_places(count: int, falls: Callable[[FloatArray], BoolArray]) -> FloatArray:
     """Shares [0 to 1] of some axes where a convex distance is least, by where it `falls`, shape (count,)."""
     low, high = np.zeros(count), np.ones(count)
     for _ in range(HALVINGS):
@@ -300,7 +300,7 @@ def _phalanges_on_triangles(
         away = away_from_triangles(ready, start + share * along)
         return np.asarray((away * along).sum(axis=0) < drop * np.sqrt((away * away).sum(axis=0)))
 
-    share = _lowest(len(row), falls)
+    share = lowest_places(len(row), falls)
     found = [
         _with_triangles(row, face, of.a[row] + share[:, None] * axis, of.radius_a[row] + share * drop, ready, near)
     ]

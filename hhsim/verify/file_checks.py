@@ -177,8 +177,9 @@ def _work(result: Result) -> list[Claim]:
     # A pair has at most two contacts: a flat phalanx has one at each end.
     found = 2 * np.asarray(result["contacts/candidates"])
     most = least + (UNITS_CONTACT * found + UNITS_ROW * rows) * steps
-    # Rows of a free object's table belong to no contact of the hand.
-    least += (UNITS_ROW if result.free else UNITS_CONTACT + UNITS_ROW) * rows
+    # Rows of a free object's table, and of the hand's own parts, belong to no contact with the object.
+    own_rows = result.free or result.scene["solver"].get("self_contact", False)
+    least += (UNITS_ROW if own_rows else UNITS_CONTACT + UNITS_ROW) * rows
     outside = (work["units"] < least) | (work["units"] > most)
     outside |= steps > int(result.scene["solver"]["linearisations"])
     says = "the weighted work is that of its parts, in no more linearisations than are allowed"

@@ -19,6 +19,7 @@ from hhsim.verify.forces import (
     residual,
 )
 from hhsim.verify.kinematics import turn_between
+from hhsim.verify.own_parts import with_meetings
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
 
 FORCE = 1e-6
@@ -87,7 +88,8 @@ def _judgeable(judge: JudgedTicks, without: int) -> IntArray:
 
 def _moment(judge: JudgedTicks, i: int) -> Moment:
     flexion, pull = judge.chosen_shown.flexion[i], judge.pull[int(judge.chosen[i])]
-    return moment(judge.hand, judge.chosen_posed, flexion, judge.bearing_at(i), i, pull)
+    at = moment(judge.hand, judge.chosen_posed, flexion, judge.bearing_at(i), i, pull)
+    return with_meetings(at, judge.chosen_posed, judge.meetings_at(i), i) if judge.self_contact else at
 
 
 def _stationarity(judge: JudgedTicks) -> Claim:
@@ -111,7 +113,10 @@ def _palm_balance(judge: JudgedTicks) -> Claim:
 
 def _complementarity(judge: JudgedTicks) -> Claim:
     chosen = _judgeable(judge, STUCK)
-    apart = judge.near.nearest[chosen] > judge.bearing_within[chosen] + LENGTH
+    nearest = judge.near.nearest[chosen]
+    if judge.self_contact:
+        nearest = np.minimum(nearest, judge.meetings.nearest(len(judge.chosen))[chosen])
+    apart = nearest > judge.bearing_within[chosen] + LENGTH
     size = np.linalg.norm(judge.stored_forces(judge.chosen[chosen]), axis=2)
     off = np.where(apart, size, 0.0).max(axis=1)
     says = "what does not touch bears no force"

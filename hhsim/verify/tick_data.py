@@ -23,6 +23,7 @@ from hhsim.verify.contacts import (
 )
 from hhsim.verify.file_checks import follows, leaves, usable
 from hhsim.verify.kinematics import configurations, own_hand, pose, turn_between
+from hhsim.verify.own_parts import Meetings, meetings, parts_that_may_meet
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD = 1, 2, 4, 8, 16, 32
@@ -68,6 +69,7 @@ class JudgedTicks:
         diagonal: Stiffness of the coupling: palm 3 [N/m] and 3 [N·m/rad], flexion 15 [N·m/rad].
         scale: Factors of the same 21 rows, to N.
         safe: True if the method promises that nothing penetrates.
+        self_contact: True if it promises that the hand's own parts keep out of each other.
         on_mesh: True if the hand touched the triangles of the mesh, not spheres.
         touch, margin: Largest distances of a touching and of a candidate pair [m].
         bearing: Largest distance of a pair that bears a force in a tick that lags [m]: its last step was not the last.
@@ -92,6 +94,7 @@ class JudgedTicks:
         self.diagonal = np.repeat([g["translation"], g["rotation"], g["flexion"]], [3, 3, 15]).astype(np.float64)
         self.scale = np.sqrt(g["translation"] / self.diagonal)
         self.safe, self.on_mesh = never_penetrates(self.options["method"]), result.surface == "mesh"
+        self.self_contact = bool(self.options.get("self_contact", False))
         self.touch, self.margin = float(self.options["touch"]), float(self.options["margin"])
         self.bearing = max(self.touch, ON_THE_WAY * float(self.options["offset"]))
         self.surely = min(self.margin, 2.0 * float(self.options["step_tolerance"])) if self.on_mesh else self.margin
@@ -143,6 +146,18 @@ class JudgedTicks:
         settled = float(self.options["offset"]) + self.last_step[self.chosen, None] ** 2 / rolling
         late = self.status[self.chosen, None] & LAG > 0
         return np.where(late, self.bearing, np.clip(settled, self.touch, self.bearing))
+
+    @cached_property
+    def meetings(self) -> Meetings:
+        """Pairs of the hand's own parts at the chosen ticks that touch, or nearly so; none without self-contact."""
+        may = parts_that_may_meet(self.hand, self.fingers & self.self_contact)
+        return meetings(self.hand, self.chosen_posed, may, 2.0 * self.bearing)
+
+    def meetings_at(self, i: int) -> Meetings:
+        """Pairs of the hand's own parts that can bear a force at the chosen tick of index i."""
+        found = self.meetings.at(np.arange(*np.searchsorted(self.meetings.tick, [i, i + 1])))
+        within = self.bearing_within[i]
+        return found.at(found.distance <= np.maximum(within[found.first], within[found.second]))
 
     def bearing_at(self, i: int) -> Pairs:
         """Pairs that can bear a force at the chosen tick of index i.

@@ -31,6 +31,7 @@ from hhsim.verify.metric_checks import metric_claims
 from hhsim.verify.object_frame import object_motion_claims, seen_by_referee
 from hhsim.verify.origin_checks import origin_claims
 from hhsim.verify.posture_checks import posture_claims
+from hhsim.verify.self_contact_checks import self_contact_claims
 from hhsim.verify.session_checks import session_claims
 from hhsim.verify.tick_data import JudgedTicks
 
@@ -129,7 +130,7 @@ def verify(
     judge = JudgedTicks(seen, numbers, sampled)
     claims += posture_claims(judge)
     report("spheres", 2, 4)
-    claims += depth_claims(judge)
+    claims += [*depth_claims(judge), *self_contact_claims(judge)]
     report("forces", 3, 4)
     claims += force_claims(judge)
     mesh, depth = _mesh_claim(judge, claims, report)

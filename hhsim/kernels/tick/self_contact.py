@@ -17,7 +17,6 @@ from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.linearisation import step_to_haptic
 from hhsim.kernels.tick.method import solve_program
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.state import UNITS_ROW, WORK_ROWS, WORK_UNITS
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 
 
@@ -35,12 +34,9 @@ def _keep_none(own: NoPairs, method: Any, hand: HandArrays, status: int, state: 
 @keep_apart.of(SelfPairs)
 @jit_noinline
 def _keep_apart(own: SelfPairs, method: Any, hand: HandArrays, status: int, state: Record, qp: QpWork) -> int:
-    options, work, total = method.options, state.work, state.contacts.start[FINGER_COUNT + 1]
+    options = method.options
     while status == OPTIMAL and add_rows(own, hand, -np.inf, options, state):
         _aim_apart(hand, options, state)
-        rows = total + state.self_contact.count
-        work[WORK_ROWS] = max(work[WORK_ROWS], rows)
-        work[WORK_UNITS] += UNITS_ROW * rows
         status = solve_program(method, state, qp)
     return status
 

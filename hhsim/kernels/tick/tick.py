@@ -77,7 +77,9 @@ from hhsim.kernels.tick.state import (
     STATUS_CAPACITY_EXCEEDED,
     STATUS_LAG,
     STATUS_STUCK,
+    UNITS_ROW,
     WORK_LINEARISATIONS,
+    WORK_ROWS,
     WORK_TOUCHING,
     WORK_UNITS,
 )
@@ -166,7 +168,11 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
         work[WORK_LINEARISATIONS] -= 1
     if state.progress.pairs_overflow:
         return as_int64(OVERFLOW), full_motion
-    if status == OPTIMAL and contacts + state.self_contact.count > 0:
+    own_rows = state.self_contact.count
+    if own_rows > 0:
+        work[WORK_UNITS] += UNITS_ROW * own_rows
+        work[WORK_ROWS] = max(work[WORK_ROWS], contacts + own_rows)
+    if status == OPTIMAL and contacts + own_rows > 0:
         full_motion = clip_target(hand, options, only_restores(options, state, done), state)
         if full_motion != WHOLE_TARGET:
             status = solve_program(method, state, qp)

@@ -30,7 +30,27 @@ def _correction(part: str, statistic: str, place: int, field: str, short: str = 
     return RunMetric(name, label, 2, "mm", less_is_better=False, place=place, short=short, needs=NEEDS, compute=compute)
 
 
+def _in_itself(whose: str) -> Callable[[RunTicks], float]:
+    # A hand that is not finite has no depth, and hides none.
+    return lambda run: float(np.fmax.reduce(-run.self_clearance(whose), initial=0.0))
+
+
 METRICS = (
+    RunMetric(
+        *("self_depth_haptic", "input hand in itself, max", 2, "mm"),
+        less_is_better=False,
+        place=29,
+        needs=("haptic/flexion", "haptic/abduction"),
+        compute=_in_itself("haptic"),
+        unless_zero=True,
+    ),
+    RunMetric(
+        *("self_depth_graphic", "shown hand in itself, max", 2, "mm"),
+        place=31,
+        needs=("graphic/flexion", "graphic/abduction"),
+        compute=_in_itself("graphic"),
+        unless_zero=True,
+    ),
     RunMetric(
         *("input_depth_max", "input depth, max", 2, "mm"),
         less_is_better=False,

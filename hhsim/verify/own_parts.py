@@ -1,0 +1,146 @@
+"""Pairs of the hand's own parts as the referee finds them: by kinematics and bisections of its own.
+
+The distance of two round cones is convex in the places on both axes: for each place on the one, bisection finds the
+nearest on the other, and bisection over the first finds the least of these.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.verify.contacts import BODIES, PALM, axis_places, phalanges, lowest_places
+from hhsim.verify.forces import BODY_COLUMNS, Moment
+from hhsim.verify.kinematics import OwnHand, Posed, pose
+
+SAMPLES = 5
+"""Points of each axis whose distances tell which pairs can be near."""
+TICKS = 256
+"""Hands measured at once, to bound the memory."""
+THUMB_TO_LITTLE, PER_FINGER = 5, 3
+
+
+class Meetings(NamedTuple):
+    """Near pairs of a phalanx and one of a later finger, or the palm."""
+
+    tick: IntArray  # index of the searched tick, ascending (N,)
+    first: IntArray  # 0 to 14 (N,)
+    second: IntArray  # 0 to 14, or 15 for the palm (N,)
+    distance: FloatArray  # signed [m] (N,)
+    place: FloatArray  # nearest point of the first one's axis [m], world (N, 3)
+    other: FloatArray  # nearest point of the second one's axis, or the centre of the palm's sphere [m], world (N, 3)
+    normal: FloatArray  # unit, from the second to the first (N, 3)
+
+    def at(self, rows: IntArray | BoolArray) -> "Meetings":
+        """Return some of the pairs."""
+        return Meetings._make(values[rows] for values in self)
+
+    def nearest(self, ticks: int) -> FloatArray:
+        """Least distance [m] of each body at each tick, shape (ticks, 16); infinite where no pair is near."""
+        found = np.full((ticks, BODIES), np.inf)
+        for body in (self.first, self.second):
+            np.minimum.at(found, (self.tick, body), self.distance)
+        return found
+
+
+def parts_that_may_meet(hand: OwnHand, fingers: BoolArray) -> BoolArray:
+    """Return True for two bodies that may meet, shape (15, 16): of two fingers that count, and apart in a straight hand.
+
+    The angles of a straight hand are zero, or as near to it as the limits of flexion allow.
+    """
+    may = np.zeros((PALM, BODIES), bool)
+    body = np.arange(PALM)
+    may[:, :PALM] = body[:, None] // PER_FINGER < body // PER_FINGER
+    may[:, PALM] = True
+    used = np.append(np.repeat(fingers, PER_FINGER), True)
+    may &= used[:PALM, None] & used
+    straight = np.clip(np.zeros((1, *hand.flexion_min.shape)), hand.flexion_min, hand.flexion_max)
+    at = HandConfiguration(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]), straight, np.zeros((1, THUMB_TO_LITTLE)))
+    joined = meetings(hand, pose(hand, at), may, 0.0)
+    may[joined.first, joined.second] = False
+    return may
+
+
+def meetings(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Meetings:
+    """Find the pairs of `may` (15, 16) that are no more than `near` [m] apart; hands that are not finite have none."""
+    found = [
+        part._replace(tick=part.tick + first)
+        for first in range(0, max(len(posed.joints), 1), TICKS)
+        for part in (_of_fingers, _of_palm)
+        for part in [part(hand, posed.at(slice(first, first + TICKS)), may, near)]
+    ]
+    every = Meetings(*(np.concatenate(values) for values in zip(*found)))
+    return every.at(np.lexsort((every.second, every.first, every.tick)))
+
+
+def _of_fingers(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Meetings:
+    of = phalanges(hand, posed, np.ones(THUMB_TO_LITTLE, bool))
+    shares = np.linspace(0.0, 1.0, SAMPLES)[:, None]
+    points = (of.a[:, None] + shares * (of.b - of.a)[:, None]).reshape(len(posed.joints), PALM, SAMPLES, 3)
+    gap = 0.5 / (SAMPLES - 1) * np.linalg.norm(of.b - of.a, axis=1) + of.thick
+    rows = []
+    for i, j in zip(*np.nonzero(may[:, :PALM])):
+        apart = np.linalg.norm(points[:, i, :, None] - points[:, j, None], axis=3).min(axis=(1, 2))
+        tick = np.flatnonzero(apart <= gap[i::PALM] + gap[j::PALM] + near)
+        rows.append(np.stack([tick, np.full(len(tick), i), np.full(len(tick), j)]))
+    tick, first, second = np.concatenate(rows, axis=1) if rows else np.zeros((3, 0), np.int64)
+    one, other = PALM * tick + first, PALM * tick + second
+    axis, drop = (of.b - of.a)[one], (of.radius_b - of.radius_a)[one]
+
+    def facing(share: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        place = of.a[one] + share[:, None] * axis
+        return place, *axis_places(of.a[other], of.b[other], of.radius_a[other], of.radius_b[other], place)
+
+    def falls(share: FloatArray) -> BoolArray:
+        place, across, _ = facing(share)
+        away = place - across
+        return np.asarray((away * axis).sum(axis=1) < drop * np.linalg.norm(away, axis=1))
+
+    share = lowest_places(len(one), falls)
+    place, across, size = facing(share)
+    return _meetings(tick, first, second, place, across, of.radius_a[one] + share * drop + size, near)
+
+
+def _of_palm(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Meetings:
+    of = phalanges(hand, posed, np.ones(THUMB_TO_LITTLE, bool))
+    middle, reach = 0.5 * (of.a + of.b), 0.5 * np.linalg.norm(of.b - of.a, axis=1) + of.thick + near
+    rows = []
+    for body in np.flatnonzero(may[:, PALM]):
+        apart = np.linalg.norm(middle[body::PALM, None] - posed.palm, axis=2)
+        tick, sphere = np.nonzero(apart <= reach[body::PALM, None] + hand.palm_radius)
+        rows.append(np.stack([tick, np.full(len(tick), body), sphere]))
+    tick, body, sphere = np.concatenate(rows, axis=1) if rows else np.zeros((3, 0), np.int64)
+    row, center = PALM * tick + body, posed.palm[tick, sphere]
+    place, size = axis_places(of.a[row], of.b[row], of.radius_a[row], of.radius_b[row], center)
+    return _meetings(tick, body, np.full(len(row), PALM), place, center, size + hand.palm_radius[sphere], near)
+
+
+def _meetings(
+    tick: IntArray, first: IntArray, second: IntArray, place: FloatArray, other: FloatArray, size: FloatArray, near: float
+) -> Meetings:
+    away = place - other
+    length = np.linalg.norm(away, axis=1)
+    normal = away / np.where(length > 0.0, length, 1.0)[:, None]
+    return Meetings(tick, first, second, length - size, place, other, normal).at(length - size <= near)
+
+
+def with_meetings(at: Moment, posed: Posed, pairs: Meetings, i: int) -> Moment:
+    """Add the pairs of tick `i` of `posed` to what can push there: each pushes both its parts, opposite to each other."""
+    count = len(pairs.first)
+    jacobian, bodies = np.zeros((count, 21)), np.zeros((count, BODY_COLUMNS))
+    for body, point, sign in ((pairs.first, pairs.place, 1.0), (pairs.second, pairs.other, -1.0)):
+        bodies[np.arange(count)[:, None], 3 * body[:, None] + np.arange(3)] = sign * pairs.normal
+        rows = np.flatnonzero(body != PALM)
+        finger, last = np.divmod(body[rows], PER_FINGER)
+        arm = point[rows, None] - posed.joints[i, finger, :PER_FINGER]
+        turned = np.cross(posed.axes[i, finger][:, None], arm)
+        torque = sign * (turned * pairs.normal[rows, None]).sum(axis=2)
+        columns = 6 + PER_FINGER * finger[:, None] + np.arange(PER_FINGER)
+        jacobian[rows[:, None], columns] = np.where(np.arange(PER_FINGER) <= last[:, None], torque, 0.0)
+    return at._replace(
+        jacobian=np.concatenate([at.jacobian, jacobian]),
+        bodies=np.concatenate([at.bodies, bodies]),
+        distance=np.concatenate([at.distance, pairs.distance]),
+        body=np.concatenate([at.body, pairs.first]),
+    )

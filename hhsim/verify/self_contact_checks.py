@@ -1,0 +1,27 @@
+"""Claims of a hand whose own parts keep out of each other, and of the depths of both hands in themselves."""
+
+import numpy as np
+
+from hhsim.verify.claim import Claim, as_number, judged
+from hhsim.verify.own_parts import meetings, parts_that_may_meet
+from hhsim.verify.tick_data import LENGTH, WHY_LENGTH, JudgedTicks
+
+
+def self_contact_claims(judge: JudgedTicks) -> list[Claim]:
+    """Judge the shown hand of a run with self-contact, at every tick, and the depths that its summary states."""
+    if not judge.self_contact:
+        return []
+    may = parts_that_may_meet(judge.hand, judge.fingers)
+    depth = {}
+    for name, posed in (("self_depth_haptic", judge.wanted_posed), ("self_depth_graphic", judge.shown_posed)):
+        nearest = meetings(judge.hand, posed, may, 0.0).nearest(len(judge.numbers)).min(axis=1)
+        depth[name] = np.where(np.isfinite(posed.joints).all(axis=(1, 2, 3)), np.maximum(0.0, -nearest), np.inf)
+    shown = depth["self_depth_graphic"]
+    says = "no part of the shown hand is in another part of it"
+    claims = [judged("own parts", says, shown, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)]
+    stated = [(name, as_number(judge.result.summary[name])) for name in depth if name in judge.result.summary]
+    if stated:
+        off = [abs(value - depth[name].max()) for name, value in stated]
+        says = "user's and shown hand are as deep in themselves as the summary says"
+        claims.append(judged("depth in itself", says, off, LENGTH, "m", WHY_LENGTH))
+    return claims
