@@ -16,8 +16,8 @@ from hhsim.kernels.jit import as_argument
 def self_pairs(hand: HandModel, fingers: Sequence[str] = FINGERS) -> SelfPairs:
     """Return the pairs of the parts of some fingers and the palm, without those that are joined.
 
-    Joined are the phalanges of one finger, and parts that overlap in the straight hand, whose angles are zero, or as near
-    to it as the limits of flexion allow: a proximal phalanx and the palm.
+    Joined are the phalanges of one finger, and parts that overlap in the straight hand, whose angles are zero, or as
+    near to it as the limits of flexion allow: a proximal phalanx and the palm.
     """
     least = np.append(np.minimum(hand.radius[:, :-1], hand.radius[:, 1:]).ravel(), hand.palm_tree.leaf_radius.min())
     straight = np.clip(np.zeros((1, 5, 3)), hand.flexion_min, hand.flexion_max)
@@ -36,7 +36,7 @@ _NONE = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
 
 
 def self_clearance(hand: HandModel, pairs: SelfPairs, flexion: FloatArray, abduction: FloatArray) -> FloatArray:
-    """Compute the least signed distance of a hand's own parts [m], shape (T,): exact where negative, else a lower bound.
+    """Compute the least signed distance of a hand's own parts [m], shape (T,), or a lower bound that is not negative.
 
     Args:
         pairs: Of `self_pairs`.

@@ -151,7 +151,9 @@ class SolverOptions:
             raise InputError(f"method {self.method} is not solved by {self.qp}: {known} takes any QP solver")
         if self.self_contact and not method.takes_self_contact:
             known = " and ".join(methods_that("takes_self_contact"))
-            raise InputError(f"method {self.method} lets the hand's own parts through each other: {known} has self-contact")
+            raise InputError(
+                f"method {self.method} lets fingers through each other and the palm: {known} has self-contact"
+            )
         check_known("force model", [self.force], FORCES)
         check_known("kind of frustum ends", [self.frustum_ends], FRUSTUM_ENDS)
         check_known("finger", self.fingers, FINGERS)

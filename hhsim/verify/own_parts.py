@@ -10,7 +10,7 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.verify.contacts import BODIES, PALM, axis_places, phalanges, lowest_places
+from hhsim.verify.contacts import BODIES, PALM, axis_places, lowest_places, phalanges
 from hhsim.verify.forces import BODY_COLUMNS, Moment
 from hhsim.verify.kinematics import OwnHand, Posed, pose
 
@@ -45,7 +45,7 @@ class Meetings(NamedTuple):
 
 
 def parts_that_may_meet(hand: OwnHand, fingers: BoolArray) -> BoolArray:
-    """Return True for two bodies that may meet, shape (15, 16): of two fingers that count, and apart in a straight hand.
+    """Return True for two bodies that may meet, shape (15, 16): of fingers that count, and apart in a straight hand.
 
     The angles of a straight hand are zero, or as near to it as the limits of flexion allow.
     """
@@ -64,12 +64,11 @@ def parts_that_may_meet(hand: OwnHand, fingers: BoolArray) -> BoolArray:
 
 def meetings(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Meetings:
     """Find the pairs of `may` (15, 16) that are no more than `near` [m] apart; hands that are not finite have none."""
-    found = [
-        part._replace(tick=part.tick + first)
-        for first in range(0, max(len(posed.joints), 1), TICKS)
-        for part in (_of_fingers, _of_palm)
-        for part in [part(hand, posed.at(slice(first, first + TICKS)), may, near)]
-    ]
+    found = []
+    for start in range(0, max(len(posed.joints), 1), TICKS):
+        some = posed.at(slice(start, start + TICKS))
+        both = _of_fingers(hand, some, may, near), _of_palm(hand, some, may, near)
+        found += [pairs._replace(tick=pairs.tick + start) for pairs in both]
     every = Meetings(*(np.concatenate(values) for values in zip(*found)))
     return every.at(np.lexsort((every.second, every.first, every.tick)))
 
@@ -117,7 +116,13 @@ def _of_palm(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Meetin
 
 
 def _meetings(
-    tick: IntArray, first: IntArray, second: IntArray, place: FloatArray, other: FloatArray, size: FloatArray, near: float
+    tick: IntArray,
+    first: IntArray,
+    second: IntArray,
+    place: FloatArray,
+    other: FloatArray,
+    size: FloatArray,
+    near: float,
 ) -> Meetings:
     away = place - other
     length = np.linalg.norm(away, axis=1)
@@ -126,7 +131,7 @@ def _meetings(
 
 
 def with_meetings(at: Moment, posed: Posed, pairs: Meetings, i: int) -> Moment:
-    """Add the pairs of tick `i` of `posed` to what can push there: each pushes both its parts, opposite to each other."""
+    """Add the pairs of tick `i` of `posed` to what can push there: each pushes its parts, one against the other."""
     count = len(pairs.first)
     jacobian, bodies = np.zeros((count, 21)), np.zeros((count, BODY_COLUMNS))
     for body, point, sign in ((pairs.first, pairs.place, 1.0), (pairs.second, pairs.other, -1.0)):

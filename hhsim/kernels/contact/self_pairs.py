@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.contact.linearise import LEVER_FLOOR, limit_start
+from hhsim.kernels.contact.linearise import LEVER_FLOOR, LIMIT_ROWS, limit_start
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
@@ -74,13 +74,14 @@ SELF_CONTACT = np.dtype(
         ("sphere", np.int64, (SELF_ROWS,)),  # its palm sphere, or WHOLE_PALM
         ("distance", np.float64, (SELF_ROWS,)),  # [m]
         ("normal", np.float64, (SELF_ROWS, 3)),  # unit, from the second part to the first, world
-        ("lever", np.float64, (SELF_ROWS, 2, PHALANX_COUNT)),  # change of distance by the joints of both fingers [m/rad]
+        ("lever", np.float64, (SELF_ROWS, 2, PHALANX_COUNT)),  # of the distance by both fingers' joints [m/rad]
         ("spread", np.float64, (SELF_ROWS, 2)),  # the same by their abduction
         ("second", np.float64, (PHALANX_COUNT, SELF_ROWS)),  # columns of the second finger, divided by √G
         ("second_block", np.int64, (SELF_ROWS,)),  # their first variable, -1 for the palm
         ("meets", np.int64, (FINGER_COUNT,)),  # 1 for fingers with a row
         ("share", np.float64, (FINGER_COUNT,)),  # share of its abduction step that a finger has room for
         ("holds", np.bool_),  # a share is below 1
+        ("is_solved", np.bool_),  # this linearisation's program has been solved, if with fewer rows
         ("group_start", np.int64, (2 * FINGER_COUNT + 1 + SELF_ROWS,)),
         ("group_stop", np.int64, (2 * FINGER_COUNT + 1 + SELF_ROWS,)),
         ("group_block", np.int64, (2 * FINGER_COUNT + 1 + SELF_ROWS,)),
@@ -121,9 +122,7 @@ def _in_palm_frame(pose: Record, cone: RoundCone) -> RoundCone:
     position, rotation = pose.position, pose.rotation
     x, y, z = turned_back(rotation, cone.x - position[0], cone.y - position[1], cone.z - position[2])
     ux, uy, uz = turned_back(rotation, cone.ux, cone.uy, cone.uz)
-    return RoundCone(
-        x, y, z, ux, uy, uz, cone.length, cone.tan_slope, cone.inverse_length, cone.radius, cone.drop
-    )
+    return RoundCone(x, y, z, ux, uy, uz, cone.length, cone.tan_slope, cone.inverse_length, cone.radius, cone.drop)
 
 
 @jit_inline
@@ -144,7 +143,7 @@ def _next_sphere(hand: HandArrays, cone: RoundCone, limit: float, after: int) ->
 
 @jit
 def pair_distance(hand: HandArrays, pose: Record, first: int, second: int) -> float:
-    """Compute the signed distance [m] of a phalanx and another, or the palm, at a pose whose kinematics are up to date."""
+    """Compute the signed distance [m] of a phalanx and another, or the palm, with kinematics up to date."""
     if second != PALM_BODY:
         return round_cone_pair(_cone(hand, pose, first), _cone(hand, pose, second))[0]
     cone, nearest, sphere = _in_palm_frame(pose, _cone(hand, pose, first)), np.inf, as_int64(-1)
@@ -201,7 +200,7 @@ def self_clearances(
     contacts: NDArray[np.void],
     clearance_out: Array,
 ) -> None:
-    """Compute the least signed distance [m] of T hands' own parts, shape (T,): exact where negative, else a lower bound.
+    """Compute the least signed distance [m] of T hands' own parts, shape (T,), or a lower bound that is not negative.
 
     Flexion [rad] has shape (T, 5, 3), abduction (T, 5); NaN where one is not finite. Workspace are a record of
     `HAND_POSE` and a fresh one of `SELF_CONTACT`, each of shape (1,).
@@ -216,7 +215,9 @@ def self_clearances(
 
 
 @jit_inline
-def _levers(pose: Record, body: int, sign: float, x: float, y: float, z: float, floor: float, row: int, own: Record) -> None:
+def _levers(
+    pose: Record, body: int, sign: float, x: float, y: float, z: float, floor: float, row: int, own: Record
+) -> None:
     # Change of the distance by the joints and the abduction of a finger whose axis point (x, y, z) is nearest.
     side = 0 if sign > 0.0 else 1
     finger, last = body // PHALANX_COUNT, body % PHALANX_COUNT
@@ -313,10 +314,10 @@ def _leave_room(pairs: SelfPairs, offset: float, row: int, state: Record) -> Non
 
 @jit_inline
 def _has_row(own: Record, pair: int, sphere: int) -> bool:
+    found = False
     for row in range(own.count):
-        if own.pair[row] == pair and own.sphere[row] == sphere:
-            return True
-    return False
+        found = found or (own.pair[row] == pair and own.sphere[row] == sphere)
+    return found
 
 
 @jit_inline
@@ -353,6 +354,7 @@ def begin_rows(own: Record) -> None:
     """Remove all rows, and follow the abduction as a whole."""
     own.count = 0
     own.holds = False
+    own.is_solved = False
     for f in range(FINGER_COUNT):
         own.meets[f] = 0
         own.share[f] = 1.0
@@ -380,6 +382,37 @@ def add_rows(pairs: SelfPairs, hand: HandArrays, within: float, options: Any, st
                 break
             added = _add_row(pairs, hand, pair, sphere, within, options, state) or added
     return added
+
+
+@jit_inline
+def row_key(own: Record, row: int) -> int:
+    """Return the key of a row among active contacts, behind those of joint limits, which no guess takes for its own."""
+    return -1 - LIMIT_ROWS - own.pair[row] - SELF_PAIRS * (own.sphere[row] - WHOLE_PALM)
+
+
+@generic
+def foresee_rows(pairs: Any, hand: HandArrays, active: Record, options: Any, state: Record) -> None:
+    """Add the rows that were active in the last program, and reduce the abduction step to what they have room for."""
+
+
+@foresee_rows.of(NoPairs)
+@jit_inline
+def _foresee_none(pairs: NoPairs, hand: HandArrays, active: Record, options: Any, state: Record) -> None:
+    pass
+
+
+@foresee_rows.of(SelfPairs)
+@jit
+def _foresee_rows(pairs: SelfPairs, hand: HandArrays, active: Record, options: Any, state: Record) -> None:
+    own = state.self_contact
+    for i in range(active.count):
+        key = -1 - LIMIT_ROWS - active.key[i]
+        if key >= 0 and active.body[i] == pairs.first[key % SELF_PAIRS]:
+            row, sphere = own.count, key // SELF_PAIRS + WHOLE_PALM
+            if _add_row(pairs, hand, key % SELF_PAIRS, sphere, np.inf, options, state):
+                _leave_room(pairs, options.offset, row, state)
+    for f in range(FINGER_COUNT):
+        state.problem.abduction_step[f] *= own.share[f]
 
 
 @generic

@@ -14,7 +14,7 @@ from hhsim.kernels.contact.self_pairs import NoPairs, SelfPairs
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
 from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit_inline, jit_noinline, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
-from hhsim.kernels.qp.row_scan import MeetingRows, ProgramRows, Rows
+from hhsim.kernels.qp.row_scan import MeetingRows, ProgramRows
 from hhsim.kernels.tick.method import Coupled, energy_stalled, solve_program
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.second_order import correct_for_curvature, lagrangian_of
@@ -51,7 +51,9 @@ def coupled_groups(contacts: Record, group_start: Indices, group_stop: Indices, 
 
 
 @jit_inline
-def _solve_rows(options: TickOptions, rows: Rows, guess: Indices, guessed: int, state: Record, qp: QpWork) -> int:
+def _solve_rows(
+    options: TickOptions, rows: ProgramRows | MeetingRows, guess: Indices, guessed: int, state: Record, qp: QpWork
+) -> int:
     problem, step, tolerance = state.problem, state.step, options.tolerance
     status = solve(as_int64(DOF), rows, problem.target[:], tolerance, options.relaxation, guess, guessed, qp)
     step.iterations += qp.counts[1]
@@ -98,7 +100,7 @@ def _solve_contacts(own: NoPairs, options: TickOptions, state: Record, qp: QpWor
 
 @jit_noinline
 def _solve_meeting(options: TickOptions, state: Record, qp: QpWork) -> int:
-    """Solve with the rows of the hand's own parts, from what was active before they came."""
+    """Solve with the rows of the hand's own parts, from what was active before the last of them came."""
     problem, contacts, work, own, step = state.problem, state.contacts, state.coupled, state.self_contact, state.step
     groups = as_int64(2 * FINGER_COUNT + 1)
     for g in range(groups):
@@ -107,9 +109,14 @@ def _solve_meeting(options: TickOptions, state: Record, qp: QpWork) -> int:
     for f in range(FINGER_COUNT):
         if own.meets[f] == 1:
             own.group_stop[FINGER_COUNT + 1 + f] = limit_start(contacts, f + 1)
-    guessed = min(step.count, ACTIVE_CAPACITY - own.count)
-    for i in range(guessed):
-        work.guess[i] = step.row[i]
+    guessed, most = as_int64(0), ACTIVE_CAPACITY - own.count
+    if own.is_solved:
+        guessed = min(step.count, most)
+        for i in range(guessed):
+            work.guess[i] = step.row[i]
+    else:
+        for group in range(FINGER_COUNT + 1):
+            guessed = min(guess_rows(contacts, state.warm, group, work.guess[:], guessed), most)
     for i in range(own.count):
         work.guess[guessed + i] = limit_start(contacts, as_int64(FINGER_COUNT)) + i
     end = groups + own.count
@@ -132,8 +139,11 @@ def _solve_meeting(options: TickOptions, state: Record, qp: QpWork) -> int:
 @jit_inline
 def _solve_own(own: SelfPairs, options: TickOptions, state: Record, qp: QpWork) -> int:
     if state.self_contact.count > 0:
-        return _solve_meeting(options, state, qp)
-    return _solve_contacts(NoPairs(), options, state, qp)
+        status = _solve_meeting(options, state, qp)
+    else:
+        status = _solve_contacts(NoPairs(), options, state, qp)
+    state.self_contact.is_solved = True
+    return status
 
 
 @solve_program.of(Coupled)

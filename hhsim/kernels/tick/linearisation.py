@@ -6,7 +6,7 @@ from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import evaluate, find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
-from hhsim.kernels.contact.self_pairs import begin_rows
+from hhsim.kernels.contact.self_pairs import begin_rows, foresee_rows, scale_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
 from hhsim.kernels.jit import Array, Record, jit_inline, jit_noinline, jit_once
 from hhsim.kernels.rotation import rotation_vector_between
@@ -86,7 +86,9 @@ def build_program(hand: HandArrays, surface: Any, options: TickOptions, state: R
     step_to_haptic(state, problem.target[:], problem.abduction_step[:])
     contacts = state.contacts.start[FINGER_COUNT + 1]
     count_linearisation(hand, surface, options, found, contacts, state)
-    if contacts == 0:
+    own = state.self_contact
+    foresee_rows(options.own, hand, state.warm, options, state)
+    if contacts + own.count == 0:
         for j in range(DOF):
             state.step.delta[j] = problem.target[j]
         for f in range(FINGER_COUNT):
@@ -94,9 +96,10 @@ def build_program(hand: HandArrays, surface: Any, options: TickOptions, state: R
         state.step.count = 0
     else:
         for f in range(FINGER_COUNT):
-            if state.contacts.start[f + 2] == state.contacts.start[f + 1]:
+            if state.contacts.start[f + 2] == state.contacts.start[f + 1] and own.meets[f] == 0:
                 clamp_to_limits(hand, state.pose, f, problem.target[:])
         build_rows(hand, state.pose, state.contacts, options.offset, state.program.is_relaxed, problem)
+        scale_rows(options.own, options.offset, state.program.is_relaxed, state)
         for j in range(DOF):
             problem.target[j] /= problem.inverse_root[j]
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began

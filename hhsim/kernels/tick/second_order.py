@@ -20,7 +20,7 @@ import numpy as np
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.jit import Array, Indices, Record, jit_inline, jit_once
 from hhsim.kernels.qp.active_set import QpWork
-from hhsim.kernels.qp.row_scan import ProgramRows, row_violations
+from hhsim.kernels.qp.row_scan import MeetingRows, ProgramRows, row_violations
 from hhsim.kernels.tick.curvature import curvature_product
 
 CORRECTION_WORK = np.dtype(
@@ -155,7 +155,7 @@ def _conjugate_gradients(lagrangian: Lagrangian, k: int, basis: Array, square: f
 
 
 @jit_once
-def _free_share(k: int, rows: ProgramRows, end: Array, rounding: float, qp: QpWork) -> float:
+def _free_share(k: int, rows: ProgramRows | MeetingRows, end: Array, rounding: float, qp: QpWork) -> float:
     """Compute the share of the way from x to `end` on which no other row is violated.
 
     Rows satisfied at x may fail at the end; the first to fail bounds the share. A row that says the same as an active
@@ -182,7 +182,7 @@ def _free_share(k: int, rows: ProgramRows, end: Array, rounding: float, qp: QpWo
 def correct_for_curvature(
     lagrangian: Lagrangian,
     step: Array,
-    rows: ProgramRows,
+    rows: ProgramRows | MeetingRows,
     tolerance: float,
     longest: float,
     work: Record,

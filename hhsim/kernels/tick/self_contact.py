@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, limit_start
-from hhsim.kernels.contact.self_pairs import NoPairs, SelfPairs, add_rows, begin_rows, scale_rows
+from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits, limit_start
+from hhsim.kernels.contact.self_pairs import NoPairs, SelfPairs, add_rows, begin_rows, row_key, scale_rows
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, HandArrays
 from hhsim.kernels.jit import Record, as_int64, generic, jit, jit_inline, jit_noinline
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
@@ -101,8 +101,7 @@ def _store_meeting(own: SelfPairs, state: Record, active: Record) -> None:
         if row < 0:
             continue
         pair, other = rows.pair[row], active.count
-        # Behind the keys of joint limits, which a guess does not take for one of its own.
-        active.key[i] = -1 - LIMIT_ROWS - pair
+        active.key[i] = row_key(rows, row)
         active.body[i] = own.first[pair]
         for j in range(3):
             active.normal[j, i] = rows.normal[row, j]

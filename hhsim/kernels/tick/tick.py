@@ -158,7 +158,7 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
         contacts = build_program(hand, surface, options, state)
         if contacts < 0:
             return as_int64(OVERFLOW), full_motion
-        if contacts > 0:
+        if contacts + state.self_contact.count > 0:
             status = solve_program(method, state, qp)
         status = keep_apart(options.own, method, hand, status, state, qp)
         if status != OPTIMAL or attempt == 1 or not complete_lists(hand, surface, options, state):
