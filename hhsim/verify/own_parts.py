@@ -4,13 +4,13 @@ The distance of two round cones is convex in the places on both axes: for each p
 nearest on the other, and bisection over the first finds the least of these.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.verify.contacts import BODIES, PALM, axis_places, lowest_places, phalanges
+from hhsim.verify.contacts import BODIES, PALM, axis_places, lowest_places
 from hhsim.verify.forces import BODY_COLUMNS, Moment
 from hhsim.verify.kinematics import OwnHand, Posed, pose
 
@@ -64,70 +64,44 @@ def parts_that_may_meet(hand: OwnHand, fingers: BoolArray) -> BoolArray:
 
 def meetings(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Meetings:
     """Find the pairs of `may` (15, 16) that are no more than `near` [m] apart; hands that are not finite have none."""
-    found = []
+    spheres = PALM + np.arange(len(hand.palm_radius))
+    radius_a, radius_b = (np.append(hand.radius[:, part].ravel(), hand.palm_radius) for part in (slice(3), slice(1, 4)))
+    couples = [(i, j) for i, k in zip(*np.nonzero(may)) for j in ([k] if k < PALM else spheres)]
+    shares, found = np.linspace(0.0, 1.0, SAMPLES)[:, None], []
     for start in range(0, max(len(posed.joints), 1), TICKS):
         some = posed.at(slice(start, start + TICKS))
-        both = _of_fingers(hand, some, may, near), _of_palm(hand, some, may, near)
-        found += [pairs._replace(tick=pairs.tick + start) for pairs in both]
+        # A sphere of the palm is a cone without length.
+        a, b = (
+            np.concatenate([some.joints[:, :, part].reshape(-1, PALM, 3), some.palm], axis=1)
+            for part in (slice(3), slice(1, 4))
+        )
+        points = a[:, :, None] + shares * (b - a)[:, :, None]
+        gap = 0.5 / (SAMPLES - 1) * np.linalg.norm(b - a, axis=2) + np.maximum(radius_a, radius_b)
+        rows = [np.zeros((3, 0), np.int64)]
+        for i, j in couples:
+            other = points[:, j, None] if j < PALM else points[:, j, None, :1]
+            apart = np.linalg.norm(points[:, i, :, None] - other, axis=3).min(axis=(1, 2))
+            tick = np.flatnonzero(apart <= gap[:, i] + gap[:, j] + near)
+            rows.append(np.stack([tick, np.full(len(tick), i), np.full(len(tick), j)]))
+        tick, first, second = np.concatenate(rows, axis=1)
+        axis, drop = (b - a)[tick, first], (radius_b - radius_a)[first]
+        theirs = a[tick, second], b[tick, second], radius_a[second], radius_b[second]
+
+        def falls(share: FloatArray, own: Any = (a[tick, first], axis, drop, theirs)) -> BoolArray:
+            place = own[0] + share[:, None] * own[1]
+            away = place - axis_places(*own[3], place)[0]
+            return np.asarray((away * own[1]).sum(axis=1) < own[2] * np.linalg.norm(away, axis=1))
+
+        share = lowest_places(len(tick), falls)
+        place = a[tick, first] + share[:, None] * axis
+        across, radius = axis_places(*theirs, place)
+        length = np.linalg.norm(place - across, axis=1)
+        normal = (place - across) / np.where(length > 0.0, length, 1.0)[:, None]
+        distance = length - radius_a[first] - share * drop - radius
+        pairs = Meetings(tick + start, first, np.minimum(second, PALM), distance, place, across, normal)
+        found.append(pairs.at(distance <= near))
     every = Meetings(*(np.concatenate(values) for values in zip(*found)))
     return every.at(np.lexsort((every.second, every.first, every.tick)))
-
-
-def _of_fingers(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Meetings:
-    of = phalanges(hand, posed, np.ones(THUMB_TO_LITTLE, bool))
-    shares = np.linspace(0.0, 1.0, SAMPLES)[:, None]
-    points = (of.a[:, None] + shares * (of.b - of.a)[:, None]).reshape(len(posed.joints), PALM, SAMPLES, 3)
-    gap = 0.5 / (SAMPLES - 1) * np.linalg.norm(of.b - of.a, axis=1) + of.thick
-    rows = []
-    for i, j in zip(*np.nonzero(may[:, :PALM])):
-        apart = np.linalg.norm(points[:, i, :, None] - points[:, j, None], axis=3).min(axis=(1, 2))
-        tick = np.flatnonzero(apart <= gap[i::PALM] + gap[j::PALM] + near)
-        rows.append(np.stack([tick, np.full(len(tick), i), np.full(len(tick), j)]))
-    tick, first, second = np.concatenate(rows, axis=1) if rows else np.zeros((3, 0), np.int64)
-    one, other = PALM * tick + first, PALM * tick + second
-    axis, drop = (of.b - of.a)[one], (of.radius_b - of.radius_a)[one]
-
-    def facing(share: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        place = of.a[one] + share[:, None] * axis
-        return place, *axis_places(of.a[other], of.b[other], of.radius_a[other], of.radius_b[other], place)
-
-    def falls(share: FloatArray) -> BoolArray:
-        place, across, _ = facing(share)
-        away = place - across
-        return np.asarray((away * axis).sum(axis=1) < drop * np.linalg.norm(away, axis=1))
-
-    share = lowest_places(len(one), falls)
-    place, across, size = facing(share)
-    return _meetings(tick, first, second, place, across, of.radius_a[one] + share * drop + size, near)
-
-
-def _of_palm(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Meetings:
-    of = phalanges(hand, posed, np.ones(THUMB_TO_LITTLE, bool))
-    middle, reach = 0.5 * (of.a + of.b), 0.5 * np.linalg.norm(of.b - of.a, axis=1) + of.thick + near
-    rows = []
-    for body in np.flatnonzero(may[:, PALM]):
-        apart = np.linalg.norm(middle[body::PALM, None] - posed.palm, axis=2)
-        tick, sphere = np.nonzero(apart <= reach[body::PALM, None] + hand.palm_radius)
-        rows.append(np.stack([tick, np.full(len(tick), body), sphere]))
-    tick, body, sphere = np.concatenate(rows, axis=1) if rows else np.zeros((3, 0), np.int64)
-    row, center = PALM * tick + body, posed.palm[tick, sphere]
-    place, size = axis_places(of.a[row], of.b[row], of.radius_a[row], of.radius_b[row], center)
-    return _meetings(tick, body, np.full(len(row), PALM), place, center, size + hand.palm_radius[sphere], near)
-
-
-def _meetings(
-    tick: IntArray,
-    first: IntArray,
-    second: IntArray,
-    place: FloatArray,
-    other: FloatArray,
-    size: FloatArray,
-    near: float,
-) -> Meetings:
-    away = place - other
-    length = np.linalg.norm(away, axis=1)
-    normal = away / np.where(length > 0.0, length, 1.0)[:, None]
-    return Meetings(tick, first, second, length - size, place, other, normal).at(length - size <= near)
 
 
 def with_meetings(at: Moment, posed: Posed, pairs: Meetings, i: int) -> Moment:

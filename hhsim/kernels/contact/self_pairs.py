@@ -74,21 +74,16 @@ SELF_CONTACT = np.dtype(
         ("sphere", np.int64, (SELF_ROWS,)),  # its palm sphere, or WHOLE_PALM
         ("distance", np.float64, (SELF_ROWS,)),  # [m]
         ("normal", np.float64, (SELF_ROWS, 3)),  # unit, from the second part to the first, world
-        ("lever", np.float64, (SELF_ROWS, 2, PHALANX_COUNT)),  # of the distance by both fingers' joints [m/rad]
-        ("spread", np.float64, (SELF_ROWS, 2)),  # the same by their abduction
-        ("second", np.float64, (PHALANX_COUNT, SELF_ROWS)),  # columns of the second finger, divided by √G
-        ("second_block", np.int64, (SELF_ROWS,)),  # their first variable, -1 for the palm
+        ("gradient", np.float64, (SELF_ROWS, DOF)),  # of the distance by the joints [m/rad]
+        ("spread", np.float64, (SELF_ROWS, FINGER_COUNT)),  # and by the fingers' abduction
+        ("dense", np.float64, (SELF_ROWS, DOF)),  # the gradient, divided by √G
         ("meets", np.int64, (FINGER_COUNT,)),  # 1 for fingers with a row
         ("share", np.float64, (FINGER_COUNT,)),  # share of its abduction step that a finger has room for
         ("holds", np.bool_),  # a share is below 1
-        ("is_solved", np.bool_),  # this linearisation's program has been solved, if with fewer rows
-        ("group_start", np.int64, (2 * FINGER_COUNT + 1 + SELF_ROWS,)),
-        ("group_stop", np.int64, (2 * FINGER_COUNT + 1 + SELF_ROWS,)),
-        ("group_block", np.int64, (2 * FINGER_COUNT + 1 + SELF_ROWS,)),
     ],
     align=True,
 )
-"""Contacts of the hand with itself, from tick to tick, and their rows, which stand behind the joint limits."""
+"""Contacts of the hand with itself, from tick to tick, and their rows, which follow the joint limits."""
 
 
 @jit_inline
@@ -159,12 +154,6 @@ def measure_pairs(pairs: Any, hand: HandArrays, pose: Record, margin: float, own
     """Bring the bounds of all pairs up to date at a pose; those below `margin` [m] are then exact."""
 
 
-@measure_pairs.of(NoPairs)
-@jit_inline
-def _measure_none(pairs: NoPairs, hand: HandArrays, pose: Record, margin: float, own: Record) -> None:
-    pass
-
-
 @measure_pairs.of(SelfPairs)
 @jit
 def _measure_pairs(pairs: SelfPairs, hand: HandArrays, pose: Record, margin: float, own: Record) -> None:
@@ -219,44 +208,39 @@ def _levers(
     pose: Record, body: int, sign: float, x: float, y: float, z: float, floor: float, row: int, own: Record
 ) -> None:
     # Change of the distance by the joints and the abduction of a finger whose axis point (x, y, z) is nearest.
-    side = 0 if sign > 0.0 else 1
     finger, last = body // PHALANX_COUNT, body % PHALANX_COUNT
     nx, ny, nz = sign * own.normal[row, 0], sign * own.normal[row, 1], sign * own.normal[row, 2]
-    for k in range(PHALANX_COUNT + 1):
-        joint = pose.joints[finger, k % PHALANX_COUNT]
-        axis = pose.axis[finger] if k < PHALANX_COUNT else pose.abduction_axis[finger]
+    for k in range(last + 2):
+        joint = pose.joints[finger, k % (last + 1)]
+        axis = pose.axis[finger] if k <= last else pose.abduction_axis[finger]
         rx, ry, rz = x - joint[0], y - joint[1], z - joint[2]
         ax, ay, az = axis[0], axis[1], axis[2]
         lever = nx * (ay * rz - az * ry) + ny * (az * rx - ax * rz) + nz * (ax * ry - ay * rx)
-        if k == PHALANX_COUNT:
-            own.spread[row, side] = lever
-        else:
-            own.lever[row, side, k] = lever if k <= last and abs(lever) > floor else 0.0
+        if k > last:
+            own.spread[row, finger] = lever
+        elif abs(lever) > floor:
+            own.gradient[row, 6 + PHALANX_COUNT * finger + k] = lever
 
 
 @jit
 def write_row(hand: HandArrays, pose: Record, first: int, second: int, sphere: int, row: int, own: Record) -> None:
-    """Write distance, normal and levers of a pair to a row; `sphere` is the palm's, or WHOLE_PALM of two phalanges."""
-    cone = _cone(hand, pose, first)
+    """Write distance, normal and gradient of a pair to a row; `sphere` is a palm's, or WHOLE_PALM for phalanges."""
+    cone, floor = _cone(hand, pose, first), LEVER_FLOOR * hand.length[first // PHALANX_COUNT, 0]
     if sphere >= 0:
         c = (hand.palm_x[sphere], hand.palm_y[sphere], hand.palm_z[sphere])
         other = placed_sphere(pose.position, pose.rotation, c[0], c[1], c[2], hand.palm_radius[sphere])
     else:
         other = _cone(hand, pose, second)
-    distance, s, t, nx, ny, nz = round_cone_pair(cone, other)
-    own.distance[row] = distance
-    own.normal[row, 0], own.normal[row, 1], own.normal[row, 2] = nx, ny, nz
+    own.distance[row], s, t, own.normal[row, 0], own.normal[row, 1], own.normal[row, 2] = round_cone_pair(cone, other)
+    own.gradient[row, :] = 0.0
+    own.spread[row, :] = 0.0
     along = s * cone.length
     x, y, z = cone.x + along * cone.ux, cone.y + along * cone.uy, cone.z + along * cone.uz
-    _levers(pose, first, 1.0, x, y, z, LEVER_FLOOR * hand.length[first // PHALANX_COUNT, 0], row, own)
-    if sphere >= 0:
-        own.spread[row, 1] = 0.0
-        for k in range(PHALANX_COUNT):
-            own.lever[row, 1, k] = 0.0
-        return
-    along = t * other.length
-    x, y, z = other.x + along * other.ux, other.y + along * other.uy, other.z + along * other.uz
-    _levers(pose, second, -1.0, x, y, z, LEVER_FLOOR * hand.length[second // PHALANX_COUNT, 0], row, own)
+    _levers(pose, first, 1.0, x, y, z, floor, row, own)
+    if sphere < 0:
+        along = t * other.length
+        x, y, z = other.x + along * other.ux, other.y + along * other.uy, other.z + along * other.uz
+        _levers(pose, second, -1.0, x, y, z, floor, row, own)
 
 
 @jit_inline
@@ -266,86 +250,62 @@ def _clearance(relaxed: bool, offset: float, distance: float) -> float:
 
 
 @jit_inline
-def _is_violated(
-    pairs: SelfPairs, offset: float, relaxed: bool, tolerance: float, relaxation: float, row: int, state: Record
-) -> bool:
+def _is_violated(options: Any, row: int, state: Record) -> bool:
     """Return whether the step breaks a row by more than a program would leave it broken."""
     own, problem, delta = state.self_contact, state.problem, state.step.delta
-    pair = own.pair[row]
     after, square = own.distance[row], 0.0
-    for side in range(2):
-        body = pairs.first[pair] if side == 0 else pairs.second[pair]
-        if body == PALM_BODY:
-            continue
-        finger = body // PHALANX_COUNT
-        after += own.spread[row, side] * problem.abduction_step[finger]
-        for k in range(PHALANX_COUNT):
-            j = 6 + PHALANX_COUNT * finger + k
-            after += own.lever[row, side, k] * delta[j]
-            square += (own.lever[row, side, k] * problem.inverse_root[j]) ** 2
-    short = _clearance(relaxed, offset, own.distance[row]) - after
-    return short > tolerance * math.sqrt(square) if square > 0.0 else short > relaxation
+    for f in range(FINGER_COUNT):
+        after += own.spread[row, f] * problem.abduction_step[f]
+    for j in range(6, DOF):
+        after += own.gradient[row, j] * delta[j]
+        square += (own.gradient[row, j] * problem.inverse_root[j]) ** 2
+    short = _clearance(state.program.is_relaxed, options.offset, own.distance[row]) - after
+    return short > options.tolerance * math.sqrt(square) if square > 0.0 else short > options.relaxation
 
 
 @jit_inline
-def _leave_room(pairs: SelfPairs, offset: float, row: int, state: Record) -> None:
+def _leave_room(offset: float, row: int, state: Record) -> None:
     """Reduce the abduction of the pair's fingers to what brings them no nearer than the offset by itself.
 
     Abduction is given, and no variable. Joints with shorter levers than it has would turn farther than it to make room.
     """
-    own, problem, pair = state.self_contact, state.problem, state.self_contact.pair[row]
+    own, step = state.self_contact, state.problem.abduction_step
     closing, opening, excess = 0.0, max(own.distance[row] - offset, 0.0), 0.0
-    for side in range(2):
-        body = pairs.first[pair] if side == 0 else pairs.second[pair]
-        rate = 0.0 if body == PALM_BODY else own.spread[row, side] * problem.abduction_step[body // PHALANX_COUNT]
+    for f in range(FINGER_COUNT):
+        rate = own.spread[row, f] * step[f]
         closing -= min(rate, 0.0)
         opening += max(rate, 0.0)
-        excess += own.spread[row, side] ** 2
-        for k in range(PHALANX_COUNT):
-            excess -= own.lever[row, side, k] ** 2
-    if closing <= opening or excess <= 0.0:
-        return
-    for side in range(2):
-        body = pairs.first[pair] if side == 0 else pairs.second[pair]
-        if body != PALM_BODY and own.spread[row, side] * problem.abduction_step[body // PHALANX_COUNT] < 0.0:
-            own.share[body // PHALANX_COUNT] *= opening / closing
-            own.holds = True
-
-
-@jit_inline
-def _has_row(own: Record, pair: int, sphere: int) -> bool:
-    found = False
-    for row in range(own.count):
-        found = found or (own.pair[row] == pair and own.sphere[row] == sphere)
-    return found
-
-
-@jit_inline
-def _keep_row(pairs: SelfPairs, own: Record) -> None:
-    pair = own.pair[own.count]
-    own.meets[pairs.first[pair] // PHALANX_COUNT] = 1
-    if pairs.second[pair] != PALM_BODY:
-        own.meets[pairs.second[pair] // PHALANX_COUNT] = 1
-    own.count += 1
+        excess += own.spread[row, f] ** 2
+    for j in range(6, DOF):
+        excess -= own.gradient[row, j] ** 2
+    if closing > opening and excess > 0.0:
+        own.holds = True
+        for f in range(FINGER_COUNT):
+            if own.spread[row, f] * step[f] < 0.0:
+                own.share[f] *= opening / closing
 
 
 @jit
 def _add_row(
     pairs: SelfPairs, hand: HandArrays, pair: int, sphere: int, within: float, options: Any, state: Record
 ) -> bool:
-    """Add the row of a pair that the step breaks, or that is not farther than `within` [m]; return whether it is."""
-    own = state.self_contact
-    if own.count == SELF_ROWS or _has_row(own, pair, sphere):
+    """Add the row of a pair that the step breaks, or not farther than `within` [m]; return whether it is new."""
+    own, row = state.self_contact, state.self_contact.count
+    if row == SELF_ROWS:
         return False
-    row = own.count
-    write_row(hand, state.pose, pairs.first[pair], pairs.second[pair], sphere, row, own)
-    own.pair[row], own.sphere[row] = pair, sphere
-    if own.distance[row] > within:
-        tolerance, relaxed = options.tolerance, state.program.is_relaxed
-        if not _is_violated(pairs, options.offset, relaxed, tolerance, options.relaxation, row, state):
+    for other in range(row):
+        if own.pair[other] == pair and own.sphere[other] == sphere:
             return False
-        _leave_room(pairs, options.offset, row, state)
-    _keep_row(pairs, own)
+    first, second = pairs.first[pair], pairs.second[pair]
+    write_row(hand, state.pose, first, second, sphere, row, own)
+    if own.distance[row] > within and not _is_violated(options, row, state):
+        return False
+    own.pair[row], own.sphere[row] = pair, sphere
+    own.meets[first // PHALANX_COUNT] = 1
+    if second != PALM_BODY:
+        own.meets[second // PHALANX_COUNT] = 1
+    own.count += 1
+    _leave_room(options.offset, row, state)
     return True
 
 
@@ -354,7 +314,6 @@ def begin_rows(own: Record) -> None:
     """Remove all rows, and follow the abduction as a whole."""
     own.count = 0
     own.holds = False
-    own.is_solved = False
     for f in range(FINGER_COUNT):
         own.meets[f] = 0
         own.share[f] = 1.0
@@ -395,12 +354,6 @@ def foresee_rows(pairs: Any, hand: HandArrays, active: Record, options: Any, sta
     """Add the rows that were active in the last program, and reduce the abduction step to what they have room for."""
 
 
-@foresee_rows.of(NoPairs)
-@jit_inline
-def _foresee_none(pairs: NoPairs, hand: HandArrays, active: Record, options: Any, state: Record) -> None:
-    pass
-
-
 @foresee_rows.of(SelfPairs)
 @jit
 def _foresee_rows(pairs: SelfPairs, hand: HandArrays, active: Record, options: Any, state: Record) -> None:
@@ -408,67 +361,38 @@ def _foresee_rows(pairs: SelfPairs, hand: HandArrays, active: Record, options: A
     for i in range(active.count):
         key = -1 - LIMIT_ROWS - active.key[i]
         if key >= 0 and active.body[i] == pairs.first[key % SELF_PAIRS]:
-            row, sphere = own.count, key // SELF_PAIRS + WHOLE_PALM
-            if _add_row(pairs, hand, key % SELF_PAIRS, sphere, np.inf, options, state):
-                _leave_room(pairs, options.offset, row, state)
+            _add_row(pairs, hand, key % SELF_PAIRS, key // SELF_PAIRS + WHOLE_PALM, np.inf, options, state)
     for f in range(FINGER_COUNT):
         state.problem.abduction_step[f] *= own.share[f]
 
 
 @generic
 def scale_rows(pairs: Any, offset: float, relaxed: bool, state: Record) -> None:
-    """Write the rows to the program behind the joint limits, for its abduction step; arguments as of `build_rows`."""
-
-
-@scale_rows.of(NoPairs)
-@jit_inline
-def _scale_none(pairs: NoPairs, offset: float, relaxed: bool, state: Record) -> None:
-    pass
+    """Scale the rows for the program, with its abduction step; arguments as of `build_rows`."""
 
 
 @scale_rows.of(SelfPairs)
 @jit
 def _scale_rows(pairs: SelfPairs, offset: float, relaxed: bool, state: Record) -> None:
-    own, problem, groups = state.self_contact, state.problem, as_int64(2 * FINGER_COUNT + 1)
-    first_row = limit_start(state.contacts, as_int64(FINGER_COUNT))
+    own, problem = state.self_contact, state.problem
+    first = limit_start(state.contacts, as_int64(FINGER_COUNT))
     for row in range(own.count):
-        place, pair = first_row + row, own.pair[row]
         rhs = _clearance(relaxed, offset, own.distance[row]) - own.distance[row]
-        for j in range(6):
-            problem.common[j, place] = 0.0
-        for side in range(2):
-            body = pairs.first[pair] if side == 0 else pairs.second[pair]
-            start = 6 + PHALANX_COUNT * (body // PHALANX_COUNT) if body != PALM_BODY else -1
-            if start >= 0:
-                rhs -= own.spread[row, side] * problem.abduction_step[body // PHALANX_COUNT]
-            for k in range(PHALANX_COUNT):
-                value = own.lever[row, side, k] * problem.inverse_root[start + k] if start >= 0 else 0.0
-                if side == 0:
-                    problem.block[k, place] = value
-                else:
-                    own.second[k, row] = value
-            if side == 0:
-                own.group_block[groups + row] = start
-            else:
-                own.second_block[row] = start
-        own.group_start[groups + row], own.group_stop[groups + row] = place, place + 1
-        problem.rhs[place] = rhs
+        for f in range(FINGER_COUNT):
+            rhs -= own.spread[row, f] * problem.abduction_step[f]
+        problem.rhs[first + row] = rhs
+        for j in range(DOF):
+            own.dense[row, j] = own.gradient[row, j] * problem.inverse_root[j]
 
 
 @generic
-def clear_fraction(pairs: Any, hand: HandArrays, options: Any, fraction: float, state: Record) -> float:
+def clear_fraction(pairs: Any, fraction: float, hand: HandArrays, options: Any, state: Record) -> float:
     """Reduce the share of the step so that no part passes through another unseen."""
-
-
-@clear_fraction.of(NoPairs)
-@jit_inline
-def _whole_fraction(pairs: NoPairs, hand: HandArrays, options: Any, fraction: float, state: Record) -> float:
-    return fraction
 
 
 @clear_fraction.of(SelfPairs)
 @jit
-def _clear_fraction(pairs: SelfPairs, hand: HandArrays, options: Any, fraction: float, state: Record) -> float:
+def _clear_fraction(pairs: SelfPairs, fraction: float, hand: HandArrays, options: Any, state: Record) -> float:
     # Axes that move by less than the distance and both radii against each other do not cross: the end says all.
     own, radius = state.self_contact, state.trust.radius
     motion = own.motion
@@ -482,3 +406,19 @@ def _clear_fraction(pairs: SelfPairs, hand: HandArrays, options: Any, fraction: 
         if fraction * moved > allowed:
             fraction = allowed / moved
     return fraction
+
+
+@jit_inline
+def nothing(pairs: NoPairs, *others: Any) -> None:
+    """Do nothing: the implementation of kernels for a hand without such pairs."""
+
+
+@jit_inline
+def as_it_is(pairs: NoPairs, value: Any, *others: Any) -> Any:
+    """Return a value as it is: that of kernels which would change it."""
+    return value
+
+
+for _kernel in (measure_pairs, foresee_rows, scale_rows):
+    _kernel.of(NoPairs)(nothing)
+clear_fraction.of(NoPairs)(as_it_is)

@@ -28,7 +28,7 @@ from hhsim.kernels.qp.row_scan import (
     ROWS_NAN,
     ROWS_ZERO,
     Rows,
-    add_second_columns,
+    load_dense,
     most_violated,
     row_lengths,
     row_violations,
@@ -76,6 +76,8 @@ def _load_normal(row: int, n: int, rows: Rows, work: Record) -> float:
     scale, normal = work.inverse_norm[row], work.normal
     for j in range(LANES * ((n + LANES - 1) // LANES)):
         normal[j] = 0.0
+    if load_dense(rows, row, scale, normal):
+        return scale
     for j in range(rows.n_common):
         normal[j] = rows.common[j, row] * scale
     group = 0
@@ -85,7 +87,6 @@ def _load_normal(row: int, n: int, rows: Rows, work: Record) -> float:
     if offset >= 0:
         for j in range(3):
             normal[offset + j] = rows.block[j, row] * scale
-    add_second_columns(rows, row, scale, normal)
     return scale
 
 

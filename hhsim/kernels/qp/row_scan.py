@@ -53,7 +53,7 @@ class WideRows(NamedTuple):
 
 
 class MeetingRows(NamedTuple):
-    """Rows as those of `ProgramRows`; those of the last groups, one each, have three more columns of their own."""
+    """Rows as those of `ProgramRows`, and behind their groups one group a row of which all columns are given."""
 
     n_common: int
     common: Array
@@ -62,9 +62,8 @@ class MeetingRows(NamedTuple):
     group_start: Indices
     group_stop: Indices
     group_block: Indices
-    groups: int  # groups of rows without second columns; the rows of the others follow each other
-    second: Array  # second columns of the rows of the others, (3, rows)
-    second_block: Indices  # their first variable, -1 for none, (rows,)
+    dense: Array  # columns of the rows of the last groups, which follow each other, (>= rows, variables)
+    rows: int  # how many
 
 
 Rows: TypeAlias = ProgramRows | WideRows | MeetingRows
@@ -159,18 +158,22 @@ def _lengths(rows: ProgramRows, inverse_norm_out: Array) -> None:
         _invert_root(start, stop, inverse_norm_out)
 
 
+@jit_inline
+def _without_dense(rows: MeetingRows) -> ProgramRows:
+    groups = rows.group_start.shape[0] - rows.rows
+    start, stop, offset = rows.group_start[:groups], rows.group_stop[:groups], rows.group_block[:groups]
+    return ProgramRows(rows.n_common, rows.common, rows.block, rows.rhs, start, stop, offset)
+
+
 @row_lengths.of(MeetingRows)
 @jit_inline
 def _meeting_lengths(rows: MeetingRows, inverse_norm_out: Array) -> None:
-    n_common, common, block, rhs, start, stop, offset, groups, second, second_block = rows
-    _lengths(ProgramRows(n_common, common, block, rhs, start, stop, offset), inverse_norm_out)
-    for i in range(start.shape[0] - groups):
-        row, total = start[groups + i], 0.0
-        for j in range(n_common):
-            total += common[j, row] * common[j, row]
-        for j in range(3):
-            total += block[j, row] * block[j, row]
-            total += second[j, i] * second[j, i] if second_block[i] >= 0 else 0.0
+    _lengths(_without_dense(rows), inverse_norm_out)
+    for i in range(rows.rows):
+        total = 0.0
+        for j in range(rows.dense.shape[1]):
+            total += rows.dense[i, j] ** 2
+        row = rows.group_start[rows.group_start.shape[0] - rows.rows + i]
         inverse_norm_out[row] = 1.0 / math.sqrt(total) if total > 0.0 else 0.0
 
 
@@ -294,41 +297,36 @@ def _violations(rows: ProgramRows, x: Array, inverse_norm: Array, violation: Arr
 @row_violations.of(MeetingRows)
 @jit_inline
 def _meeting_violations(rows: MeetingRows, x: Array, inverse_norm: Array, violation: Array) -> None:
-    n_common, common, block, rhs, start, stop, offset, groups, second, second_block = rows
-    _violations(ProgramRows(n_common, common, block, rhs, start, stop, offset), x, inverse_norm, violation)
-    for i in range(start.shape[0] - groups):
-        row, first = start[groups + i], second_block[i]
-        if first >= 0:
-            for j in range(3):
-                violation[row] -= inverse_norm[row] * second[j, i] * x[first + j]
+    _violations(_without_dense(rows), x, inverse_norm, violation)
+    for i in range(rows.rows):
+        row = rows.group_start[rows.group_start.shape[0] - rows.rows + i]
+        rest = rows.rhs[row]
+        for j in range(rows.dense.shape[1]):
+            rest -= rows.dense[i, j] * x[j]
+        violation[row] = rest * inverse_norm[row]
 
 
 @generic
-def add_second_columns(rows: Rows, row: int, scale: float, normal_out: Array) -> None:
-    """Add a row's second columns, scaled, to its unit normal."""
+def load_dense(rows: Rows, row: int, scale: float, normal_out: Array) -> bool:
+    """Write a row of which all columns are given, scaled, and return True; False for another row."""
 
 
-@add_second_columns.of(ProgramRows)
+@load_dense.of(ProgramRows)
+@load_dense.of(WideRows)
 @jit_inline
-def _no_second(rows: ProgramRows, row: int, scale: float, normal_out: Array) -> None:
-    pass
+def _no_dense(rows: Rows, row: int, scale: float, normal_out: Array) -> bool:
+    return False
 
 
-@add_second_columns.of(WideRows)
+@load_dense.of(MeetingRows)
 @jit_inline
-def _none_second(rows: WideRows, row: int, scale: float, normal_out: Array) -> None:
-    pass
-
-
-@add_second_columns.of(MeetingRows)
-@jit_inline
-def _second_columns(rows: MeetingRows, row: int, scale: float, normal_out: Array) -> None:
-    if rows.groups == rows.group_start.shape[0]:
-        return
-    i = row - rows.group_start[rows.groups]
-    if i >= 0 and rows.second_block[i] >= 0:
-        for j in range(3):
-            normal_out[rows.second_block[i] + j] = rows.second[j, i] * scale
+def _load_dense(rows: MeetingRows, row: int, scale: float, normal_out: Array) -> bool:
+    i = row - rows.group_start[rows.group_start.shape[0] - rows.rows] if rows.rows > 0 else -1
+    if i < 0:
+        return False
+    for j in range(rows.dense.shape[1]):
+        normal_out[j] = rows.dense[i, j] * scale
+    return True
 
 
 @jit_inline

@@ -10,7 +10,7 @@ import numpy as np
 
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import limit_start
-from hhsim.kernels.contact.self_pairs import NoPairs, SelfPairs
+from hhsim.kernels.contact.self_pairs import SELF_ROWS, NoPairs, SelfPairs
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
 from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit_inline, jit_noinline, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
@@ -20,23 +20,24 @@ from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.second_order import correct_for_curvature, lagrangian_of
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_PALM, guess_rows
 
+GROUPS = 2 * FINGER_COUNT + 1
 COUPLED_WORK = np.dtype(
     [
-        ("group_start", np.int64, (2 * FINGER_COUNT + 1,)),
-        ("group_stop", np.int64, (2 * FINGER_COUNT + 1,)),
-        ("group_block", np.int64, (2 * FINGER_COUNT + 1,)),
+        ("group_start", np.int64, (GROUPS + SELF_ROWS,)),
+        ("group_stop", np.int64, (GROUPS + SELF_ROWS,)),
+        ("group_block", np.int64, (GROUPS + SELF_ROWS,)),
         ("guess", np.int64, (ACTIVE_CAPACITY,)),
     ],
     align=True,
 )
-"""Groups of the coupled program (palm, 5 fingers, 5 limit groups) and the guessed rows."""
+"""Groups of the coupled program (palm, 5 fingers, 5 limit groups, rows of own parts) and the guessed rows."""
 
 
 @jit_once
 def coupled_groups(contacts: Record, group_start: Indices, group_stop: Indices, group_block: Indices) -> None:
     """Row groups of the coupled program: palm contacts, contacts of each finger, joint limits of each finger.
 
-    The three arrays have shape (11,).
+    The three arrays have shape (>= 11,).
     """
     for g in range(FINGER_COUNT + 1):
         group_start[g] = contacts.start[g]
@@ -75,75 +76,42 @@ def _solve_rows(
 
 
 @generic
-def _solve_parts(own: Any, options: TickOptions, state: Record, qp: QpWork) -> int:
+def _solve_parts(own: Any, options: TickOptions, guessed: int, state: Record, qp: QpWork) -> int:
     """Solve the program of contacts and joint limits, and of the hand's own parts where these have rows."""
 
 
 @_solve_parts.of(NoPairs)
 @jit_inline
-def _solve_contacts(own: NoPairs, options: TickOptions, state: Record, qp: QpWork) -> int:
-    problem, contacts, active, work = state.problem, state.contacts, state.warm, state.coupled
-    guessed = as_int64(0)
-    for group in range(FINGER_COUNT + 1):
-        guessed = guess_rows(contacts, active, group, work.guess[:], guessed)
+def _solve_contacts(own: NoPairs, options: TickOptions, guessed: int, state: Record, qp: QpWork) -> int:
+    problem, work = state.problem, state.coupled
     rows = ProgramRows(
         as_int64(6),
         problem.common[:],
         problem.block[:],
         problem.rhs[:],
-        work.group_start[:],
-        work.group_stop[:],
-        work.group_block[:],
+        work.group_start[:GROUPS],
+        work.group_stop[:GROUPS],
+        work.group_block[:GROUPS],
     )
     return _solve_rows(options, rows, work.guess[:], guessed, state, qp)
 
 
-@jit_noinline
-def _solve_meeting(options: TickOptions, state: Record, qp: QpWork) -> int:
-    """Solve with the rows of the hand's own parts, from what was active before the last of them came."""
-    problem, contacts, work, own, step = state.problem, state.contacts, state.coupled, state.self_contact, state.step
-    groups = as_int64(2 * FINGER_COUNT + 1)
-    for g in range(groups):
-        own.group_start[g], own.group_stop[g] = work.group_start[g], work.group_stop[g]
-        own.group_block[g] = work.group_block[g]
-    for f in range(FINGER_COUNT):
-        if own.meets[f] == 1:
-            own.group_stop[FINGER_COUNT + 1 + f] = limit_start(contacts, f + 1)
-    guessed, most = as_int64(0), ACTIVE_CAPACITY - own.count
-    if own.is_solved:
-        guessed = min(step.count, most)
-        for i in range(guessed):
-            work.guess[i] = step.row[i]
-    else:
-        for group in range(FINGER_COUNT + 1):
-            guessed = min(guess_rows(contacts, state.warm, group, work.guess[:], guessed), most)
-    for i in range(own.count):
-        work.guess[guessed + i] = limit_start(contacts, as_int64(FINGER_COUNT)) + i
-    end = groups + own.count
-    rows = MeetingRows(
-        as_int64(6),
-        problem.common[:],
-        problem.block[:],
-        problem.rhs[:],
-        own.group_start[:end],
-        own.group_stop[:end],
-        own.group_block[:end],
-        groups,
-        own.second[:],
-        own.second_block[:],
-    )
-    return _solve_rows(options, rows, work.guess[:], guessed + own.count, state, qp)
-
-
 @_solve_parts.of(SelfPairs)
 @jit_inline
-def _solve_own(own: SelfPairs, options: TickOptions, state: Record, qp: QpWork) -> int:
-    if state.self_contact.count > 0:
-        status = _solve_meeting(options, state, qp)
-    else:
-        status = _solve_contacts(NoPairs(), options, state, qp)
-    state.self_contact.is_solved = True
-    return status
+def _solve_own(own: SelfPairs, options: TickOptions, guessed: int, state: Record, qp: QpWork) -> int:
+    problem, work, parts = state.problem, state.coupled, state.self_contact
+    first, end = limit_start(state.contacts, as_int64(FINGER_COUNT)), GROUPS + parts.count
+    for f in range(FINGER_COUNT):
+        if parts.meets[f] == 1:
+            work.group_stop[FINGER_COUNT + 1 + f] = limit_start(state.contacts, f + 1)
+    guessed = min(guessed, ACTIVE_CAPACITY - parts.count)
+    for i in range(parts.count):
+        work.guess[guessed + i] = first + i
+        work.group_start[GROUPS + i], work.group_stop[GROUPS + i] = first + i, first + i + 1
+    start, stop, block = work.group_start[:end], work.group_stop[:end], work.group_block[:end]
+    common, own_columns, rhs = problem.common[:], problem.block[:], problem.rhs[:]
+    rows = MeetingRows(as_int64(6), common, own_columns, rhs, start, stop, block, parts.dense[:], parts.count)
+    return _solve_rows(options, rows, work.guess[:], guessed + parts.count, state, qp)
 
 
 @solve_program.of(Coupled)
@@ -153,10 +121,12 @@ def solve_coupled(method: Coupled, state: Record, qp: QpWork) -> int:
 
     The state's `step` is written where the status is OPTIMAL. Returns a status of `kernels.qp.active_set`.
     """
-    work = state.coupled
-    coupled_groups(state.contacts, work.group_start, work.group_stop, work.group_block)
+    work, guessed = state.coupled, as_int64(0)
+    coupled_groups(state.contacts, work.group_start[:], work.group_stop[:], work.group_block[:])
     began = monotonic_ns()
-    status = _solve_parts(method.options.own, method.options, state, qp)
+    for group in range(FINGER_COUNT + 1):
+        guessed = guess_rows(state.contacts, state.warm, group, work.guess[:], guessed)
+    status = _solve_parts(method.options.own, method.options, guessed, state, qp)
     state.step.duration[DURATION_PALM] += monotonic_ns() - began
     return status
 

@@ -10,9 +10,18 @@ from typing import Any
 import numpy as np
 
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits, limit_start
-from hhsim.kernels.contact.self_pairs import NoPairs, SelfPairs, add_rows, begin_rows, row_key, scale_rows
+from hhsim.kernels.contact.self_pairs import (
+    NoPairs,
+    SelfPairs,
+    add_rows,
+    as_it_is,
+    begin_rows,
+    nothing,
+    row_key,
+    scale_rows,
+)
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, HandArrays
-from hhsim.kernels.jit import Record, as_int64, generic, jit, jit_inline, jit_noinline
+from hhsim.kernels.jit import Record, as_int64, generic, jit, jit_noinline
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.linearisation import step_to_haptic
 from hhsim.kernels.tick.method import solve_program
@@ -21,19 +30,13 @@ from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 
 
 @generic
-def keep_apart(own: Any, method: Any, hand: HandArrays, status: int, state: Record, qp: QpWork) -> int:
+def keep_apart(own: Any, status: int, method: Any, hand: HandArrays, state: Record, qp: QpWork) -> int:
     """Solve a solved program again until its step brings no two of the hand's own parts together; return its status."""
-
-
-@keep_apart.of(NoPairs)
-@jit_inline
-def _keep_none(own: NoPairs, method: Any, hand: HandArrays, status: int, state: Record, qp: QpWork) -> int:
-    return status
 
 
 @keep_apart.of(SelfPairs)
 @jit_noinline
-def _keep_apart(own: SelfPairs, method: Any, hand: HandArrays, status: int, state: Record, qp: QpWork) -> int:
+def _keep_apart(own: SelfPairs, status: int, method: Any, hand: HandArrays, state: Record, qp: QpWork) -> int:
     options = method.options
     while status == OPTIMAL and add_rows(own, hand, -np.inf, options, state):
         _aim_apart(hand, options, state)
@@ -61,18 +64,10 @@ def find_meeting(own: Any, hand: HandArrays, within: float, options: TickOptions
     """Replace the rows of the hand's own parts by those of pairs that are not farther than `within` [m]."""
 
 
-@find_meeting.of(NoPairs)
-@jit_inline
-def _find_none(own: NoPairs, hand: HandArrays, within: float, options: TickOptions, state: Record) -> None:
-    pass
-
-
 @find_meeting.of(SelfPairs)
 @jit
 def _find_meeting(own: SelfPairs, hand: HandArrays, within: float, options: TickOptions, state: Record) -> None:
     begin_rows(state.self_contact)
-    # No step is broken by a hand that stands, and no row of the last program is a guess.
-    state.step.count = 0
     for j in range(DOF):
         state.step.delta[j] = 0.0
     for f in range(FINGER_COUNT):
@@ -83,12 +78,6 @@ def _find_meeting(own: SelfPairs, hand: HandArrays, within: float, options: Tick
 @generic
 def store_meeting(own: Any, state: Record, active: Record) -> None:
     """Name the parts of rows of the hand's own parts in a set of active contacts, each of both with its force."""
-
-
-@store_meeting.of(NoPairs)
-@jit_inline
-def _store_none(own: NoPairs, state: Record, active: Record) -> None:
-    pass
 
 
 @store_meeting.of(SelfPairs)
@@ -113,3 +102,8 @@ def _store_meeting(own: SelfPairs, state: Record, active: Record) -> None:
             active.normal[j, other] = -rows.normal[row, j]
             active.point[j, other] = 0.0
         active.count += 1
+
+
+for _kernel in (find_meeting, store_meeting):
+    _kernel.of(NoPairs)(nothing)
+keep_apart.of(NoPairs)(as_it_is)

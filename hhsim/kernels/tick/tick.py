@@ -160,7 +160,7 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
             return as_int64(OVERFLOW), full_motion
         if contacts + state.self_contact.count > 0:
             status = solve_program(method, state, qp)
-        status = keep_apart(options.own, method, hand, status, state, qp)
+        status = keep_apart(options.own, status, method, hand, state, qp)
         if status != OPTIMAL or attempt == 1 or not complete_lists(hand, surface, options, state):
             break
         # Of the discarded program only node tests, pair tests and QP iterations count as work.
