@@ -19,7 +19,7 @@ from .arguments.free_object import FreeChoice
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, option, shared
 from .arguments.options import COUNT, isolate, ranged
-from .arguments.tree_choice import TreeOrFile
+from .arguments.tree_choice import ChosenTree, TreeOrFile
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
 from .run_again import names_a_result, run_again
 
@@ -242,11 +242,12 @@ def command(
 ) -> int:
     """Replay a hand motion against an object, every tick measured.
 
-    OBJECT is a name (hhsim objects) or a mesh file; TRAJECTORY is a name (hhsim trajectories), a .toml script or a
-    recording that hhsim import reads without options. Above the table stands the verdict, beside the figures their
-    limits and, in scenes of the paper, the paper's figures; every tick is in the file. A recording whose hand touches
-    nothing, or begins inside the object, gets its object placed. The exit code is 1 where more than half of the ticks
-    are stuck; hhsim gate fails on any missed limit. Ctrl-C stops the replay and keeps the ticks so far.
+    OBJECT is a name (hhsim objects), a mesh file, or the TOML of a thing of several parts; TRAJECTORY is a name (hhsim
+    trajectories), a .toml script or a recording that hhsim import reads without options. Above the table stands the
+    verdict, beside the figures their limits and, in scenes of the paper, the paper's figures; every tick is in the
+    file. A recording whose hand touches nothing, or begins inside the object, gets its object placed. The exit code is
+    1 where more than half of the ticks are stuck; hhsim gate fails on any missed limit. Ctrl-C stops the replay and
+    keeps the ticks so far.
 
     OBJECT may also be a result or a recorded session: its ticks run again with their options, and each array is
     identical, within rounding or different; the exit code is 1 where one is different. As TRAJECTORY, such a file is
@@ -263,16 +264,19 @@ def command(
       hhsim replay results/session.h5
       hhsim replay cube results/session.h5 --method progressive
       hhsim replay cube grasp --free --mass 0.1 --friction 0.6
+      hhsim replay laptop close --surface mesh
       hhsim replay cube pinch --rerun spawn
     """
     if names_a_result(object_):
         return run_again(click.get_current_context(), Path(object_), as_json=output.as_json, quiet=output.quiet)
+    from hhsim.mesh.catalogue import MESH_LEVEL, names_a_thing
     from hhsim.replay.repeated_times import repeated_document, repeated_times
     from hhsim.replay.replay import replay_scene as run
     from hhsim.result.reader import check_result_path
     from hhsim.result.writer import state
     from hhsim.scene.described_scene import described_scene
     from hhsim.scene.motion_catalogue import import_remarks
+    from hhsim.scene.parts_of_thing import load_thing, require_no_joints
     from hhsim.scene.scene import hand_of
 
     if moving.side == "both":
@@ -284,7 +288,15 @@ def command(
     remarks = import_remarks(motion, trajectory)
     announce_compilation(quiet=output.quiet)
     solid = solver.surface != "mesh"
-    mesh, usual_level = mesh_file.read(object_, solid=solid)
+    thing = None
+    if names_a_thing(object_):
+        if free.free or tree.path is not None or mesh_file.given():
+            raise click.UsageError(f"--free, --tree and options of a mesh file are for one object, not for '{object_}'")
+        thing = load_thing(object_, motion, solid=solid)
+        mesh, usual_level = thing.mesh, MESH_LEVEL
+    else:
+        require_no_joints(motion, object_)
+        mesh, usual_level = mesh_file.read(object_, solid=solid)
     # Before the tree is built: a mesh that can have no mass is refused.
     free.object(mesh, object_)
     output_path = output.path(f"{mesh.name}-{motion.name}-{solver.word}")
@@ -298,7 +310,11 @@ def command(
             # Before the progress bar starts a thread, which would not survive a fork.
             viewer = stack.enter_context(ViewAhead(rerun))
         report = stack.enter_context(progress(quiet=output.quiet))
-        if tree.path is None:
+        parts = None
+        if thing is not None:
+            trees = thing.trees(lambda mesh: tree.choose(mesh, usual_level, report, solid=solid).tree)
+            chosen, parts = ChosenTree(thing.tree(trees), ()), (thing, trees)
+        elif tree.path is None:
             chosen = tree.choose(mesh, usual_level, report, solid=solid)
         else:
             chosen = tree.load(mesh, mesh_file.unit_length(object_))
@@ -307,10 +323,10 @@ def command(
             from hhsim.scene.two_hands import two_handed_scenes
 
             hands = [hand_of(each, side, moving.hand_file) for each, side in zip(motions, HANDS)]
-            scenes = two_handed_scenes(described, mesh, chosen.tree, hands, motions, solver_options.fingers)
+            scenes = two_handed_scenes(described, mesh, chosen.tree, hands, motions, solver_options.fingers, parts)
             return _replay_both(scenes, solver_options, output, output_path, [*remarks, *chosen.notes], report)
         hand = hand_of(motion, moving.side, moving.hand_file)
-        placed = described_scene(described, mesh, chosen.tree, hand, motion, solver_options.fingers)
+        placed = described_scene(described, mesh, chosen.tree, hand, motion, solver_options.fingers, thing=parts)
         remarks += filter(None, [placed.note])
         scene = replace(placed.scene, free=free.object(placed.scene.mesh, object_))
         settle = viewer.settle if viewer is not None else None

@@ -14,7 +14,7 @@ PACKAGES = (
         f"hhsim.kernels{part}"
         for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".surfaces", ".qp", ".tick")
     ),
-    *("hhsim.kernels.free", "hhsim.kernels.live"),
+    *("hhsim.kernels.parts", "hhsim.kernels.free", "hhsim.kernels.live"),
     *("hhsim.system", "hhsim.table", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.exchange", "hhsim.motion"),
     "hhsim.result",
     *(

@@ -156,7 +156,7 @@ class GateScene(_Judged, frozen=True, kw_only=True, rename={"slack": "counters",
         if ":" not in method and method not in method_names():
             raise InputError(f"{UnknownNameError('method', method, method_names())}, or package.module:Class")
         if (self.hand is not None) != (BOTH in self.arguments):
-            raise InputError(f"hand is of a run of two, whose arguments have \"{BOTH}\": which of them is judged")
+            raise InputError(f'hand is of a run of two, whose arguments have "{BOTH}": which of them is judged')
         for item in self.arguments:
             if item.split("=")[0] in OWN_ARGUMENTS:
                 raise InputError(f"{item} is no argument to give: the gate gives it, or has a key for it")

@@ -113,9 +113,9 @@ class GenericKernel(Protocol):
 def generic(function: Callable[..., Any]) -> GenericKernel:
     """Return a kernel with an implementation for each type of its first argument, declared by `@name.of(Type)`.
 
-    The function has no body. A caller gets its implementation when it is compiled: a tick knows its method, and
-    detection the surface, and only what a run uses is compiled. Modules with implementations are imported when one is
-    missing.
+    One for `object` is that of every type without its own. The function has no body. A caller gets its implementation
+    when it is compiled: a tick knows its method, and detection the surface, and only what a run uses is compiled.
+    Modules with implementations are imported when one is missing.
     """
     implementations: dict[type, Callable[..., Any]] = {}
 
@@ -123,7 +123,7 @@ def generic(function: Callable[..., Any]) -> GenericKernel:
         if kind not in implementations:
             for module in implementing_kernels().get(function.__module__, ()):
                 importlib.import_module(module)
-        return implementations.get(kind)
+        return implementations.get(kind, implementations.get(object))
 
     @functools.wraps(function)
     def choose(first: Any, *others: Any) -> Any:

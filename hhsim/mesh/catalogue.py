@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
 
 SUFFIX = ".toml"
+THINGS = "things"
+"""Folder of the things of several parts."""
 MESH_LEVEL = 4
 """Sphere-tree level of a mesh file, which may be as complex as the bunny."""
 
@@ -60,6 +62,18 @@ def object_description(name: str) -> dict[str, Any]:
     """Return the content of an object's TOML file; UnknownNameError lists the near names."""
     check_known("object", [name], _descriptions())
     return _descriptions()[name]
+
+
+@functools.cache
+def thing_names() -> list[str]:
+    """Return the names of the things of several parts that ship with hhsim."""
+    folder = files("hhsim.objects") / THINGS
+    return sorted(entry.name.removesuffix(SUFFIX) for entry in folder.iterdir() if entry.name.endswith(SUFFIX))
+
+
+def names_a_thing(word: str) -> bool:
+    """Return True if a word means a thing of several parts: a name of the catalogue, or a TOML file."""
+    return word.lower().endswith(SUFFIX) or (not names_a_file(word) and word in thing_names())
 
 
 def usual_level(word: str) -> int | None:

@@ -11,7 +11,7 @@ from hhsim.hand.quaternion import quaternion_product
 from hhsim.kernels.free.record import STICKS, ObjectRecord
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.result.object_frame import in_the_world
-from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS
+from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS, THINGS
 
 if TYPE_CHECKING:
     from hhsim.scene.scene import Scene
@@ -97,6 +97,21 @@ def scene_frames(scene: "Scene", solver: "HandSolver") -> Callable[[slice], Stil
     motion = scene.driven.object_motion
     first = motion.position[0], motion.orientation[0]
     return lambda part: MovingFrame(given.at(part), motion.at(part).since(*first), motion.at(part))
+
+
+def part_rows(scene: "Scene", ticks: slice) -> dict[str, dict[str, AnyArray]]:
+    """Return the rows of a thing's parts at some ticks by their groups, poses in the world; none for one object."""
+    parts, motion = scene.parts, None if scene.driven is None else scene.driven.object_motion
+    rows: dict[str, dict[str, AnyArray]] = {}
+    for p, name in enumerate(() if parts is None else parts.names):
+        assert parts is not None
+        pose = parts.pose(p).at(ticks)
+        if motion is not None:
+            moved = motion.at(ticks).since(motion.position[0], motion.orientation[0])
+            pose = ObjectMotion(moved.points(pose.position), moved.orientations(pose.orientation))
+        joint = {"joint": parts.values[name][ticks]} if name in parts.values else {}
+        rows[f"{THINGS}/{parts.name}/{name}"] = {**pose._asdict(), **joint}
+    return rows
 
 
 def contact_rows(ticks: ObjectRecord, first: int) -> dict[str, AnyArray]:

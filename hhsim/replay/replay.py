@@ -15,8 +15,8 @@ from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.run.registry import needed_columns
-from hhsim.replay.moving_object import scene_frames
-from hhsim.replay.stored_scene import describe_scene, static_arrays
+from hhsim.replay.moving_object import part_rows, scene_frames
+from hhsim.replay.stored_scene import describe_scene, part_arrays, part_tables, static_arrays
 from hhsim.replay.summary import GRAPHIC_HAND, ReplaySummary, summarise
 from hhsim.replay.tick_columns import KeptColumns, TickColumns
 from hhsim.result.reader import CHUNK_TICKS
@@ -26,6 +26,7 @@ from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.jointed_engine import require_jointed
 from hhsim.solver.method import METHODS, Method
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
@@ -87,9 +88,12 @@ class Replay:
         if not isinstance(options, SolverOptions):
             raise InputError(f"options: expected SolverOptions, found {options!r}")
         self.scene, self.total = scene, scene.ticks.tick_count
-        self._options, free = options.at_rate(scene.ticks.rate), scene.free
-        self._prepared = warm_up(scene.hand, self._options, free)
-        self._surface = contact_surface(self._options.surface, scene.mesh, scene.tree)
+        self._options, free, parts = options.at_rate(scene.ticks.rate), scene.free, scene.parts
+        kind = self._options.surface
+        if parts is not None:
+            require_jointed(self._options)
+        self._prepared = warm_up(scene.hand, self._options, free, jointed=parts is not None)
+        self._surface = contact_surface(kind, scene.mesh, scene.tree) if parts is None else parts.surface(kind)
         self.solver = HandSolver(scene.hand, self._surface, self._options, free)
         motion = scene.trajectory
         self._static = static_arrays(
@@ -103,16 +107,19 @@ class Replay:
             "motion_source": motion.source,
             **_of_outside_method(self._options.method, self.solver.method),
             **describe_scene(scene.mesh, scene.tree, scene.hand, self._options, self._static, free),
+            **({} if parts is None else {"thing": {"name": parts.name, "parts": list(parts.names)}}),
         }
         self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
         self._kept = KeptColumns(OF_FREE_OBJECT if free else ())
-        self._columns = TickColumns(self._surface.arrays, scene.hand, self._options)
+        self._columns = TickColumns(self._surface.arrays, scene.hand, self._options, parts)
         self._frame_of = scene_frames(scene, self.solver)
         self._haptic = HandConfiguration.of(scene.ticks)
 
     def writer(self, path: Path, command: Sequence[str]) -> ResultWriter:
         """Return the writer of the run's file, to be entered before the first tick."""
         moves: dict[str, Any] = {"driven": self.scene.driven is not None, "free": self.scene.free is not None}
+        if self.scene.parts is not None:
+            moves |= {"tables": part_tables(self.scene.parts), "parts": part_arrays(self.scene.parts)}
         about: dict[str, Any] = {"scene": self._described, "static": self._static, "phases": self.scene.ticks.phases}
         self._writer = ResultWriter(path, **about, command=command, **moves)
         return self._writer
@@ -134,7 +141,7 @@ class Replay:
         ticks, frame = self.scene.ticks, self._frame_of(part)
         block = self._columns.block(ticks.time[part], ticks.input_seq[part], frame.haptic, record)
         whole, contacts = frame.world(block), frame.contacts(part.start)
-        self._writer.append(whole, {CONTACT: contacts})
+        self._writer.append(whole, {CONTACT: contacts, **part_rows(self.scene, part)})
         self._kept.keep(whole | {f"{CONTACT}/{name}": rows for name, rows in contacts.items()})
         self._series.keep(block)
         return whole

@@ -12,7 +12,9 @@ from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.moving_parts import MovingParts
 from hhsim.result.reader import Result
+from hhsim.result.schema import JOINT_COLUMN, PART_COLUMNS, THINGS, Column
 from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS, result_hand
 from hhsim.scene.free_object import LAW, FreeObject
 from hhsim.scene.scene import all_pairs
@@ -47,6 +49,26 @@ def static_arrays(
         **{f"hand/palm_tree/{name}": getattr(hand.palm_tree, name) for name in TREE_ARRAYS},
         "hand/palm_mesh/vertices": hand.palm_mesh.vertices,
         "hand/palm_mesh/faces": hand.palm_mesh.faces,
+    }
+
+
+def part_tables(parts: MovingParts) -> dict[str, tuple[Column, ...]]:
+    """Return the columns of each part's table in a result, by its group."""
+    return {
+        f"{THINGS}/{parts.name}/{name}": (*PART_COLUMNS, *([JOINT_COLUMN] if name in parts.values else []))
+        for name in parts.names
+    }
+
+
+def part_arrays(parts: MovingParts) -> dict[str, dict[str, AnyArray]]:
+    """Return the arrays of `PART_STATIC_COLUMNS` of each part, by its group."""
+    return {
+        group: {
+            "vertices": mesh.vertices,
+            "faces": mesh.faces,
+            **{f"tree/{name}": getattr(tree, name) for name in TREE_ARRAYS},
+        }
+        for group, mesh, tree in zip(part_tables(parts), parts.meshes, parts.trees)
     }
 
 

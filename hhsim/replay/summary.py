@@ -13,10 +13,11 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_START_INSIDE
+from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_NO_PLACE, STATUS_START_INSIDE
 from hhsim.metrics import metrics
 from hhsim.metrics.free_run import Datasets, FreeRun
 from hhsim.metrics.mesh_penetration import MOST_CONTACT_ERROR, TouchedObject
+from hhsim.metrics.moving_parts import TouchedParts
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import known_figures, tick_figures
 from hhsim.metrics.run_ticks import RunTicks
@@ -123,7 +124,9 @@ def summarise(
         free: Datasets of /tick and /contact of a free object, world; unused for another object.
         of_paper: True to show the paper's figures.
     """
-    ticks, motion = scene.ticks, scene.trajectory
+    ticks, motion, parts = scene.ticks, scene.trajectory, scene.parts
+    fingers = np.array([finger in options.fingers for finger in FINGERS])
+    touched = scene.mesh, surface.arrays, hand_shape(scene.hand), fingers, options.touch
     free_run = None
     if scene.free is not None and free is not None:
         first, stiffness = ObjectMotion(motion.object_position, motion.object_orientation), options.stiffness.diagonal()
@@ -135,14 +138,9 @@ def summarise(
         rate=ticks.rate,
         fingers=len(options.fingers),
         all_pairs=all_pairs(scene.hand, scene.tree),
-        touched=TouchedObject(
-            scene.mesh,
-            surface.arrays,
-            hand_shape(scene.hand),
-            np.array([finger in options.fingers for finger in FINGERS]),
-            options.touch,
-        ),
-        hand=scene.hand,
+        touched=TouchedObject(*touched) if parts is None else TouchedParts(*touched, parts, options.surface),
+        # The user's own depth is that in one object.
+        hand=scene.hand if parts is None else None,
         free=free_run,
         modelled=options.fingers,
         self_contact=options.self_contact,
@@ -151,7 +149,8 @@ def summarise(
     method = find_method(options.method)
     known = known_figures(method.gives)
     # What a further run of the solver would tell is of an object that stands still.
-    own = {} if scene.free is not None else figures_of_own_runs(scene.hand, surface, options, haptic, run)
+    still = scene.free is None and parts is None
+    own = {} if not still else figures_of_own_runs(scene.hand, surface, options, haptic, run)
     figures = {name: value for name, value in {**tick_figures(run), **own}.items() if name in known}
     return ReplaySummary(
         rows=summary_rows(figures, ticks.rate, of_paper=of_paper),
@@ -214,6 +213,12 @@ def _notes(scene: Scene, options: SolverOptions, status: AnyArray) -> tuple[str,
     if np.any(status & STATUS_START_INSIDE):
         where = "the object, or in itself" if options.self_contact else "the object"
         notes.append(f"the haptic hand begins inside {where}: the graphic hand began at the nearest free place")
+    squeezed = int(np.sum(status & STATUS_NO_PLACE > 0))
+    if squeezed:
+        notes.append(
+            f"moving parts left the hand no place in {counted(squeezed, 'tick')}: it is shown inside them, as "
+            "little as can be"
+        )
     held = int(np.sum(status & STATUS_INPUT_INVALID > 0))
     if held:
         notes.append(f"{counted(held, 'tick')} had input that was not finite and used the last good one")

@@ -12,6 +12,7 @@ from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import force_variation_rate, penetration
+from hhsim.metrics.moving_parts import MovingParts
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
 
@@ -36,11 +37,13 @@ class KeptColumns:
 class TickColumns:
     """Makes the columns of `hhsim.result.schema.TICK_COLUMNS`, block after block of one run.
 
-    `surface` is the object's, world; fingers that the options leave out have no penetration.
+    `surface` is the object's, world; `parts` are those of a thing that has several, in place of it. Fingers that the
+    options leave out have no penetration.
     """
 
-    def __init__(self, surface: Any, hand: HandModel, options: SolverOptions) -> None:
+    def __init__(self, surface: Any, hand: HandModel, options: SolverOptions, parts: MovingParts | None = None) -> None:
         self._surface, self._shape = surface, hand_shape(hand)
+        self._parts, self._kind, self._ticks = parts, options.surface, 0
         self._fingers = np.array([finger in options.fingers for finger in FINGERS])
         self.forget()
 
@@ -57,7 +60,12 @@ class TickColumns:
         `time` is since the start of the motion [s], `input_seq` the number of the input sample in use, shape (B,).
         """
         placed = PlacedHand(record.joints, record.position, record.orientation)
-        depth = penetration(self._surface, *self._shape, *placed, self._fingers)
+        ticks = slice(self._ticks, self._ticks + len(time))
+        self._ticks = ticks.stop
+        if self._parts is None:
+            depth = penetration(self._surface, *self._shape, *placed, self._fingers)
+        else:
+            depth = self._parts.penetration(self._kind, self._shape, placed, self._fingers, ticks)
         total = np.concatenate([self._total, record.total])
         finger = np.concatenate([self._finger, record.phalanx.sum(axis=2)])
         self._total, self._finger = total[-1:], finger[-1:]

@@ -25,16 +25,21 @@ from hhsim.result.schema import (
     FORMAT,
     FREE_COLUMNS,
     HANDS,
+    JOINT_COLUMN,
+    JOINTED_SCHEMA_VERSION,
     LIVE,
     LIVE_TICK,
     LIVE_TICK_COLUMNS,
     OBJECT_COLUMNS,
+    PART_COLUMNS,
+    PART_STATIC_COLUMNS,
     SCHEMA_VERSIONS,
     SIDES,
     SKIN,
     SKIN_COLUMNS,
     STATIC_COLUMNS,
     SUFFIXES,
+    THINGS,
     TICK_COLUMNS,
     TWO_HANDED_SCHEMA_VERSION,
     Column,
@@ -94,6 +99,7 @@ class Result:
     git_dirty: bool | str = UNKNOWN  # True if its files had changed since
     repeated: Mapping[str, Any] = field(default_factory=dict)  # `runs`, and mean and std of `times` by name
     score: Mapping[str, float] = field(default_factory=dict, repr=False)  # of a submission: penetration and error [m]
+    parts: tuple[str, ...] = ()  # groups of a thing's parts, such as `things/laptop/lid`; empty for one object
     driven: bool = False  # True if the object moves: its poses are `object/position` and `object/orientation`
     view: View | None = field(default=None, compare=False)  # transformation of hands and forces; None: world
     replaced: Mapping[str, AnyArray] = field(default_factory=dict, compare=False)  # instead of those of the file
@@ -187,7 +193,7 @@ class Result:
     def __getitem__(self, name: str) -> AnyArray:
         if name not in self._loaded:
             with _opened(self.path) as file:
-                of_ticks = not name.startswith((f"{LIVE}/", f"{CONTACT}/"))
+                of_ticks = not name.startswith((f"{LIVE}/", f"{CONTACT}/", f"{THINGS}/"))
                 dataset = file.get(f"tick/{name}" if of_ticks else name)
                 if not isinstance(dataset, h5py.Dataset):
                     raise self._no_dataset(name, dataset)
@@ -200,7 +206,7 @@ class Result:
         """Names of all datasets: those of /tick, and those under `live/` and `contact/`."""
         with _opened(self.path) as file:
             found = _dataset_names(file["tick"])
-            for group in (LIVE, CONTACT):
+            for group in (LIVE, CONTACT, THINGS):
                 if group in file:
                     found += [f"{group}/{name}" for name in _dataset_names(file[group])]
             return found
@@ -239,6 +245,9 @@ class Result:
 
     def _whole_rows(self, dataset: h5py.Dataset) -> int:
         """Number of rows that belong to the ticks: a killed run may have written a block to some datasets only."""
+        if f"/{THINGS}/" in dataset.name:
+            grows = dataset.name.rpartition("/")[2] in {column.name for column in (*PART_COLUMNS, JOINT_COLUMN)}
+            return self.ticks if grows else len(dataset)
         table = dataset.parent
         if f"{table.name}/".endswith((f"/{LIVE_TICK}/", f"/{LIVE_TICK}/taken/")):
             return self.ticks
@@ -299,18 +308,24 @@ def hand_paths(path: Path) -> list[Path]:
         return [path / side for side in SIDES] if HANDS in file else [path]
 
 
-def load_result(path: str | Path) -> Result:
+def load_result(path: str | Path, *, jointed: bool = False) -> Result:
     """Open a result file, complete or not; one hand of a file of two is `FILE.h5/right` or `FILE.h5/left`.
 
+    Args:
+        jointed: True where a thing of several parts is looked at part by part, and not as one that stands still.
+
     Raises:
-        InputError: No such file, no HDF5, no result, another schema, datasets that are missing or misshapen, or a file
-            of two hands.
+        InputError: No such file, no HDF5, no result, another schema, datasets that are missing or misshapen, a file of
+            two hands, or a thing of several parts where one object is wanted.
     """
     path = Path(path)
     with _opened(path) as file:
         _check_format(file, path)
         tick = file.get("tick", {})
-        driven = bool(file.attrs["schema_version"] == DRIVEN_SCHEMA_VERSION)
+        parts = _parts(file, path)
+        if parts and not jointed:
+            raise InputError(f"{path} is of a thing whose parts move: expected one object; hhsim verify takes it")
+        driven = bool(file.attrs["schema_version"] == DRIVEN_SCHEMA_VERSION) or "object/position" in tick
         columns = (*TICK_COLUMNS, *(OBJECT_COLUMNS if driven else ()), *(FREE_COLUMNS if CONTACT in file else ()))
         for column in columns:
             _check_dataset(tick, column, (-1, *column.shape), path)
@@ -346,7 +361,22 @@ def load_result(path: str | Path) -> Result:
             repeated=_mapping(attributes.get("repeated", "{}")),
             score=_mapping(attributes.get("score", "{}")),
             driven=driven,
+            parts=parts,
         )
+
+
+def _parts(file: h5py.File, path: Path) -> tuple[str, ...]:
+    """Groups of the parts of a thing, in their order; none in other files."""
+    if file.attrs["schema_version"] != JOINTED_SCHEMA_VERSION:
+        return ()
+    named = _mapping(file.attrs["scene"])["thing"]
+    groups = tuple(f"{THINGS}/{named['name']}/{part}" for part in named["parts"])
+    for group in groups:
+        for column in PART_STATIC_COLUMNS:
+            _check_dataset(file[group], column, column.shape, path)
+        for column in PART_COLUMNS:
+            _check_dataset(file[group], column, (-1, *column.shape), path)
+    return groups
 
 
 class _Stated(dict[str, Any]):

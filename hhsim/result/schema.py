@@ -16,8 +16,10 @@ FORMAT = "hhsim-result"
 SCHEMA_VERSION = 3
 DRIVEN_SCHEMA_VERSION = 4
 """Version of a file whose object moves; readers of still objects alone refuse it."""
-SCHEMA_VERSIONS = (SCHEMA_VERSION, DRIVEN_SCHEMA_VERSION)
-TWO_HANDED_SCHEMA_VERSION = 5
+JOINTED_SCHEMA_VERSION = 5
+"""Version of a file with a thing of several parts; readers of rigid objects alone refuse it."""
+SCHEMA_VERSIONS = (SCHEMA_VERSION, DRIVEN_SCHEMA_VERSION, JOINTED_SCHEMA_VERSION)
+TWO_HANDED_SCHEMA_VERSION = 6
 """Version of a file of two hands, each of which is a result under `HANDS`."""
 SUFFIXES = (".h5", ".hdf5")
 """Suffixes of a result's name."""
@@ -165,7 +167,10 @@ TICK_COLUMNS: tuple[Column, ...] = (
     Column("input_seq", (), "<i8", "1", "number of the input sample that the tick used, from 0", "input_seq"),
     Column(
         *("status", (), "<i4", "1"),
-        *("0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16 full, 32 abduction held", "status"),
+        *(
+            "0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16 full, 32 abduction held, 64 no place",
+            "status",
+        ),
     ),
     Column("lag", (), "<f8", "m", "distance that the hand still had to go when the tick's budget ended", "lag"),
     *_hand("haptic", "haptic (measured)", "haptic_"),
@@ -292,6 +297,28 @@ STATIC_COLUMNS: tuple[Column, ...] = (
     Column("hand/palm_mesh/faces", (-1, 3), "<i8", "1", "its triangles, outward by the right hand"),
 )
 """Datasets that do not change with time; `name` is relative to the root."""
+
+THINGS = "things"
+"""Group of results with a thing of several parts: `things/NAME/PART` for each of them."""
+
+PART_COLUMNS: tuple[Column, ...] = (
+    Column("position", (3,), "<f8", "m", "origin of the part's own frame at the tick, world"),
+    Column("orientation", (4,), "<f8", "1", "part to world at the tick, unit quaternion w x y z"),
+)
+"""Datasets under `things/NAME/PART`, one row a tick."""
+
+JOINT_COLUMN = Column("joint", (), "<f8", "rad,m", "value of the joint that the part hangs on: of a hinge, of a slider")
+"""Further one of a part that hangs on another one."""
+
+PART_STATIC_COLUMNS: tuple[Column, ...] = (
+    Column("vertices", (-1, 3), "<f8", "m", "vertices of the part's mesh, its own frame"),
+    Column("faces", (-1, 3), "<i8", "1", "triangles of the part's mesh: three vertices, outward by the right hand"),
+    Column("tree/center", (-1, 3), "<f8", "m", "sphere centres, breadth first, the part's frame"),
+    Column("tree/radius", (-1,), "<f8", "m", "sphere radii"),
+    Column("tree/level", (-1,), "<i8", "1", "level of each sphere; the root is 0"),
+    Column("tree/parent", (-1,), "<i8", "1", "index of the parent sphere; the root has -1"),
+)
+"""Datasets under `things/NAME/PART` that do not change with time."""
 
 SKIN = "skin"
 """Optional group of results whose shown hand has a mesh of its own."""

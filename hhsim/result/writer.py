@@ -30,7 +30,9 @@ from hhsim.result.schema import (
     DRIVEN_SCHEMA_VERSION,
     FORMAT,
     FREE_COLUMNS,
+    JOINTED_SCHEMA_VERSION,
     OBJECT_COLUMNS,
+    PART_STATIC_COLUMNS,
     SCHEMA_VERSION,
     SKIN,
     SKIN_COLUMNS,
@@ -67,6 +69,7 @@ class ResultWriter:
         command: Command as it was typed; empty for a call of the library.
         driven: True if the object moves and each tick has its pose.
         free: True if forces move it, and are recorded.
+        parts: Arrays of `PART_STATIC_COLUMNS` of each part of a thing, by its group; their poses are among `tables`.
 
     Raises:
         OutputError: The file cannot be made: a folder in the way, no permission, a full disk, a file that is no result.
@@ -84,11 +87,13 @@ class ResultWriter:
         command: Sequence[str] = (),
         driven: bool = False,
         free: bool = False,
+        parts: Mapping[str, Mapping[str, AnyArray]] | None = None,
     ) -> None:
         check_result_path(path)
         self._output_path = path
         self.path = free_name(path.with_name(f"{path.stem}.partial{path.suffix}")) if path.exists() else path
-        self._schema = DRIVEN_SCHEMA_VERSION if driven or free else SCHEMA_VERSION
+        of_rigid = DRIVEN_SCHEMA_VERSION if driven or free else SCHEMA_VERSION
+        self._schema, self._parts = JOINTED_SCHEMA_VERSION if parts else of_rigid, parts or {}
         moving = (*(OBJECT_COLUMNS if driven or free else ()), *(FREE_COLUMNS if free else ()))
         self._tables = {_TICK: _Table((*TICK_COLUMNS, *moving))}
         if free:
@@ -211,6 +216,12 @@ class ResultWriter:
                     chunks=(CHUNK_TICKS, *column.shape),
                     dtype=_stored_type(column),
                 )
+                describe_dataset(dataset, column)
+        for part, of_part in self._parts.items():
+            arrays = _checked(of_part, PART_STATIC_COLUMNS, lambda column: column.shape)
+            self._claim(sum(array.nbytes for array in arrays.values()) + _OVERHEAD)
+            for column in PART_STATIC_COLUMNS:
+                dataset = self._file.create_dataset(f"{part}/{column.name}", data=arrays[column.name])
                 describe_dataset(dataset, column)
         self._file.create_group("summary")
         for group, values in attributes.items():

@@ -18,6 +18,7 @@ from hhsim.motion.trajectory import ResampleMode, Trajectory
 from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.contact_goals import TOUCHING
 from hhsim.scene.motion_catalogue import Motion
+from hhsim.scene.parts_of_thing import ThingParts
 from hhsim.scene.recorded_grasp_pose import GraspPlacement, place_at_grasp
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.system.settings_file import Settings, between
@@ -107,16 +108,17 @@ def described_scene(
     motion: Motion,
     fingers: Sequence[str] = FINGERS,
     other: OtherHand | None = None,
+    thing: tuple[ThingParts, Sequence[SphereTree]] | None = None,
 ) -> PlacedScene:
     """Make a scene with its description, and place the object of a recording that is in no world.
 
     Keypoints of a camera are such a recording. Mesh [m] and tree are in the object's own frame; `fingers` are used.
-    `other` is a hand beside which the one of a script finds its place.
+    `other` is a hand beside which the one of a script finds its place; `thing` is as of `make_scene`.
 
     Raises:
         TrajectoryError: The motion cannot be done on this object, or cannot be placed as demanded.
     """
-    placed = _placed_scene(words, mesh, tree, hand, motion, fingers, other)
+    placed = _placed_scene(words, mesh, tree, hand, motion, fingers, other, thing)
     scene = placed.scene
     if words.ticks is not None:
         # Cut last: where the object is placed does not depend on how much of the motion is run.
@@ -146,9 +148,11 @@ def _placed_scene(
     motion: Motion,
     fingers: Sequence[str],
     other: OtherHand | None,
+    thing: tuple[ThingParts, Sequence[SphereTree]] | None,
 ) -> PlacedScene:
     def make(moved: Motion) -> Scene:
-        return make_scene(mesh, tree, hand, moved, rate=words.rate, mode=words.samples, seed=words.seed, other=other)
+        more: dict[str, Any] = {"rate": words.rate, "mode": words.samples, "seed": words.seed}
+        return make_scene(mesh, tree, hand, moved, **more, other=other, thing=thing)
 
     if words.place_object == "auto" and isinstance(motion, Trajectory):
         found = place_at_grasp(motion, hand, tree)

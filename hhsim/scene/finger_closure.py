@@ -13,7 +13,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays
-from hhsim.mesh.catalogue import object_description
+from hhsim.mesh.catalogue import object_description, thing_names
 from hhsim.reproducible import matmul
 from hhsim.scene.script import Placement, Script
 from hhsim.trees.sphere_tree import SphereTree
@@ -170,7 +170,7 @@ def find_placement(script: Script, hand: HandModel, tree: SphereTree) -> Placeme
         TrajectoryError: The script is made for other objects, or for a right hand.
     """
     for placement in script.placements:
-        if tree.mesh_sha256 and object_description(placement.object_name)["sha256"] == tree.mesh_sha256:
+        if _is_of(placement.object_name, tree):
             if hand.side == "right":
                 return placement
             if script.objects:
@@ -181,6 +181,13 @@ def find_placement(script: Script, hand: HandModel, tree: SphereTree) -> Placeme
     if script.objects:
         raise TrajectoryError(f"script {script.name} is made for {' and '.join(script.objects)}, not for this object")
     return None
+
+
+def _is_of(name: str, tree: SphereTree) -> bool:
+    """Return True if a tree is that of an object, or a thing of several parts, of the catalogue."""
+    if name in thing_names():
+        return bool(tree.options.get("thing") == name)
+    return bool(tree.mesh_sha256) and object_description(name)["sha256"] == tree.mesh_sha256
 
 
 class PlacedCloser(Closer):

@@ -1,10 +1,12 @@
 """Things of several rigid parts that hang on each other by hinges and sliders, as TOML declares them.
 
-No scene takes them yet. Keys, with their defaults::
+Keys, with their defaults::
 
     [[part]]
     name = "base"
     mesh = "base.ply"                    # a catalogue name, or a path relative to the file
+    unit = "m"                           # of a mesh file: m, cm, mm or inch
+    # or: box = [0.3, 0.2, 0.01]         # a box about the part's origin, of these edges [m]
     position = [0.0, 0.0, 0.0]           # of the part's frame in its parent's, all joints at 0 [m]
     orientation = [1.0, 0.0, 0.0, 0.0]   # part to parent, (w, x, y, z)
 
@@ -19,10 +21,11 @@ No scene takes them yet. Keys, with their defaults::
     joint.motion = [[0.0, 0.0], [1.0, 1.5]]   # (time [s], value); straight between, constant before and after
     # or: joint.recording = { file = "lid.csv", column = "angle", time = "t" }   # columns of a CSV, arrays of an .npz
 
-The value of a joint turns the part about its axis by the right hand's rule, or shifts it along.
+The value of a joint turns the part about its axis by the right hand's rule, or shifts it along. A script may move the
+joints instead, see `hhsim.scene.script`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
@@ -44,6 +47,7 @@ LEAST_LENGTH = 1e-9
 Number = Annotated[float, between(-100.0, 100.0)]
 Three = tuple[Number, Number, Number]
 Two = tuple[Number, Number]
+Edge = Annotated[float, between(1e-3, 10.0, "m")]
 Keyframe = tuple[Annotated[float, between(0.0, 1e6)], Number]
 
 
@@ -94,7 +98,11 @@ class Joint(Settings, frozen=True):
             raise InputError(f"limits are reversed: {least:g} is above {most:g}; expected the least value first")
         if (self.motion is None) == (self.recording is None):
             raise InputError(f"{'no' if self.motion is None else 'both a'} motion and recording; expected one of them")
-        motion = self.motion or ()
+        self.check_motion(self.motion or ())
+
+    def check_motion(self, motion: Sequence[Keyframe]) -> None:
+        """Check that times rise, and that values are within the limits."""
+        least, most = self.limits
         times = [time for time, _ in motion]
         for number, (before, after) in enumerate(pairwise(times), start=2):
             if after <= before:
@@ -118,14 +126,19 @@ class Part(Settings, frozen=True):
     """Rigid part of a thing; the module's docstring explains the keys."""
 
     name: Annotated[str, Meta(pattern=r"\A[A-Za-z0-9_-]+\Z", description="letters, digits, - and _")]
-    mesh: str
+    mesh: str = ""
     position: Three = (0.0, 0.0, 0.0)
     orientation: tuple[Number, Number, Number, Number] = (1.0, 0.0, 0.0, 0.0)
     parent: str = ""
     joint: Joint | None = None
+    unit: str | None = None
+    box: tuple[Edge, Edge, Edge] | None = None
 
     def check(self) -> None:
-        """Check the orientation's length, and that a part has a joint if it has a parent, and else none."""
+        """Check for one shape, the orientation's length, and that a part has a joint if it has a parent, else none."""
+        if bool(self.mesh) == (self.box is not None):
+            found = "both a mesh and a box" if self.mesh else "no mesh and no box"
+            raise InputError(f"part '{self.name}' has {found}; expected one of them")
         if norm(np.array(self.orientation)) < LEAST_LENGTH:
             raise InputError("orientation has length 0; expected (w, x, y, z) such as [1.0, 0.0, 0.0, 0.0]")
         if bool(self.parent) != (self.joint is not None):
@@ -156,6 +169,23 @@ class JointedThing(Settings, frozen=True):
         roots = [part.name for part in self.part if not part.parent]
         if len(roots) > 1:
             raise InputError(f"parts {', '.join(roots)} have no parent; expected one such part")
+
+    def moved(self, motions: Mapping[str, Sequence[Keyframe]]) -> "JointedThing":
+        """Return the thing with other motions of joints, by the name of the part; InputError for one it has not."""
+        joints = {part.name: part.joint for part in self.part if part.joint}
+        check_known("joint", motions, joints)
+        for name, motion in motions.items():
+            try:
+                joints[name].check_motion(motion)
+            except InputError as reason:
+                raise InputError(f"joint {name}: {reason}") from None
+        parts = (
+            structs.replace(part, joint=structs.replace(joints[part.name], motion=tuple(motions[part.name])))
+            if part.name in motions
+            else part
+            for part in self.part
+        )
+        return structs.replace(self, part=tuple(parts))
 
     def joint_values(self, time: FloatArray) -> dict[str, FloatArray]:
         """Return the values [rad] or [m] of each joint at these times [s], (T,), by the name of its part."""

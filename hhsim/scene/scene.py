@@ -4,7 +4,7 @@ An object that moves as recorded stands still in a scene: object and `ticks` are
 is the world's at the first tick. `Scene.trajectory` and `Scene.driven` have the motion in the world.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any
 from hhsim.errors import InputError, check_known
 from hhsim.hand.model import HandModel, Side
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.mesh.catalogue import MESH_LEVEL, resolve_object
+from hhsim.mesh.catalogue import MESH_LEVEL, names_a_thing, resolve_object
 from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
 from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.free_object import FreeObject
 from hhsim.scene.motion_catalogue import Motion, resolve_trajectory
+from hhsim.scene.parts_of_thing import ThingParts, load_thing, require_no_joints
 from hhsim.scene.script import Script
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -43,9 +45,10 @@ class Scene:
         description: Origin of the scene as plain values, for its results.
         driven: Motion of hand and object in the world where the object moves as recorded; else None.
         free: Physical properties of a free object, whose mesh is where it is before the first tick; else None.
+        parts: Parts of a thing that has several, whose mesh and tree are those of the first tick; else None.
 
     Raises:
-        InputError: A free object, and a motion that moves it.
+        InputError: A free object, and a motion that moves it or a thing of several parts.
     """
 
     mesh: Mesh
@@ -56,11 +59,14 @@ class Scene:
     description: Mapping[str, Any] = field(default_factory=dict)
     driven: TickInput | None = None
     free: FreeObject | None = None
+    parts: MovingParts | None = None
 
     def __post_init__(self) -> None:
         if self.free is not None and self.driven is not None:
             name = self.trajectory.name or "the motion"
             raise InputError(f"in {name} the object moves as recorded, so it cannot be free")
+        if self.free is not None and self.parts is not None:
+            raise InputError(f"{self.mesh.name} has several parts, which move as recorded: it cannot be free")
 
     def __repr__(self) -> str:
         ticks, leaves = self.ticks, self.tree.leaf_count
@@ -99,6 +105,7 @@ def make_scene(
     seed: int = 0,
     description: Mapping[str, Any] | None = None,
     other: "OtherHand | None" = None,
+    thing: tuple[ThingParts, Sequence[SphereTree]] | None = None,
 ) -> Scene:
     """Make a scene of hand, motion, object and tree; the last two are given in the object's own frame.
 
@@ -110,6 +117,7 @@ def make_scene(
         seed: Seed of a script's tremor and sensor noise.
         description: Origin of the scene.
         other: Hand beside which the one of a script finds its place.
+        thing: A thing of several parts and their trees; `mesh` and `tree` are then its own.
 
     Raises:
         TrajectoryError: The script or the demonstration cannot be done on this object.
@@ -130,6 +138,7 @@ def make_scene(
         ticks=ticks.seen_from_object(),
         description=description or {},
         driven=None if ticks.object_motion is None else ticks,
+        parts=None if thing is None else thing[0].moving(thing[1], ticks.time, motion),
     )
 
 
@@ -149,11 +158,11 @@ def open_scene(
     """Load an object and a motion, take the object's sphere tree from the cache or build it, and put them together.
 
     Args:
-        object_: A name (`hhsim objects`), a mesh file, or a mesh [m].
+        object_: A name (`hhsim objects`), a mesh file, the TOML of a thing of several parts, or a mesh [m].
         motion: A name (`hhsim trajectories`), a script (.toml), a recording, a result, or a loaded motion.
         unit, size: Of a mesh file, as for `hhsim.mesh.mesh.load_mesh`: m, cm, mm or inch, and [m]; None is m.
         solid: False takes the triangles of a mesh file as they are, for `SolverOptions(surface="mesh")`.
-        level: Level of the tree's leaves, 1 to 5; None is the object's own, 3 or 4.
+        level: Level of the leaves of the tree, or of each part's, 1 to 5; None is the object's own, 3 or 4.
         hand: A model, or right or left for the default hand of that side; None is the motion's side.
         rate: Ticks per second [Hz].
         mode: Resampling between two samples of the motion: interpolate, or hold the last one.
@@ -163,13 +172,25 @@ def open_scene(
         UnknownNameError: No such object, trajectory or hand side; the message lists the near names.
         InputError: A file or an option that cannot be used, or a motion that cannot be done on this object.
     """
+    moved = resolve_trajectory(motion) if isinstance(motion, str | Path) else motion
+    thing = None
     if isinstance(object_, Mesh):
         mesh, usual = object_, MESH_LEVEL
+    elif names_a_thing(str(object_)):
+        if unit is not None or size is not None:
+            raise InputError(f"unit and size are for mesh files; {object_} has its size")
+        thing = load_thing(object_, moved, solid=solid)
+        mesh, usual = thing.mesh, MESH_LEVEL
     else:
+        require_no_joints(moved, str(object_))
         mesh, usual = resolve_object(object_, unit, size, solid=solid)
-    moved = resolve_trajectory(motion) if isinstance(motion, str | Path) else motion
     level = level or usual
-    tree = cached_sphere_tree(mesh, TreeOptions(level=level)) if solid else tree_of_any(mesh, level)
+
+    def make(mesh: Mesh) -> SphereTree:
+        return cached_sphere_tree(mesh, TreeOptions(level=level)) if solid else tree_of_any(mesh, level)
+
+    trees = () if thing is None else thing.trees(make)
+    tree = make(mesh) if thing is None else thing.tree(trees)
     description = {
         "object": mesh.name if isinstance(object_, Mesh) else str(object_),
         "object_mesh": mesh.sha256,
@@ -186,4 +207,5 @@ def open_scene(
     if isinstance(hand, str):
         check_known("hand", [hand], SIDES)
     model = hand if isinstance(hand, HandModel) else hand_of(moved, hand)
-    return make_scene(mesh, tree, model, moved, rate=rate, mode=mode, seed=seed, description=description)
+    parts = None if thing is None else (thing, trees)
+    return make_scene(mesh, tree, model, moved, rate=rate, mode=mode, seed=seed, description=description, thing=parts)

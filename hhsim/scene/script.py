@@ -40,13 +40,16 @@ tree needs no other place. Keys, with their defaults::
     abduction = [0.0, 0.0, 0.0, 0.0, 0.0]   # [rad]
     slide = [1.0, 0.0, 0.0]              # direction of a slide; only in scripts that have one
 
+    [joint]                # motion of joints of a thing of several parts (jointed_thing.py), instead of its own
+    lid = [[0.0, 1.5], [2.0, 0.3]]       # (time [s], value [rad] or [m]), straight between
+
     [[paper]]              # where the paper shows it: `figure`, `objects`, `case` and `instances` (default: 1)
 
 Each phase moves by minimum jerk: 10τ³ − 15τ⁴ + 6τ⁵ (Flash & Hogan, J. Neuroscience 5, 1985).
 """
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any
 
@@ -57,10 +60,11 @@ from msgspec import Meta
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError, check_known
 from hhsim.hand.fingers import FINGERS
-from hhsim.mesh.catalogue import object_names
+from hhsim.mesh.catalogue import object_names, thing_names
 from hhsim.motion.tremor import Disturbance
 from hhsim.reproducible import norm
 from hhsim.scene.contact_goals import ANYWHERE, PALM, Touch, TouchTable, touches_of
+from hhsim.scene.jointed_thing import Keyframe
 from hhsim.system.settings_file import Settings, a_list, between, one_of, parse_settings
 
 DEFAULT_FINGERS: dict[str, tuple[str, ...]] = {"touch": ("index",), "pinch": ("thumb", "index"), "grasp": FINGERS}
@@ -119,7 +123,7 @@ class PaperUse(Settings, frozen=True):
 
     def check(self) -> None:
         """Check the names of the objects."""
-        check_known("object", self.objects, object_names())
+        check_known("object", self.objects, [*object_names(), *thing_names()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +160,7 @@ class PlacementTable(Settings, frozen=True):
 
     def check(self) -> None:
         """Check the object's name and the unit length of directions."""
-        check_known("object", [self.object], object_names())
+        check_known("object", [self.object], [*object_names(), *thing_names()])
         for key in ("orientation", "back", "slide"):
             size = float(norm(getattr(self, key) or [1.0]))
             if not math.isclose(size, 1.0, abs_tol=1e-2):
@@ -191,6 +195,7 @@ class Script:
     objects: tuple[str, ...] = ()
     placements: tuple[Placement, ...] = ()
     paper: tuple[PaperUse, ...] = ()
+    joints: Mapping[str, tuple[Keyframe, ...]] = field(default_factory=dict)
 
     @property
     def duration(self) -> float:
@@ -310,11 +315,12 @@ class ScriptTable(Settings, frozen=True, kw_only=True):
     placement: Annotated[tuple[PlacementTable, ...], Meta(description="[[placement]] tables")] = ()
     paper: Annotated[tuple[PaperUse, ...], Meta(description="[[paper]] tables")] = ()
     tremor: dict[Annotated[str, one_of(DISTURBANCES["tremor"])], Any] = msgspec.field(default_factory=dict)
+    joint: dict[str, tuple[Keyframe, ...]] = msgspec.field(default_factory=dict)
     sensor: dict[Annotated[str, one_of(DISTURBANCES["sensor"])], Any] = msgspec.field(default_factory=dict)
 
     def check(self) -> None:
         """Check that phases, placements and touches go together."""
-        check_known("object", self.objects, object_names())
+        check_known("object", self.objects, [*object_names(), *thing_names()])
         names = [phase.name for phase in self.phase]
         if names[0] != "approach":
             raise InputError(f"the first phase is '{names[0]}'; expected approach")
@@ -349,5 +355,6 @@ class ScriptTable(Settings, frozen=True, kw_only=True):
             tuple(phase.phase() for phase in self.phase),
             disturbance=self.disturbance(),
             placements=tuple(place.placement() for place in self.placement),
+            joints=self.joint,
             **as_they_are,
         )

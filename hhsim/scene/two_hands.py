@@ -17,6 +17,7 @@ from hhsim.result.schema import SIDES
 from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.described_scene import PlacedScene, SceneWords, described_scene
 from hhsim.scene.motion_catalogue import Motion, clean_imported, is_imported, read_imported, resolve_trajectory
+from hhsim.scene.parts_of_thing import ThingParts
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned
 from hhsim.trees.sphere_tree import SphereTree
@@ -61,6 +62,7 @@ def two_handed_scenes(
     hands: Sequence[HandModel],
     motions: Sequence[Motion],
     fingers: Sequence[str] = FINGERS,
+    thing: tuple[ThingParts, Sequence[SphereTree]] | None = None,
 ) -> tuple[PlacedScene, PlacedScene]:
     """Make the scenes of the right and of the left hand; arguments and errors as of `described_scene`.
 
@@ -68,14 +70,13 @@ def two_handed_scenes(
     for the right hand.
     """
     given = words, mesh, tree
-    right = described_scene(*given, hands[0], motions[0], fingers)
+    right = described_scene(*given, hands[0], motions[0], fingers, thing=thing)
     motion = motions[1]
     if isinstance(motion, Script):
         other = OtherHand(hands[0], planned(motion, hands[0], tree))
-        return right, described_scene(*given, hands[1], motion, fingers, other)
+        return right, described_scene(*given, hands[1], motion, fingers, other, thing)
     first = right.scene.trajectory
     if isinstance(motion, Trajectory) and first.object_motion is None:
         motion = motion.placed(first.object_position, first.object_orientation)
-    return right, described_scene(
-        msgspec.structs.replace(words, place_object="recorded"), *given[1:], hands[1], motion, fingers
-    )
+    as_placed = msgspec.structs.replace(words, place_object="recorded")
+    return right, described_scene(as_placed, mesh, tree, hands[1], motion, fingers, thing=thing)

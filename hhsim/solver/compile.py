@@ -19,6 +19,7 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface
+from hhsim.trees.jointed_surface import jointed_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 
@@ -35,13 +36,17 @@ def start_numba() -> None:
 
 
 @collector_at_rest()
-def warm_up(hand: HandModel, options: SolverOptions, free: FreeObject | None = None) -> WarmUp:
-    """Run one tick of a hand far from a small object, fixed or free, with every kernel of a replay."""
+def warm_up(
+    hand: HandModel, options: SolverOptions, free: FreeObject | None = None, *, jointed: bool = False
+) -> WarmUp:
+    """Run one tick of a hand far from a small object, fixed, free or of parts, with every kernel of a replay."""
     began = time.perf_counter()
     before = compiled_kernels()
     far = np.full((3, 3), 100.0) + 0.01 * np.eye(3)
     tree = SphereTree(far[:1], np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
-    surface = contact_surface(options.surface, Mesh(far, np.array([[0, 1, 2]])), tree).arrays
+    one = surface = contact_surface(options.surface, Mesh(far, np.array([[0, 1, 2]])), tree).arrays
+    if jointed:
+        surface = jointed_surface([one], np.array([[[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]]))
     # A method from outside is not for a scene like this; what is compiled for it is what its hands are measured with.
     method = find_method(options.method)
     solver = HandSolver(
@@ -54,7 +59,7 @@ def warm_up(hand: HandModel, options: SolverOptions, free: FreeObject | None = N
     block = solver.run(np.zeros((1, 3)), orientation, np.zeros((1, 5, 3)), np.zeros((1, 5)))
     arrays = hand.arrays()
     palm = np.stack([arrays.palm_x, arrays.palm_y, arrays.palm_z], axis=1)
-    penetration(surface, hand.radius, palm, arrays.palm_radius, block.joints, block.position, block.orientation)
+    penetration(one, hand.radius, palm, arrays.palm_radius, block.joints, block.position, block.orientation)
     if not method.compiled:
         look_at(solver.workspace.hand, surface, solver.workspace.tick_options, solver.workspace.states)
     return WarmUp(time.perf_counter() - began, JIT_ENABLED and compiled_kernels() > before)

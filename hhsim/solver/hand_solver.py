@@ -10,6 +10,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.jit import JIT_ENABLED, as_argument
+from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
@@ -17,6 +18,7 @@ from hhsim.reproducible import norm
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.free_engine import FreeEngine
 from hhsim.solver.free_place import clearance, part_fingers, retreat
+from hhsim.solver.jointed_engine import JointedEngine
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.linearising_engine import LinearisingEngine
 from hhsim.solver.method import Engine
@@ -50,6 +52,8 @@ class HandSolver:
         if free is None and self.method.missing:
             raise InputError(f"method {options.method} {self.method.missing}")
         self.engine: Engine = self.method.engine(self.workspace) if free is None else FreeEngine(self.workspace, free)
+        if isinstance(self.workspace.surface, JointedSurface):
+            self.engine = JointedEngine(self.workspace, self.engine)
         self._started = False
 
     def __repr__(self) -> str:

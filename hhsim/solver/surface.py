@@ -16,7 +16,8 @@ SURFACES: Registry["Surface"] = Registry("hhsim.kernels.surfaces", "SURFACE", "s
 
 
 def surface_of(arrays: Any) -> "Surface":
-    """Return the surface of arrays; InputError for arrays of no surface."""
+    """Return the surface of arrays, of several parts that of a part; InputError for arrays of no surface."""
+    arrays = getattr(arrays, "pieces", arrays)
     for surface in SURFACES.values():
         if type(arrays) is surface.arrays:
             return surface

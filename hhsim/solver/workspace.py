@@ -15,6 +15,7 @@ from hhsim.kernels.contact.self_pairs import NoPairs
 from hhsim.kernels.contact.surface import Surface
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.jit import JIT_ENABLED
+from hhsim.kernels.parts.surface import JointedSurface, whole_dtype
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
 from hhsim.kernels.tick.block import HapticBlock, NoObject, TickBlock, TickRecord, run_block
@@ -26,6 +27,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import SURFACES, surface_of
 from hhsim.solver.tick_threads import ThreadTeam
 from hhsim.trees.contact_surface import ContactSurface
+from hhsim.trees.jointed_surface import begun
 
 FORCE_MODELS = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
 RELAXATION = 100.0
@@ -75,7 +77,9 @@ class TickWorkspace:
 
     def __init__(self, model: HandModel, surface: Any, options: SolverOptions) -> None:
         made_of = surface if isinstance(surface, ContactSurface) else ContactSurface(surface)
-        self.surface = surface = made_of.arrays
+        arrays = made_of.arrays
+        surface = begun(arrays) if isinstance(arrays, JointedSurface) else arrays
+        self.surface: Any = surface
         self.model = model
         self.mesh, self.tree = made_of.mesh, made_of.tree
         self.hand = model.arrays()
@@ -84,7 +88,12 @@ class TickWorkspace:
         kind = surface_of(surface)
         if kind is not SURFACES[options.surface]:
             raise InputError(f"surface '{options.surface}' of the options: {type(surface).__name__} are not its arrays")
-        self.states = tick_state(options.stiffness.diagonal(), options.modelled(), kind)
+        if surface is arrays:
+            self.states = tick_state(options.stiffness.diagonal(), options.modelled(), kind)
+        else:
+            # Each part has its lists.
+            dtype = tick_state_dtype(whole_dtype(kind.candidates))
+            self.states = fresh_state(dtype, options.stiffness.diagonal(), options.modelled())
         self.qp = new_work(DOF, ROW_CAPACITY)
         self.thread_team = ThreadTeam(self.states, options.threads if JIT_ENABLED else 1)
 
@@ -103,7 +112,7 @@ class TickWorkspace:
 
     def center(self) -> FloatArray:
         """Return a point that a hand inside the object moves away from [m], world, shape (3,)."""
-        return surface_of(self.surface).center(self.surface)
+        return surface_of(self.surface).center(getattr(self.surface, "pieces", self.surface))
 
     def run_block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> int:
         """Run one tick of a compiled method for each row of the haptic input; return the ticks done."""

@@ -5,7 +5,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.verify.claim import NOT_CLAIMED, Claim, judged
 from hhsim.verify.kinematics import turn_between
-from hhsim.verify.tick_data import ABDUCTION_HELD, LAG, LENGTH, STUCK, UNSETTLED, WHY_LENGTH, JudgedTicks
+from hhsim.verify.tick_data import ABDUCTION_HELD, LAG, LENGTH, NO_PLACE, STUCK, UNSETTLED, WHY_LENGTH, JudgedTicks
 
 ANGLE = 1e-9
 """Tolerance of angles [rad]."""
@@ -52,7 +52,7 @@ def _abduction(judge: JudgedTicks) -> Claim:
 
 def _lag(judge: JudgedTicks) -> Claim:
     far = np.linalg.norm(judge.shown_posed.joints - judge.wanted_posed.joints, axis=3).max(axis=(1, 2))
-    lag, late = np.asarray(judge.result["lag"]), judge.status & (STUCK | LAG) > 0
+    lag, late = np.asarray(judge.result["lag"]), judge.status & (STUCK | LAG | NO_PLACE) > 0
     over = np.where(late, np.maximum(0.0, np.maximum(lag - far, -lag)), np.abs(lag))
     # A hand that lags has a distance left, unless it is there.
     over[late & (lag <= 0.0) & (far > LENGTH)] = np.inf

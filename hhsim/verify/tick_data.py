@@ -26,9 +26,9 @@ from hhsim.verify.kinematics import configurations, own_hand, pose, turn_between
 from hhsim.verify.own_parts import Meetings, meetings, parts_that_may_meet
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
-STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD = 1, 2, 4, 8, 16, 32
+STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD, NO_PLACE = 1, 2, 4, 8, 16, 32, 64
 """Flags of a tick's status."""
-UNSETTLED = STUCK | LAG | INPUT_INVALID | START_INSIDE | CAPACITY_EXCEEDED
+UNSETTLED = STUCK | LAG | INPUT_INVALID | START_INSIDE | CAPACITY_EXCEEDED | NO_PLACE
 LENGTH = 1e-9
 """Tolerance of lengths [m]: a thousandth of the smallest that any table shows."""
 BLOCK = 1024

@@ -30,6 +30,7 @@ from hhsim.verify.mesh_distance import EXACT, HandReferee
 from hhsim.verify.metric_checks import metric_claims
 from hhsim.verify.object_frame import object_motion_claims, seen_by_referee
 from hhsim.verify.origin_checks import origin_claims
+from hhsim.verify.part_checks import part_claims
 from hhsim.verify.posture_checks import posture_claims
 from hhsim.verify.self_contact_checks import self_contact_claims
 from hhsim.verify.session_checks import session_claims
@@ -130,6 +131,13 @@ def verify(
     judge = JudgedTicks(seen, numbers, sampled)
     claims += posture_claims(judge)
     report("spheres", 2, 4)
+    if result.parts:
+        claims += part_claims(JudgedTicks(result, sampled))
+        claims += metric_claims(result)
+        deepest = {claim.name: claim.worst for claim in claims}
+        spheres = float("nan") if judge.on_mesh else deepest["deepest"]
+        looked = result.ticks, len(sampled), every
+        return Verification(tuple(claims), *looked, spheres, deepest["mesh"], float("nan"))
     claims += [*depth_claims(judge), *self_contact_claims(judge)]
     report("forces", 3, 4)
     claims += force_claims(judge)

@@ -77,6 +77,7 @@ STATE_COLORS: Mapping[str, Mapping[str, tuple[int, int, int]]] = {
 SETTLED = "settled"
 WORDS = (
     (state.STATUS_CAPACITY_EXCEEDED, "full"),
+    (state.STATUS_NO_PLACE, "no place"),
     (state.STATUS_STUCK, "stuck"),
     (state.STATUS_LAG, "lag"),
     (state.STATUS_INPUT_INVALID, "input held"),

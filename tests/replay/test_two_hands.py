@@ -66,7 +66,7 @@ def test_each_hand_is_as_it_is_alone(both: TwoHandedReplay, scenes: list[Scene],
 def test_one_file_holds_both_and_nothing_is_left_beside_it(both: TwoHandedReplay) -> None:
     assert [path.name for path in both.path.parent.iterdir()] == ["both.h5"]
     with h5py.File(both.path) as file:
-        assert file.attrs["complete"] == 1 and file.attrs["schema_version"] == 5
+        assert file.attrs["complete"] == 1 and file.attrs["schema_version"] == 6
         assert json.loads(file.attrs["command"]) == ["hhsim"]
         vertices = [file[f"hands/{side}/object/vertices"].id for side in ("right", "left")]
         assert h5py.h5o.get_info(vertices[0]).addr == h5py.h5o.get_info(vertices[1]).addr

@@ -24,7 +24,6 @@ from hhsim.motion.trajectory import TickPhase
 from hhsim.result.motion import load_result_motion
 from hhsim.result.reader import CHUNK_TICKS, Result, load_result
 from hhsim.result.schema import (
-    DRIVEN_SCHEMA_VERSION,
     EVENT_COLUMNS,
     LIVE_EVENT,
     LIVE_SAMPLE,
@@ -33,6 +32,7 @@ from hhsim.result.schema import (
     SCHEMA_VERSION,
     STATIC_COLUMNS,
     TICK_COLUMNS,
+    TWO_HANDED_SCHEMA_VERSION,
     sample_columns,
 )
 from hhsim.result.writer import ResultWriter
@@ -417,8 +417,8 @@ SPOILED: dict[str, tuple[Callable[[Path], object], str]] = {
     "cut": (lambda path: os.truncate(path, path.stat().st_size // 2), "a damaged HDF5 file: cut short"),
     "empty": (lambda path: os.truncate(path, 0), "is no HDF5 file"),
     "newer": (
-        forged(lambda file: file.attrs.update(schema_version=DRIVEN_SCHEMA_VERSION + 1)),
-        r"newer hhsim \(schema 6; this one reads 5\): upgrade hhsim",
+        forged(lambda file: file.attrs.update(schema_version=TWO_HANDED_SCHEMA_VERSION + 1)),
+        r"newer hhsim \(schema 7; this one reads 6\): upgrade hhsim",
     ),
     "format": (forged(lambda file: file.attrs.update(format="hhsim-tree")), "'hhsim-tree', not 'hhsim-result'"),
     "no format": (lambda path: h5py.File(path, "w").close(), "states no format"),

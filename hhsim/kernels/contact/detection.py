@@ -17,7 +17,7 @@ import numpy as np
 
 from hhsim.kernels.contact.surface import Walk, gather_pairs, measure_pairs, pairs_within, record_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Indices, Record, as_int64, jit_inline
+from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit_inline
 
 COUNT_NODE_TESTS = 0
 COUNT_PAIR_TESTS = 1
@@ -139,23 +139,33 @@ def choose_gathers(needed: float, margin: float, skin: float, candidates: Record
         candidates.due[stale] = 2
 
 
-@jit_inline
-def evaluate(
+@generic
+def evaluate_pairs(
+    surface: Any,
     hand: HandArrays,
     pose: Record,
-    surface: Any,
     needed: float,
     margin: float,
     skin: float,
     candidates: Record,
     work: Indices,
 ) -> int:
-    """Compute the distances of all near pairs at `pose`, whose kinematics are up to date; return 0, or FULL.
+    """Do what `evaluate` says for a kind of surface; those that declare nothing are one rigid piece."""
 
-    Bodies whose slack is used up are gathered. Every pair up to `needed` - `allowed_deficit` [m] is known; `margin` is
-    the most that is ever needed [m], and `skin` [m] is added to it so that lists last for several ticks. Node tests,
-    pair tests and gathers are counted in `work`.
-    """
+
+@evaluate_pairs.of(object)
+@jit_inline
+def evaluate_rigid(
+    surface: Any,
+    hand: HandArrays,
+    pose: Record,
+    needed: float,
+    margin: float,
+    skin: float,
+    candidates: Record,
+    work: Indices,
+) -> int:
+    """Do what `evaluate` says for a surface that is rigid."""
     follow_motion(hand, pose, candidates)
     choose_gathers(needed, margin, skin, candidates, work[:])
     walk, counted = Walk(candidates.stack[:], candidates.scratch[:]), work[:]
@@ -181,6 +191,26 @@ def evaluate(
             candidates.nearest[body] = measure_pairs(surface, hand, pose, body, candidates)
             counted[COUNT_PAIR_TESTS] += candidates.count[body]
     return status
+
+
+@jit_inline
+def evaluate(
+    hand: HandArrays,
+    pose: Record,
+    surface: Any,
+    needed: float,
+    margin: float,
+    skin: float,
+    candidates: Record,
+    work: Indices,
+) -> int:
+    """Compute the distances of all near pairs at `pose`, whose kinematics are up to date; return 0, or FULL.
+
+    Bodies whose slack is used up are gathered. Every pair up to `needed` - `allowed_deficit` [m] is known; `margin` is
+    the most that is ever needed [m], and `skin` [m] is added to it so that lists last for several ticks. Node tests,
+    pair tests and gathers are counted in `work`.
+    """
+    return int(evaluate_pairs(surface, hand, pose, needed, margin, skin, candidates, work))
 
 
 @jit_inline

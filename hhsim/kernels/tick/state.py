@@ -29,6 +29,8 @@ STATUS_CAPACITY_EXCEEDED = 16
 """More pairs were near than the arrays hold."""
 STATUS_ABDUCTION_HELD = 32
 """Set where the abduction of the haptic hand was not followed, since that left no feasible step."""
+STATUS_NO_PLACE = 64
+"""Set where a part's own motion left the hand no place: it is shown as little inside the part as can be."""
 
 WORK_LINEARISATIONS = 3
 WORK_QP_ITERATIONS = 4

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_NO_PLACE, STATUS_STUCK
 from hhsim.metrics.run_metric import Judged, RunMetric, placed
 
 MOST_STUCK = 0.5
@@ -29,6 +29,13 @@ METRICS = placed(
         needs=("status",),
         compute=lambda run: float(np.count_nonzero(run["status"] & STATUS_LAG)),
         judged=Judged(limit=0.0),
+    ),
+    RunMetric(
+        *("no_place_ticks", "ticks without a place"),
+        short="no place",
+        unless_zero=True,
+        needs=("status",),
+        compute=lambda run: float(np.count_nonzero(run["status"] & STATUS_NO_PLACE)),
     ),
     RunMetric(
         *("lag_max", "lag, max", 2, "mm"),

@@ -1,0 +1,271 @@
+"""Surface of several rigid parts, each with lists of its own: what a part has is computed in its frame and turned.
+
+Every part is looked at by the kernels of a surface that stands still, with the hand as the part sees it. The slack of
+its lists falls by what the hand has moved past it, whichever of the two moved.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.contact.detection import evaluate_pairs, evaluate_rigid
+from hhsim.kernels.contact.surface import (
+    SHARED_CANDIDATES,
+    ContactPoints,
+    Walk,
+    cone_contacts,
+    cone_distance,
+    pairs_within,
+    record_pairs,
+)
+from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.pose import HAND_POSE
+from hhsim.kernels.jit import Array, Indices, Record, generic, jit_inline, jit_noinline
+from hhsim.kernels.mesh.features import FaceSpheres, MeshFeatures
+from hhsim.kernels.rotation import turned, turned_back
+from hhsim.kernels.round_cone_distance import RoundCone
+from hhsim.kernels.sphere_tree import TreeArrays
+
+KEY_STRIDE = 1 << 48
+"""More than the keys of a part's pairs: the part of a contact is its key over this."""
+TREE_COLUMNS, MESH_COLUMNS = 2, 10
+"""Columns of `JointedSurface.start` for parts of spheres and of triangles, see `part_pieces`."""
+
+
+def part_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
+    """Return the record of a part whose surface has these candidates."""
+    return np.dtype(
+        [
+            ("position", np.float64, (3,)),  # origin of the part's frame [m], in the thing's
+            ("orientation", np.float64, (4,)),  # part to thing, (w, x, y, z)
+            ("rotation", np.float64, (3, 3)),  # the same as a matrix
+            ("yields", np.int64),  # 1 if the part has moved since the hand last had a place
+            ("hand", HAND_POSE),  # the hand in the part's frame; its axes of rotation are not written
+            ("near", candidates),
+        ],
+        align=True,
+    )
+
+
+def whole_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
+    """Return the candidates of a thing whose parts have these: the least of them, and the workspace of a walk."""
+    assert candidates.fields is not None
+    walk = [(name, candidates.fields[name][0]) for name in ("scratch", "stack")]
+    return np.dtype([*SHARED_CANDIDATES, *walk], align=True)
+
+
+class JointedSurface(NamedTuple):
+    """P parts of one kind of surface, and their poses over time.
+
+    The arrays of `pieces` are those of all parts, one after another; each part counts its own from 0.
+    """
+
+    pieces: Any  # `TreeArrays` or `MeshFeatures`, each part's in its own frame
+    start: Indices  # where the pieces of each part begin, and the end, see `part_pieces`, (P + 1, columns)
+    path: Array  # position [m] and orientation (w, x, y, z) of each part in the thing's frame at each tick, (T, P, 7)
+    tick: Indices  # number of ticks begun, (1,)
+    part: NDArray[np.void]  # records of `part_dtype`, (P,)
+
+
+@generic
+def part_pieces(pieces: Any, first: Indices, end: Indices) -> Any:
+    """Return the pieces of one part; `first` and `end` are two rows of `JointedSurface.start`."""
+
+
+@part_pieces.of(TreeArrays)
+@jit_inline
+def _part_of_trees(tree: TreeArrays, first: Indices, end: Indices) -> TreeArrays:
+    # Columns: the first node, and which of the part's nodes is its first leaf.
+    a, b = first[0], end[0]
+    children = tree.first_child[a:b], tree.child_count[a:b]
+    return TreeArrays(tree.x[a:b], tree.y[a:b], tree.z[a:b], tree.radius[a:b], *children, first[1])
+
+
+@part_pieces.of(MeshFeatures)
+@jit_inline
+def _part_of_meshes(mesh: MeshFeatures, first: Indices, end: Indices) -> MeshFeatures:
+    # Columns: block, face, edge, start of wings, wing, vertex, start of spokes, spoke, multiplicity, pseudonormal.
+    return MeshFeatures(
+        FaceSpheres(mesh.spheres.block[first[0] : end[0]], mesh.spheres.child[first[0] : end[0]]),
+        mesh.corner[first[1] : end[1]],
+        mesh.face[first[1] : end[1]],
+        mesh.face_edge[first[1] : end[1]],
+        mesh.face_vertex[first[1] : end[1]],
+        mesh.face_across[first[1] : end[1]],
+        mesh.edge[first[2] : end[2]],
+        mesh.wing_start[first[3] : end[3]],
+        mesh.wing[first[4] : end[4]],
+        mesh.wing_face[first[4] : end[4]],
+        mesh.vertex[first[5] : end[5]],
+        mesh.spoke_start[first[6] : end[6]],
+        mesh.spoke[first[7] : end[7]],
+        mesh.spoke_edge[first[7] : end[7]],
+        mesh.multiplicity[first[8] : end[8]],
+        mesh.pseudonormal[first[9] : end[9]],
+    )
+
+
+@jit_inline
+def _see_hand(pose: Record, part: Record) -> None:
+    """Write the hand as the part sees it."""
+    r, p, seen = part.rotation, part.position, part.hand
+    x, y, z = turned_back(r, pose.position[0] - p[0], pose.position[1] - p[1], pose.position[2] - p[2])
+    seen.position[0], seen.position[1], seen.position[2] = x, y, z
+    for j in range(3):
+        x, y, z = turned_back(r, pose.rotation[0, j], pose.rotation[1, j], pose.rotation[2, j])
+        seen.rotation[0, j], seen.rotation[1, j], seen.rotation[2, j] = x, y, z
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT + 1):
+            joint, joint_out = pose.joints[f, k], seen.joints[f, k]
+            x, y, z = turned_back(r, joint[0] - p[0], joint[1] - p[1], joint[2] - p[2])
+            joint_out[0], joint_out[1], joint_out[2] = x, y, z
+        for k in range(PHALANX_COUNT):
+            axis, axis_out = pose.direction[f, k], seen.direction[f, k]
+            x, y, z = turned_back(r, axis[0], axis[1], axis[2])
+            axis_out[0], axis_out[1], axis_out[2] = x, y, z
+
+
+@evaluate_pairs.of(JointedSurface)
+@jit_inline
+def _evaluate(
+    surface: JointedSurface,
+    hand: HandArrays,
+    pose: Record,
+    needed: float,
+    margin: float,
+    skin: float,
+    candidates: Record,
+    work: Indices,
+) -> int:
+    status = 0
+    candidates.needed = needed
+    for body in range(BODY_COUNT):
+        candidates.nearest[body] = candidates.slack[body] = np.inf
+        candidates.count[body] = 0
+    for p in range(surface.part.shape[0]):
+        part = surface.part[p]
+        near = part.near
+        for body in range(BODY_COUNT):
+            # The lists of the whole have no slack that falls: a negative infinity asks for all of them anew.
+            if candidates.gathered_slack[body] != 0.0:
+                near.gathered_slack[body] = candidates.gathered_slack[body]
+                near.count[body] = 0
+        near.allowed_deficit = candidates.allowed_deficit
+        _see_hand(pose, part)
+        pieces = part_pieces(surface.pieces, surface.start[p], surface.start[p + 1])
+        status |= evaluate_rigid(pieces, hand, part.hand, needed, margin, skin, near, work)
+        for body in range(BODY_COUNT):
+            candidates.nearest[body] = min(candidates.nearest[body], near.nearest[body])
+            candidates.slack[body] = min(candidates.slack[body], near.slack[body])
+            candidates.count[body] += near.count[body]
+    for body in range(BODY_COUNT):
+        if candidates.gathered_slack[body] < np.inf:
+            candidates.gathered_slack[body] = 0.0
+    return status
+
+
+@pairs_within.of(JointedSurface)
+@jit_inline
+def _within(surface: JointedSurface, hand: HandArrays, candidates: Record, body: int, limit: float) -> int:
+    within = 0
+    for p in range(surface.part.shape[0]):
+        near = surface.part[p].near
+        if near.nearest[body] <= limit:
+            pieces = part_pieces(surface.pieces, surface.start[p], surface.start[p + 1])
+            within += pairs_within(pieces, hand, near, body, limit)
+    return within
+
+
+@jit_inline
+def _turn_column(rotation: Array, vectors: Array, i: int) -> None:
+    x, y, z = turned(rotation, vectors[0, i], vectors[1, i], vectors[2, i])
+    vectors[0, i], vectors[1, i], vectors[2, i] = x, y, z
+
+
+@record_pairs.of(JointedSurface)
+@jit_inline
+def _record(
+    surface: JointedSurface,
+    hand: HandArrays,
+    pose: Record,
+    body: int,
+    candidates: Record,
+    limit: float,
+    row: int,
+    contacts: Record,
+) -> int:
+    for p in range(surface.part.shape[0]):
+        part = surface.part[p]
+        if part.near.nearest[body] > limit:
+            continue
+        first = row
+        pieces = part_pieces(surface.pieces, surface.start[p], surface.start[p + 1])
+        row = record_pairs(pieces, hand, part.hand, body, part.near, limit, row, contacts)
+        if row < 0:
+            return -1
+        for i in range(first, row):
+            contacts.key[i] += p * KEY_STRIDE
+            _turn_column(part.rotation[:], contacts.normal[:], i)
+            _turn_column(part.rotation[:], contacts.straight[:], i)
+            _turn_column(part.rotation[:], contacts.point[:], i)
+            for j in range(3):
+                contacts.point[j, i] += part.position[j]
+    return row
+
+
+@jit_inline
+def _seen_cone(part: Record, cone: RoundCone) -> RoundCone:
+    r, p = part.rotation, part.position
+    x, y, z = turned_back(r, cone.x - p[0], cone.y - p[1], cone.z - p[2])
+    ux, uy, uz = turned_back(r, cone.ux, cone.uy, cone.uz)
+    shape = cone.length, cone.tan_slope, cone.inverse_length, cone.radius, cone.drop
+    return RoundCone(x, y, z, ux, uy, uz, *shape)
+
+
+@cone_contacts.of(JointedSurface)
+@jit_noinline
+def _cone_contacts(
+    surface: JointedSurface, cone: RoundCone, limit: float, walk: Walk, row: int, pairs_out: ContactPoints
+) -> tuple[int, float]:
+    clearance = np.inf
+    for p in range(surface.part.shape[0]):
+        part = surface.part[p]
+        pieces = part_pieces(surface.pieces, surface.start[p], surface.start[p + 1])
+        first = row
+        row, away = cone_contacts(pieces, _seen_cone(part, cone), limit, walk, row, pairs_out)
+        if row < 0:
+            return -1, 0.0
+        clearance = min(clearance, away)
+        for i in range(first, row):
+            _turn_column(part.rotation[:], pairs_out.point.T, i)
+            _turn_column(part.rotation[:], pairs_out.normal.T, i)
+            for j in range(3):
+                pairs_out.point[i, j] += part.position[j]
+    return row, clearance
+
+
+@cone_distance.of(JointedSurface)
+@jit_noinline
+def _cone_distance(surface: JointedSurface, cone: RoundCone, limit: float, stack: Indices) -> float:
+    for p in range(surface.part.shape[0]):
+        pieces = part_pieces(surface.pieces, surface.start[p], surface.start[p + 1])
+        limit = cone_distance(pieces, _seen_cone(surface.part[p], cone), limit, stack)
+    return limit
+
+
+@jit_inline
+def passing(pose: Record, part: Record, goal: Array, point: Array) -> float:
+    """Compute how far a point, shape (3,), moves past a part [m] that goes to a pose, shape (7,): its own motion."""
+    w, x, y, z = goal[3], goal[4], goal[5], goal[6]
+    a = turned_back(
+        part.rotation, point[0] - part.position[0], point[1] - part.position[1], point[2] - part.position[2]
+    )
+    dx, dy, dz = point[0] - goal[0], point[1] - goal[1], point[2] - goal[2]
+    # Turned back by the goal's quaternion: v - 2 w (u × v) + 2 u × (u × v).
+    cx, cy, cz = y * dz - z * dy, z * dx - x * dz, x * dy - y * dx
+    bx = dx + 2.0 * (y * cz - z * cy - w * cx)
+    by = dy + 2.0 * (z * cx - x * cz - w * cy)
+    bz = dz + 2.0 * (x * cy - y * cx - w * cz)
+    return math.sqrt((a[0] - bx) ** 2 + (a[1] - by) ** 2 + (a[2] - bz) ** 2)

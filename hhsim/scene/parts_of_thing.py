@@ -1,0 +1,180 @@
+"""Parts of a thing in a scene: meshes, sphere trees, and poses at each tick."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import HhsimError, InputError, check_known
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.mesh.catalogue import THINGS, names_a_file, object_names, resolve_object, thing_names
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.moving_parts import MovingParts, held_rows
+from hhsim.motion.object_motion import RigidMotion
+from hhsim.motion.trajectory import Trajectory
+from hhsim.scene.jointed_thing import JointedThing, Keyframe, Part, read_jointed_thing
+from hhsim.trees.contact_surface import encloses
+from hhsim.trees.hierarchy import build_hierarchy
+from hhsim.trees.sphere_tree import SphereTree
+
+MOST_OVERLAP, MOST_JOINED_OVERLAP = 1e-4, 1e-3
+"""Largest depth [m] of a part in another at the first tick, and in one that it hangs on: hinges are drawn roughly."""
+SPACING, MOST_PIECES = 4e-3, 64
+"""Distance [m] of the points of an edge that are looked for in another part, and most pieces of it."""
+BRANCHING = 8
+_CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+_SIDES = np.array(
+    [
+        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
+        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
+    ]
+)
+"""Corners of a cube of edge 1 about the origin, and its triangles."""
+
+
+def box_mesh(edges: Sequence[float], name: str = "") -> Mesh:
+    """Return a box about the origin by its edges [m]."""
+    return Mesh(_CORNERS * np.asarray(edges, np.float64), _SIDES, name=name, source="box")
+
+
+@dataclass(frozen=True, eq=False)
+class ThingParts:
+    """A thing with the meshes of its parts, in their frames [m].
+
+    Attributes:
+        name: Of the thing.
+        thing: Its joints and where parts are.
+        meshes: In the order of the parts.
+    """
+
+    name: str
+    thing: JointedThing
+    meshes: tuple[Mesh, ...]
+
+    @cached_property
+    def _begin(self) -> list[RigidMotion]:
+        return [RigidMotion(pose[:, 3:], pose[:, :3]) for pose in self.path(np.zeros(1)).swapaxes(0, 1)]
+
+    def path(self, time: FloatArray) -> FloatArray:
+        """Return position [m] and orientation of each part in the thing's frame at these times [s], (T, P, 7)."""
+        values = self.thing.joint_values(time)
+        poses = [np.concatenate(pose, axis=1) for pose in self.thing.poses(values).values()]
+        rows = np.broadcast_to(np.stack(poses, axis=1), (len(time), len(poses), 7))
+        joints = np.stack([*values.values(), np.zeros(len(time))], axis=1)
+        return np.ascontiguousarray(rows[held_rows(joints)])
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """All parts where they are at the first tick, as one mesh."""
+        vertices = [moved.points(part.vertices[None])[0] for moved, part in zip(self._begin, self.meshes)]
+        first = np.cumsum([0, *map(len, vertices)])
+        faces = np.concatenate([part.faces + start for part, start in zip(self.meshes, first)])
+        return Mesh(np.concatenate(vertices), faces, name=self.name, source="parts")
+
+    def tree(self, trees: Sequence[SphereTree]) -> SphereTree:
+        """Return the tree over the leaves of all parts where they are at the first tick."""
+        centers = [moved.points(tree.leaf_center[None])[0] for moved, tree in zip(self._begin, trees)]
+        radii = np.concatenate([tree.leaf_radius for tree in trees])
+        level = max(tree.depth for tree in trees)
+        while BRANCHING**level < len(radii):
+            level += 1
+        tree = build_hierarchy(np.concatenate(centers), radii, level, BRANCHING)
+        return replace(tree, mesh_sha256=self.mesh.sha256, options={"thing": self.name})
+
+    def require_apart(self) -> None:
+        """Raise InputError for parts that begin inside each other."""
+        joined = {frozenset((part.name, part.parent)) for part in self.thing.part if part.parent}
+        shells = [build_mesh_bvh(mesh.vertices, mesh.faces) if encloses(mesh) else None for mesh in self.meshes]
+        points = [moved.points(_points_on(mesh)[None]) for moved, mesh in zip(self._begin, self.meshes)]
+        for i, (one, shell) in enumerate(zip(self.thing.part, shells)):
+            for j, other in enumerate(self.thing.part):
+                if i == j or shell is None:
+                    continue
+                hinged = frozenset((one.name, other.name)) in joined
+                most = MOST_JOINED_OVERLAP if hinged else MOST_OVERLAP
+                depth = -float(mesh_signed_distance(shell, self._begin[i].seen_points(points[j])[0]).min())
+                if depth > most:
+                    raise InputError(
+                        f"part '{other.name}' begins {1e3 * depth:.3g} mm inside part '{one.name}'; expected at most "
+                        f"{1e3 * most:g} mm of parts that {'share a joint' if hinged else 'share no joint'}"
+                    )
+
+    def trees(self, make: Callable[[Mesh], SphereTree]) -> tuple[SphereTree, ...]:
+        """Return the sphere tree of each part, those of equal meshes made once."""
+        made = {mesh.sha256: make(mesh) for mesh in self.meshes}
+        return tuple(made[mesh.sha256] for mesh in self.meshes)
+
+    def moving(self, trees: Sequence[SphereTree], time: FloatArray, where: Trajectory) -> MovingParts:
+        """Return the parts at these times [s], (T,), of a thing that is where a motion begins."""
+        path = self.path(time)
+        rows = held_rows(path)
+        turn = np.broadcast_to(where.object_orientation, (len(path), 4))
+        frame = RigidMotion(turn, np.broadcast_to(where.object_position, (len(path), 3)))
+        placed = [
+            np.concatenate([frame.points(path[:, p, :3]), frame.orientations(path[:, p, 3:])], axis=1)
+            for p in range(path.shape[1])
+        ]
+        names = tuple(part.name for part in self.thing.part)
+        path = np.ascontiguousarray(np.stack(placed, axis=1)[rows])
+        return MovingParts(self.name, names, self.meshes, tuple(trees), path, self.thing.joint_values(time))
+
+
+def _points_on(mesh: Mesh) -> FloatArray:
+    """Return points on the triangles, at most `SPACING` apart where an edge has no more than `MOST_PIECES`, (n, 3)."""
+    found = []
+    for a, b, c in mesh.triangles:
+        longest = max(np.linalg.norm(b - a), np.linalg.norm(c - a), np.linalg.norm(c - b))
+        pieces = int(np.clip(np.ceil(longest / SPACING), 1, MOST_PIECES)) if len(mesh.faces) < 1000 else 1
+        i, j = np.mgrid[: pieces + 1, : pieces + 1]
+        u, v = i[i + j <= pieces] / pieces, j[i + j <= pieces] / pieces
+        found.append(a + u[:, None] * (b - a) + v[:, None] * (c - a))
+    return np.concatenate(found)
+
+
+def load_thing(word: str | Path, motion: object = None, *, solid: bool = True) -> ThingParts:
+    """Load a thing of several parts and their meshes, moved by the motion's joints if it is a script that has some.
+
+    Args:
+        word: A name of the catalogue, or a TOML file.
+        solid: False takes the triangles of mesh files as they are.
+
+    Raises:
+        UnknownNameError: No such thing, mesh, or joint.
+        InputError: A file that cannot be used, or parts that begin inside each other.
+    """
+    path = Path(word)
+    if not names_a_file(str(word)):
+        check_known("thing", [str(word)], thing_names())
+        path = Path(str(files("hhsim.objects") / THINGS / f"{word}.toml"))
+    thing = read_jointed_thing(path)
+    try:
+        thing = thing.moved(getattr(motion, "joints", {}))
+        found = ThingParts(path.stem, thing, tuple(_mesh(part, path.parent, solid) for part in thing.part))
+        found.require_apart()
+    except HhsimError as reason:
+        raise InputError(f"{word}: {reason}") from None
+    return found
+
+
+def _mesh(part: Part, folder: Path, solid: bool) -> Mesh:
+    if part.box is not None:
+        return box_mesh(part.box, part.name)
+    known = part.mesh in object_names()
+    try:
+        mesh, _ = resolve_object(part.mesh if known else folder / part.mesh, part.unit, solid=solid)
+    except HhsimError as reason:
+        raise InputError(f"part '{part.name}': {reason}") from None
+    return replace(mesh, name=part.name)
+
+
+def require_no_joints(motion: object, word: str) -> None:
+    """Raise InputError for a script that moves joints, on an object that has none."""
+    joints: dict[str, tuple[Keyframe, ...]] = getattr(motion, "joints", {})
+    if joints:
+        raise InputError(
+            f"{getattr(motion, 'name', 'the motion')} moves the joint {', '.join(joints)}; {word} has none"
+        )

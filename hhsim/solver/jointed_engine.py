@@ -1,0 +1,47 @@
+"""Engine of the methods that converge over linearisations, beside parts that move."""
+
+import numpy as np
+
+from hhsim.errors import InputError
+from hhsim.kernels.contact.linearise import ROW_CAPACITY
+from hhsim.kernels.parts.tick import SQUEEZE, SQUEEZED_DOF, Jointed
+from hhsim.kernels.qp.active_set import new_work
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.solver.linearising_engine import LinearisingEngine
+from hhsim.solver.method import Engine
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.workspace import TickWorkspace, zeroed
+
+
+def require_jointed(options: SolverOptions) -> None:
+    """Raise an InputError unless a thing of several parts can be touched with these options."""
+    for wrong, message in (
+        (
+            options.method not in ("coupled", "progressive"),
+            f"method {options.method} has no things of several parts: coupled and progressive have",
+        ),
+        (
+            options.qp != "active-set",
+            f"things of several parts need hhsim's own QP solver, not {options.qp}: use active-set",
+        ),
+        (options.threads > 1, f"things of several parts are solved by one thread, not {options.threads}"),
+        (options.force != "kkt", "with a thing of several parts the forces are the program's own: use kkt"),
+    ):
+        if wrong:
+            raise InputError(message)
+
+
+class JointedEngine(LinearisingEngine):
+    """Runs the ticks of a hand beside parts that move; an approach at the start is beside parts that stand still."""
+
+    def __init__(self, workspace: TickWorkspace, inner: Engine) -> None:
+        require_jointed(workspace.options)
+        assert isinstance(inner, LinearisingEngine)
+        super().__init__(workspace, inner.method)
+        self.qp = np.empty(1, new_work(SQUEEZED_DOF, ROW_CAPACITY).dtype)
+        self.squeeze = zeroed(SQUEEZE)
+
+    def run(self, haptic: HapticBlock, record: TickRecord) -> int:
+        """See `Engine.run`."""
+        method = Jointed(self.method, self.squeeze, self.qp.view(np.recarray))
+        return self.workspace.run_block(method, haptic, record)
