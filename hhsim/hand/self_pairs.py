@@ -19,20 +19,19 @@ def self_pairs(hand: HandModel, fingers: Sequence[str] = FINGERS) -> SelfPairs:
     Joined are the phalanges of one finger, and parts that overlap in the straight hand, whose angles are zero, or as
     near to it as the limits of flexion allow: a proximal phalanx and the palm.
     """
-    least = np.append(np.minimum(hand.radius[:, :-1], hand.radius[:, 1:]).ravel(), hand.palm_tree.leaf_radius.min())
     straight = np.clip(np.zeros((1, 5, 3)), hand.flexion_min, hand.flexion_max)
     spread = np.zeros((1, 5))
     found = []
     for i in range(PALM_BODY):
         for j in range(PHALANGES * (i // PHALANGES + 1), PALM_BODY + 1):
             used = all(body == PALM_BODY or FINGERS[body // PHALANGES] in fingers for body in (i, j))
-            pair = SelfPairs(np.array([i]), np.array([j]), np.array([least[i] + least[j]]))
+            pair = SelfPairs(np.array([i]), np.array([j]))
             if used and self_clearance(hand, pair, straight, spread)[0] > 0.0:
                 found.append(pair)
     return SelfPairs(*(np.concatenate(values) for values in zip(*found))) if found else SelfPairs._make(_NONE)
 
 
-_NONE = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
+_NONE = np.empty(0, np.int64), np.empty(0, np.int64)
 
 
 def self_clearance(hand: HandModel, pairs: SelfPairs, flexion: FloatArray, abduction: FloatArray) -> FloatArray:

@@ -32,6 +32,9 @@ def coupled_problem(state: Any) -> tuple[QpProblem, IntArray]:
     rows = [np.arange(start[0], start[1]), *(finger_rows(state, finger) for finger in range(FINGER_COUNT))]
     firsts = [-1, *range(6, DOF, PHALANX_COUNT)]
     index, matrix = _stacked(rows, firsts, DOF, problem.common, problem.block)
+    own = state.self_contact
+    index = np.append(index, start[-1] + LIMIT_ROWS + np.arange(own.count))
+    matrix = np.concatenate([matrix, own.dense[: own.count]])
     return _unscaled(state, matrix, problem.rhs[index], problem.target, slice(0, DOF)), index
 
 

@@ -4,6 +4,7 @@ The distance of two round cones is convex in the places on both axes: for each p
 nearest on the other, and bisection over the first finds the least of these.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -85,16 +86,16 @@ def meetings(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Meetin
             rows.append(np.stack([tick, np.full(len(tick), i), np.full(len(tick), j)]))
         tick, first, second = np.concatenate(rows, axis=1)
         axis, drop = (b - a)[tick, first], (radius_b - radius_a)[first]
-        theirs = a[tick, second], b[tick, second], radius_a[second], radius_b[second]
+        facing = partial(axis_places, a[tick, second], b[tick, second], radius_a[second], radius_b[second])
 
-        def falls(share: FloatArray, own: Any = (a[tick, first], axis, drop, theirs)) -> BoolArray:
+        def falls(share: FloatArray, own: Any = (a[tick, first], axis, drop, facing)) -> BoolArray:
             place = own[0] + share[:, None] * own[1]
-            away = place - axis_places(*own[3], place)[0]
+            away = place - own[3](place)[0]
             return np.asarray((away * own[1]).sum(axis=1) < own[2] * np.linalg.norm(away, axis=1))
 
         share = lowest_places(len(tick), falls)
         place = a[tick, first] + share[:, None] * axis
-        across, radius = axis_places(*theirs, place)
+        across, radius = facing(place)
         length = np.linalg.norm(place - across, axis=1)
         normal = (place - across) / np.where(length > 0.0, length, 1.0)[:, None]
         distance = length - radius_a[first] - share * drop - radius

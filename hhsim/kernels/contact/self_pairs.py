@@ -37,6 +37,8 @@ SELF_PAIRS = PHALANX_COUNT * PHALANX_COUNT * FINGER_COUNT * (FINGER_COUNT - 1) /
 """Most pairs of a hand."""
 SELF_ROWS = 32
 """Most rows of such pairs in a program; what it lacks is found by the true distances."""
+BROKEN = -1.0
+"""Stands for a distance where only the rows that the step breaks are added."""
 WHOLE_PALM = -1
 """In place of a palm sphere in a row of two phalanges."""
 
@@ -54,12 +56,10 @@ class SelfPairs(NamedTuple):
     |---|---|---|
     | first | a phalanx, body 0 to 14 | (N,) |
     | second | a phalanx of a later finger, or the palm, body 15 | (N,) |
-    | thickness | sum of the least radii of both [m] | (N,) |
     """
 
     first: Indices
     second: Indices
-    thickness: Array
 
 
 SELF_CONTACT = np.dtype(
@@ -289,7 +289,7 @@ def _leave_room(offset: float, row: int, state: Record) -> None:
 def _add_row(
     pairs: SelfPairs, hand: HandArrays, pair: int, sphere: int, within: float, options: Any, state: Record
 ) -> bool:
-    """Add the row of a pair that the step breaks, or not farther than `within` [m]; return whether it is new."""
+    """Add the row of a pair that the step breaks, or not farther than `within` [m]; return if it is new."""
     own, row = state.self_contact, state.self_contact.count
     if row == SELF_ROWS:
         return False
@@ -298,7 +298,7 @@ def _add_row(
             return False
     first, second = pairs.first[pair], pairs.second[pair]
     write_row(hand, state.pose, first, second, sphere, row, own)
-    if own.distance[row] > within and not _is_violated(options, row, state):
+    if not (_is_violated(options, row, state) if within == BROKEN else own.distance[row] <= within):
         return False
     own.pair[row], own.sphere[row] = pair, sphere
     own.meets[first // PHALANX_COUNT] = 1
@@ -319,16 +319,20 @@ def begin_rows(own: Record) -> None:
         own.share[f] = 1.0
 
 
+@generic
+def add_rows(pairs: Any, hand: HandArrays, within: float, options: Any, state: Record) -> bool:
+    """Add rows of pairs up to `within` [m], or of those that the step breaks if BROKEN; return whether one is new."""
+
+
+@add_rows.of(SelfPairs)
 @jit
-def add_rows(pairs: SelfPairs, hand: HandArrays, within: float, options: Any, state: Record) -> bool:
-    """Add rows of pairs that the step breaks, or that are not farther than `within` [m]; return whether one is new."""
-    own = state.self_contact
-    motion = own.motion
+def _add_rows(pairs: SelfPairs, hand: HandArrays, within: float, options: Any, state: Record) -> bool:
+    own, motion = state.self_contact, state.self_contact.motion
     _finger_motions(hand, state.step.delta, state.problem.abduction_step, motion)
     added = False
     for pair in range(pairs.first.shape[0]):
         first, second = pairs.first[pair], pairs.second[pair]
-        limit = max(within, motion[first] + motion[second] + options.offset)
+        limit = within if within != BROKEN else motion[first] + motion[second] + options.offset
         if own.bound[pair] > limit:
             continue
         if second != PALM_BODY:
@@ -386,23 +390,18 @@ def _scale_rows(pairs: SelfPairs, offset: float, relaxed: bool, state: Record) -
 
 
 @generic
-def clear_fraction(pairs: Any, fraction: float, hand: HandArrays, options: Any, state: Record) -> float:
-    """Reduce the share of the step so that no part passes through another unseen."""
+def clear_fraction(pairs: Any, fraction: float, hand: HandArrays, state: Record) -> float:
+    """Reduce the share of the step so that parts which may meet in it move by no more than the trust radius."""
 
 
 @clear_fraction.of(SelfPairs)
 @jit
-def _clear_fraction(pairs: SelfPairs, fraction: float, hand: HandArrays, options: Any, state: Record) -> float:
-    # Axes that move by less than the distance and both radii against each other do not cross: the end says all.
-    own, radius = state.self_contact, state.trust.radius
-    motion = own.motion
+def _clear_fraction(pairs: SelfPairs, fraction: float, hand: HandArrays, state: Record) -> float:
+    own, motion = state.self_contact, state.self_contact.motion
     _finger_motions(hand, state.step.delta, state.problem.abduction_step, motion)
     for pair in range(pairs.first.shape[0]):
-        moved, bound = motion[pairs.first[pair]] + motion[pairs.second[pair]], max(own.bound[pair], 0.0)
-        allowed = bound + pairs.thickness[pair]
-        if radius < options.margin:
-            # A step has failed before: it is as for the object.
-            allowed = min(allowed, max(bound, radius))
+        moved = motion[pairs.first[pair]] + motion[pairs.second[pair]]
+        allowed = max(own.bound[pair], state.trust.radius)
         if fraction * moved > allowed:
             fraction = allowed / moved
     return fraction
@@ -419,6 +418,6 @@ def as_it_is(pairs: NoPairs, value: Any, *others: Any) -> Any:
     return value
 
 
-for _kernel in (measure_pairs, foresee_rows, scale_rows):
+for _kernel in (measure_pairs, add_rows, foresee_rows, scale_rows):
     _kernel.of(NoPairs)(nothing)
 clear_fraction.of(NoPairs)(as_it_is)

@@ -7,15 +7,13 @@ other, to the bit.
 
 from typing import Any
 
-import numpy as np
-
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits, limit_start
 from hhsim.kernels.contact.self_pairs import (
+    BROKEN,
     NoPairs,
     SelfPairs,
     add_rows,
     as_it_is,
-    begin_rows,
     nothing,
     row_key,
     scale_rows,
@@ -38,7 +36,7 @@ def keep_apart(own: Any, status: int, method: Any, hand: HandArrays, state: Reco
 @jit_noinline
 def _keep_apart(own: SelfPairs, status: int, method: Any, hand: HandArrays, state: Record, qp: QpWork) -> int:
     options = method.options
-    while status == OPTIMAL and add_rows(own, hand, -np.inf, options, state):
+    while status == OPTIMAL and add_rows(own, hand, BROKEN, options, state):
         _aim_apart(hand, options, state)
         status = solve_program(method, state, qp)
     return status
@@ -57,22 +55,6 @@ def _aim_apart(hand: HandArrays, options: TickOptions, state: Record) -> None:
     scale_rows(options.own, options.offset, state.program.is_relaxed, state)
     for j in range(DOF):
         problem.target[j] /= problem.inverse_root[j]
-
-
-@generic
-def find_meeting(own: Any, hand: HandArrays, within: float, options: TickOptions, state: Record) -> None:
-    """Replace the rows of the hand's own parts by those of pairs that are not farther than `within` [m]."""
-
-
-@find_meeting.of(SelfPairs)
-@jit
-def _find_meeting(own: SelfPairs, hand: HandArrays, within: float, options: TickOptions, state: Record) -> None:
-    begin_rows(state.self_contact)
-    for j in range(DOF):
-        state.step.delta[j] = 0.0
-    for f in range(FINGER_COUNT):
-        state.problem.abduction_step[f] = 0.0
-    add_rows(own, hand, within, options, state)
 
 
 @generic
@@ -104,6 +86,5 @@ def _store_meeting(own: SelfPairs, state: Record, active: Record) -> None:
         active.count += 1
 
 
-for _kernel in (find_meeting, store_meeting):
-    _kernel.of(NoPairs)(nothing)
+store_meeting.of(NoPairs)(nothing)
 keep_apart.of(NoPairs)(as_it_is)

@@ -4,7 +4,7 @@ from typing import Any
 
 from hhsim.kernels.contact.detection import find_contacts
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
-from hhsim.kernels.contact.self_pairs import scale_rows
+from hhsim.kernels.contact.self_pairs import add_rows, begin_rows, scale_rows
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, HandArrays
 from hhsim.kernels.jit import Record, as_bool, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
@@ -12,7 +12,7 @@ from hhsim.kernels.tick.coupled import solve_coupled
 from hhsim.kernels.tick.linearisation import step_to_haptic
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.self_contact import find_meeting, store_meeting
+from hhsim.kernels.tick.self_contact import store_meeting
 from hhsim.kernels.tick.step import DURATION_FINGERS, DURATION_PALM, store_active
 
 ON_THE_WAY = 20.0
@@ -33,8 +33,9 @@ def settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: R
     palm, fingers = duration[DURATION_PALM], duration[DURATION_FINGERS]
     near = max(options.touch, ON_THE_WAY * options.offset) if state.progress.lag > 0.0 else options.touch
     status = find_contacts(surface, hand, state.pose, state.candidates, near, state.contacts)
-    find_meeting(options.own, hand, near, options, state)
     own = state.self_contact
+    begin_rows(own)
+    add_rows(options.own, hand, near, options, state)
     if status == 0 and state.contacts.start[FINGER_COUNT + 1] + own.count == 0:
         state.active.count = 0
     elif status == 0:

@@ -41,7 +41,7 @@ def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> t
             allowed = min(candidates.slack[body], near)
         if motion * fraction > allowed:
             fraction = allowed / motion
-    return clear_fraction(options.own, fraction, hand, options, state), longest
+    return clear_fraction(options.own, fraction, hand, state), longest
 
 
 @jit_once

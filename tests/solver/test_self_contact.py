@@ -1,0 +1,153 @@
+"""A hand that keeps out of itself: known answers, the same bytes where nothing meets, and random ticks."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from free_scenes import box, solver_of
+from sampled import sampled
+from sphere_scenes import CURL, UNTIMED, bumpy_ball, record_clearance, sphere_tree
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
+from hhsim.hand.self_pairs import self_clearance, self_pairs
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_ABDUCTION_HELD, STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
+from hhsim.motion.analytic_motion import random_targets, still
+from hhsim.scene.free_object import FreeObject
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+
+RIGHT, LEFT = HandModel.default("right"), HandModel.default("left")
+AIR = sphere_tree(np.full((1, 3), 50.0), np.array([0.01]))
+OPTIONS = SolverOptions(self_contact=True)
+PINCH_FLEXION = np.zeros((5, 3))
+PINCH_FLEXION[0], PINCH_FLEXION[1] = (0.1, 0.9, 0.9), (1.2, 1.2, 0.6)
+PINCH = still(np.zeros(3), flexion=PINCH_FLEXION, abduction=np.array([0.5, 0.0, 0.0, 0.0, 0.0]))
+OPEN = still(np.zeros(3))
+
+
+def run(motion: HandConfiguration, hand: HandModel = RIGHT, tree: Any = AIR, **options: Any) -> TickRecord:
+    return HandSolver(hand, tree.arrays(), SolverOptions(**{"self_contact": True, **options})).run(*motion)
+
+
+def clearance(hand: HandModel, record: Any) -> FloatArray:
+    return self_clearance(hand, self_pairs(hand), record.flexion, record.abduction)
+
+
+def away(hand: HandModel, flexion: FloatArray, abduction: FloatArray) -> float:
+    """The distance of one hand's own parts: the first hand is measured as a whole."""
+    return float(self_clearance(hand, self_pairs(hand), flexion, abduction)[0])
+
+
+def closed(goal: HandConfiguration, ticks: int = 300, hold: int = 60) -> HandConfiguration:
+    return OPEN.line(goal, ticks - 1).hold(hold)
+
+
+def test_thumb_and_index_commanded_through_each_other_touch_and_push_alike() -> None:
+    motion = closed(PINCH)
+    assert clearance(RIGHT, motion).min() < -5e-3
+    record = run(motion)
+    assert clearance(RIGHT, record).min() >= 0.0 and away(RIGHT, record.flexion[-1:], record.abduction[-1:]) <= 1e-6
+    assert not (record.status & (STATUS_LAG | STATUS_STUCK)).any()
+    force = record.phalanx[-1].reshape(15, 3)
+    bears = np.flatnonzero(np.linalg.norm(force, axis=1))
+    assert {int(body) // 3 for body in bears} == {0, 1}
+    assert np.linalg.norm(force[bears], axis=1).min() > 0.1
+    np.testing.assert_allclose(force.sum(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(record.total[-1], 0.0, atol=1e-12)
+    # The palm is where the user has it, and each joint is off by the moment of the force over its stiffness.
+    np.testing.assert_allclose(record.position[-1], 0.0, atol=1e-9)
+    off = (PINCH.flexion[0] - record.flexion[-1]).ravel() * OPTIONS.stiffness.flexion
+    rate = [_rate(record, joint) for joint in range(15)]
+    size = np.linalg.norm(force[bears[0]])
+    np.testing.assert_allclose(off, -size * np.array(rate), atol=2e-3 * size * 0.1)
+
+
+def _rate(record: TickRecord, joint: int) -> float:
+    """How fast the least distance of the last hand grows with a joint's angle [m/rad]."""
+    flexion = np.repeat(record.flexion[-1:], 2, axis=0).reshape(2, 15)
+    flexion[:, joint] += (1e-6, -1e-6)
+    ahead, behind = (away(RIGHT, angles.reshape(1, 5, 3), record.abduction[-1:]) for angles in flexion)
+    return (ahead - behind) / 2e-6
+
+
+def test_where_nothing_meets_every_byte_is_as_without() -> None:
+    ball = bumpy_ball(150)
+    opened, grasped = still([0.0, -0.045, 0.056], flexion=0.4 * CURL), still([0.0, -0.045, 0.054], flexion=CURL)
+    motion = opened.line(grasped, 119).hold(40)
+    ours, theirs = (run(motion, tree=ball, self_contact=on) for on in (True, False))
+    assert clearance(RIGHT, theirs).min() > 0.0 and np.linalg.norm(theirs.total[-1]) > 1.0
+    for name in UNTIMED:
+        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
+
+
+def test_a_mirrored_hand_does_the_mirrored_thing() -> None:
+    motion = closed(PINCH, 120, 20)
+    right, left = run(motion), run(motion, LEFT)
+    mirror = np.array([-1.0, 1.0, 1.0])
+    np.testing.assert_allclose(left.joints, mirror * right.joints, atol=1e-9)
+    np.testing.assert_allclose(left.phalanx, mirror * right.phalanx, atol=1e-9)
+
+
+def test_a_finger_stops_at_the_palm() -> None:
+    flexion = np.zeros((5, 3))
+    flexion[2] = (1.55, 1.74, 1.5)
+    motion = closed(still(np.zeros(3), flexion=flexion))
+    assert clearance(RIGHT, motion).min() < -1e-3
+    record = run(motion)
+    assert clearance(RIGHT, record).min() >= 0.0 and not (record.status & (STATUS_LAG | STATUS_STUCK)).any()
+    # The palm bears what the finger does not: together they are in balance.
+    np.testing.assert_allclose(record.total[-1], 0.0, atol=1e-12)
+    assert np.linalg.norm(record.phalanx[-1, 2]) > 0.05
+
+
+def test_fingers_side_by_side_hold_the_abduction_that_they_have_no_room_for() -> None:
+    spread = np.array([0.0, -0.5, 0.5, 0.0, 0.0])
+    record = run(closed(still(np.zeros(3), abduction=spread), 200, 20))
+    assert clearance(RIGHT, record).min() >= 0.0
+    assert record.status[-1] == STATUS_ABDUCTION_HELD
+    np.testing.assert_allclose(record.flexion, 0.0, atol=1e-3)
+    # The others follow, and these again as soon as there is room.
+    np.testing.assert_array_equal(record.abduction[-1, [0, 3, 4]], 0.0)
+    back = run(closed(still(np.zeros(3), abduction=spread), 200, 0).line(OPEN, 199).hold(5))
+    np.testing.assert_allclose(back.abduction[-1], 0.0, atol=1e-12)
+
+
+def test_a_hand_that_begins_in_itself_begins_beside() -> None:
+    record = run(PINCH.hold(40))
+    assert record.status[0] & STATUS_START_INSIDE and record.status[-1] == 0
+    assert clearance(RIGHT, record).min() >= 0.0 and away(RIGHT, record.flexion[-1:], record.abduction[-1:]) < 1e-6
+
+
+@pytest.mark.parametrize("backend", ["quadprog", "clarabel"])
+def test_another_solver_of_the_programs_gives_the_same_hand(backend: str) -> None:
+    motion = closed(PINCH, 60, 15)
+    ours, theirs = run(motion), run(motion, qp=backend)
+    assert clearance(RIGHT, theirs).min() >= 0.0
+    assert np.linalg.norm(ours.joints[-1] - theirs.joints[-1], axis=2).max() < 1e-6
+    np.testing.assert_allclose(theirs.phalanx[-1], ours.phalanx[-1], atol=1e-3)
+
+
+@pytest.mark.parametrize("seed", sampled(range(20), lambda seed, _: seed == 0))
+def test_random_ticks_never_enter_hand_or_object(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    ball, motion = bumpy_ball(60), random_targets(RIGHT, 500, random, hold=20)
+    record = run(motion, tree=ball)
+    assert clearance(RIGHT, motion).min() < -2e-3
+    assert clearance(RIGHT, record).min() >= 0.0
+    assert record_clearance(RIGHT, ball, record).min() >= 0.0
+
+
+@pytest.mark.parametrize("method", ["progressive", "paper", "penalty"])
+def test_what_has_no_self_contact_says_so(method: str) -> None:
+    with pytest.raises(InputError, match=rf"method {method} lets fingers through each other: coupled has self-contact"):
+        SolverOptions(method=method, self_contact=True)
+
+
+def test_beside_a_free_object_it_says_so() -> None:
+    mesh = box((0.05, 0.05, 0.05))
+    with pytest.raises(InputError, match="leave out self-contact"):
+        solver_of(mesh, FreeObject.of_mesh(mesh), self_contact=True)

@@ -1,0 +1,97 @@
+"""The referee's claims of a hand that keeps out of itself: an honest run holds, planted faults are found."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from file_faults import Fault
+from planted_faults import failing, planted, verdict
+from short_grasp import short_grasp, short_scene
+
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
+from hhsim.motion.analytic_motion import still
+from hhsim.motion.trajectory import Trajectory
+from hhsim.replay.replay import replay_scene
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.scene import make_scene
+from hhsim.solver.options import SolverOptions
+from hhsim.verify.claim import HOLDS
+from hhsim.verify.verify import verify
+
+pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
+
+pytestmark = pytest.mark.slow
+
+LAST = 119
+AWAY = np.array([0.0, 0.5, 0.0])
+"""Place of the hand, far from its object [m]."""
+
+
+def pinch() -> Trajectory:
+    """Thumb and index finger close through each other in the air."""
+    flexion = np.zeros((5, 3))
+    flexion[0], flexion[1] = (0.1, 0.9, 0.9), (1.2, 1.2, 0.6)
+    motion = still(AWAY).line(still(AWAY, flexion=flexion, abduction=[0.5, 0.0, 0.0, 0.0, 0.0]), LAST - 20).hold(20)
+    return Trajectory(1e-3 * np.arange(motion.ticks), *motion, name="pinched air", hand="right")
+
+
+@pytest.fixture(scope="module")
+def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    scene = short_scene(short_grasp())
+    path = tmp_path_factory.mktemp("honest") / "pinch.h5"
+    in_the_air = make_scene(scene.mesh, scene.tree, HandModel.default(), pinch())
+    replay_scene(in_the_air, SolverOptions(self_contact=True), path, description={"hand_file": None})
+    return load_result(path)
+
+
+def test_an_honest_run_holds_in_every_claim(honest: Result) -> None:
+    found = verify(honest)
+    assert failing(found) == set()
+    assert verdict(found, "own parts") == verdict(found, "depth in itself") == HOLDS
+    # The hand bears on itself, and that is what balances its coupling.
+    assert np.linalg.norm(honest["force/phalanx"][-1], axis=2).max() > 0.1
+    assert honest.summary["self_depth_haptic"] > 5e-3
+    assert honest.summary["self_depth_graphic"] == 0.0
+
+
+def bent_finger(file: h5py.File) -> None:
+    """The index finger of the shown hand bent on into the thumb by 1 mrad, joints and all."""
+    flexion = file["tick/graphic/flexion"][LAST]
+    flexion[1, 0] += 1e-3
+    file["tick/graphic/flexion"][LAST] = flexion
+    shown = HandConfiguration(*(file[f"tick/graphic/{name}"][LAST] for name in HandConfiguration._fields))
+    file["tick/graphic/joints"][LAST] = HandModel.default().joints(*shown)
+
+
+def pulling_thumb(file: h5py.File) -> None:
+    """The thumb is drawn to the finger that it bears on."""
+    file["tick/force/phalanx"][LAST, 0] *= -1.0
+
+
+def shallow_user(file: h5py.File) -> None:
+    file["summary"].attrs["self_depth_haptic"] *= 0.999
+
+
+FAULTS: dict[Fault, str] = {
+    bent_finger: "own parts",
+    pulling_thumb: "force balance",
+    shallow_user: "depth in itself",
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
+def test_a_planted_fault_is_found(honest: Result, tmp_path: Path, fault: Fault) -> None:
+    assert FAULTS[fault] in failing(planted(honest.path, tmp_path, fault))
+
+
+def test_the_claim_is_of_runs_that_make_it(honest: Result, tmp_path: Path) -> None:
+    scene = short_scene(short_grasp())
+    path = tmp_path / "through.h5"
+    in_the_air = make_scene(scene.mesh, scene.tree, HandModel.default(), replace(pinch(), name="through"))
+    replay_scene(in_the_air, SolverOptions(), path, description={"hand_file": None})
+    through = load_result(path)
+    assert through.summary["self_depth_graphic"] == through.summary["self_depth_haptic"] > 5e-3
+    assert not {"own parts", "depth in itself"} & {claim.name for claim in verify(through).claims}
