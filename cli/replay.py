@@ -290,13 +290,13 @@ def command(
     solid = solver.surface != "mesh"
     thing = None
     if names_a_thing(object_):
-        if free.free or tree.path is not None or mesh_file.given():
-            raise click.UsageError(f"--free, --tree and options of a mesh file are for one object, not for '{object_}'")
+        if free.free or tree.path is not None or mesh_file.given() or rerun is not None:
+            raise click.UsageError(f"--free, --tree, --rerun and a mesh's size are for one object, not for '{object_}'")
         thing = load_thing(object_, motion, solid=solid)
         mesh, usual_level = thing.mesh, MESH_LEVEL
     else:
-        require_no_joints(motion, object_)
         mesh, usual_level = mesh_file.read(object_, solid=solid)
+        require_no_joints(motion, object_)
     # Before the tree is built: a mesh that can have no mass is refused.
     free.object(mesh, object_)
     output_path = output.path(f"{mesh.name}-{motion.name}-{solver.word}")

@@ -63,7 +63,7 @@ class MovingParts:
     def penetration(
         self, kind: str, shape: HandShape, hand: PlacedHand, fingers: BoolArray, ticks: slice
     ) -> Penetration:
-        """Compute the depths of a hand at some ticks in the part that it is deepest in, as `metrics.penetration`."""
+        """Compute depths in the part that a hand is deepest in, as `hhsim.metrics.metrics.penetration`."""
         depths = [
             penetration(part.arrays, *shape, *self.seen(p, hand, ticks), fingers)
             for p, part in enumerate(self.surfaces(kind))

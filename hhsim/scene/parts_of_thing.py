@@ -152,7 +152,7 @@ def load_thing(word: str | Path, motion: object = None, *, solid: bool = True) -
         path = Path(str(files("hhsim.objects") / THINGS / f"{word}.toml"))
     thing = read_jointed_thing(path)
     try:
-        thing = thing.moved(getattr(motion, "joints", {}))
+        thing = thing.moved(dict(getattr(motion, "joints", ())))
         found = ThingParts(path.stem, thing, tuple(_mesh(part, path.parent, solid) for part in thing.part))
         found.require_apart()
     except HhsimError as reason:
@@ -173,8 +173,7 @@ def _mesh(part: Part, folder: Path, solid: bool) -> Mesh:
 
 def require_no_joints(motion: object, word: str) -> None:
     """Raise InputError for a script that moves joints, on an object that has none."""
-    joints: dict[str, tuple[Keyframe, ...]] = getattr(motion, "joints", {})
+    joints: Sequence[tuple[str, Sequence[Keyframe]]] = getattr(motion, "joints", ())
     if joints:
-        raise InputError(
-            f"{getattr(motion, 'name', 'the motion')} moves the joint {', '.join(joints)}; {word} has none"
-        )
+        names = ", ".join(name for name, _ in joints)
+        raise InputError(f"{getattr(motion, 'name', 'the motion')} moves the joint {names}; {word} has none")

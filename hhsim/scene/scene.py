@@ -182,8 +182,8 @@ def open_scene(
         thing = load_thing(object_, moved, solid=solid)
         mesh, usual = thing.mesh, MESH_LEVEL
     else:
-        require_no_joints(moved, str(object_))
         mesh, usual = resolve_object(object_, unit, size, solid=solid)
+        require_no_joints(moved, str(object_))
     level = level or usual
 
     def make(mesh: Mesh) -> SphereTree:

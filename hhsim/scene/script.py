@@ -49,7 +49,7 @@ Each phase moves by minimum jerk: 10τ³ − 15τ⁴ + 6τ⁵ (Flash & Hogan, J.
 """
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any
 
@@ -195,7 +195,7 @@ class Script:
     objects: tuple[str, ...] = ()
     placements: tuple[Placement, ...] = ()
     paper: tuple[PaperUse, ...] = ()
-    joints: Mapping[str, tuple[Keyframe, ...]] = field(default_factory=dict)
+    joints: tuple[tuple[str, tuple[Keyframe, ...]], ...] = ()
 
     @property
     def duration(self) -> float:
@@ -355,6 +355,6 @@ class ScriptTable(Settings, frozen=True, kw_only=True):
             tuple(phase.phase() for phase in self.phase),
             disturbance=self.disturbance(),
             placements=tuple(place.placement() for place in self.placement),
-            joints=self.joint,
+            joints=tuple(self.joint.items()),
             **as_they_are,
         )

@@ -12,23 +12,16 @@ from hhsim.solver.method import Engine
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, zeroed
 
+_SOLVED_WITH = {"method": ("coupled", "progressive"), "qp": ("active-set",), "threads": (1,), "force": ("kkt",)}
+"""Options that things of several parts go with."""
+
 
 def require_jointed(options: SolverOptions) -> None:
     """Raise an InputError unless a thing of several parts can be touched with these options."""
-    for wrong, message in (
-        (
-            options.method not in ("coupled", "progressive"),
-            f"method {options.method} has no things of several parts: coupled and progressive have",
-        ),
-        (
-            options.qp != "active-set",
-            f"things of several parts need hhsim's own QP solver, not {options.qp}: use active-set",
-        ),
-        (options.threads > 1, f"things of several parts are solved by one thread, not {options.threads}"),
-        (options.force != "kkt", "with a thing of several parts the forces are the program's own: use kkt"),
-    ):
-        if wrong:
-            raise InputError(message)
+    for name, expected in _SOLVED_WITH.items():
+        if (found := getattr(options, name)) not in expected:
+            wanted = " or ".join(map(str, expected))
+            raise InputError(f"{name} {found} has no things of several parts: expected {wanted}")
 
 
 class JointedEngine(LinearisingEngine):

@@ -92,8 +92,8 @@ def required_figures(result: Result) -> set[str]:
         for name, metric in metrics.items()
         if not (metric.own_run or metric.moving_hold_only) and (result.free or not metric.free_only)
     }
-    if result.free:
-        # No further run of the solver is of an object that moves.
+    if result.free or result.parts:
+        # No further run of the solver is of an object, or parts of it, that move.
         return names
     names.add("tracking_excess")
     hold = next((phase for phase in result.phases if phase.name == "hold"), None)

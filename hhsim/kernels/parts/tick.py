@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import pairs_near
-from hhsim.kernels.contact.linearise import ROW_CAPACITY, build_rows, clamp_to_limits
+from hhsim.kernels.contact.linearise import ROW_CAPACITY, build_rows, clamp_to_limits, limit_start
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
     BOX_CORNERS,
@@ -39,7 +39,7 @@ from hhsim.kernels.parts.surface import KEY_STRIDE, JointedSurface, passing
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import WideRows
 from hhsim.kernels.rotation import quaternion_to_matrix, turned, write_unit_quaternion
-from hhsim.kernels.tick.coupled import coupled_groups, solve_coupled
+from hhsim.kernels.tick.coupled import solve_coupled
 from hhsim.kernels.tick.evaluation import end_work, evaluate_pose, least_distance
 from hhsim.kernels.tick.force import hand_forces
 from hhsim.kernels.tick.linearisation import find_program_contacts, step_to_haptic
@@ -54,7 +54,7 @@ from hhsim.kernels.tick.state import (
     WORK_TOUCHING,
     WORK_UNITS,
 )
-from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_DETECT, copy_active, store_active
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_DETECT, DURATION_PALM, copy_active, store_active
 from hhsim.kernels.tick.step_length import allowed_fraction
 
 WAYS = 12
@@ -183,7 +183,7 @@ def make_way(hand: HandArrays, surface: JointedSurface, options: TickOptions, st
         move(state.pose, state.step.delta, state.problem.abduction_step, fraction)
         if not evaluate_pose(hand, surface, options, state):
             return False
-        if least_distance(state.candidates) >= 0.0:
+        if least_distance(state) >= 0.0:
             return True
     return False
 
@@ -193,19 +193,21 @@ def _squeezed_step(surface: JointedSurface, options: TickOptions, state: Record,
     """Solve for the least step with depths in the parts that yield; returns whether there is one."""
     problem, contacts, groups, step = state.problem, state.contacts, state.coupled, state.step
     program, qp = method.squeeze[0], method.qp[0]
-    coupled_groups(contacts, groups.group_start, groups.group_stop, groups.group_block)
-    rows = groups.group_stop[2 * FINGER_COUNT]
-    for j in range(6):
-        for i in range(rows):
+    for group in range(FINGER_COUNT + 1):
+        groups.group_start[group], groups.group_stop[group] = contacts.start[group], contacts.start[group + 1]
+        groups.group_block[group] = 2 * DEPTHS + 3 * (group - 1) if group > 0 else -1
+    for f in range(FINGER_COUNT):
+        limits = limit_start(contacts, f), limit_start(contacts, f + 1)
+        groups.group_start[DEPTHS + f], groups.group_stop[DEPTHS + f] = limits
+        groups.group_block[DEPTHS + f] = 2 * DEPTHS + 3 * f
+    for j in range(DEPTHS):
+        for i in range(limit_start(contacts, as_int64(FINGER_COUNT))):
             program.common[j, i] = 0.0
             program.common[DEPTHS + j, i] = problem.common[j, i]
     for group in range(FINGER_COUNT + 1):
         for i in range(contacts.start[group], contacts.start[group + 1]):
             if surface.part[contacts.key[i] // KEY_STRIDE].yields == 1:
                 program.common[group, i] = 1.0 / math.sqrt(FIRM)
-    for group in range(2 * FINGER_COUNT + 1):
-        if groups.group_block[group] >= 0:
-            groups.group_block[group] += DEPTHS
     wide = WideRows(
         as_int64(2 * DEPTHS),
         program.common[:],
@@ -251,7 +253,7 @@ def bear(hand: HandArrays, surface: JointedSurface, options: TickOptions, state:
     """
     problem, contacts = state.problem, state.contacts
     copy_configuration(state.pose, state.safe)
-    depth = least_distance(state.candidates)
+    depth = least_distance(state)
     state.active.count = 0
     if not find_program_contacts(hand, surface, options, state):
         return False
@@ -272,7 +274,7 @@ def bear(hand: HandArrays, surface: JointedSurface, options: TickOptions, state:
     fraction, _ = allowed_fraction(hand, options, state)
     move(state.pose, state.step.delta, problem.abduction_step, fraction)
     fits = evaluate_pose(hand, surface, options, state)
-    if fits and least_distance(state.candidates) >= depth - options.offset:
+    if fits and least_distance(state) >= depth - options.offset:
         return True
     copy_configuration(state.safe, state.pose)
     return evaluate_pose(hand, surface, options, state)
@@ -283,7 +285,7 @@ def _give_way(hand: HandArrays, surface: JointedSurface, method: Jointed, state:
     """Move the parts, and the hand out of them; returns 0 if it is free, else status bits."""
     options, trust = method.method.options, state.trust
     steps = sub_steps(hand, state.pose, options.margin, surface, state.scratch[:])
-    if steps == 0 and least_distance(state.candidates) >= 0.0:
+    if steps == 0 and least_distance(state) >= 0.0:
         return 0
     began = monotonic_ns()
     radius = trust.radius
@@ -294,17 +296,18 @@ def _give_way(hand: HandArrays, surface: JointedSurface, method: Jointed, state:
         trust.radius = trust.reach = options.margin
         if not evaluate_pose(hand, surface, options, state):
             return STATUS_CAPACITY_EXCEEDED
-        if least_distance(state.candidates) >= 0.0 or make_way(hand, surface, options, state, qp):
+        if least_distance(state) >= 0.0 or make_way(hand, surface, options, state, qp):
             status = 0
             continue
         if state.progress.pairs_overflow or not squeeze(hand, surface, options, state, method):
             return STATUS_CAPACITY_EXCEEDED
-        status = 0 if least_distance(state.candidates) >= 0.0 else STATUS_NO_PLACE
+        status = 0 if least_distance(state) >= 0.0 else STATUS_NO_PLACE
     trust.radius = radius
     if status == 0:
         for p in range(surface.part.shape[0]):
             surface.part[p].yields = 0
-    state.step.duration[DURATION_DETECT] += monotonic_ns() - began
+    duration = state.step.duration
+    duration[DURATION_DETECT] = monotonic_ns() - began - duration[DURATION_PALM]
     return status
 
 
