@@ -51,7 +51,8 @@ def test_a_laptop_whose_lid_stands_still_gives_the_ticks_of_its_rigid_twin(surfa
     twin = HandSolver(scene.hand, contact_surface(surface, scene.mesh, scene.tree), options).run(*haptic)
     assert np.linalg.norm(twin.total[-1]) > 1.0
     assert np.abs(parts.joints - twin.joints).max() < MICROMETRE
-    assert np.abs(parts.total - twin.total).max() < 1e-6
+    # Leaves of a flat side make rows that imply each other, and which of them is kept depends on their order.
+    assert np.abs(parts.total - twin.total).max() < (1e-6 if surface == "mesh" else 1e-3 * np.abs(twin.total).max())
     assert np.array_equal(parts.status, twin.status)
 
 
@@ -108,13 +109,13 @@ def test_a_hand_beside_a_lid_that_moves_stays_outside_of_every_part() -> None:
     motion = resolve_trajectory("close")
     assert isinstance(motion, Script)
     # The first tick below is that of 0 s to the lid.
-    times = np.linspace(0.1, 0.5, 9)
+    times = np.linspace(0.6, 1.0, 9)
     values = np.concatenate([[1.92], rng.uniform(0.1, 0.9, 8)])
     moved = replace(motion, joints=(("lid", tuple(zip(times.tolist(), values.tolist()))),))
     scene = open_scene("laptop", moved, solid=False)
     assert scene.parts is not None
     # It comes down onto the base while the lid goes to and fro, in sub-steps: its edge by up to 6 mm a tick.
-    haptic = HandConfiguration.of(scene.ticks).part(700, 700 + count)
+    haptic = HandConfiguration.of(scene.ticks).part(300, 300 + count)
     found = HandSolver(scene.hand, scene.parts.surface("mesh"), SolverOptions(surface="mesh")).run(*haptic)
     assert np.ptp(found.position[:, 1]) > 0.01
     assert not (found.status & STATUS_START_INSIDE).any()
@@ -128,7 +129,9 @@ def test_a_hand_beside_a_lid_that_moves_stays_outside_of_every_part() -> None:
 def test_options_that_parts_do_not_go_with_are_told_in_one_line() -> None:
     scene = still_laptop("mesh", 1.92, 2)
     assert scene.parts is not None
-    with pytest.raises(InputError, match="method penalty has no things of several parts"):
-        HandSolver(scene.hand, scene.parts.surface("mesh"), SolverOptions(surface="mesh", method="penalty"))
+    with pytest.raises(InputError, match="threads 2 has no things of several parts: expected 1"):
+        HandSolver(
+            scene.hand, scene.parts.surface("mesh"), SolverOptions(surface="mesh", method="progressive", threads=2)
+        )
     with pytest.raises(InputError, match="expected one kind of surface"):
         jointed_surface((scene.parts.surfaces("mesh")[0].arrays, scene.tree.arrays()), np.zeros((1, 2, 7)))
