@@ -40,10 +40,10 @@ def test_the_wheel_holds_every_source_and_every_datum_and_nothing_else(
         "hhsim/py.typed",
         *(f"hhsim/{path.relative_to(repository).as_posix()}" for path in (repository / "cli").rglob("*.py")),
         *(
-            f"{inside}/{path.name}"
+            f"{inside}/{path.relative_to(repository / folder)}"
             for folder, inside in DATA_FOLDERS.items()
-            for path in (repository / folder).iterdir()
-            if path.is_file()
+            for path in (repository / folder).rglob("*")
+            if path.is_file() and path.parent.name != "__pycache__"
         ),
     }
     held = {name for name in wheel.namelist() if ".dist-info/" not in name}
