@@ -50,16 +50,10 @@ class NoPairs(NamedTuple):
 
 
 class SelfPairs(NamedTuple):
-    """Pairs of a hand's own parts that may meet.
+    """Pairs of a hand's own parts that may meet."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | first | a phalanx, body 0 to 14 | (N,) |
-    | second | a phalanx of a later finger, or the palm, body 15 | (N,) |
-    """
-
-    first: Indices
-    second: Indices
+    first: Indices  # a phalanx, body 0 to 14, (N,)
+    second: Indices  # a phalanx of a later finger, or the palm, body 15, (N,)
 
 
 SELF_CONTACT = np.dtype(
@@ -175,7 +169,7 @@ def _measure_pairs(pairs: SelfPairs, hand: HandArrays, pose: Record, margin: flo
         if not bound >= margin:
             bound = pair_distance(hand, pose, first, second)
         own.bound[i] = bound
-        least = bound if not bound >= least else least
+        least = min(least, bound)
     own.least = least
 
 
@@ -200,7 +194,11 @@ def self_clearances(
         copy_values(abduction[t], pose.abduction[:])
         update_kinematics(hand, pose)
         measure_pairs(pairs, hand, pose, 0.0, own)
-        clearance_out[t] = own.least
+        # What is not finite makes the sum no number.
+        total = 0.0
+        for f in range(FINGER_COUNT):
+            total += abduction[t, f] + flexion[t, f, 0] + flexion[t, f, 1] + flexion[t, f, 2]
+        clearance_out[t] = own.least + 0.0 * total
 
 
 @jit_inline
@@ -347,12 +345,6 @@ def _add_rows(pairs: SelfPairs, hand: HandArrays, within: float, options: Any, s
     return added
 
 
-@jit_inline
-def row_key(own: Record, row: int) -> int:
-    """Return the key of a row among active contacts, behind those of joint limits, which no guess takes for its own."""
-    return -1 - LIMIT_ROWS - own.pair[row] - SELF_PAIRS * (own.sphere[row] - WHOLE_PALM)
-
-
 @generic
 def foresee_rows(pairs: Any, hand: HandArrays, active: Record, options: Any, state: Record) -> None:
     """Add the rows that were active in the last program, and reduce the abduction step to what they have room for."""
@@ -401,9 +393,9 @@ def _clear_fraction(pairs: SelfPairs, fraction: float, hand: HandArrays, state: 
     _finger_motions(hand, state.step.delta, state.problem.abduction_step, motion)
     for pair in range(pairs.first.shape[0]):
         moved = motion[pairs.first[pair]] + motion[pairs.second[pair]]
-        allowed = max(own.bound[pair], state.trust.radius)
-        if fraction * moved > allowed:
-            fraction = allowed / moved
+        if fraction * moved > max(own.bound[pair], state.trust.radius):
+            own.bound[pair] = pair_distance(hand, state.pose, pairs.first[pair], pairs.second[pair])
+            fraction = min(fraction, max(own.bound[pair], state.trust.radius) / moved)
     return fraction
 
 

@@ -6,9 +6,9 @@ from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import evaluate, find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
-from hhsim.kernels.contact.self_pairs import begin_rows, foresee_rows, scale_rows
+from hhsim.kernels.contact.self_pairs import BROKEN, NoPairs, SelfPairs, add_rows, begin_rows, foresee_rows, scale_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
-from hhsim.kernels.jit import Array, Record, jit_inline, jit_noinline, jit_once
+from hhsim.kernels.jit import Array, Record, generic, jit, jit_inline, jit_noinline, jit_once
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY
@@ -68,6 +68,42 @@ def count_linearisation(
     work[WORK_UNITS] += UNITS_LINEARISATION + UNITS_CONTACT * found + UNITS_ROW * rows
 
 
+@jit_inline
+def _write_program(hand: HandArrays, options: TickOptions, state: Record) -> None:
+    """Write the rows of contacts, joint limits and own parts, and the target: that of a finger without rows clamped."""
+    problem, start = state.problem, state.contacts.start
+    for f in range(FINGER_COUNT):
+        if start[f + 2] == start[f + 1] and state.self_contact.meets[f] == 0:
+            clamp_to_limits(hand, state.pose, f, problem.target[:])
+    build_rows(hand, state.pose, state.contacts, options.offset, state.program.is_relaxed, problem)
+    scale_rows(options.own, options.offset, state.program.is_relaxed, state)
+    for j in range(DOF):
+        problem.target[j] /= problem.inverse_root[j]
+
+
+@generic
+def add_broken_rows(own: Any, hand: HandArrays, options: TickOptions, state: Record) -> bool:
+    """Add rows for the hand's own parts that a program's step brings together, and build it anew; False for none."""
+
+
+@add_broken_rows.of(NoPairs)
+@jit_inline
+def _add_none(own: NoPairs, hand: HandArrays, options: TickOptions, state: Record) -> bool:
+    return False
+
+
+@add_broken_rows.of(SelfPairs)
+@jit
+def _add_broken_rows(own: SelfPairs, hand: HandArrays, options: TickOptions, state: Record) -> bool:
+    if not add_rows(own, hand, BROKEN, options, state):
+        return False
+    step_to_haptic(state, state.problem.target[:], state.problem.abduction_step[:])
+    for f in range(FINGER_COUNT):
+        state.problem.abduction_step[f] *= state.self_contact.share[f]
+    _write_program(hand, options, state)
+    return True
+
+
 @jit_once
 def build_program(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> int:
     """Build the program at the present configuration.
@@ -86,22 +122,15 @@ def build_program(hand: HandArrays, surface: Any, options: TickOptions, state: R
     step_to_haptic(state, problem.target[:], problem.abduction_step[:])
     contacts = state.contacts.start[FINGER_COUNT + 1]
     count_linearisation(hand, surface, options, found, contacts, state)
-    own = state.self_contact
     foresee_rows(options.own, hand, state.warm, options, state)
-    if contacts + own.count == 0:
+    if contacts + state.self_contact.count == 0:
         for j in range(DOF):
             state.step.delta[j] = problem.target[j]
         for f in range(FINGER_COUNT):
             clamp_to_limits(hand, state.pose, f, state.step.delta[:])
         state.step.count = 0
     else:
-        for f in range(FINGER_COUNT):
-            if state.contacts.start[f + 2] == state.contacts.start[f + 1] and own.meets[f] == 0:
-                clamp_to_limits(hand, state.pose, f, problem.target[:])
-        build_rows(hand, state.pose, state.contacts, options.offset, state.program.is_relaxed, problem)
-        scale_rows(options.own, options.offset, state.program.is_relaxed, state)
-        for j in range(DOF):
-            problem.target[j] /= problem.inverse_root[j]
+        _write_program(hand, options, state)
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
     return contacts
 

@@ -12,8 +12,7 @@ from hhsim.kernels.tick.coupled import solve_coupled
 from hhsim.kernels.tick.linearisation import step_to_haptic
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.self_contact import store_meeting
-from hhsim.kernels.tick.step import DURATION_FINGERS, DURATION_PALM, store_active
+from hhsim.kernels.tick.step import DURATION_FINGERS, DURATION_PALM, store_active, store_meeting
 
 ON_THE_WAY = 20.0
 """Distance up to which a lagging hand bears on the object, in offsets: its last step has not brought it nearer yet."""

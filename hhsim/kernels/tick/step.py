@@ -1,10 +1,13 @@
 """Step that a method proposes, and the contacts that carry force."""
 
+from typing import Any
+
 import numpy as np
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, limit_start
+from hhsim.kernels.contact.self_pairs import SELF_PAIRS, WHOLE_PALM, NoPairs, SelfPairs, nothing
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Indices, Record, as_int64, jit_inline
+from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit, jit_inline
 
 ACTIVE_CAPACITY = 64
 
@@ -62,6 +65,34 @@ def store_active(contacts: Record, step: Record, active: Record) -> None:
                 active.point[j, i] = contacts.point[j, row]
                 active.normal[j, i] = contacts.normal[j, row]
     active.count = step.count
+
+
+@generic
+def store_meeting(own: Any, state: Record, active: Record) -> None:
+    """Name the parts of rows of the hand's own parts in a set of active contacts, each of both with its force."""
+
+
+store_meeting.of(NoPairs)(nothing)
+
+
+@store_meeting.of(SelfPairs)
+@jit
+def _store_meeting(own: SelfPairs, state: Record, active: Record) -> None:
+    step, rows = state.step, state.self_contact
+    first = limit_start(state.contacts, as_int64(FINGER_COUNT))
+    for i in range(step.count):
+        row, other = step.row[i] - first, active.count
+        if row < 0:
+            continue
+        pair = rows.pair[row]
+        # Behind the keys of joint limits, which no guess takes for one of its own.
+        active.key[i] = -1 - LIMIT_ROWS - pair - SELF_PAIRS * (rows.sphere[row] - WHOLE_PALM)
+        active.key[other], active.multiplier[other] = active.key[i], active.multiplier[i]
+        active.body[i], active.body[other] = own.first[pair], own.second[pair]
+        for j in range(3):
+            active.normal[j, i], active.normal[j, other] = rows.normal[row, j], -rows.normal[row, j]
+            active.point[j, other] = 0.0
+        active.count += 1
 
 
 @jit_inline

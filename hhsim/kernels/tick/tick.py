@@ -52,7 +52,7 @@ from hhsim.kernels.tick.evaluation import (
     usual_reach,
 )
 from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
-from hhsim.kernels.tick.linearisation import build_program, complete_lists
+from hhsim.kernels.tick.linearisation import add_broken_rows, build_program, complete_lists
 from hhsim.kernels.tick.method import (
     OVERFLOW,
     Coupled,
@@ -70,7 +70,6 @@ from hhsim.kernels.tick.method import (
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.prediction import forget_prediction, judge_last_tick
 from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY, keep_first_step, only_restores, take_free_share
-from hhsim.kernels.tick.self_contact import keep_apart, store_meeting
 from hhsim.kernels.tick.settled_forces import settle_forces
 from hhsim.kernels.tick.state import (
     STATUS_ABDUCTION_HELD,
@@ -83,7 +82,7 @@ from hhsim.kernels.tick.state import (
     WORK_TOUCHING,
     WORK_UNITS,
 )
-from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, copy_active, store_active
+from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, copy_active, store_active, store_meeting
 from hhsim.kernels.tick.step_length import WHOLE_TARGET, allowed_fraction, clip_target
 
 REACH_GROWTH = 4.0
@@ -160,7 +159,8 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
             return as_int64(OVERFLOW), full_motion
         if contacts + state.self_contact.count > 0:
             status = solve_program(method, state, qp)
-        status = keep_apart(options.own, status, method, hand, state, qp)
+        while status == OPTIMAL and add_broken_rows(options.own, hand, options, state):
+            status = solve_program(method, state, qp)
         if status != OPTIMAL or attempt == 1 or not complete_lists(hand, surface, options, state):
             break
         # Of the discarded program only node tests, pair tests and QP iterations count as work.
