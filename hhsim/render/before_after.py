@@ -9,8 +9,9 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError
-from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.field.hands import object_bvh
 from hhsim.render.figure import new_figure, save_figure
 from hhsim.render.hand_picture import BODY_OPACITY, RED
 from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, look_from, shade
@@ -79,7 +80,7 @@ def draw_before_after(
     check_output_path(path)
     if before.shape != after.shape or before.ndim != 3 or not len(before) or faces.max() >= before.shape[1]:
         raise InputError(f"hands of shapes {before.shape} and {after.shape}: expected the same (T, V, 3), and faces")
-    bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+    bvh = object_bvh(mesh)
 
     frames = frames or deepest_frames(np.array([-mesh_signed_distance(bvh, skin).min() for skin in before]))
     width, height = 4 * SIDE, len(frames) * (SIDE + TITLE)

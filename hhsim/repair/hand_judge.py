@@ -6,8 +6,9 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh
-from hhsim.metrics.mesh_penetration import FAR, mesh_clearance
+from hhsim.kernels.mesh.bvh import MeshBvh
+from hhsim.metrics.field.hands import object_bvh
+from hhsim.metrics.mesh_penetration import mesh_clearance
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.trees.contact_surface import ContactSurface, encloses
 
@@ -29,18 +30,15 @@ class HandJudge:
 
     def __init__(self, hand: HandModel, surface: ContactSurface) -> None:
         self.hand, self.shape, self.surface = hand, hand_shape(hand), surface
-        # Triangles that cross each other are closed, too, but their normals tell no inside.
-        pseudonormal = getattr(surface.arrays, "pseudonormal", None)
-        signed = surface.mesh is not None and encloses(surface.mesh) and (pseudonormal is None or len(pseudonormal) > 0)
         self.bvh: MeshBvh | None = None
-        if signed and surface.mesh is not None:
-            self.bvh = build_mesh_bvh(surface.mesh.vertices, surface.mesh.faces)
+        if surface.mesh is not None and encloses(surface.mesh):
+            self.bvh = object_bvh(surface.mesh)
 
-    def clearance(self, frames: HandConfiguration, limit: float = FAR) -> FloatArray:
+    def clearance(self, frames: HandConfiguration, limit: float = CLEAR) -> FloatArray:
         """Return the least signed distance of each hand [m], shape (T,), at most `limit`; NaN for a hand of NaN."""
         return self.placed_clearance(forward_kinematics(self.hand, *frames), limit)
 
-    def placed_clearance(self, placed: PlacedHand, limit: float = FAR) -> FloatArray:
+    def placed_clearance(self, placed: PlacedHand, limit: float = CLEAR) -> FloatArray:
         """Return the same for any joints and palms."""
         if self.bvh is not None:
             return mesh_clearance(self.bvh, self.shape, placed, limit)

@@ -6,8 +6,9 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.field.hands import object_bvh
 from hhsim.repair.retarget import Retargeted
 from hhsim.repair.robot_hand import RobotHand
 from hhsim.system.progress import Progress, silent
@@ -38,7 +39,7 @@ def link_depths(robot: RobotHand, motion: Retargeted, mesh: Mesh, progress: Prog
     """
     from scipy.spatial import cKDTree
 
-    bvh, vertices = build_mesh_bvh(mesh.vertices, mesh.faces), cKDTree(mesh.vertices)
+    bvh, vertices = object_bvh(mesh), cKDTree(mesh.vertices)
     low, high = mesh.bounds
     reach = [float(np.linalg.norm(shape.vertices, axis=1).max()) for shape in robot.shapes]
     frames = np.unique(np.linspace(0, len(motion.angles) - 1, min(DEPTH_FRAMES, len(motion.angles))).astype(int))

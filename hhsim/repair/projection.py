@@ -154,7 +154,7 @@ class Projection:
             self.bvh = build_mesh_bvh(mesh.vertices, mesh.faces, signed=False)
 
     def clearance(self, posture: HandConfiguration) -> FloatArray:
-        """Return the least signed distance of the written hands [m], shape (T,)."""
+        """Return the least signed distance of the written hands [m], at most `CLEAR`, shape (T,)."""
         return self.judge.placed_clearance(self.written.placed(posture))
 
     def corrected(
@@ -218,9 +218,6 @@ class Projection:
             put(made, frame, free or self._shifted(one, goal))
         return made
 
-    def _clearance_of(self, written: WrittenHand, posture: HandConfiguration) -> float:
-        return float(self.judge.placed_clearance(written.placed(posture))[0])
-
     def nearest(
         self, written: WrittenHand, goal: HandConfiguration, start: HandConfiguration | None = None
     ) -> HandConfiguration | None:
@@ -235,19 +232,28 @@ class Projection:
         if self.bvh is None:
             return None
         posture, gap, free = start or goal, FIRST_GAP, None
-        for _ in range(PROGRAMS):
-            points, radii, motion = written.samples(posture)
-            distance, normal = self._distances(points)
-            value = distance - radii
+        posed = written.posed(posture)
+        points, radii, motion = written.samples(posed)
+        # No ball is nearer than when it was measured by more than it has moved since.
+        nearest, last = np.full(len(points), -np.inf), points
+        for number in range(PROGRAMS):
+            if number:
+                points, radii, motion = written.samples(posed)
+                nearest -= np.linalg.norm(points - last, axis=1)
+                last = points
+            asked = np.flatnonzero(nearest < NEAR)
+            distance, normal = self._distances(points[asked])
+            nearest[asked] = value = distance - radii[asked]
             near = (value < NEAR) & (np.abs(distance) > 1e-9)
-            rows = np.einsum("ni,nij->nj", normal[near], motion[near])
+            rows = np.einsum("ni,nij->nj", normal[near], motion[asked[near]])
             program = QpProblem(STIFFNESS, rows, gap - value[near], change_between(posture, goal)[0])
             solution = solve_active_set(program, RELAXATION)
             if solution.status is not QpStatus.OPTIMAL:
                 break
             length = float(np.linalg.norm(motion @ solution.x, axis=1).max())
             posture = changed_hand(posture, solution.x[None] * min(1.0, LONGEST_STEP / max(length, 1e-12)))
-            if self._clearance_of(written, posture) >= CLEAR:
+            posed = written.posed(posture)
+            if self.judge.placed_clearance(posed.placed)[0] >= CLEAR:
                 free = posture
                 if start is None or length < SETTLED:
                     break
@@ -258,7 +264,6 @@ class Projection:
     def _distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return signed distances [m], shape (n,), and the directions in which they grow, shape (n, 3)."""
         assert self.bvh is not None
-        points = np.ascontiguousarray(points)
         closest, distance = np.empty_like(points), np.empty(len(points))
         closest_points(self.bvh, points, closest, distance)
         if not self.signed:
@@ -279,7 +284,7 @@ class Projection:
             while shift < best:
                 change[0, :3] = shift * unit
                 moved = changed_hand(goal, change)
-                clearance = self._clearance_of(written, moved)
+                clearance = float(self.judge.placed_clearance(written.placed(moved))[0])
                 if clearance >= CLEAR:
                     best, found = shift, moved
                     break

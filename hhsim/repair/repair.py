@@ -84,9 +84,6 @@ def repair_recording(
     began = perf_counter()
     surface = contact_surface("mesh", scene.mesh, scene.tree)
     recording = recording.found(*map(note, surface.notes))
-    if len(surface.arrays.pseudonormal) == 0:
-        text = "depths in the figures may have the wrong sign where triangles cross: the nearest one gives the side"
-        recording = recording.found(note(text))
     seen_skin = None if skin is None else recorded.seen_skin(skin)
     seen, marked = _corrected(request, recorded, surface, seen_skin, progress)
     took = perf_counter() - began

@@ -16,8 +16,9 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, quaternion_product
-from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, closest_points, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import MeshBvh, closest_points, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.field.hands import object_bvh
 from hhsim.repair.least_distance import nearest_to_origin
 from hhsim.repair.skin import BLOCK_FRAMES, Skin, carried
 from hhsim.repair.written_hand import bone_frames
@@ -51,7 +52,7 @@ def skin_depth(mesh: Mesh, vertices: FloatArray) -> tuple[FloatArray, IntArray]:
     Returns:
         Depth [m], shape (T,), 0 outside, and the deepest vertex, shape (T,), -1 for a frame without one inside.
     """
-    bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+    bvh = object_bvh(mesh)
     depth, deepest = np.zeros(len(vertices)), np.full(len(vertices), -1)
     low, high = mesh.bounds
     for first in range(0, len(vertices), BLOCK_FRAMES):
@@ -104,7 +105,7 @@ def push_out(
         pair = fitted.at(some), posture.at(some)
         vertices[some] = _posed(hand, replace(skin, vertices=skin.vertices[some]), joints[some], *pair)
     depth = skin_depth(mesh, vertices)[0]
-    bvh, after = build_mesh_bvh(mesh.vertices, mesh.faces), depth.copy()
+    bvh, after = object_bvh(mesh), depth.copy()
     for frame in np.flatnonzero(depth > 0.0):
         one = slice(frame, frame + 1)
         own = replace(skin, vertices=skin.vertices[one])

@@ -4,6 +4,9 @@ Its bodies are round cones of our hand's radii between these joints, and the pal
 joints differ from our hand's by the error of the fit, so a free hand of ours may be written as one that penetrates.
 """
 
+from functools import lru_cache
+from typing import NamedTuple
+
 import numpy as np
 
 from hhsim.arrays import FloatArray
@@ -17,12 +20,25 @@ SHARES = np.linspace(0.0, 1.0, 17)
 """Places along the axis of a phalanx whose distances are linearised."""
 
 
+CROSS = -np.array(
+    [[[0, 0, 0], [0, 0, 1], [0, -1, 0]], [[0, 0, -1], [0, 0, 0], [1, 0, 0]], [[0, 1, 0], [-1, 0, 0], [0, 0, 0]]]
+)
+"""Coefficients of a cross product: the k-th component of a × p is the sum of a_i CROSS[i, k, l] p_l."""
+
+
+class PosedHand(NamedTuple):
+    """Bodies of T written hands, and the frames of their bones, see `bone_frames`."""
+
+    placed: PlacedHand
+    frames: FloatArray
+
+
 def bone_frames(hand: HandModel, posture: HandConfiguration) -> FloatArray:
     """Compute the frame of each bone, shape (T, 16, 3, 3), world.
 
     Its columns are, of a phalanx, the axis, the flexion axis and their cross product; of the palm, its own axes.
     """
-    across = np.cross(hand.dorsal, hand.distal)
+    across = hand.flexion_axis
     spread = hand.abduction_sign * posture.abduction[..., None]
     forward = np.cos(spread) * hand.distal + np.sin(spread) * across
     hinge = np.cos(spread) * across - np.sin(spread) * hand.distal
@@ -58,19 +74,27 @@ class WrittenHand:
         self.axes = axes
         self.frames = bone_frames(hand, fitted)
 
+    def posed(self, posture: HandConfiguration) -> PosedHand:
+        """Return the bodies' axes and the palm of the written hands, and the frames of their bones."""
+        frames = bone_frames(self.hand, posture)
+        axes = self._moved(self.axes, posture, frames)[:, 1:].reshape(-1, 5, 4, 3)
+        return PosedHand(PlacedHand(np.ascontiguousarray(axes), posture.position, posture.orientation), frames)
+
+    def placed(self, posture: HandConfiguration) -> PlacedHand:
+        """Return the bodies' axes and the palm of the written hands."""
+        return self.posed(posture).placed
+
     def rotation(self, posture: HandConfiguration) -> FloatArray:
         """Return the rotation of each bone from the fitted to these hands, shape (T, 16, 3, 3)."""
         return np.asarray(bone_frames(self.hand, posture) @ self.frames.swapaxes(-1, -2))
 
     def moved(self, joints: FloatArray, posture: HandConfiguration) -> FloatArray:
         """Return joints that have moved with the bones [m], shape (T, 21, 3)."""
-        shift = posture.position - self.fitted.position
-        return moved_joints(joints, self.fitted.position, shift, self.rotation(posture))
+        return self._moved(joints, posture, bone_frames(self.hand, posture))
 
-    def placed(self, posture: HandConfiguration) -> PlacedHand:
-        """Return the bodies' axes and the palm of the written hands."""
-        axes = self.moved(self.axes, posture)[:, 1:].reshape(-1, 5, 4, 3)
-        return PlacedHand(np.ascontiguousarray(axes), posture.position, posture.orientation)
+    def _moved(self, joints: FloatArray, posture: HandConfiguration, frames: FloatArray) -> FloatArray:
+        shift = posture.position - self.fitted.position
+        return moved_joints(joints, self.fitted.position, shift, frames @ self.frames.swapaxes(-1, -2))
 
     def at(self, frame: int) -> "WrittenHand":
         """Return a single frame, T = 1, with the tips where they are."""
@@ -80,31 +104,38 @@ class WrittenHand:
         part.joints, part.axes, part.frames = self.joints[own], self.axes[own], self.frames[own]
         return part
 
-    def samples(self, posture: HandConfiguration) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def samples(self, posed: PosedHand) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return balls that fill the bodies of one frame, and their motion with the hand.
 
         Returns:
             Centres [m], shape (n, 3); radii [m], shape (n,); derivatives of the centres by a change of the hand as of
             `hhsim.repair.hand_change.change_between`, shape (n, 3, 26).
         """
-        joints = self.placed(posture).joints[0]
-        frames, palm = bone_frames(self.hand, posture)[0], rotation_matrix(posture.orientation)[0]
-        radius = self.hand.radius
+        joints, position = posed.placed.joints[0], posed.placed.position[0]
+        frames, palm = posed.frames[0], posed.frames[0, 0]
+        radius, tree = self.hand.radius, self.hand.palm_tree
         along = SHARES[:, None]
         centers = joints[:, :3, None] + along * (joints[:, 1:] - joints[:, :3])[:, :, None]
         radii = radius[:, :3, None] + SHARES * (radius[:, 1:] - radius[:, :3])[:, :, None]
-        tree = self.hand.palm_tree
-        of_palm = posture.position[0] + tree.leaf_center @ palm.T
-        points = np.concatenate([centers.reshape(-1, 3), of_palm])
-        motion = np.zeros((len(points), 3, 26))
-        motion[:, :, :3] = np.eye(3)
-        motion[:, :, 3:6] = np.cross(np.eye(3), (points - posture.position[0])[:, None]).swapaxes(1, 2)
-        count = len(SHARES)
+        points = np.concatenate([centers.reshape(-1, 3), position + tree.leaf_center @ palm.T])
+        # Turns about the palm's origin, the flexion axes and the abduction axes, in this order.
         spread = self.hand.abduction_sign * self.hand.dorsal @ palm.T
-        for f in range(5):
-            own = slice(3 * f * count, 3 * (f + 1) * count)
-            motion[own, :, 21 + f] = np.cross(spread[f], points[own] - joints[f, 0])
-            for i in range(3):
-                beyond = slice((3 * f + i) * count, 3 * (f + 1) * count)
-                motion[beyond, :, 6 + 3 * f + i] = np.cross(frames[1 + 3 * f, :, 1], points[beyond] - joints[f, i])
+        axis = np.concatenate([np.eye(3), frames[1:, :, 1], spread])
+        origin = np.concatenate([np.tile(position, (3, 1)), joints[:, :3].reshape(15, 3), joints[:, 0]])
+        across = np.tensordot(axis, CROSS, 1)
+        motion = np.empty((len(points), 3, 26))
+        motion[:, :, :3] = np.eye(3)
+        turns = (across @ points.T - across @ origin[:, :, None]).transpose(2, 1, 0)
+        motion[:, :, 3:] = turns * _moves(len(points))[:, None]
         return points, np.concatenate([radii.ravel(), tree.leaf_radius]), motion
+
+
+@lru_cache(maxsize=4)
+def _moves(count: int) -> FloatArray:
+    """Return 1 where a ball of `samples` moves with a turn and 0 elsewhere, shape (count, 23)."""
+    moves = np.zeros((count, 23))
+    moves[:, :3] = 1.0
+    finger, phalanx = np.divmod(np.arange(15 * len(SHARES)) // len(SHARES), 3)
+    moves[: len(finger), 3:18] = (finger[:, None] == np.arange(15) // 3) & (phalanx[:, None] >= np.arange(15) % 3)
+    moves[: len(finger), 18:] = finger[:, None] == np.arange(5)
+    return moves

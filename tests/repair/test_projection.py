@@ -53,12 +53,12 @@ def test_derivatives_of_the_balls_are_their_differences(hand: HandModel) -> None
     random = np.random.default_rng(1)
     fitted, posture = (random_hand(random, hand, 0.1) for _ in range(2))
     written = WrittenHand(residual(keypoints(hand, fitted), 2e-3), hand, fitted, tip_on_surface=True)
-    points, radii, motion = written.samples(posture)
+    points, radii, motion = written.samples(written.posed(posture))
     step = 1e-6
     for number in range(NUMBERS):
         change = np.zeros((1, NUMBERS))
         change[0, number] = step
-        ends = [written.samples(changed_hand(posture, sign * change))[0] for sign in (1.0, -1.0)]
+        ends = [written.samples(written.posed(changed_hand(posture, sign * change)))[0] for sign in (1.0, -1.0)]
         np.testing.assert_allclose((ends[0] - ends[1]) / (2.0 * step), motion[:, :, number], atol=1e-8)
     assert (radii > 0.0).all()
     assert len(points) == len(radii)
@@ -112,7 +112,7 @@ def test_frames_that_need_nothing_stay_unless_the_motion_would_jump(
     dips = np.abs(np.arange(30) - 15) <= 2
     frames = case.frames._replace(position=case.frames.position + [0.0, 0.0, 0.1])
     written = WrittenHand(keypoints(HAND, frames), HAND, frames, tip_on_surface=False)
-    above = Projection(written, HandJudge(HAND, case.surface)).clearance(frames)
+    above = HandJudge(HAND, case.surface).placed_clearance(written.placed(frames), np.inf)
     frames.position[:, 2] -= above + np.where(dips, 1e-4, -1e-4)
 
     def lifted(_: Projection, one: WrittenHand, goal: HandConfiguration, *__: object) -> HandConfiguration:
@@ -189,7 +189,8 @@ def test_the_projection_of_a_shallow_hand_moves_little_more_than_its_depth() -> 
     frames = case.frames._replace(position=case.frames.position - [0.0, 0.0, gap + 1e-3])
     written = WrittenHand(keypoints(HAND, frames), HAND, frames, tip_on_surface=False)
     free = Projection(written, judge).made_free(frames, frames)
-    moved = np.linalg.norm(written.samples(free)[0] - written.samples(frames)[0], axis=1).max()
+    ends = [written.samples(written.posed(hands))[0] for hands in (free, frames)]
+    moved = np.linalg.norm(ends[0] - ends[1], axis=1).max()
     # Some ball of the hand has to rise by the depth; the program asks for 20 µm more.
     assert 1e-3 <= moved < 2e-3
 

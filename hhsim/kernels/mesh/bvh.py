@@ -1,7 +1,8 @@
 """Bounding-volume hierarchy over the triangles of a mesh: exact closest point and signed distance.
 
 The sign, negative inside, is that of the angle-weighted pseudonormal of the closest feature (Bærentzen and Aanæs,
-2005): exact for a watertight mesh that does not intersect itself.
+2005): exact for a watertight mesh that does not intersect itself. For one that does, it can be that of the winding
+number.
 """
 
 import math
@@ -12,6 +13,7 @@ import numpy as np
 from hhsim.kernels.elementary import arc_tangents
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK, build_median_tree
+from hhsim.kernels.mesh.winding_number import WindingMoments, winding_at, winding_moments
 from hhsim.kernels.triangle import closest_on_triangle, triangle_at
 
 _LEAF_TRIANGLES = 4
@@ -31,6 +33,7 @@ class MeshBvh(NamedTuple):
     start: Indices  # with the next two as in `MedianTree`, (N,)
     end: Indices
     right: Indices
+    moments: WindingMoments  # of the N nodes if the winding number gives the sign, else of none
 
 
 def face_normals(vertices: Array, faces: Indices) -> Array:
@@ -64,10 +67,11 @@ def pseudonormals(vertices: Array, faces: Indices) -> Array:
     return result
 
 
-def build_mesh_bvh(vertices: Array, faces: Indices, signed: bool = True) -> MeshBvh:
+def build_mesh_bvh(vertices: Array, faces: Indices, signed: bool = True, by_winding: bool = False) -> MeshBvh:
     """Build the hierarchy over vertices [m], shape (V, 3), and faces, outward by the right hand, shape (F, 3), F ≥ 1.
 
-    Unless `signed` the pseudonormals are 0, which saves most of the time: nothing is then outside.
+    Unless `signed` the pseudonormals are 0, which saves most of the time: nothing is then outside. With `by_winding`
+    the winding number gives the sign, also where triangles cross each other.
     """
     corners = np.ascontiguousarray(vertices[faces], np.float64)
     tree = build_median_tree(corners.mean(axis=1), _LEAF_TRIANGLES)
@@ -76,7 +80,9 @@ def build_mesh_bvh(vertices: Array, faces: Indices, signed: bool = True) -> Mesh
     corner = np.ascontiguousarray(corners.reshape(-1, 9))
     _bound(corner, tree.start, tree.end, tree.right, bound)
     normal = pseudonormals(vertices, faces)[tree.order] if signed else np.zeros((len(faces), 7, 3))
-    return MeshBvh(corner, np.ascontiguousarray(normal), tree.order, bound, tree.start, tree.end, tree.right)
+    unsummed = WindingMoments(np.empty((0, 3)), np.empty(0), np.empty((0, 12)))
+    bvh = MeshBvh(corner, np.ascontiguousarray(normal), tree.order, bound, tree.start, tree.end, tree.right, unsummed)
+    return bvh._replace(moments=winding_moments(bvh)) if by_winding else bvh
 
 
 @jit_allocating
@@ -195,7 +201,10 @@ def signed_distance(
     """Compute the signed distance [m] of one point, negative inside, and the closest point of the mesh (x, y, z)."""
     triangle, x, y, z, d2, feature = closest_on_mesh(bvh, px, py, pz, np.inf, stack, stack_distance2)
     distance = math.sqrt(d2)
-    inside = triangle >= 0 and not outside(bvh, triangle, feature, px - x, py - y, pz - z)
+    if bvh.moments.radius.shape[0] > 0:
+        inside = winding_at(bvh, bvh.moments, px, py, pz, stack) > 0.5
+    else:
+        inside = triangle >= 0 and not outside(bvh, triangle, feature, px - x, py - y, pz - z)
     if inside and not beyond(bvh, px, py, pz):
         distance = -distance
     return distance, x, y, z

@@ -10,14 +10,13 @@ points beyond `FAR`·R.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhsim.kernels.elementary import arc_tangent
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK
-from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.kernels.triangle import Triangle, triangle_at
 
 SMALL = 1.0e-100
@@ -89,8 +88,8 @@ class WindingMoments(NamedTuple):
     moment: Array  # sums of area vectors n [m²] and of (centroid − center) n [m³] row by row, (N, 12)
 
 
-def winding_moments(bvh: MeshBvh) -> WindingMoments:
-    """Compute the moments for the nodes of a hierarchy."""
+def winding_moments(bvh: Any) -> WindingMoments:
+    """Compute the moments for the nodes of a `MeshBvh`, which holds such moments itself."""
     nodes = len(bvh.start)
     moments = WindingMoments(np.empty((nodes, 3)), np.empty(nodes), np.empty((nodes, 12)))
     _sum_moments(bvh, moments)
@@ -98,7 +97,7 @@ def winding_moments(bvh: MeshBvh) -> WindingMoments:
 
 
 @jit_allocating
-def _sum_moments(bvh: MeshBvh, moments: WindingMoments) -> None:
+def _sum_moments(bvh: Any, moments: WindingMoments) -> None:
     area = np.empty(bvh.corner.shape[0])
     vector = np.empty((bvh.corner.shape[0], 3))
     middle = np.empty((bvh.corner.shape[0], 3))
@@ -140,7 +139,7 @@ def _sum_moments(bvh: MeshBvh, moments: WindingMoments) -> None:
 
 
 @jit
-def winding_at(bvh: MeshBvh, moments: WindingMoments, x: float, y: float, z: float, stack: Indices) -> float:
+def winding_at(bvh: Any, moments: WindingMoments, x: float, y: float, z: float, stack: Indices) -> float:
     """Compute the winding number [-] at one point [m], with a stack of shape (STACK,)."""
     far = 0.0
     real, imaginary = 1.0, 0.0
@@ -175,7 +174,7 @@ def winding_at(bvh: MeshBvh, moments: WindingMoments, x: float, y: float, z: flo
 
 
 @jit_allocating
-def fast_winding_numbers(bvh: MeshBvh, moments: WindingMoments, points: Array, winding_out: Array) -> None:
+def fast_winding_numbers(bvh: Any, moments: WindingMoments, points: Array, winding_out: Array) -> None:
     """Compute the winding numbers [-], shape (n,), at points [m], shape (n, 3)."""
     stack = np.empty(STACK, np.int64)
     for i in range(points.shape[0]):

@@ -13,6 +13,7 @@ from hhsim.errors import InputError
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
+from hhsim.mesh.features import mesh_features
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import mesh_clearance
 
@@ -192,5 +193,6 @@ class FieldPair:
 
 @lru_cache(maxsize=2)
 def object_bvh(mesh: Mesh) -> MeshBvh:
-    """Return the hierarchy over the triangles of a closed mesh."""
-    return build_mesh_bvh(mesh.vertices, mesh.faces)
+    """Return the hierarchy over the triangles of a closed mesh, whose sign holds also where they cross."""
+    features, _ = mesh_features(mesh.vertices, mesh.faces, closed=True)
+    return build_mesh_bvh(mesh.vertices, mesh.faces, by_winding=len(features.pseudonormal) == 0)
