@@ -25,7 +25,7 @@ from hhsim.repair.hand_change import (
 from hhsim.repair.hand_judge import CLEAR, HandJudge, farthest
 from hhsim.repair.smoothing import smoothed
 from hhsim.repair.tracks import put
-from hhsim.repair.written_hand import WrittenHand
+from hhsim.repair.written_hand import JOINTS, WrittenHand
 from hhsim.solver.options import Stiffness
 from hhsim.solver.qp import QpProblem, QpStatus, solve_active_set
 from hhsim.system.progress import Progress, silent
@@ -42,10 +42,11 @@ SETTLED = 5e-5
 """Move of all balls in one program [m] below which a hand is the nearest."""
 RELAXATION = 1e-4
 """Distance [√J] by which rows that contradict each other are moved back."""
-SOFT = Stiffness(flexion=0.05)
-"""Coupling with a tenth of the solver's stiffness of joints: fingers give way before the palm takes others with it."""
-STIFFNESS = np.concatenate([SOFT.diagonal(), np.full(5, 2.0 * SOFT.flexion)])
-"""Stiffness of each number of a change; that of abduction, which the solver does not change, is twice a joint's."""
+A_JOINT = 50.0
+"""Stiffness by which each joint, and the palm's origin, is drawn to its recorded place [N/m]."""
+REST = 0.02 * np.concatenate([Stiffness(flexion=0.05).diagonal(), np.full(5, 0.1)])
+"""Stiffness of each number of a change beside that of the joints, which tell nothing of a turn about their own line."""
+ORIGIN, UNIT = np.eye(3, NUMBERS), np.ones(NUMBERS)
 TAPERS = (0, 2, REACH)
 """Frames beside those that need a correction over which it falls to nothing, in the order in which they are tried."""
 STEADY = 1.1
@@ -236,6 +237,7 @@ class Projection:
         points, radii, motion = written.samples(posed)
         # No ball is nearer than when it was measured by more than it has moved since.
         nearest, last = np.full(len(points), -np.inf), points
+        wanted = written.samples(written.posed(goal))[0][JOINTS]
         for number in range(PROGRAMS):
             if number:
                 points, radii, motion = written.samples(posed)
@@ -246,12 +248,18 @@ class Projection:
             nearest[asked] = value = distance - radii[asked]
             near = (value < NEAR) & (np.abs(distance) > 1e-9)
             rows = np.einsum("ni,nij->nj", normal[near], motion[asked[near]])
-            program = QpProblem(STIFFNESS, rows, gap - value[near], change_between(posture, goal)[0])
+            # Gauss and Newton's program of the joints, in the variables in which its Hessian is the identity.
+            along = np.concatenate([motion[JOINTS].reshape(-1, NUMBERS), ORIGIN])
+            off = np.append((wanted - points[JOINTS]).ravel(), (goal.position - posture.position)[0])
+            root = np.linalg.cholesky(A_JOINT * along.T @ along + np.diag(REST))
+            pull = A_JOINT * off @ along + REST * change_between(posture, goal)[0]
+            program = QpProblem(UNIT, np.linalg.solve(root, rows.T).T, gap - value[near], np.linalg.solve(root, pull))
             solution = solve_active_set(program, RELAXATION)
             if solution.status is not QpStatus.OPTIMAL:
                 break
-            length = float(np.linalg.norm(motion @ solution.x, axis=1).max())
-            posture = changed_hand(posture, solution.x[None] * min(1.0, LONGEST_STEP / max(length, 1e-12)))
+            change = np.linalg.solve(root.T, solution.x)
+            length = float(np.linalg.norm(motion @ change, axis=1).max())
+            posture = changed_hand(posture, change[None] * min(1.0, LONGEST_STEP / max(length, 1e-12)))
             posed = written.posed(posture)
             if self.judge.placed_clearance(posed.placed)[0] >= CLEAR:
                 free = posture

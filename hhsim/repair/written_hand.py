@@ -20,6 +20,9 @@ SHARES = np.linspace(0.0, 1.0, 17)
 """Places along the axis of a phalanx whose distances are linearised."""
 
 
+JOINTS = len(SHARES) * np.arange(15).reshape(5, 3, 1) + [0, len(SHARES) - 1]
+JOINTS = np.concatenate([JOINTS[:, :, 0], JOINTS[:, 2:, 1]], axis=1).ravel()
+"""Places of the joints and tips among the balls of `WrittenHand.samples`, shape (20,)."""
 CROSS = -np.array(
     [[[0, 0, 0], [0, 0, 1], [0, -1, 0]], [[0, 0, -1], [0, 0, 0], [1, 0, 0]], [[0, 1, 0], [-1, 0, 0], [0, 0, 0]]]
 )
