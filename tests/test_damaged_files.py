@@ -21,7 +21,7 @@ from command_server import CommandServer, Served
 from driven_scenes import carried, swing
 from free_scenes import free_result
 from gate_scene import SUITE
-from joint_samples import joint_sample, mcap_bytes
+from joint_samples import array_npy, arrays_npz, joint_sample, mcap_bytes, openxr_csv, webxr_json
 from leap_document import document
 from live_session import write_session
 from pose_samples import lerobot_bytes
@@ -34,6 +34,7 @@ from sweep_plans import PLAN
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.recordings.cleaning import clean_recording
+from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.replay.replay import replay_scene
 from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
@@ -81,6 +82,7 @@ MORE_OF_RESULTS = (
     "gate FILE --baseline result.h5",
     "verify FILE --every 1 --again --json",
 )
+REPAIR = "repair FILE --object ball.obj --rate 100 --hand right --world-up y --length-unit m --max-correction 200"
 MOTION_COMMANDS = ("replay cube FILE --level 2 --out again.h5", "import FILE --out taken.h5")
 SESSION_COMMANDS = (
     *RESULT_COMMANDS,
@@ -89,6 +91,8 @@ SESSION_COMMANDS = (
 )
 TREE_COMMANDS = ("replay cup touch --tree FILE --out again.h5",)
 MESH_COMMANDS = ("replay FILE touch --unit m --level 2 --out again.h5",)
+REPAIRED = ("hand.npy", "hand.json", "hand.csv", "hand.npz", "openxr.csv")
+"""Joints of a hand, as `hhsim repair` takes them."""
 KINDS = (
     *(Kind("result.h5", seal, RESULT_COMMANDS) for seal in ("kept", "bare")),
     *(Kind("tree.h5", seal, TREE_COMMANDS) for seal in ("kept", "bare")),
@@ -109,6 +113,7 @@ OTHER_KINDS = (
     Kind("hand.toml", "bare", ("replay cube pinch --hand-file FILE --level 2 --ticks 50 --out again.h5",)),
     Kind("suite.toml", "bare", ("gate FILE --no-time",)),
     Kind("plan.toml", "bare", ("sweep FILE --dry-run --json",)),
+    *(Kind(name, "bare", (f"{REPAIR} --out FILE{Path(name).suffix}",)) for name in REPAIRED),
     Kind("columns.toml", "bare", ("import table.csv --columns FILE --out taken.h5",)),
 )
 
@@ -139,6 +144,13 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.04)
     for suffix in ("stl", "obj", "off", "ply", "glb"):
         ball.export(folder / f"ball.{suffix}")
+    points = joint_sample(count=24).named()
+    (folder / "hand.npy").write_bytes(array_npy(points.astype(np.float32)))
+    (folder / "hand.npz").write_bytes(arrays_npz(joints=points))
+    (folder / "hand.json").write_text(webxr_json(joint_sample(count=24)))
+    names = [f"{name}_{axis}" for name in KEYPOINTS for axis in "xyz"]
+    np.savetxt(folder / "hand.csv", points.reshape(24, -1), "%.6f", ",", header=",".join(names), comments="")
+    (folder / "openxr.csv").write_text(openxr_csv(joint_sample(count=24)))
     texts = {"script": short_grasp_text(), "hand": HAND, "suite": SUITE, "plan": PLAN, "columns": GLOVE}
     for name, text in texts.items():
         (folder / f"{name}.toml").write_text(text)
@@ -166,6 +178,7 @@ def server(samples: dict[str, bytes], tmp_path_factory: pytest.TempPathFactory) 
     """Commands in a folder that has what they take besides the damaged file."""
     folder = tmp_path_factory.mktemp("served")
     (folder / "result.h5").write_bytes(samples["result.h5"])
+    (folder / "ball.obj").write_bytes(samples["ball.obj"])
     (folder / "table.csv").write_text(TABLE)
     (folder / "short.toml").write_text(short_grasp_text())
     with CommandServer(folder, SECONDS) as server:
@@ -325,7 +338,7 @@ def name_of(value: Kind | range) -> str:
 
 CASES = [(kind, block) for kind in KINDS for block in BLOCKS]
 CASES += [(kind, block) for kind in OTHER_KINDS for block in OTHER_BLOCKS]
-OFTEN = ("result.h5", "motion.h5", "tree.h5", "script.toml", "plan.toml")
+OFTEN = ("hand.npy", "hand.json", "result.h5", "motion.h5", "tree.h5", "script.toml", "plan.toml")
 """Of the other kinds, those of which `make test` runs two corruptions."""
 
 

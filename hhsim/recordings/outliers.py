@@ -55,6 +55,8 @@ SUSPECT_RATIO = 8.0
 """Ratio of a suspect sample's deviation to the usual one around it."""
 SUSPECT_FLOOR = 0.008
 """Smallest deviation that is not noise [m of a fingertip]."""
+JOINT_FLOOR = 1e-3
+"""Smallest deviation of a recorded joint that is told [m]."""
 WINDOW = 7
 """Samples on either side that the local deviation is taken from."""
 MOST_DISORDER = 0.9
@@ -209,15 +211,34 @@ def _suspects(recording: Recording) -> Recording:
         return recording
     off = np.zeros(count)
     off[1:-1] = bend(recording)
-    padded = np.pad(off, WINDOW, mode="reflect")
-    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1)
-    # The sample and its two neighbours, whose chords contain it, are excluded.
-    usual = np.median(np.delete(around, (WINDOW - 1, WINDOW, WINDOW + 1), axis=1), axis=1)
-    suspect = (off > SUSPECT_FLOOR) & (off > SUSPECT_RATIO * usual)
+    suspect = (off > SUSPECT_FLOOR) & (off > SUSPECT_RATIO * _usual(off))
     suspect |= _local_disorder(recording)
     most = _amount(off[suspect].max(initial=0.0), "m")
     text = f"out of line with the samples around by up to {most} of a fingertip: left"
     return recording.flagged(suspect, SampleFlag.SUSPECT, text)
+
+
+def suspect_joints(recording: Recording) -> Recording:
+    """Flag samples of which a joint is out of line with the samples around; they stay as they are."""
+    joints, time, count = recording.joints, recording.time, recording.sample_count
+    if joints is None or count < 2 * WINDOW + 2:
+        return recording
+    off = np.zeros(joints.shape[:2])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = ((time[1:-1] - time[:-2]) / (time[2:] - time[:-2]))[:, None, None]
+        off[1:-1] = np.linalg.norm(joints[1:-1] - joints[:-2] - share * (joints[2:] - joints[:-2]), axis=2)
+    off = np.nan_to_num(off)
+    suspect = (off > JOINT_FLOOR) & (off > SUSPECT_RATIO * _usual(off))
+    text = f"a joint out of line with the samples around by up to {1e3 * off[suspect].max(initial=0.0):.1f} mm: left"
+    return recording.flagged(suspect.any(axis=1), SampleFlag.SUSPECT, text)
+
+
+def _usual(off: FloatArray) -> FloatArray:
+    """Return the usual deviation around each sample, shape (T, ...)."""
+    padded = np.pad(off, [(WINDOW, WINDOW)] + [(0, 0)] * (off.ndim - 1), mode="reflect")
+    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1, axis=0)
+    # The sample and its two neighbours, whose chords contain it, are excluded.
+    return np.asarray(np.median(np.delete(around, (WINDOW - 1, WINDOW, WINDOW + 1), axis=-1), axis=-1))
 
 
 def bend(recording: Recording) -> FloatArray:

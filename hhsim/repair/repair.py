@@ -20,6 +20,7 @@ from hhsim.recordings.correction import Correction
 from hhsim.recordings.fitted_hand import fitted_hand
 from hhsim.recordings.mano_model import read_mano_model
 from hhsim.recordings.object_poses import with_object_poses
+from hhsim.recordings.outliers import suspect_joints
 from hhsim.recordings.recording import Recording, note
 from hhsim.recordings.registry import Content, ReadOptions, format_of, read_recording, write_recording
 from hhsim.recordings.unit_detection import clean_units
@@ -80,6 +81,11 @@ def repair_recording(
         recording = recording.found(note(_fit_text(fit)))
     with named(request.recording):
         recorded = recorded_scene(recording, mesh, tree, hand, request.recording.stem)
+    recording = suspect_joints(recording)
+    gone = recording.sample_count - len(recorded.frames)
+    if gone:
+        text = f"{gone} of {recording.sample_count} samples have no whole hand or no object: left as they are"
+        recording = recording.found(note(text))
     scene = recorded.scene
     began = perf_counter()
     surface = contact_surface("mesh", scene.mesh, scene.tree)
