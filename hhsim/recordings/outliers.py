@@ -219,7 +219,7 @@ def _suspects(recording: Recording) -> Recording:
 
 
 def suspect_joints(recording: Recording) -> Recording:
-    """Flag samples of which a joint is out of line with the samples around; they stay as they are."""
+    """Flag samples with a joint out of line with the samples around, or a bone of another length; they stay."""
     joints, time, count = recording.joints, recording.time, recording.sample_count
     if joints is None or count < 2 * WINDOW + 2:
         return recording
@@ -227,10 +227,16 @@ def suspect_joints(recording: Recording) -> Recording:
     with np.errstate(divide="ignore", invalid="ignore"):
         share = ((time[1:-1] - time[:-2]) / (time[2:] - time[:-2]))[:, None, None]
         off[1:-1] = np.linalg.norm(joints[1:-1] - joints[:-2] - share * (joints[2:] - joints[:-2]), axis=2)
-    off = np.nan_to_num(off)
-    suspect = (off > JOINT_FLOOR) & (off > SUSPECT_RATIO * _usual(off))
-    text = f"a joint out of line with the samples around by up to {1e3 * off[suspect].max(initial=0.0):.1f} mm: left"
-    return recording.flagged(suspect.any(axis=1), SampleFlag.SUSPECT, text)
+    fingers = joints[:, 1:].reshape(count, 5, 4, 3)
+    length = np.linalg.norm(np.diff(fingers, axis=2), axis=-1).reshape(count, 15)
+    known = np.isfinite(length).all(axis=1)
+    stretch = np.abs(length - np.median(length[known], axis=0)) if known.any() else length
+    off, stretch = np.nan_to_num(off), np.nan_to_num(stretch)
+    text = "a joint out of line with the samples around, or a bone of another length, by up to {:.1f} mm: left"
+    bent = (off > JOINT_FLOOR) & (off > SUSPECT_RATIO * _usual(off))
+    stretched = (stretch > JOINT_FLOOR) & (stretch > SUSPECT_RATIO * np.median(stretch, axis=0))
+    most = 1e3 * max(off[bent].max(initial=0.0), stretch[stretched].max(initial=0.0))
+    return recording.flagged(bent.any(axis=1) | stretched.any(axis=1), SampleFlag.SUSPECT, text.format(most))
 
 
 def _usual(off: FloatArray) -> FloatArray:
