@@ -5,11 +5,13 @@ The unpickler makes arrays, keeps the state of a few known classes as data, and 
 
 import io
 import pickle
+from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
-from hhsim.errors import TrajectoryError
+from hhsim.errors import InputError, TrajectoryError
 
 
 class _State:
@@ -32,6 +34,8 @@ class _Unpickler(pickle.Unpickler):
             from numpy._core import multiarray
 
             return getattr(multiarray, name)
+        if module in ("numpy.core.numeric", "numpy._core.numeric") and name == "_frombuffer":
+            return getattr(np._core.numeric, name)
         if module == "numpy" and name in ("ndarray", "dtype"):
             return getattr(np, name)
         if (module, name) == ("_codecs", "encode"):
@@ -100,3 +104,51 @@ def npy_dictionary(data: bytes, what: str) -> dict[str, Any]:
     # The header's length takes two bytes in version 1, four in later ones.
     width = 2 if data[6:7] == b"\x01" else 4
     return unpickled(data[8 + width + int.from_bytes(data[8 : 8 + width], "little") :], what)
+
+
+def flat(node: Mapping[str, Any], above: str = "") -> list[tuple[str, Any]]:
+    """Return the values of nested dictionaries by their keys with slashes between."""
+    found: list[tuple[str, Any]] = []
+    for key, value in node.items():
+        name = f"{above}/{key}" if above else str(key)
+        found += flat(value, name) if isinstance(value, dict) and above.count("/") < 4 else [(name, value)]
+    return found
+
+
+def replaced(node: Mapping[str, Any], new: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Return nested dictionaries with other numbers of the same type under the names of `flat`."""
+    made = {}
+    for key, value in node.items():
+        name = f"{above}/{key}" if above else str(key)
+        made[key] = replaced(value, new, name) if isinstance(value, dict) else value
+        if name in new:
+            kind = np.asarray(value).dtype
+            if kind.kind != "f":
+                raise InputError(f"'{name}' is of {kind}, which does not hold a correction; expected floating-point")
+            made[key] = new[name].astype(kind)
+    return made
+
+
+def pickled_arrays(data: bytes) -> dict[str, Any]:
+    """Return the arrays of numbers in a pickled dictionary by the names of `flat`; errors as of `unpickled`."""
+    arrays = {}
+    for name, value in flat(unpickled(data, "a recording")):
+        with suppress(ValueError, TypeError):
+            array = np.asarray(plain(value))
+            if array.dtype.kind in "fiub":
+                arrays[name] = array
+    return arrays
+
+
+def pickled_with(data: bytes, new: Mapping[str, Any]) -> bytes:
+    """Return a pickled dictionary with other numbers under the names of `flat`; all else in it stays.
+
+    Raises:
+        InputError: Whole numbers, or an object of a class that is not loaded.
+    """
+    fields = unpickled(data, "a recording")
+    if any(isinstance(value, _State) for _, value in flat(fields)):
+        raise InputError("a pickle of objects is not written; save its arrays: np.savez(FILE, NAME=…)")
+    old = pickled_arrays(data)
+    new = {name: values for name, values in new.items() if not np.array_equal(old[name], values, equal_nan=True)}
+    return pickle.dumps(replaced(fields, new), protocol=data[1])

@@ -9,12 +9,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, OutputError, TrajectoryError, UnknownNameError, named
 from hhsim.motion.csv_table import read_header
+from hhsim.motion.npz_arrays import npz_of, read_npz
+from hhsim.motion.pickled_data import pickled_arrays, pickled_with
 from hhsim.motion.text_edit import NumberEdit, edited
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import ColumnMap
@@ -85,12 +88,17 @@ class ReadOptions:
     camera_poses: Path | None = None
 
 
+PICKLES = tuple(bytes((0x80, protocol)) for protocol in range(2, 6))
+"""First bytes of a pickle."""
+
+
 class Content:
     """Content of a file, read no further than needed.
 
     Attributes:
         path: The file; None if only its bytes are given.
         name: Name of the recording if the content has none; default: the file's name without its suffix.
+        pickled: Pickle of which `data` has the arrays; empty for any other file.
         what: Kind of file that is expected, for messages.
     """
 
@@ -100,8 +108,19 @@ class Content:
         self.path = path
         self.what = what
         self.name = name or (path.stem if path is not None else "")
+        self.pickled = b""
         if data is not None:
             self.data = data
+
+    @classmethod
+    def of_recording(cls, path: Path, data: bytes | None = None) -> Self:
+        """Return the content of a recording; of a pickled dictionary its arrays, as an .npz has them."""
+        content = cls(path, data=data)
+        if content.head.startswith(PICKLES):
+            content.pickled = content.data
+            content.data = npz_of(pickled_arrays(content.data))
+            content.head = content.data[:HEAD_BYTES]
+        return content
 
     @cached_property
     def data(self) -> bytes:
@@ -258,7 +277,7 @@ def read_recording(path: str | Path, options: ReadOptions | None = None) -> Reco
     if source.is_dir():
         raise TrajectoryError(f"{source}: a folder; expected a recording")
     with named(source):
-        return read_content(Content(source), options or ReadOptions())
+        return read_content(Content.of_recording(source), options or ReadOptions())
 
 
 def read_content(content: Content, options: ReadOptions) -> Recording:
@@ -316,12 +335,15 @@ def write_recording(
     if target.suffix.lower() != source.suffix.lower():
         raise OutputError(f"{target}: a corrected recording keeps its format; expected a name in {source.suffix}")
     with named(source):
-        content = Content(source)
+        content = Content.of_recording(source)
         form = format_of(content, options)
         if form.write is None:
             raise InputError(f"format {form.name} is not written; export the result in another one")
-        data = form.write(content, options, recording, correction) if correction.changed.any() else content.data
-        off = _distance_read_back(form, Content(source, data=data), options, recording, correction)
+        data = content.pickled or content.data
+        if correction.changed.any():
+            data = form.write(content, options, recording, correction)
+            data = pickled_with(content.pickled, read_npz(data)) if content.pickled else data
+        off = _distance_read_back(form, Content.of_recording(source, data), options, recording, correction)
     write_atomically(target, data)
     return off
 

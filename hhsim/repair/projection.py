@@ -257,7 +257,7 @@ class Projection:
             solution = solve_active_set(program, RELAXATION)
             if solution.status is not QpStatus.OPTIMAL:
                 break
-            change = np.linalg.solve(root.T, solution.x)
+            change = np.asarray(np.linalg.solve(root.T, solution.x), np.float64)
             length = float(np.linalg.norm(motion @ change, axis=1).max())
             posture = changed_hand(posture, change[None] * min(1.0, LONGEST_STEP / max(length, 1e-12)))
             posed = written.posed(posture)

@@ -191,7 +191,7 @@ def _skin(path: Path, skin: Path | None, recording: Recording, hand: HandModel, 
         if recording.joints is None:
             raise InputError("--skin needs the centres of the joints, and this recording holds angles alone")
         return read_skin(skin, recording, hand, _posture(recording))
-    content = Content(path)
+    content = Content.of_recording(path)
     mano = format_of(content, read).mano
     if mano is None or read.mano_model is None:
         return None

@@ -21,10 +21,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
-from hhsim.errors import InputError, TrajectoryError, named
+from hhsim.errors import TrajectoryError, named
 from hhsim.motion.npz_arrays import array_names, npz_with, numbers, read_npy, read_npz
-from hhsim.motion.pickled_data import npy_dictionary
+from hhsim.motion.pickled_data import flat, npy_dictionary, replaced
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import Correction, joint_changes
 from hhsim.recordings.formats.mano import ANGLES, ManoPoses, corrected_arrays, parameters_of, recording_of_poses
@@ -97,29 +96,15 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
     new = corrected_arrays(hand.arrays, (pose, turn, shift), hand.poses, made, options, hand.usual)
     if content.head.startswith(NPY):
         out = io.BytesIO()
-        np.save(out, np.array(_replaced(npy_dictionary(content.data, DICTIONARY), new), dtype=object))
+        np.save(out, np.array(replaced(npy_dictionary(content.data, DICTIONARY), new), dtype=object))
         return out.getvalue()
     return npz_with(content.data, new)
-
-
-def _replaced(node: Mapping[str, Any], new: Mapping[str, FloatArray], above: str = "") -> dict[str, Any]:
-    """Return nested dictionaries with other numbers of the same type under the names of `_flat`."""
-    made = {}
-    for key, value in node.items():
-        name = f"{above}/{key}" if above else str(key)
-        made[key] = _replaced(value, new, name) if isinstance(value, dict) else value
-        if name in new:
-            kind = np.asarray(value).dtype
-            if kind.kind != "f":
-                raise InputError(f"'{name}' is of {kind}, which does not hold a correction; expected floating-point")
-            made[key] = new[name].astype(kind)
-    return made
 
 
 def _hand(content: Content, options: ReadOptions) -> _Hand:
     """Return the hand of the options, else the one of more samples; raises TrajectoryError."""
     if content.head.startswith(NPY):
-        arrays = dict(_flat(npy_dictionary(content.data, DICTIONARY)))
+        arrays = dict(flat(npy_dictionary(content.data, DICTIONARY)))
     elif _is_pickled(content):
         raise TrajectoryError(CONVERT)
     else:
@@ -177,15 +162,6 @@ def _object(
     return poses, [note(f"the object moves as {beside.name} beside it has it")]
 
 
-def _flat(node: Mapping[str, Any], above: str = "") -> list[tuple[str, Any]]:
-    """Return the values of nested dictionaries by their keys with slashes between."""
-    flat = []
-    for key, value in node.items():
-        name = f"{above}/{key}" if above else str(key)
-        flat += _flat(value, name) if isinstance(value, dict) and above.count("/") < 4 else [(name, value)]
-    return flat
-
-
 def _is_pickled(content: Content) -> bool:
     names = array_names(content.data)
     return bool(names & {"rhand", "lhand"}) and bool(names & {"object", "body"})
@@ -200,7 +176,7 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
 FORMAT = RecordingFormat(
     "grab",
     "hands and object of ARCTIC or GRAB, with --mano-model",
-    (".npy", ".npz"),
+    (".npy", ".npz", ".pkl"),
     _sniff,
     _read,
     write=_write,

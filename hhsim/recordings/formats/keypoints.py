@@ -282,7 +282,7 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
 FORMAT = RecordingFormat(
     "keypoints",
     "21 keypoints in MediaPipe's order as bare numbers",
-    (".npy", ".npz", ".csv", ".json"),
+    (".npy", ".npz", ".pkl", ".csv", ".json"),
     _sniff,
     _read,
     write=_write,

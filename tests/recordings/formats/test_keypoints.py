@@ -2,11 +2,14 @@
 
 import io
 import json
+import pickle
 import zipfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from correction_samples import a_correction
 from hypothesis import given
 from hypothesis import strategies as st
 from joint_samples import array_npy, arrays_npz, assert_our_own, joint_sample, words
@@ -15,7 +18,7 @@ from recording_samples import read_as
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.recordings.formats import keypoints
 from hhsim.recordings.joint_names import JOINT_ORDERS, KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, WEBXR_JOINTS
-from hhsim.recordings.registry import Content, ReadOptions, read_content
+from hhsim.recordings.registry import Content, ReadOptions, read_content, read_recording, write_recording
 
 SAMPLE = joint_sample()
 POINTS, TIME = SAMPLE.named(), SAMPLE.motion.time
@@ -180,3 +183,38 @@ def test_a_header_that_numpy_cannot_even_split_is_refused() -> None:
     data = array_npy(POINTS)
     with pytest.raises(TrajectoryError, match=r"not an .npy array"):
         read_as("keypoints", data[:40] + b"(((\x00\x97\xfa'''(" + data[50:])
+
+
+class Planted:
+    """Object whose pickle runs a command where a plain unpickler loads it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> Any:
+        return Path.touch, (self.path,)
+
+
+@pytest.mark.parametrize("protocol", [2, 4, 5])
+def test_a_pickled_dictionary_comes_back_corrected_and_runs_nothing(protocol: int, tmp_path: Path) -> None:
+    sample, path, planted = joint_sample(), tmp_path / "take.pkl", tmp_path / "planted"
+    held: dict[str, Any] = {
+        "joints": sample.named(),
+        "t": sample.motion.time,
+        "seen": np.arange(3),
+        "by": {"who": "me"},
+    }
+    path.write_bytes(pickle.dumps(held, protocol))
+    options = ReadOptions(world_up="y", hand="right")
+    recording = read_recording(path, options)
+    assert recording.joints is not None
+    correction = a_correction(recording)
+    off = write_recording(path, options, recording, correction, tmp_path / "new.pkl")
+    assert off is not None and off < 1e-9
+    new = pickle.loads((tmp_path / "new.pkl").read_bytes())
+    assert list(new) == list(held) and new["by"] == held["by"] and np.array_equal(new["seen"], held["seen"])
+    assert not np.array_equal(new["joints"], held["joints"])
+    path.write_bytes(pickle.dumps(held | {"more": Planted(planted)}, protocol))
+    with pytest.raises(TrajectoryError, match=r"take\.pkl: holds .*, which is not data, so it is not loaded"):
+        read_recording(path, options)
+    assert not planted.exists()
