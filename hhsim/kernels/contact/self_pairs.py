@@ -284,7 +284,7 @@ def _leave_room(offset: float, row: int, state: Record) -> None:
 
 
 @jit
-def _add_row(
+def _add_pair(
     pairs: SelfPairs, hand: HandArrays, pair: int, sphere: int, within: float, options: Any, state: Record
 ) -> bool:
     """Add the row of a pair that the step breaks, or not farther than `within` [m]; return if it is new."""
@@ -334,14 +334,14 @@ def _add_rows(pairs: SelfPairs, hand: HandArrays, within: float, options: Any, s
         if own.bound[pair] > limit:
             continue
         if second != PALM_BODY:
-            added = _add_row(pairs, hand, pair, as_int64(WHOLE_PALM), within, options, state) or added
+            added = _add_pair(pairs, hand, pair, as_int64(WHOLE_PALM), within, options, state) or added
             continue
         cone, sphere = _in_palm_frame(state.pose, _cone(hand, state.pose, first)), as_int64(-1)
         while True:
             sphere, _ = _next_sphere(hand, cone, limit, sphere + 1)
             if sphere < 0:
                 break
-            added = _add_row(pairs, hand, pair, sphere, within, options, state) or added
+            added = _add_pair(pairs, hand, pair, sphere, within, options, state) or added
     return added
 
 
@@ -357,7 +357,7 @@ def _foresee_rows(pairs: SelfPairs, hand: HandArrays, active: Record, options: A
     for i in range(active.count):
         key = -1 - LIMIT_ROWS - active.key[i]
         if key >= 0 and active.body[i] == pairs.first[key % SELF_PAIRS]:
-            _add_row(pairs, hand, key % SELF_PAIRS, key // SELF_PAIRS + WHOLE_PALM, np.inf, options, state)
+            _add_pair(pairs, hand, key % SELF_PAIRS, key // SELF_PAIRS + WHOLE_PALM, np.inf, options, state)
     for f in range(FINGER_COUNT):
         state.problem.abduction_step[f] *= own.share[f]
 
