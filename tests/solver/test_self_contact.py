@@ -92,16 +92,17 @@ def test_a_mirrored_hand_does_the_mirrored_thing() -> None:
     np.testing.assert_allclose(left.phalanx, mirror * right.phalanx, atol=1e-9)
 
 
-def test_a_finger_stops_at_the_palm() -> None:
+def test_the_thumb_stops_at_the_palm() -> None:
     flexion = np.zeros((5, 3))
-    flexion[2] = (1.55, 1.74, 1.5)
-    motion = closed(still(np.zeros(3), flexion=flexion))
+    flexion[0] = (0.59, 1.39, 1.0)
+    motion = closed(still(np.zeros(3), flexion=flexion, abduction=np.array([0.16, 0.0, 0.0, 0.0, 0.0])))
     assert clearance(RIGHT, motion).min() < -1e-3
     record = run(motion)
     assert clearance(RIGHT, record).min() >= 0.0 and not (record.status & (STATUS_LAG | STATUS_STUCK)).any()
-    # The palm bears what the finger does not: together they are in balance.
+    # The palm bears what the thumb bears on it: together they are in balance.
     np.testing.assert_allclose(record.total[-1], 0.0, atol=1e-12)
-    assert np.linalg.norm(record.phalanx[-1, 2]) > 0.05
+    assert np.linalg.norm(record.phalanx[-1, 0].sum(axis=0)) > 0.05
+    np.testing.assert_array_equal(record.phalanx[-1, 1:], 0.0)
 
 
 def test_fingers_side_by_side_hold_the_abduction_that_they_have_no_room_for() -> None:

@@ -84,7 +84,7 @@ FAULTS: dict[Fault, str] = {
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
 def test_a_planted_fault_is_found(honest: Result, tmp_path: Path, fault: Fault) -> None:
-    assert FAULTS[fault] in failing(planted(honest.path, tmp_path, fault))
+    assert FAULTS[fault] in failing(verify(planted(honest.path, tmp_path, fault)))
 
 
 def test_the_claim_is_of_runs_that_make_it(honest: Result, tmp_path: Path) -> None:
