@@ -131,6 +131,7 @@ def test_defaults_of_the_options_are_those_of_the_code() -> None:
         "--stiffness": f"{spring.translation:g} N/m, {spring.rotation:g} N·m/rad, {spring.flexion:g} N·m/rad",
         "--penalty-stiffness": f"{spring.penalty:,.0f} N/m",
         "--tolerance": f"10⁻{'⁰¹²³⁴⁵⁶⁷⁸⁹'[round(-np.log10(SolverOptions().tolerance))]}",
+        "--self-contact": "on" if SolverOptions().self_contact else "off",
         "--threads": f"{SolverOptions().threads}",
         "--budget": f"{1e-6 * SolverOptions().budget / SolverOptions().period:g} a microsecond of the period",
     }
