@@ -13,7 +13,7 @@ from machine_share import MachineShare
 from numpy.typing import NDArray
 
 from hhsim.hand.model import HandModel
-from hhsim.live.devices.registry import configure
+from hhsim.live.devices.registry import Hand, configure
 from hhsim.live.ipc.config import LiveSetup, OutputLimits
 from hhsim.live.ipc.status import Stage
 from hhsim.live.pose.registry import PoseConfig
@@ -35,12 +35,12 @@ PATIENCE = 180.0
 STIFF = 0.2
 
 
-def grasping_setup(port: int, record: Path | None) -> LiveSetup:
+def grasping_setup(port: int, record: Path | None, side: Hand = "right") -> LiveSetup:
     """Fingers that close on a cube at the place where they grasp it, and are stopped soon."""
     item = load_object("cube")
     tree = cached_sphere_tree(item.mesh, TreeOptions(level=3))
-    hand = HandModel.default("right")
-    device = configure("dexmo", port=port)
+    hand = HandModel.default(side)
+    device = configure("dexmo", port=port, hand=side)
     scene = make_live_scene(item.mesh, tree, hand, device, PoseConfig("fixed"), None)
     options = SolverOptions()
     warm_up(hand, options)

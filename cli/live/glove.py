@@ -1,6 +1,7 @@
 """`hhsim live glove`."""
 
 import sys
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ import click
 from hhsim.live.devices.registry import GLOVES
 from hhsim.live.pose.registry import POSES, USUAL_POSE_PORT, PoseConfig
 from hhsim.result.safety import AFTER_STALL
+from hhsim.result.schema import SIDES, TWO_HANDED
 from hhsim.solver.method import METHODS
 
 from ..arguments import options
@@ -19,12 +21,15 @@ from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
 from ..arguments.tree_choice import TreeChoice
 from ..console import announce_compilation, print_json, print_notes, progress
 from ..replay import complete_trajectory
-from .glove_settings import GloveChoice, glove_choice
+from .glove_settings import GloveChoice, glove_choice, own_options
 from .session import run_session
-from .summary import print_summary, summary_json
+from .summary import print_summary, session_json
 
 if TYPE_CHECKING:
     from hhsim.live.devices.registry import GloveConfig, Hand
+    from hhsim.scene.motion_catalogue import Motion
+
+    Inputs = tuple[GloveConfig, PoseConfig, Motion | None]
 
 USUAL_MOTION, USUAL_FREE_MOTION = "grasp", "lift"
 """Motions of a glove that plays one, beside a fixed object and a free one."""
@@ -74,19 +79,41 @@ class HandChoice(OptionGroup, heading="Hand"):
         help="Port that these packets arrive at.",
     )
 
-    def inputs(self, glove: GloveChoice, seed: int, usual_motion: str) -> "tuple[GloveConfig, PoseConfig, Any]":
-        """Return the glove, the source of the palm's pose, and the motion that either of them plays, or None.
+    def of_both(self, glove: GloveChoice, seed: int, usual_motion: str) -> "list[tuple[HandChoice, Inputs]]":
+        """Return the options and the `inputs` of the hand, or of the right and the left one where there are two gloves.
+
+        Raises click.UsageError for options that contradict each other.
+        """
+        if not glove.two:
+            return [(self, self.inputs(glove, glove.device, glove.settings(glove.device), seed, usual_motion))]
+        if self.side is not None:
+            raise click.UsageError(f"--hand {self.side} is for one glove: two name their hands")
+        found = []
+        for side in SIDES:
+            device, text = glove.device[side]
+            own = own_options(device, text, {each.name for each in fields(self)} - {"side"})
+            mine = {name: own.pop(name) for name in list(own) if name in vars(self)}
+            hand = replace(self, side=side, **mine)
+            if hand.pose == "keyboard":
+                raise click.UsageError("--pose keyboard moves one palm: with two gloves choose another")
+            inputs = hand.inputs(glove, device, glove.settings(device, own), seed, usual_motion)
+            found.append((hand, inputs))
+        return found
+
+    def inputs(
+        self, glove: GloveChoice, device: str, settings: dict[str, Any], seed: int, usual_motion: str
+    ) -> "Inputs":
+        """Return a glove, the source of the palm's pose, and the motion that either of them plays, or None.
 
         `seed` is of the glove's noise, `usual_motion` played if none is named. Raises click.UsageError for options that
         contradict each other.
         """
         from hhsim.live.devices.registry import configure
-        from hhsim.scene.motion_catalogue import resolve_trajectory
 
-        settings = glove.settings()
-        plays = GLOVES[glove.device].plays
-        has_palm = GLOVES[glove.device].palm
-        usual = "replay" if plays else "glove" if has_palm else "keyboard" if sys.stdin.isatty() else "fixed"
+        plays = GLOVES[device].plays
+        has_palm = GLOVES[device].palm
+        by_keys = sys.stdin.isatty() and not glove.two
+        usual = "replay" if plays else "glove" if has_palm else "keyboard" if by_keys else "fixed"
         pose = self.pose or usual
         source = POSES[pose]
         plays = plays or source.plays
@@ -114,12 +141,21 @@ class HandChoice(OptionGroup, heading="Hand"):
         ):
             if wrong:
                 raise click.UsageError(message)
-        motion = resolve_trajectory(self.trajectory or usual_motion) if plays else None
+        motion = self._motion(self.trajectory or usual_motion, two=glove.two) if plays else None
         side: Hand = "left" if (self.side or getattr(motion, "hand", None)) == "left" else "right"
         x, y, z = [1e-3 * value for value in self.palm] if self.palm else (0.0, 0.0, 0.0)
         a, b, c, d = self.palm_turn or (1.0, 0.0, 0.0, 0.0)
         config = PoseConfig(pose, (x, y, z), (a, b, c, d), host=self.pose_host, port=self.pose_port)
-        return configure(glove.device, hand=side, seed=seed, **settings), config, motion
+        return configure(device, hand=side, seed=seed, **settings), config, motion
+
+    def _motion(self, word: str, *, two: bool) -> "Motion":
+        """Return the motion that a word means; for one of two gloves its hand's, where a file holds both."""
+        from hhsim.scene.motion_catalogue import resolve_trajectory
+        from hhsim.scene.two_hands import holds_two_hands, two_handed_motions
+
+        if two and holds_two_hands(word):
+            return two_handed_motions(word)[self.side == "left"]
+        return resolve_trajectory(word)
 
 
 class Feedback(OptionGroup, heading="Forces"):
@@ -228,13 +264,14 @@ def command(
       hhsim live glove bunny --device udp --pose udp --rerun spawn
       hhsim live glove cube --free --mass 0.1 --friction 0.8 --torsion 5
       hhsim live glove --device replay --trajectory session.h5 --duration 10
+      hhsim live glove cube --device left=dexmo,right=dexmo --pose udp
     """
     from hhsim.hand.model import HandModel
     from hhsim.live.devices.registry import open_device
     from hhsim.live.doctor import quick_warning
     from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
     from hhsim.live.real_time import RealTimeWishes
-    from hhsim.live.session.scene import make_live_scene
+    from hhsim.live.session.scene import grasping_hand, make_live_scene
     from hhsim.result.reader import check_result_path
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.solver.compile import warm_up
@@ -244,69 +281,92 @@ def command(
     if session.no_record and session.record is not None:
         raise click.UsageError(f"--no-record and --record {session.record} exclude each other")
     usual = USUAL_FREE_MOTION if free.free else USUAL_MOTION
-    device, palm, motion = hand.inputs(glove, session.seed, usual)
-    print_notes(import_remarks(motion, hand.trajectory or ""))
+    worn = hand.of_both(glove, session.seed, usual)
+    two = len(worn) > 1
+    if two and free.free:
+        raise click.UsageError("--free is of one glove: two hands on a free object are not solved")
+    if two and session.rerun is not None:
+        raise click.UsageError("--rerun shows one hand: leave it out with two gloves, and see hhsim view")
+    for own, (_, _, motion) in worn:
+        print_notes(import_remarks(motion, own.trajectory or ""))
     options = SolverOptions(period=1.0 / session.rate, **solver.given())
-    free.require(options, motion)
-    side, sizes = device.hand, hand.hand_file
-    model = HandModel.default(side) if sizes is None else HandModel.from_toml(sizes, side)
+    for _, (_, _, motion) in worn:
+        free.require(options, motion)
+    models = [
+        HandModel.default(device.hand) if own.hand_file is None else HandModel.from_toml(own.hand_file, device.hand)
+        for own, (device, _, _) in worn
+    ]
     announce_compilation(quiet=session.quiet)
     solid = solver.surface != "mesh"
     mesh, usual_level = mesh_file.read(object_, solid=solid)
     # An error of the mesh comes before its tree is built.
     free.object(mesh, object_)
+    kinds = "-".join(device.kind for _, (device, _, _) in worn)
     record = None
     if not session.no_record:
-        record = session.record or dated_output_path(f"{mesh.name}-live-{device.kind}")
+        record = session.record or dated_output_path(f"{mesh.name}-live-{kinds}")
         check_result_path(record)
     print_notes(mesh.warnings, prefix="warning")
+    scenes = []
     with progress(quiet=session.quiet) as report:
         chosen = tree.choose(mesh, usual_level, report, solid=solid)
-        placed = hand.palm is not None
-        scene = make_live_scene(mesh, chosen.tree, model, device, palm, motion, placed=placed, seed=session.seed)
+        other = grasping_hand(models[0], chosen.tree, worn[0][1][2]) if two else None
+        for i, (own, (device, palm, motion)) in enumerate(worn):
+            placed, beside = own.palm is not None, other if i else None
+            about = (mesh, chosen.tree, models[i], device, palm, motion)
+            scenes.append(make_live_scene(*about, placed=placed, seed=session.seed, other=beside))
     print_notes(chosen.notes)
     duration = session.duration
-    if GLOVES[device.kind].ends and duration is None and scene.device.playback is not None:
-        duration = scene.device.playback.duration
-    # An error of the settings comes before any process is started.
-    open_device(scene.device)
-    setup = LiveSetup(
-        mesh=scene.mesh,
-        tree=scene.tree,
-        hand=model,
-        options=options,
-        device=scene.device,
-        pose=scene.pose,
-        free=free.object(scene.mesh, object_),
-        rate=session.rate,
-        output=OutputLimits() if feedback.stiffness is None else OutputLimits(stiffness=feedback.stiffness),
-        safety=SafetyLimits(stale=1e-3 * feedback.stale, after_stall=feedback.after_stall),
-        real_time=RealTimeWishes.none() if session.no_realtime else RealTimeWishes(cpu=session.cpu),
-        rerun=session.rerun,
-        dry_run=feedback.dry_run,
-        command=("hhsim", *sys.argv[1:]),
-        record=record,
-        duration=duration,
-        description={
-            **scene.description,
-            "object": object_,
-            "object_mesh": mesh.sha256,
-            "level": chosen.tree.depth,
-            "hand_file": str(sizes) if sizes else None,
-            "device": device.kind,
-            "trajectory": None if motion is None else hand.trajectory or usual,
-            "seed": session.seed,
-        },
-    )
-    warm_up(model, setup.options, setup.free)
-    warning = quick_warning(setup.rate, setup.real_time)
+    for scene in scenes:
+        if GLOVES[scene.device.kind].ends and session.duration is None and scene.device.playback is not None:
+            duration = max(duration or 0.0, scene.device.playback.duration)
+        # An error of the settings comes before any process is started.
+        open_device(scene.device)
+    setups = [
+        LiveSetup(
+            mesh=scene.mesh,
+            tree=scene.tree,
+            hand=model,
+            options=options,
+            device=scene.device,
+            pose=scene.pose,
+            free=free.object(scene.mesh, object_),
+            rate=session.rate,
+            output=OutputLimits() if feedback.stiffness is None else OutputLimits(stiffness=feedback.stiffness),
+            safety=SafetyLimits(stale=1e-3 * feedback.stale, after_stall=feedback.after_stall),
+            real_time=RealTimeWishes.none() if session.no_realtime else RealTimeWishes(cpu=session.cpu),
+            rerun=session.rerun,
+            dry_run=feedback.dry_run,
+            command=("hhsim", *sys.argv[1:]),
+            record=record,
+            duration=duration,
+            description={
+                **scene.description,
+                "object": object_,
+                "object_mesh": mesh.sha256,
+                "level": chosen.tree.depth,
+                "hand_file": str(own.hand_file) if own.hand_file else None,
+                "device": scene.device.kind,
+                "trajectory": None if motion is None else own.trajectory or usual,
+                "seed": session.seed,
+                **({TWO_HANDED: True} if two else {}),
+            },
+        )
+        for (own, (_, _, motion)), model, scene in zip(worn, models, scenes)
+    ]
+    for setup in setups:
+        warm_up(setup.hand, setup.options, setup.free)
+    warning = quick_warning(session.rate, setups[0].real_time)
     print_notes([warning] if warning else [], prefix="warning")
-    heading = f"{mesh.name}, {solver.method}, {device.kind}"
-    outcome, error = run_session(setup, heading, quiet=session.quiet)
+    heading = f"{mesh.name}, {solver.method}, {' and '.join(device.kind for _, (device, _, _) in worn)}"
+    outcomes, error = run_session(setups, heading, quiet=session.quiet)
     if session.as_json:
-        print_json(summary_json(outcome, error))
-    elif not session.quiet and outcome.ticks:
-        print_summary(outcome, f"{heading}: {outcome.seconds:,.1f} s, {outcome.reason}")
+        print_json(session_json(outcomes, error, record))
+    elif not session.quiet:
+        for setup, outcome in zip(setups, outcomes):
+            if outcome.ticks:
+                whose = f"{setup.hand.side} hand, " if two else ""
+                print_summary(outcome, f"{whose}{heading}: {outcome.seconds:,.1f} s, {outcome.reason}")
     if error:
         print(f"hhsim: error: {error}", file=sys.stderr)
     return 2 if error else 0

@@ -1,43 +1,104 @@
 """Options of `hhsim live glove` for the gloves and their settings."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import MISSING, Field, fields
-from types import NoneType
+from types import MappingProxyType, NoneType
 from typing import Any, get_args
 
 import click
 from click.core import ParameterSource
 
 from hhsim.live.devices.registry import GLOVES, Setting
+from hhsim.result.schema import SIDES
 
 from ..arguments.option_group import OptionGroup, option
 from ..arguments.options import Number
+
+Worn = dict[str, tuple[str, str]]
+"""Name of the glove on each hand, and its own options as text."""
+
+
+class Gloves(click.Choice[str]):
+    """A glove's name, or `Worn` from left=NAME,right=NAME."""
+
+    _one = r"(\w+)=(\w+)(?:\[([^\]]*)\])?"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the name, or both hands' gloves; fails for text that is neither."""
+        if not isinstance(value, str) or "=" not in value:
+            return super().convert(value, param, ctx)
+        found = re.findall(self._one, value)
+        if not re.fullmatch(f"{self._one}(?:,{self._one})*", value):
+            self.fail(
+                f"{value!r} is not left=NAME,right=NAME, with a glove's own options as NAME[port=5010].", param, ctx
+            )
+        sides = [side for side, _, _ in found]
+        for side in sides:
+            if side not in SIDES:
+                self.fail(f"{value!r} has a hand '{side}': expected left and right.", param, ctx)
+        if sorted(sides) != sorted(SIDES):
+            most, least = max(SIDES, key=sides.count), min(SIDES, key=sides.count)
+            wrong = f"more than one {most} glove" if sides.count(most) > 1 else f"no {least} glove"
+            self.fail(f"{value!r} has {wrong}: expected one for each hand.", param, ctx)
+        return {side: (super(Gloves, self).convert(name, param, ctx), own) for side, name, own in found}
 
 
 class GloveChoice(OptionGroup, heading="Glove"):
     """Glove and its settings, which are fields of the subclass that `glove_choice` makes."""
 
-    device: str
+    device: Any
 
-    def settings(self) -> dict[str, Any]:
-        """Return the settings on the command line; raises click.UsageError for one that only other gloves have."""
+    @property
+    def two(self) -> bool:
+        """True for a glove on each hand: `device` is `Worn`."""
+        return isinstance(self.device, dict)
+
+    def settings(self, device: str, own: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
+        """Return a glove's settings: its `own`, and those on the command line.
+
+        Raises click.UsageError for one that only other gloves have.
+        """
         context = click.get_current_context()
-        found = {}
+        chosen = dict.fromkeys(name for name, _ in self.device.values()) if self.two else {device: None}
+        found = dict(own)
         for name, gloves in _by_name().items():
             if context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
                 continue
-            if self.device in gloves:
-                found[name] = getattr(self, name)
-            else:
-                (flag,) = (parameter.opts[0] for parameter in context.command.params if parameter.name == name)
-                raise click.UsageError(f"{flag} is for --device {' or '.join(gloves)}, not {self.device}")
+            if device in gloves:
+                found.setdefault(name, getattr(self, name))
+            elif not any(other in gloves for other in chosen):
+                flag = _option(context, name).opts[0]
+                raise click.UsageError(f"{flag} is for --device {' or '.join(gloves)}, not {' or '.join(chosen)}")
         return found
+
+
+def own_options(device: str, text: str, others: Container[str]) -> dict[str, Any]:
+    """Return the options of one of two gloves, NAME=VALUE with commas between: its settings and `others`, by field.
+
+    Raises click.UsageError for an option that it has not, or a value out of range.
+    """
+    context = click.get_current_context()
+    found: dict[str, Any] = {}
+    for part in re.split(r",(?=[a-z-]+=)", text) if text else ():
+        flag, _, value = part.partition("=")
+        name = next((each.name for each in context.command.params if f"--{flag}" in each.opts), None)
+        if name is None or (device not in _by_name().get(name, ()) and name not in others):
+            raise click.UsageError(f"{device}[{text}]: {device} has no option of its own '{flag}'")
+        found[name] = _option(context, name).process_value(context, value)
+    return found
+
+
+def _option(context: click.Context, name: str) -> click.Parameter:
+    (found,) = (parameter for parameter in context.command.params if parameter.name == name)
+    return found
 
 
 def glove_choice() -> type[GloveChoice]:
     """Make the options: --device, the settings that several gloves have, then each glove's own."""
     about = "; ".join(f"{name}: {GLOVES[name].about}" for name in GLOVES)
-    device = option("--device", type=click.Choice(list(GLOVES)), default="sim", help=f"{about}.")
+    two = "Two gloves: left=NAME,right=NAME, each with options of its own if need be, as left=udp[port=24171]"
+    device = option("--device", type=Gloves(list(GLOVES)), default="sim", help=f"{about}. {two}.")
     options = {"device": device, **dict(_settings())}
     return type("KnownGloves", (GloveChoice,), {"__annotations__": dict.fromkeys(options, Any), **options})
 

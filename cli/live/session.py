@@ -1,6 +1,7 @@
 """A live session in the terminal: its status, its keys, and its end."""
 
 import time
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from .status_line import LiveStatus
@@ -14,8 +15,8 @@ POLL = 0.02
 """Period at which the session is polled [s]."""
 
 
-def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[SessionOutcome, str]":
-    """Run a session to its end; return its outcome, and the error in a line, or "".
+def run_session(setups: "Sequence[LiveSetup]", heading: str, *, quiet: bool) -> "tuple[list[SessionOutcome], str]":
+    """Run a session to its end; return the outcome of each hand, and the error in a line, or "".
 
     `heading` is the title of the display, which is warnings and faults alone where `quiet` is set.
     """
@@ -23,7 +24,9 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
     from hhsim.live.pose.keyboard import HELP, PalmKeys, write_keyboard_pose
     from hhsim.live.session.stop_signals import stop_signals
     from hhsim.live.session.supervisor import Supervisor
+    from hhsim.live.session.two_gloves import TwoGloves
 
+    setup = setups[0]
     by_keys = setup.pose.kind == "keyboard"
     palm = PalmKeys(setup.pose.position, setup.pose.orientation)
     status = LiveStatus(heading, HELP if by_keys else (HELP[-1],), quiet=quiet)
@@ -31,8 +34,9 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
         stop_signals() as stop_signal,
         terminal_keys() as read_keys,
         status.shown(),
-        Supervisor(setup, status.say) as session,
+        Supervisor(setup, status.say) if len(setups) == 1 else TwoGloves(setups, status.say) as session,
     ):
+        hands = session.hands if isinstance(session, TwoGloves) else (session,)
         before = time.monotonic()
         stopping = False
         where = str(setup.record or "")
@@ -46,12 +50,13 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
                 stopping = True
                 session.request_stop(reason)
             if by_keys and palm.advance(now - before):
-                write_keyboard_pose(session.memory.status_block, palm.position, palm.orientation)
+                write_keyboard_pose(hands[0].memory.status_block, palm.position, palm.orientation)
             before = now
-            status.update(session.memory.status, session.tally, where, palm if by_keys else None)
-        outcome = session.end()
+            status.update([(hand.memory.status, hand.tally) for hand in hands], where, palm if by_keys else None)
+        ended = session.end()
+        outcomes = list(ended) if isinstance(ended, tuple) else [ended]
     try:
         session.check()
     except HhsimError as error:
-        return outcome, str(error)
-    return outcome, ""
+        return outcomes, str(error)
+    return outcomes, ""

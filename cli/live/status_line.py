@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from hhsim.result.schema import SIDES
 from hhsim.system.counted import counted
 
 if TYPE_CHECKING:
@@ -61,8 +62,8 @@ class LiveStatus:
         else:
             print(line, file=sys.stderr, flush=True)
 
-    def update(self, status: Any, tally: "LiveTally", recording: str, palm: "PalmKeys | None" = None) -> None:
-        """Update the display if its interval has passed, by a record of `LIVE_STATUS`.
+    def update(self, hands: "Sequence[tuple[Any, LiveTally]]", recording: str, palm: "PalmKeys | None" = None) -> None:
+        """Update the display if its interval has passed, by each hand's record of `LIVE_STATUS` and figures.
 
         `recording` is a path, or "" for none; `palm` is one that keys move.
         """
@@ -70,7 +71,10 @@ class LiveStatus:
         if self.quiet or now - self._shown < (PANEL_SECONDS if self.panel else LINE_SECONDS):
             return
         self._shown = now
-        rows = status_rows(status, tally, recording, time.monotonic_ns())
+        rows = []
+        for side, (status, tally) in zip(SIDES if len(hands) > 1 else ("",), hands):
+            shown = status_rows(status, tally, recording, time.monotonic_ns())
+            rows += [(f"{side} {name}".strip(), value) for name, value in shown]
         if self._live is None:
             text = "; ".join(f"{name}: {value}" for name, value in rows)
             print(f"hhsim: {now - self._began:,.0f} s: {text}", file=sys.stderr, flush=True)
@@ -91,7 +95,7 @@ class LiveStatus:
         table.add_column(style="cyan", no_wrap=True)
         table.add_column(overflow="fold")
         for name, value in rows:
-            alarm = name == "fingers" and value.startswith("free")
+            alarm = name.endswith("fingers") and value.startswith("free")
             table.add_row(Text(name), Text(value, style="bold yellow" if alarm else ""))
         return table
 

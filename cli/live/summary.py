@@ -1,10 +1,13 @@
 """Summary that a live session prints at its end."""
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hhsim.result.schema import SIDES
 from hhsim.table.table import Table, shown
 
 from ..console import print_line, print_table
@@ -125,6 +128,14 @@ def _off_the_mesh(result: "Result") -> float:
         first += size
     placed = PlacedHand(*(np.concatenate(columns) for columns in zip(*parts)))
     return float(np.fmax.reduce(run.touched.contact_error(placed, np.ones(chosen.size, bool)), initial=math.nan))
+
+
+def session_json(outcomes: "Sequence[SessionOutcome]", error: str, record: Path | None) -> dict[str, Any]:
+    """Return `summary_json` of one hand, or of both by their names."""
+    if len(outcomes) == 1:
+        return summary_json(outcomes[0], error)
+    hands = {side: summary_json(outcome, "") for side, outcome in zip(SIDES, outcomes)}
+    return {"session": None if record is None else str(record), "error": error or None, "hands": hands}
 
 
 def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Reasons of free fingers in a live session."""
 
+from collections.abc import Callable
 from enum import IntFlag
 
 
@@ -15,6 +16,13 @@ class Safety(IntFlag):
     NO_WATCHDOG = 64
     DRY_RUN = 128
     NO_INPUT_YET = 256
+    OTHER_HAND = 512
+
+
+def free_counts(count: Callable[[Safety], int]) -> dict[str, int]:
+    """Return the number of ticks kept free by the name of each reason; the other hand's if there was any."""
+    counts = {why: count(why) for why in Safety}
+    return {str(why.name): ticks for why, ticks in counts.items() if ticks or why != Safety.OTHER_HAND}
 
 
 WORDS = {
@@ -27,6 +35,7 @@ WORDS = {
     Safety.NO_WATCHDOG: "no watchdog that reaches the glove",
     Safety.DRY_RUN: "dry run: nothing is sent",
     Safety.NO_INPUT_YET: "no input yet",
+    Safety.OTHER_HAND: "a fault of the other hand",
 }
 
 AFTER_STALL = {

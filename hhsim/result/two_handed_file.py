@@ -28,7 +28,7 @@ def join_hands(parts: Sequence[Path], between: Mapping[str, AnyArray], path: Pat
 
     Args:
         parts: Their paths, in the order of `SIDES`.
-        between: Arrays of `BETWEEN_COLUMNS` by name.
+        between: Arrays of `BETWEEN_COLUMNS` by name; empty where the hands have no ticks in common.
 
     Raises:
         OutputError: The file cannot be written; the parts stay.
@@ -41,7 +41,7 @@ def join_hands(parts: Sequence[Path], between: Mapping[str, AnyArray], path: Pat
                     with h5py.File(part, "r") as one:
                         _copy_hand(one, file, side)
                 file.attrs.update({name: file[HANDS][SIDES[0]].attrs[name] for name in STATED})
-                for column in BETWEEN_COLUMNS:
+                for column in BETWEEN_COLUMNS if between else ():
                     values = np.asarray(between[column.name], column.dtype)
                     describe_dataset(file.create_dataset(f"{BETWEEN}/{column.name}", data=values), column)
                 file.attrs.update({"schema_version": TWO_HANDED_SCHEMA_VERSION, "complete": 1})

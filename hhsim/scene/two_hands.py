@@ -26,6 +26,12 @@ SAME_STAMP = 1e-6
 """Stamps no farther apart are one [s]."""
 
 
+def holds_two_hands(word: str) -> bool:
+    """Return whether a word on the command line names a file that `two_handed_motions` reads, and no script."""
+    path = Path(word)
+    return is_imported(path) or (holds_a_result(path) and len(hand_paths(path)) == len(SIDES))
+
+
 def two_handed_motions(word: str) -> tuple[Motion, Motion]:
     """Return the motions of the right and of the left hand that a word on the command line means, over the same time.
 

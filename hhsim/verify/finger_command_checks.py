@@ -51,7 +51,7 @@ def _reasons(rows: SessionRows) -> Claim:
         groundless = stated & ~(bad & (came < rows.over)) & (status & INPUT_INVALID == 0)
         wrong["not finite"] |= clear & (missing | groundless)
     if rows.dry_run or not safety["watchdog"]:
-        wrong["no watchdog"] = bits & Safety.NO_WATCHDOG > 0
+        wrong["no watchdog"] = bits & (Safety.NO_WATCHDOG | Safety.OTHER_HAND) > 0
     found = [f"{name} at {int(ticks.argmax()):,}" for name, ticks in wrong.items() if ticks.any()]
     says = "the reasons for free fingers are those that the stamps, the samples and the status show"
     any_ = np.any(list(wrong.values()), axis=0)

@@ -12,7 +12,7 @@ from hhsim.kernels.live.deadlines import EARLIEST
 from hhsim.kernels.live.phase import LARGEST_SHIFT
 from hhsim.metrics.session_faults import MISSED_BY
 from hhsim.result.reader import Result
-from hhsim.result.safety import Safety
+from hhsim.result.safety import Safety, free_counts
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged, told_apart
 from hhsim.verify.finger_command_checks import command_claims
@@ -316,6 +316,7 @@ def _counts(rows: SessionRows) -> dict[str, float]:
     status, seq = np.asarray(result["status"]), np.asarray(result["input_seq"], np.int64)
     steps = np.diff(seq, prepend=-1)
     force = np.sqrt((np.asarray(result["force/total"]) ** 2).sum(axis=1))
+    free = free_counts(lambda why: int((rows.safety & why > 0).sum()))
     found = {
         "ticks": result.ticks,
         "ticks_in_contact": (result["contacts/candidates"] > 0).sum(),
@@ -327,7 +328,7 @@ def _counts(rows: SessionRows) -> dict[str, float]:
         "samples_used": (steps > 0).sum(),
         "samples_superseded": (steps[steps > 1] - 1).sum(),
         "penetration_max": np.nan_to_num(result["penetration_depth"]).max(initial=0.0),
-        **{f"kept_free_{why.name}".lower(): (rows.safety & why > 0).sum() for why in Safety},
+        **{f"kept_free_{why.lower()}": count for why, count in free.items()},
         **{f"lost_{what}": rows.live[f"lost_{what}"] for what in ("ticks", "samples", "events")},
     }
     return {name: float(value) for name, value in found.items()}

@@ -13,7 +13,10 @@ STOPPING = 32
 NO_WATCHDOG = 64
 DRY_RUN = 128
 NO_INPUT_YET = 256
+OTHER_HAND = 512
 """Bits of `hhsim.result.safety.Safety`, whose test compares them."""
+HELD_BACK = 2
+"""`hhsim.live.ipc.status.HELD_BACK`."""
 
 INTERLOCK = np.dtype(
     [
@@ -40,7 +43,7 @@ def judge(
     usable: bool,
     missed: int,
     watchdog_ns: int,
-    armed: bool,
+    armed: int,
     lost: bool,
     stopping: bool,
 ) -> int:
@@ -48,7 +51,8 @@ def judge(
 
     Sample and pose in use came at `sample_ns` and `pose_ns`, -1 before the first; the newest sample may be unusable.
     `missed` counts the periods right before this tick, and one more if it began late, without a sleep. The watchdog's
-    last sign of life is 0 before the first; it is `armed` if it can reach the glove, which may be `lost`.
+    last sign of life is 0 before the first; `armed` is not 0 if it can reach the glove, and HELD_BACK for a fault of
+    the user's other hand. The glove may be `lost`.
     """
     bits = interlock.always
     if sample_ns < 0 or pose_ns < 0:
@@ -65,6 +69,9 @@ def judge(
         bits |= DEVICE_LOST
     if stopping:
         bits |= STOPPING
-    if interlock.watched == 1 and not (armed and now - watchdog_ns <= interlock.watchdog_ns):
-        bits |= NO_WATCHDOG
+    if interlock.watched == 1:
+        if armed == 0 or now - watchdog_ns > interlock.watchdog_ns:
+            bits |= NO_WATCHDOG
+        elif armed == HELD_BACK:
+            bits |= OTHER_HAND
     return bits

@@ -214,7 +214,7 @@ def begin_tick(live: LiveArrays) -> bool:
         loop.usable == 1,
         deadlines.missed + deadlines.at_once,
         status.watchdog_ns,
-        status.watchdog_armed != 0,
+        status.watchdog_armed,
         lost,
         loop.stop[0] != 0,
     )

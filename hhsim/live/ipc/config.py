@@ -142,6 +142,11 @@ class LiveSetup:
             raise InputError(f"the duration is {self.duration:g} s: it must be positive and finite")
 
     @property
+    def periods(self) -> int:
+        """Number of periods after which the loop ends by itself, -1 for none."""
+        return -1 if self.duration is None else max(1, round(self.duration * self.rate))
+
+    @property
     def period_ns(self) -> int:
         """Period of a tick [ns]."""
         return round(1e9 / self.rate)
@@ -175,6 +180,7 @@ class LiveSetup:
             oldest_ns=self.oldest_heartbeat_ns,
             real_time=self.real_time,
             supervisor=self.supervisor,
+            periods=self.periods,
         )
 
     def limits_json(self) -> dict[str, Any]:

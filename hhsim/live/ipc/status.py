@@ -67,6 +67,10 @@ samples before that are in their ring. `stop_requested` is 1 if the user ends th
 """
 
 
+ARMED, HELD_BACK = 1, 2
+"""Values of `watchdog_armed`: it reaches the glove; it does, and a fault of the other hand keeps this one free."""
+
+
 class LoopProcess:
     """Process of the loop, whose end wakes a process that did not start it; `status` is the record of `LIVE_STATUS`."""
 
@@ -80,8 +84,19 @@ class LoopProcess:
         """True from its begin to its end, as far as `wait` has seen either."""
         return self.known and not self.gone
 
-    def wait(self, timeout: float = 0.0) -> None:
-        """Sleep for `timeout` [s], or until the process ends."""
+    def wait(self, timeout: float = 0.0, other: "LoopProcess | None" = None) -> None:
+        """Sleep for `timeout` [s], or until the process, or another loop's, ends."""
+        loops = [self] if other is None else [self, other]
+        for loop in loops:
+            loop._open()
+        known = [loop._descriptor for loop in loops if loop.alive]
+        ended, _, _ = select.select(known, [], [], timeout)
+        for loop in loops:
+            if loop.alive and loop._descriptor in ended:
+                loop.gone = True
+                os.close(loop._descriptor)
+
+    def _open(self) -> None:
         number = int(self._status["loop_pid"])
         if not self.known and number:
             self.known = True
@@ -89,10 +104,6 @@ class LoopProcess:
                 self._descriptor = os.pidfd_open(number)
             except ProcessLookupError:
                 self.gone = True
-        ended, _, _ = select.select([self._descriptor] if self.alive else [], [], [], timeout)
-        if ended:
-            self.gone = True
-            os.close(self._descriptor)
 
 
 @dataclass(frozen=True)
@@ -103,6 +114,7 @@ class WatchdogSetup:
         status: Descriptor of the status block.
         device: The glove; None in a dry run, in which nothing is sent.
         oldest_ns: Age of the loop's heartbeat at which the fingers are freed [ns].
+        periods: Number of periods after which the loop ends by itself, -1 for none.
     """
 
     status: int
@@ -110,6 +122,7 @@ class WatchdogSetup:
     oldest_ns: int
     real_time: RealTimeWishes
     supervisor: int
+    periods: int = -1
 
 
 @dataclass(frozen=True)

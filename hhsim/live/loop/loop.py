@@ -136,7 +136,7 @@ class LiveLoop:
         self._run: Any = None
         at: Any = self.live.loop[0]
         self.at = at
-        at.periods = -1 if setup.duration is None else max(1, round(setup.duration * setup.rate))
+        at.periods = setup.periods
         at.longest_ns = setup.safety.release_at(period) * period
         at.driver_ns = round(1e9 * setup.safety.heartbeat_stale)
         at.sample_ns = at.pose_ns = at.input_seq = at.arrived_ns = at.latency_ns = -1

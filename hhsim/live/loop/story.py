@@ -33,6 +33,7 @@ LOGGED: dict[Safety, Line] = {
     Safety.OVERRUN_STREAK: (WARNING, "the loop is in time again"),
     Safety.DEVICE_LOST: (FAULT, "the glove is back"),
     Safety.NO_WATCHDOG: (FAULT, "the watchdog is there"),
+    Safety.OTHER_HAND: (WARNING, "the other hand is well again"),
 }
 """Level of each reason's line, and the text when the reason is over; `hhsim.result.safety.WORDS` name the reason."""
 QUIET_NS = 1_000_000_000

@@ -5,6 +5,9 @@ end of its process. The heartbeat is usually quicker: a process with much locked
 fails it frees the fingers every 20 ms. It does not end before the loop has, whatever signal it gets, and releases a
 session that has ended once more.
 
+Of two gloves in one session it has a connection to each. A fault of one hand frees the other one, too: the watchdog
+releases its glove, and holds its fingers back (`watchdog_armed`), so that its loop commands nothing from its next tick.
+
 It imports little: its own setup, the status block, and the part of the glove's driver that connects.
 """
 
@@ -18,9 +21,10 @@ from types import FrameType
 
 from hhsim.live.device import DeviceError, FingerRelease
 from hhsim.live.devices.registry import open_release
-from hhsim.live.ipc.status import LIVE_STATUS, LoopProcess, Stage, WatchdogSetup
+from hhsim.live.ipc.status import ARMED, HELD_BACK, LIVE_STATUS, LoopProcess, Stage, WatchdogSetup
 from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.shared_memory import SharedBlock, process_setup
+from hhsim.result.safety import Safety
 
 WATCH_SECONDS = 0.004
 """Longest time between two looks [s]."""
@@ -32,61 +36,77 @@ LAST_WORDS_NS = 200_000_000
 """Time in which the fingers are freed again and again after a loop that ended without announcing it [ns]."""
 
 
-class Watchdog:
-    """Watches one session through its own connection to the glove, not yet opened; None sends nothing."""
+FAULTS = int(
+    Safety.STALE_INPUT
+    | Safety.NOT_FINITE
+    | Safety.SOLVER_FAILED
+    | Safety.OVERRUN_STREAK
+    | Safety.DEVICE_LOST
+    | Safety.NO_WATCHDOG
+)
+"""Reasons of free fingers in one hand that keep the other one's free, too."""
+
+
+class WatchedHand:
+    """A loop, its driver, and the watchdog's own connection to its glove, not yet opened; None sends nothing."""
 
     def __init__(self, setup: WatchdogSetup, device: FingerRelease | None) -> None:
         self._supervisor = setup.supervisor
         self._stale_ns = setup.oldest_ns
+        self._periods = setup.periods
         self._block = SharedBlock(setup.status, LIVE_STATUS)
         self._status = self._block.array[0]
         self._device = device
-        self._loop = LoopProcess(self._status)
+        self.loop = LoopProcess(self._status)
         self._opened = False
         self._armed = False
         self._tried_ns = -CONNECT_NS
         self._released_ns = -RELEASE_NS
         self._gone_ns = -1
-        self._may_end = False
 
-    def allow_end(self, number: int, frame: FrameType | None) -> None:
-        """End as soon as the loop has, and not before; a signal handler."""
-        self._may_end = True
+    def close(self) -> None:
+        """Release the glove once more, and disconnect."""
+        self._status["watchdog_armed"] = 0
+        self._free_fingers()
+        if self._opened and self._device is not None:
+            self._device.close()
 
-    def watch(self) -> None:
-        """Watch until the session has ended, then release the glove once more."""
-        try:
-            while not self._step():
-                pass
-        finally:
-            self._status["watchdog_armed"] = 0
-            self._free_fingers()
-            if self._opened and self._device is not None:
-                self._device.close()
+    def amiss(self, now: int) -> bool:
+        """Return whether the loop or its driver is dead or silent: nobody else frees the fingers."""
+        status, stage = self._status, int(self._status["stage"])
+        running = stage in (Stage.RUNNING, Stage.ENDING)
+        amiss = running and (self.loop.gone or now - int(status["heartbeat_ns"]) > self._stale_ns)
+        # A driver that is dead or hangs sends no command, not even one that frees the fingers.
+        return amiss or (stage == Stage.RUNNING and now - int(status["driver_ns"]) > self._stale_ns)
 
-    def _step(self) -> bool:
-        """Look once; True if there is nothing left to watch."""
+    def faulty(self, now: int) -> bool:
+        """Return whether the user's other hand is to be free for a fault of this one."""
+        status, stage = self._status, int(self._status["stage"])
+        if stage == Stage.RUNNING:
+            return self.amiss(now) or int(status["safety"]) & FAULTS != 0
+        # It has ended by itself before its time. One that has not begun holds nothing.
+        over = 0 <= self._periods <= int(status["ticks"] + status["missed"])
+        return stage != Stage.STARTING and status["stop_requested"] == 0 and not over
+
+    def look(self, now: int, other_faulty: bool) -> None:
+        """Say that the watchdog is alive, and free the fingers now and then while this or the other hand needs it."""
         status = self._status
-        self._loop.wait(WATCH_SECONDS)
-        now = time.monotonic_ns()
         status["watchdog_ns"] = now
         self._stay_connected(now)
-        stage = int(status["stage"])
-        if stage == Stage.ENDED:
-            return not self._loop.alive
-        running = stage in (Stage.RUNNING, Stage.ENDING)
-        amiss = running and (self._loop.gone or now - int(status["heartbeat_ns"]) > self._stale_ns)
-        # A driver that is dead or hangs sends no command, not even one that frees the fingers.
-        amiss = amiss or (stage == Stage.RUNNING and now - int(status["driver_ns"]) > self._stale_ns)
-        if amiss and now - self._released_ns >= RELEASE_NS:
+        # Before the release: the loop's next command is to hold nothing.
+        status["watchdog_armed"] = (HELD_BACK if other_faulty else ARMED) if self._armed else 0
+        if (other_faulty or self.amiss(now)) and now - self._released_ns >= RELEASE_NS:
             self._released_ns = now
             if self._free_fingers():
                 status["watchdog_releases"] += 1
-        return self._may_go(now, running)
 
-    def _may_go(self, now: int, running: bool) -> bool:
-        """Return True if nothing is left that needs a watchdog."""
-        if self._loop.alive:
+    def over(self, now: int, may_end: bool) -> bool:
+        """Return True if nothing is left that needs a watchdog; it `may_end` if it got a signal."""
+        stage = int(self._status["stage"])
+        if stage == Stage.ENDED:
+            return not self.loop.alive
+        running = stage in (Stage.RUNNING, Stage.ENDING)
+        if self.loop.alive:
             self._gone_ns = -1
             return False
         if self._gone_ns < 0:
@@ -94,7 +114,7 @@ class Watchdog:
         orphan = os.getppid() != self._supervisor
         # After a loop that was killed while it ran, the first release may have been lost.
         long_enough = not running or now - self._gone_ns >= LAST_WORDS_NS
-        return (self._may_end or orphan) and long_enough
+        return (may_end or orphan) and long_enough
 
     def _stay_connected(self, now: int) -> None:
         if self._device is None:
@@ -115,17 +135,50 @@ class Watchdog:
                     self._opened = self._armed = True
             except DeviceError:
                 self._armed = False
-            self._status["watchdog_armed"] = int(self._armed)
 
     def _free_fingers(self) -> bool:
         return self._opened and self._device is not None and self._device.release()
 
 
+class Watchdog:
+    """Watches the one hand of a session, or both."""
+
+    def __init__(self, hands: Sequence[WatchedHand]) -> None:
+        self._hands = hands
+        self._may_end = False
+
+    def allow_end(self, number: int, frame: FrameType | None) -> None:
+        """End as soon as the loops have, and not before; a signal handler."""
+        self._may_end = True
+
+    def watch(self) -> None:
+        """Watch until the session has ended, then release each glove once more."""
+        try:
+            while not self._step():
+                pass
+        finally:
+            for hand in self._hands:
+                hand.close()
+
+    def _step(self) -> bool:
+        """Look once at each hand; True if there is nothing left to watch."""
+        hands = self._hands
+        hands[0].loop.wait(WATCH_SECONDS, *(hand.loop for hand in hands[1:]))
+        now = time.monotonic_ns()
+        faulty = [hand.faulty(now) for hand in hands]
+        for hand, beside in zip(hands, reversed(faulty)):
+            hand.look(now, len(hands) > 1 and beside)
+        over = [hand.over(now, self._may_end) for hand in hands]
+        return all(over)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Watch a session under real-time scheduling; signals do not end it while the loop lives. Returns the exit code."""
-    setup: WatchdogSetup
-    (setup,) = process_setup("watchdog", arguments)
-    watchdog = Watchdog(setup, None if setup.device is None else open_release(setup.device))
+    setups: Sequence[WatchdogSetup] = process_setup("watchdog", arguments)
+    setup = setups[0]
+    watchdog = Watchdog(
+        [WatchedHand(each, None if each.device is None else open_release(each.device)) for each in setups]
+    )
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, watchdog.allow_end)
     keep_off(setup.real_time.loop_cpu)

@@ -13,8 +13,10 @@ from hhsim.live.devices.registry import GLOVES, GloveConfig
 from hhsim.live.playback import Playback
 from hhsim.live.pose.registry import POSES, PoseConfig
 from hhsim.mesh.mesh import Mesh
+from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.motion_catalogue import Motion, load_script
 from hhsim.scene.scene import make_scene
+from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -43,6 +45,7 @@ def make_live_scene(
     *,
     placed: bool = False,
     seed: int = 0,
+    other: OtherHand | None = None,
 ) -> LiveScene:
     """Put the object and its sphere tree [m], in their own frame, glove and palm together.
 
@@ -50,13 +53,14 @@ def make_live_scene(
         motion: Motion of a simulated or replayed glove, or of a replayed palm; None if neither plays one.
         placed: True to begin at the pose of `pose`; otherwise the palm begins where it can grasp.
         seed: Seed of a script's tremor and sensor noise.
+        other: The user's other hand, beside which this one grasps.
 
     TrajectoryError if the motion cannot be done on this object.
     """
     where = {}
     palm = POSES[pose.kind]
     if motion is not None:
-        scene = make_scene(mesh, tree, hand, motion, seed=seed)
+        scene = make_scene(mesh, tree, hand, motion, seed=seed, other=other)
         where = {name: getattr(scene.trajectory, name).tolist() for name in ("object_position", "object_orientation")}
         mesh, tree = scene.mesh, scene.tree
         # One for both, so that fingers and palm stay together.
@@ -66,7 +70,7 @@ def make_live_scene(
         if palm.plays:
             pose = replace(pose, playback=playback)
     if palm.placed and not placed:
-        position, orientation = palm_place(hand, tree, palm.back)
+        position, orientation = palm_place(hand, tree, palm.back, other)
         x, y, z = map(float, position)
         a, b, c, d = map(float, orientation)
         pose = replace(pose, position=(x, y, z), orientation=(a, b, c, d))
@@ -80,13 +84,26 @@ def make_live_scene(
     return LiveScene(mesh, tree, device, pose, described)
 
 
-def palm_place(hand: HandModel, tree: SphereTree, back: float = 0.0) -> tuple[FloatArray, FloatArray]:
+def grasping_hand(hand: HandModel, tree: SphereTree, motion: Motion | None) -> OtherHand | None:
+    """Return a hand as it grasps an object (`tree`, world frame) in its script, or in `grasp`; None if it cannot."""
+    try:
+        script = motion if isinstance(motion, Script) else load_script("grasp")
+        return OtherHand(hand, planned(script, hand, tree))
+    except TrajectoryError:
+        return None
+
+
+def palm_place(
+    hand: HandModel, tree: SphereTree, back: float = 0.0, other: OtherHand | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Compute the palm's pose of the script `grasp` in its hold, `back` [m] from it, or above an object too large.
+
+    Beside an `other` hand it grasps clear of that.
 
     Returns palm origin [m], shape (3,), and unit quaternion (w, x, y, z), world frame as of the tree.
     """
     try:
-        closure = planned(load_script("grasp"), hand, tree)
+        closure = planned(load_script("grasp"), hand, tree, other=other)
     except TrajectoryError:
         leaves = tree.level == tree.level.max()
         top = float((tree.center[leaves, 2] + tree.radius[leaves]).max())

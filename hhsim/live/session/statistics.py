@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES
 from hhsim.live.shared_memory import RingReader, SharedRing
 from hhsim.metrics.session_faults import FREED_BY_FAULT
-from hhsim.result.safety import Safety
+from hhsim.result.safety import Safety, free_counts
 from hhsim.system.log_histogram import LogHistogram
 
 Scalar = str | int | float | bool
@@ -88,7 +88,7 @@ class LiveTally:
             "lag_ticks": self.lagging,
             "samples_used": self.new_samples,
             "samples_superseded": self.superseded,
-            "ticks_kept_free": {why.name: count for why, count in self.free_for.items() if why.name},
+            "ticks_kept_free": free_counts(self.free_for.__getitem__),
         }
 
     def count(self, ticks: NDArray[np.void]) -> None:

@@ -96,10 +96,13 @@ class SessionOutcome:
 class Supervisor:
     """A live session, as a context manager that ends it in order on every way out.
 
-    It counts the session's ticks in `tally`, and calls `say` for every event while it happens.
+    It counts the session's ticks in `tally`, and calls `say` for every event while it happens. `beside` is the session
+    of the user's other hand, whose watchdog is this one's too: it begins before this one and ends after it.
     """
 
-    def __init__(self, setup: LiveSetup, say: Say = lambda text, level: None) -> None:
+    def __init__(
+        self, setup: LiveSetup, say: Say = lambda text, level: None, beside: "Supervisor | None" = None
+    ) -> None:
         setup = replace(setup, real_time=setup.real_time.chosen())
         self.setup = setup
         self._say = say
@@ -108,7 +111,10 @@ class Supervisor:
         self._events = RingReader(self.memory.events)
         descriptor = self.memory.with_setup(setup)
         self._setups = dict.fromkeys((LOOP, RECORDER, VIEWER), descriptor)
-        self._setups[WATCHDOG] = write_setup(setup.for_watchdog(self.memory.descriptors.status))
+        self._watched = [setup.for_watchdog(self.memory.descriptors.status)]
+        self._beside = beside
+        if beside is not None:
+            beside._watched += self._watched
         self._children: dict[str, ChildProcess] = {}
         self._notices: list[tuple[float, int, str]] = []
         self._reason = self._loop_failed = self._record_failed = ""
@@ -123,11 +129,14 @@ class Supervisor:
         setup = self.setup
         started = {
             RECORDER: setup.record is not None,
-            WATCHDOG: setup.safety.watchdog and not setup.dry_run,
+            WATCHDOG: setup.safety.watchdog and not setup.dry_run and self._beside is None,
             LOOP: True,
             VIEWER: setup.rerun is not None,
         }
         self._began = time.monotonic()
+        # The other hand's session keeps this process off the processor that both loops take turns on.
+        os.sched_setaffinity(0, self._processors)
+        self._setups[WATCHDOG] = write_setup(*self._watched)
         try:
             for name in started:
                 if started[name]:
@@ -151,8 +160,16 @@ class Supervisor:
 
     def pid(self, name: str) -> int | None:
         """Return the process id of `LOOP`, `WATCHDOG`, `RECORDER` or `VIEWER`; None if it does not run."""
+        if name == WATCHDOG and self._beside is not None:
+            return self._beside.pid(name)
         child = self._children.get(name)
         return child.pid if child is not None and child.running else None
+
+    @property
+    def over(self) -> bool:
+        """True if the loop has ended, or ends, at the end of the session's duration."""
+        status = self.memory.status
+        return 0 <= self.setup.periods <= int(status["ticks"] + status["missed"])
 
     def poll(self) -> bool:
         """Watch the processes, report events and count ticks, ten times a second; True while the session goes on."""
@@ -217,7 +234,8 @@ class Supervisor:
             raise HhsimError(f"the recording{where} is not whole: {self._record_failed}")
 
     def _start(self, name: str) -> None:
-        self._children[name] = ChildProcess(name, MODULES[name], self._setups[name], self.memory.descriptors)
+        inherited = [*self.memory.descriptors, *(other.status for other in self._watched[1:])]
+        self._children[name] = ChildProcess(name, MODULES[name], self._setups[name], inherited)
 
     def _watch_loop(self) -> None:
         heartbeat = int(self.memory.status["heartbeat_ns"])

@@ -1,0 +1,175 @@
+"""Two gloves in one session: a fault of either frees both hands in time; what goes on holds both again.
+
+The gloves are processes of their own that log their commands; times are taken as in `test_drills`.
+"""
+
+import os
+import signal
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from live_drill import PATIENCE, STIFF, FakeDexmo, Fault, grasping_setup, stiff
+from live_peers import free_ports
+from machine_share import assert_in_time, keeps_time
+from sampled import sampled
+
+from hhsim.errors import HhsimError, InputError
+from hhsim.live.session.supervisor import LOOP, WATCHDOG
+from hhsim.live.session.two_gloves import TwoGloves
+from hhsim.live.shared_memory import RingReader
+from hhsim.replay.repeat import run_again
+from hhsim.result.reader import hand_paths, load_result
+from hhsim.result.safety import Safety
+from hhsim.result.schema import SIDES
+from hhsim.verify.verify import verify
+
+pytestmark = [pytest.mark.slow, keeps_time]
+RIGHT, LEFT = 0, 1
+
+
+class TwoGlovesDrill:
+    """A session of two gloves, each at a server of its own, whose fingers close on a cube and are stopped."""
+
+    def __init__(self, folder: Path, stack: ExitStack, record: Path | None = None) -> None:
+        self.log: list[str] = []
+        self.gloves = []
+        for side, number in zip(SIDES, (1, 2)):
+            glove = FakeDexmo(folder / f"{side}.log", "--gloves", f"{number}:{side}")
+            glove.port = free_ports(socket.SOCK_STREAM)
+            self.gloves.append(stack.enter_context(glove))
+        setups = [grasping_setup(glove.port, record, side) for glove, side in zip(self.gloves, SIDES)]
+        self.session = stack.enter_context(TwoGloves(setups, lambda text, level: self.log.append(text)))
+        self.hands = self.session.hands
+
+    def until(self, reached: Callable[[], bool], what: str) -> None:
+        limit = time.monotonic() + PATIENCE
+        while not reached():
+            assert self.session.poll(), f"the session ended before {what}: {self.log}"
+            assert time.monotonic() < limit, f"no {what} within {PATIENCE:g} s: {self.log}"
+            time.sleep(0.002)
+
+    def held(self) -> bool:
+        return all(float(hand.memory.status["command_stiffness"].max()) > STIFF for hand in self.hands)
+
+    def grasp(self) -> None:
+        """Wait until both hands are held, and let the user's hands stand still there."""
+        for _ in range(2):
+            for hand, glove in zip(self.hands, self.gloves):
+                glove.order("move")
+                self.until(lambda hand=hand: float(hand.memory.status["command_stiffness"].max()) > STIFF, "held hand")  # type: ignore[misc]
+                glove.order("hold")
+        self.until(self.held, "two held hands")
+
+    def fault(self, breaks: Callable[[], object]) -> Fault:
+        pids = [hand.pid(LOOP) for hand in self.hands] + [self.hands[RIGHT].pid(WATCHDOG)]
+        return Fault(breaks, *(glove.pid for glove in self.gloves), *(pid for pid in pids if pid is not None))
+
+    def assert_both_free(self, fault: Fault) -> None:
+        """Each glove held a finger right before the fault and soon after it holds none."""
+        for glove in self.gloves:
+            commands = glove.commands
+            times = commands["time_ns"][stiff(commands)]
+            assert ((times < fault.before) & (times > fault.before - 1_000_000_000)).any(), "nothing was held"
+            assert_in_time(int(times.max()) - fault.since, fault.allowed)
+
+    def let_it_end(self, fault: Fault) -> None:
+        while self.session.poll():
+            fault.look()
+            time.sleep(0.002)
+        self.session.end()
+
+
+@pytest.fixture
+def drill(tmp_path: Path) -> Iterator[TwoGlovesDrill]:
+    with ExitStack() as stack:
+        yield TwoGlovesDrill(tmp_path, stack)
+
+
+def driver_of(drill: TwoGlovesDrill, hand: int) -> int:
+    pid = drill.hands[hand].pid(LOOP)
+    (driver,) = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return int(driver)
+
+
+def loop_of(drill: TwoGlovesDrill, hand: int) -> int:
+    pid = drill.hands[hand].pid(LOOP)
+    assert pid is not None
+    return pid
+
+
+KILLED: list[Any] = [(driver_of, LEFT), (driver_of, RIGHT), (loop_of, RIGHT), (loop_of, LEFT)]
+
+
+@pytest.mark.parametrize(
+    ("process", "hand"),
+    sampled(KILLED, lambda number, _: number == 0),
+    ids=lambda value: getattr(value, "__name__", ""),
+)
+def test_a_process_of_either_hand_is_killed(
+    drill: TwoGlovesDrill, process: Callable[[TwoGlovesDrill, int], int], hand: int
+) -> None:
+    drill.grasp()
+    pid = process(drill, hand)
+    killed = drill.fault(lambda: os.kill(pid, signal.SIGKILL))
+    drill.let_it_end(killed)
+    drill.assert_both_free(killed)
+    with pytest.raises(HhsimError, match=rf"{SIDES[hand]} hand: the session ended early: .*SIGKILL"):
+        drill.session.check()
+    for glove in drill.gloves:
+        assert not stiff(glove.commands[-1:]).any()
+
+
+def test_a_silent_glove_frees_both_hands_and_both_are_held_again(drill: TwoGlovesDrill) -> None:
+    drill.grasp()
+    ring = RingReader(drill.hands[RIGHT].memory.ticks)
+    stalled = drill.fault(lambda: drill.gloves[LEFT].order("stall"))
+    other = drill.hands[RIGHT].memory.status
+    drill.until(lambda: bool(other["safety"] & Safety.OTHER_HAND), "word of the other hand")
+    assert drill.hands[LEFT].memory.status["safety"] & Safety.STALE_INPUT
+    drill.until(lambda: stalled.is_over(time.monotonic_ns()), "time in which fingers may be held")
+    _, ticks = ring.read(16_000)
+    assert_in_time(int(ticks["time_ns"][stiff(ticks)].max()) - stalled.since, stalled.allowed)
+    drill.gloves[LEFT].order("go")
+    drill.until(drill.held, "two held hands again")
+    drill.until(lambda: "right hand: the other hand is well again" in drill.log, "word of it")
+    assert any(text.startswith("right hand: a fault of the other hand: the fingers are free") for text in drill.log)
+
+
+def test_a_session_ends_with_two_free_hands_in_one_file_that_runs_again(tmp_path: Path) -> None:
+    record = tmp_path / "both.h5"
+    with ExitStack() as stack:
+        drill = TwoGlovesDrill(tmp_path, stack, record)
+        drill.grasp()
+        drill.session.request_stop("a key")
+        outcomes = drill.session.end()
+        drill.session.check()
+        assert [outcome.reason for outcome in outcomes] == ["a key"] * 2
+    for glove in drill.gloves:
+        commands = glove.commands
+        for client in set(commands["client"].tolist()):
+            assert not stiff(commands[commands["client"] == client][-1:]).any()
+    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".h5", ".log", ".log"]
+    assert hand_paths(record) == [outcome.record for outcome in outcomes] == [record / side for side in SIDES]
+    for path, side, outcome in zip(hand_paths(record), SIDES, outcomes):
+        result = load_result(path)
+        assert (result.complete, result.scene["hand"]["side"], result.ticks) == (True, side, outcome.recorded)
+        assert np.max(result["live/tick/command_stiffness"]) > STIFF
+        assert run_again(result).identical
+        assert not [claim.name for claim in verify(result).claims if claim.failed]
+
+
+def test_setups_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
+    right, left = (grasping_setup(1, None, side) for side in SIDES)
+    for pair, wrong in (
+        ((left, right), "gloves of the left and the right hand"),
+        ((right, replace(left, mesh=replace(left.mesh, vertices=left.mesh.vertices + 0.1))), "different places"),
+    ):
+        with pytest.raises(InputError, match=wrong):
+            TwoGloves(pair)
