@@ -26,15 +26,17 @@ from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.live.devices.registry import GloveConfig, configure
+from hhsim.live.devices.registry import GloveConfig, Hand, configure
 from hhsim.live.real_time import RealTimeWishes, described
 from hhsim.live.session.stop_signals import stop_signals
-from hhsim.live.session.supervisor import Supervisor
+from hhsim.live.session.supervisor import SessionOutcome, Supervisor
+from hhsim.live.session.two_gloves import TwoGloves
 from hhsim.live.wakeups import measure_wakeups
 from hhsim.replay.repeat import run_again
 from hhsim.replay.stored_scene import stored_hand, stored_options, stored_surface
 from hhsim.result.miss_cause import CAUSES, MissCause, by_name
 from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import SIDES
 from hhsim.solver.hand_solver import HandSolver
 from tools.import_graph import REPOSITORY
 from tools.soak import make_setup, peer_latencies, tell
@@ -45,6 +47,8 @@ Times = NDArray[np.int64]
 MOST_MISSED = 1.2
 """Periods that the loop may miss for one that the bare loop misses."""
 PERCENTS = (50.0, 99.0, 99.9)
+TWO = "two"
+"""Two simulated gloves in one session."""
 DEVICES = ("sim", *PEERS, "doglove")
 DOGLOVE = REPOSITORY / "tests" / "doglove_peer.py"
 BUSY = "import os\nos.nice(19)\nwhile True: pass"
@@ -139,23 +143,35 @@ class Beside:
         return found
 
 
-def session_turn(both: Beside, name: str, setup: Callable[[Path], Any], folder: Path, peer: SoakPeer | None) -> int:
+def session_turn(
+    both: Beside, name: str, setup: Callable[[Path, Hand], Any], folder: Path, peer: SoakPeer | None
+) -> int:
     """Run a session and count its periods, from the first one on; returns the processor of the loop, -1 for any."""
     record = folder / "session.h5"
     record.unlink(missing_ok=True)
-    with stop_signals() as stopped, Supervisor(replace(setup(record), rate=both.rate)) as session:
+    setups = [replace(setup(record, side), rate=both.rate) for side in (SIDES if name == TWO else SIDES[:1])]
+    with stop_signals() as stopped, TwoGloves(setups) if name == TWO else Supervisor(setups[0]) as session:
         while session.poll():
             if stopped():
                 raise HhsimError(f"stopped: {stopped()}")
             time.sleep(0.05)
-        outcome = session.end()
+        ended = session.end()
     session.check()
+    outcomes = ended if isinstance(ended, tuple) else (ended,)
+    for outcome in outcomes:
+        count_session(both, name, outcome, peer)
+    return int(outcomes[0].facts["real_time"]["cpu"])
+
+
+def count_session(both: Beside, name: str, outcome: SessionOutcome, peer: SoakPeer | None) -> None:
+    """Count the periods of a session, or of one hand of it."""
     turns = both.gloves.setdefault(name, Turns())
     turns.periods += outcome.ticks + outcome.missed
     turns.missed += outcome.missed
     for cause, count in zip(CAUSES, outcome.missed_by.values(), strict=True):
         turns.causes[cause] += count
-    result = load_result(record)
+    assert outcome.record is not None
+    result = load_result(outcome.record)
     turns.interrupted += interrupted(result)
     turns.early += int((np.asarray(result["live/tick/early"]) > 0).sum())
     turns.at_once += int(np.asarray(result["live/tick/at_once"]).sum())
@@ -169,7 +185,6 @@ def session_turn(both: Beside, name: str, setup: Callable[[Path], Any], folder: 
     turns.lost += outcome.record_lost
     turns.differing += not run_again(result).identical
     both.real_time = described(outcome.facts["real_time"])
-    return int(outcome.facts["real_time"]["cpu"])
 
 
 def loop_latencies(result: Result) -> dict[str, Times]:
@@ -246,7 +261,7 @@ def fake_glove(name: str, folder: Path) -> Iterator[tuple[GloveConfig, SoakPeer 
             finally:
                 process.kill()
     else:
-        yield configure(name), None
+        yield configure("sim" if name == TWO else name), None
 
 
 @contextmanager
@@ -350,7 +365,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--rate", type=float, default=1000.0, help="of all [Hz]")
     parser.add_argument("--minutes", type=float, default=10.0, help="of each glove")
     parser.add_argument("--turn", type=float, default=60.0, help="one turn [s]")
-    parser.add_argument("--device", default="sim", help=f"all, or some of {','.join(DEVICES)}")
+    parser.add_argument("--device", default="sim", help=f"all, or some of {','.join(DEVICES)},{TWO}")
     parser.add_argument(
         "--bare-every", type=int, default=1, metavar="N", help="one turn of the bare loop after N sessions"
     )
@@ -362,7 +377,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     devices = DEVICES if options.device == "all" else tuple(options.device.split(","))
-    if unknown := set(devices) - set(DEVICES):
+    if unknown := set(devices) - {*DEVICES, TWO}:
         parser.error(f"no fake of {', '.join(sorted(unknown))}: expected all, or some of {','.join(DEVICES)}")
     both, wishes = Beside(options.rate), RealTimeWishes()
     turns = max(1, round(60.0 * options.minutes / options.turn)) * len(devices)
@@ -376,7 +391,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 cpu = session_turn(
                     both,
                     name,
-                    lambda path: make_setup(config, options.object, path, options.turn, wishes),
+                    lambda path, side: make_setup(
+                        replace(config, hand=side), options.object, path, options.turn, wishes
+                    ),
                     folder,
                     peer,
                 )

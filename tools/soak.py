@@ -257,7 +257,7 @@ def make_setup(device: GloveConfig, name: str, record: Path, duration: float, wi
     """A hand whose fingers open and close where they grasp an object of the catalogue."""
     item = load_object(name)
     tree = cached_sphere_tree(item.mesh, TreeOptions(level=item.level))
-    hand = HandModel.default("right")
+    hand = HandModel.default(device.hand)
     scene = make_live_scene(item.mesh, tree, hand, device, PoseConfig("fixed"), None)
     options = SolverOptions()
     warm_up(hand, options)

@@ -49,6 +49,24 @@ HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
         (["--device", "openxr", "--palm", "0,0,0", "--palm-turn", "1,0,0,0"], "--palm-turn is for --pose fixed and"),
         (["--pose", "fixed", "--palm-turn", "1,0,0,0"], "--palm-turn needs --palm, where the palm is"),
         (["--stiffness", "1.5"], "Invalid value for '--stiffness': '1.5', expected 0 (free) to 1, or five of that"),
+        (["--device", "left=sim"], "Invalid value for '--device': 'left=sim' has no right glove"),
+        (["--device", "left=sim,left=sim"], "Invalid value for '--device': 'left=sim,left=sim' has more than one left"),
+        (["--device", "left=sim,up=sim"], "Invalid value for '--device': 'left=sim,up=sim' has a hand 'up': expected"),
+        (["--device", "left=sim,right=hat"], "Invalid value for '--device': 'hat' is not one of 'dexmo', "),
+        (["--device", "left=sim;right=sim"], "Invalid value for '--device': 'left=sim;right=sim' is not left=NAME,"),
+        (["--device", "left=sim[port=1],right=udp"], "sim[port=1]: sim has no option of its own 'port'"),
+        (["--device", "left=sim,right=udp[port=0]"], "Invalid value for '--port': 0 is not in the range 1<=x<=65535"),
+        (
+            ["--device", "left=sim,right=udp", "--serial", "a"],
+            "--serial is for --device doglove or opengloves, not sim",
+        ),
+        (["--device", "left=sim,right=sim", "--hand", "left"], "--hand left is for one glove: two name their hands"),
+        (["--device", "left=sim,right=sim", "--free"], "--free is of one glove: two hands on a free object are not"),
+        (
+            ["--device", "left=sim,right=sim", "--rerun", "spawn"],
+            "--rerun shows one hand: leave it out with two gloves",
+        ),
+        (["--device", "left=udp,right=udp", "--pose", "keyboard"], "--pose keyboard moves one palm: with two gloves"),
         (["--palm", "1,2"], "Invalid value for '--palm': '1,2', expected 3 numbers with commas between"),
     ],
 )
@@ -96,6 +114,24 @@ def test_a_session_of_a_simulated_glove_and_the_hand_in_a_file_is_one_document_a
     assert sorted(path.name for path in tmp_path.iterdir()) == ["me.toml", "session.h5"]
     hand = stored_hand(result)
     assert (hand.side, hand.hand_length, hand.length[1].tolist()) == ("left", 0.17, [0.040, 0.024, 0.012])
+
+
+def test_two_simulated_gloves_are_one_document_and_one_file(run: Run, tmp_path: Path) -> None:
+    answer = run(
+        *("live", "glove", "cube", "--device", "left=sim[trajectory=pinch],right=sim", "--duration", "0.4"),
+        *("--record", "both.h5", "--no-realtime", "--json"),
+    )
+    assert answer.code == 0, answer.err
+    document = json.loads(answer.out)
+    assert (document["session"], document["error"], list(document["hands"])) == ("both.h5", None, ["right", "left"])
+    assert [path.name for path in tmp_path.iterdir()] == ["both.h5"]
+    for side, motion in (("right", "grasp"), ("left", "pinch")):
+        hand, result = document["hands"][side], load_result(tmp_path / "both.h5" / side)
+        assert (hand["reason"], hand["session"], hand["pose"]) == ("duration", f"both.h5/{side}", f"replay of {motion}")
+        assert hand["loop_ticks"] + hand["missed"] >= 400
+        assert result.complete and result.ticks == hand["recorded_ticks"] > 0
+        assert (result.scene["hand"]["side"], result.scene["trajectory"]) == (side, motion)
+        assert broken_off(result) == "" and ended_before_its_time(result) == ""
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from hhsim.errors import InputError
 from hhsim.kernels.live import interlock as bits
 from hhsim.kernels.live.interlock import judge
 from hhsim.live.ipc.config import SafetyLimits
+from hhsim.live.ipc.status import ARMED, HELD_BACK
 from hhsim.live.loop.records import interlock_record
 from hhsim.live.loop.story import QUIET_NS, SafetyLog
 from hhsim.result.safety import Safety
@@ -22,7 +23,7 @@ GOOD: dict[str, Any] = {
     "usable": True,
     "missed": 0,
     "watchdog_ns": NOW,
-    "armed": True,
+    "armed": ARMED,
     "lost": False,
     "stopping": False,
 }
@@ -51,8 +52,10 @@ def test_what_is_good_frees_nothing() -> None:
         ({"missed": 10}, Safety.OVERRUN_STREAK),
         ({"watchdog_ns": NOW - 100 * MS}, 0),
         ({"watchdog_ns": NOW - 100 * MS - 1}, Safety.NO_WATCHDOG),
-        ({"watchdog_ns": 0, "armed": False}, Safety.NO_WATCHDOG),
-        ({"armed": False}, Safety.NO_WATCHDOG),
+        ({"watchdog_ns": 0, "armed": 0}, Safety.NO_WATCHDOG),
+        ({"armed": 0}, Safety.NO_WATCHDOG),
+        ({"armed": HELD_BACK}, Safety.OTHER_HAND),
+        ({"armed": HELD_BACK, "watchdog_ns": NOW - 100 * MS - 1}, Safety.NO_WATCHDOG),
         ({"lost": True}, Safety.DEVICE_LOST),
         ({"stopping": True}, Safety.STOPPING),
         ({"stopping": True, "lost": True, "usable": False}, Safety.STOPPING | Safety.DEVICE_LOST | Safety.NOT_FINITE),
@@ -70,12 +73,12 @@ def test_a_streak_is_periods_missed_without_one_in_time() -> None:
 
 
 def test_a_dry_run_is_free_and_needs_no_watchdog() -> None:
-    change = {"armed": False, "watchdog_ns": 0}
+    change = {"armed": 0, "watchdog_ns": 0}
     assert judged(interlock_record(SafetyLimits(), dry_run=True), NOW, **(GOOD | change)) == Safety.DRY_RUN
     assert judged(interlock_record(SafetyLimits(watchdog=False)), NOW, **(GOOD | change)) == 0
 
 
-@given(st.lists(st.integers(0, 2**9 - 1), max_size=100))
+@given(st.lists(st.integers(0, 2**10 - 1), max_size=100))
 def test_a_log_tells_each_beginning_at_most_once_a_second_and_each_end_of_what_it_told(bits: list[int]) -> None:
     log = SafetyLog()
     lines = [line for i, safety in enumerate(bits) for line in log.changed(safety, NOW + i * MS)]
@@ -109,7 +112,7 @@ def test_a_flicker_is_told_once_a_second_with_its_reason() -> None:
 def test_no_policy_holds_longer_than_the_watchdog_waits(after_stall: str, rate: int, released: int) -> None:
     limits, period = SafetyLimits(watchdog=False, after_stall=after_stall), 1_000_000_000 // rate
     assert limits.release_at(period) == released
-    given = {"sample_ns": 0, "pose_ns": 0, "usable": True, "watchdog_ns": 0, "armed": False, "lost": False}
+    given = {"sample_ns": 0, "pose_ns": 0, "usable": True, "watchdog_ns": 0, "armed": 0, "lost": False}
     for missed in (9, 10, released - 1, released):
         interlock = interlock_record(limits, period_ns=period)
         bits = judged(interlock, 0, **given, missed=missed, stopping=False)

@@ -72,16 +72,18 @@ class TwoGlovesDrill:
         return Fault(breaks, *(glove.pid for glove in self.gloves), *(pid for pid in pids if pid is not None))
 
     def assert_both_free(self, fault: Fault) -> None:
-        """Each glove held a finger right before the fault and soon after it holds none."""
+        """Each glove held a finger right before the fault, and was soon told to hold none, and nothing else after."""
         for glove in self.gloves:
             commands = glove.commands
             times = commands["time_ns"][stiff(commands)]
             assert ((times < fault.before) & (times > fault.before - 1_000_000_000)).any(), "nothing was held"
             assert_in_time(int(times.max()) - fault.since, fault.allowed)
+            freed = commands["time_ns"][~stiff(commands) & (commands["time_ns"] > times.max())]
+            assert_in_time(int(freed.min()) - fault.since, fault.allowed)
 
     def let_it_end(self, fault: Fault) -> None:
         while self.session.poll():
-            fault.look()
+            fault.is_over(time.monotonic_ns())
             time.sleep(0.002)
         self.session.end()
 
