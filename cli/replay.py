@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from hhsim.view.sink import RerunTarget
 
 
-HANDS: tuple[options.Side, options.Side] = ("right", "left")
+HANDS = options.HANDS
 STIFFNESSES = {"translation": "k_t [N/m]", "rotation": "k_r [N·m/rad]", "flexion": "k_θ [N·m/rad]"}
 """Parts of --stiffness in their order, by the library's names."""
 

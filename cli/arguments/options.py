@@ -25,6 +25,8 @@ UNITS = click.Choice(["m", "cm", "mm", "inch"])
 OWN_METHODS = "; ".join(f"{name}: {known.summary}" for name, known in METHODS.items())
 
 Side = Literal["right", "left"]
+HANDS: tuple[Side, Side] = ("right", "left")
+"""Both, in the order of a file of two hands."""
 
 
 class MethodName(click.ParamType[str]):

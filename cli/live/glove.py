@@ -10,7 +10,6 @@ import click
 from hhsim.live.devices.registry import GLOVES
 from hhsim.live.pose.registry import POSES, USUAL_POSE_PORT, PoseConfig
 from hhsim.result.safety import AFTER_STALL
-from hhsim.result.schema import SIDES, TWO_HANDED
 from hhsim.solver.method import METHODS
 
 from ..arguments import options
@@ -89,7 +88,7 @@ class HandChoice(OptionGroup, heading="Hand"):
         if self.side is not None:
             raise click.UsageError(f"--hand {self.side} is for one glove: two name their hands")
         found = []
-        for side in SIDES:
+        for side in options.HANDS:
             device, text = glove.device[side]
             own = own_options(device, text, {each.name for each in fields(self)} - {"side"})
             mine = {name: own.pop(name) for name in list(own) if name in vars(self)}
@@ -273,6 +272,7 @@ def command(
     from hhsim.live.real_time import RealTimeWishes
     from hhsim.live.session.scene import grasping_hand, make_live_scene
     from hhsim.result.reader import check_result_path
+    from hhsim.result.schema import TWO_HANDED
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.solver.compile import warm_up
     from hhsim.solver.options import SolverOptions

@@ -10,10 +10,9 @@ import click
 from click.core import ParameterSource
 
 from hhsim.live.devices.registry import GLOVES, Setting
-from hhsim.result.schema import SIDES
 
 from ..arguments.option_group import OptionGroup, option
-from ..arguments.options import Number
+from ..arguments.options import HANDS, Number
 
 Worn = dict[str, tuple[str, str]]
 """Name of the glove on each hand, and its own options as text."""
@@ -35,10 +34,10 @@ class Gloves(click.Choice[str]):
             )
         sides = [side for side, _, _ in found]
         for side in sides:
-            if side not in SIDES:
+            if side not in HANDS:
                 self.fail(f"{value!r} has a hand '{side}': expected left and right.", param, ctx)
-        if sorted(sides) != sorted(SIDES):
-            most, least = max(SIDES, key=sides.count), min(SIDES, key=sides.count)
+        if sorted(sides) != sorted(HANDS):
+            most, least = max(HANDS, key=sides.count), min(HANDS, key=sides.count)
             wrong = f"more than one {most} glove" if sides.count(most) > 1 else f"no {least} glove"
             self.fail(f"{value!r} has {wrong}: expected one for each hand.", param, ctx)
         return {side: (super(Gloves, self).convert(name, param, ctx), own) for side, name, own in found}

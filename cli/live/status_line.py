@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from hhsim.result.schema import SIDES
 from hhsim.system.counted import counted
+
+from ..arguments.options import HANDS
 
 if TYPE_CHECKING:
     from hhsim.live.pose.keyboard import PalmKeys
@@ -72,7 +73,7 @@ class LiveStatus:
             return
         self._shown = now
         rows = []
-        for side, (status, tally) in zip(SIDES if len(hands) > 1 else ("",), hands):
+        for side, (status, tally) in zip(HANDS if len(hands) > 1 else ("",), hands):
             shown = status_rows(status, tally, recording, time.monotonic_ns())
             rows += [(f"{side} {name}".strip(), value) for name, value in shown]
         if self._live is None:

@@ -7,9 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hhsim.result.schema import SIDES
 from hhsim.table.table import Table, shown
 
+from ..arguments.options import HANDS
 from ..console import print_line, print_table
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def session_json(outcomes: "Sequence[SessionOutcome]", error: str, record: Path 
     """Return `summary_json` of one hand, or of both by their names."""
     if len(outcomes) == 1:
         return summary_json(outcomes[0], error)
-    hands = {side: summary_json(outcome, "") for side, outcome in zip(SIDES, outcomes)}
+    hands = {side: summary_json(outcome, "") for side, outcome in zip(HANDS, outcomes)}
     return {"session": None if record is None else str(record), "error": error or None, "hands": hands}
 
 

@@ -20,7 +20,7 @@ from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.mesh.mesh import Mesh
 from hhsim.recordings.dexmo_regression import DexmoRegression
-from hhsim.result.safety import AFTER_STALL
+from hhsim.result.safety import AFTER_STALL, FREES_BOTH
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.system.settings_file import Positive, between, check_fields, one_of
@@ -181,6 +181,7 @@ class LiveSetup:
             real_time=self.real_time,
             supervisor=self.supervisor,
             periods=self.periods,
+            faults=int(FREES_BOTH),
         )
 
     def limits_json(self) -> dict[str, Any]:

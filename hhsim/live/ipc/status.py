@@ -115,6 +115,7 @@ class WatchdogSetup:
         device: The glove; None in a dry run, in which nothing is sent.
         oldest_ns: Age of the loop's heartbeat at which the fingers are freed [ns].
         periods: Number of periods after which the loop ends by itself, -1 for none.
+        faults: Bits of `Safety` that free the user's other hand, too.
     """
 
     status: int
@@ -123,6 +124,7 @@ class WatchdogSetup:
     real_time: RealTimeWishes
     supervisor: int
     periods: int = -1
+    faults: int = 0
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,6 @@ from hhsim.live.devices.registry import open_release
 from hhsim.live.ipc.status import ARMED, HELD_BACK, LIVE_STATUS, LoopProcess, Stage, WatchdogSetup
 from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.shared_memory import SharedBlock, process_setup
-from hhsim.result.safety import Safety
 
 WATCH_SECONDS = 0.004
 """Longest time between two looks [s]."""
@@ -36,24 +35,13 @@ LAST_WORDS_NS = 200_000_000
 """Time in which the fingers are freed again and again after a loop that ended without announcing it [ns]."""
 
 
-FAULTS = int(
-    Safety.STALE_INPUT
-    | Safety.NOT_FINITE
-    | Safety.SOLVER_FAILED
-    | Safety.OVERRUN_STREAK
-    | Safety.DEVICE_LOST
-    | Safety.NO_WATCHDOG
-)
-"""Reasons of free fingers in one hand that keep the other one's free, too."""
-
-
 class WatchedHand:
     """A loop, its driver, and the watchdog's own connection to its glove, not yet opened; None sends nothing."""
 
     def __init__(self, setup: WatchdogSetup, device: FingerRelease | None) -> None:
         self._supervisor = setup.supervisor
         self._stale_ns = setup.oldest_ns
-        self._periods = setup.periods
+        self._periods, self._faults = setup.periods, setup.faults
         self._block = SharedBlock(setup.status, LIVE_STATUS)
         self._status = self._block.array[0]
         self._device = device
@@ -77,16 +65,21 @@ class WatchedHand:
         running = stage in (Stage.RUNNING, Stage.ENDING)
         amiss = running and (self.loop.gone or now - int(status["heartbeat_ns"]) > self._stale_ns)
         # A driver that is dead or hangs sends no command, not even one that frees the fingers.
-        return amiss or (stage == Stage.RUNNING and now - int(status["driver_ns"]) > self._stale_ns)
+        amiss = amiss or (stage == Stage.RUNNING and now - int(status["driver_ns"]) > self._stale_ns)
+        return amiss or self._broke_off(stage)
 
     def faulty(self, now: int) -> bool:
         """Return whether the user's other hand is to be free for a fault of this one."""
-        status, stage = self._status, int(self._status["stage"])
+        stage = int(self._status["stage"])
         if stage == Stage.RUNNING:
-            return self.amiss(now) or int(status["safety"]) & FAULTS != 0
-        # It has ended by itself before its time. One that has not begun holds nothing.
+            return self.amiss(now) or int(self._status["safety"]) & self._faults != 0
+        return self._broke_off(stage)
+
+    def _broke_off(self, stage: int) -> bool:
+        """Return whether the loop ends by itself before its time, as after the death of its driver."""
+        status = self._status
         over = 0 <= self._periods <= int(status["ticks"] + status["missed"])
-        return stage != Stage.STARTING and status["stop_requested"] == 0 and not over
+        return stage in (Stage.ENDING, Stage.ENDED) and status["stop_requested"] == 0 and not over
 
     def look(self, now: int, other_faulty: bool) -> None:
         """Say that the watchdog is alive, and free the fingers now and then while this or the other hand needs it."""

@@ -63,7 +63,7 @@ HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
         (["--device", "left=sim,right=sim", "--hand", "left"], "--hand left is for one glove: two name their hands"),
         (["--device", "left=sim,right=sim", "--free"], "--free is of one glove: two hands on a free object are not"),
         (
-            ["--device", "left=sim,right=sim", "--rerun", "spawn"],
+            ["--device", "left=sim,right=sim", "--rerun", "a.rrd"],
             "--rerun shows one hand: leave it out with two gloves",
         ),
         (["--device", "left=udp,right=udp", "--pose", "keyboard"], "--pose keyboard moves one palm: with two gloves"),
@@ -229,7 +229,7 @@ def test_keys_move_the_palm_and_end_the_session(tmp_path: Path) -> None:
 
 
 def test_a_palm_at_an_object_that_no_hand_can_grasp_is_above_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*arguments: object) -> None:
+    def refuse(*arguments: object, other: object) -> None:
         raise TrajectoryError("thumb, index cannot reach the object, from any side")
 
     monkeypatch.setattr("hhsim.live.session.scene.planned", refuse)

@@ -21,6 +21,7 @@ from machine_share import assert_in_time, keeps_time
 from sampled import sampled
 
 from hhsim.errors import HhsimError, InputError
+from hhsim.live.devices.registry import Hand
 from hhsim.live.session.supervisor import LOOP, WATCHDOG
 from hhsim.live.session.two_gloves import TwoGloves
 from hhsim.live.shared_memory import RingReader
@@ -44,7 +45,8 @@ class TwoGlovesDrill:
             glove = FakeDexmo(folder / f"{side}.log", "--gloves", f"{number}:{side}")
             glove.port = free_ports(socket.SOCK_STREAM)
             self.gloves.append(stack.enter_context(glove))
-        setups = [grasping_setup(glove.port, record, side) for glove, side in zip(self.gloves, SIDES)]
+        sides: tuple[Hand, Hand] = SIDES
+        setups = [grasping_setup(glove.port, record, side) for glove, side in zip(self.gloves, sides)]
         self.session = stack.enter_context(TwoGloves(setups, lambda text, level: self.log.append(text)))
         self.hands = self.session.hands
 
