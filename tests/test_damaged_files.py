@@ -148,8 +148,8 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     (folder / "hand.npy").write_bytes(array_npy(points.astype(np.float32)))
     (folder / "hand.npz").write_bytes(arrays_npz(joints=points))
     (folder / "hand.json").write_text(webxr_json(joint_sample(count=24)))
-    names = [f"{name}_{axis}" for name in KEYPOINTS for axis in "xyz"]
-    np.savetxt(folder / "hand.csv", points.reshape(24, -1), "%.6f", ",", header=",".join(names), comments="")
+    heading = ",".join(f"{name}_{axis}" for name in KEYPOINTS for axis in "xyz")
+    np.savetxt(folder / "hand.csv", points.reshape(24, -1), "%.6f", ",", header=heading, comments="")
     (folder / "openxr.csv").write_text(openxr_csv(joint_sample(count=24)))
     texts = {"script": short_grasp_text(), "hand": HAND, "suite": SUITE, "plan": PLAN, "columns": GLOVE}
     for name, text in texts.items():

@@ -62,7 +62,7 @@ def test_thumb_and_index_commanded_through_each_other_touch_and_push_alike() -> 
     np.testing.assert_allclose(record.position[-1], 0.0, atol=1e-9)
     off = (PINCH.flexion[0] - record.flexion[-1]).ravel() * OPTIONS.stiffness.flexion
     rate = [_rate(record, joint) for joint in range(15)]
-    size = np.linalg.norm(force[bears[0]])
+    size = float(np.linalg.norm(force[bears[0]]))
     np.testing.assert_allclose(off, -size * np.array(rate), atol=2e-3 * size * 0.1)
 
 

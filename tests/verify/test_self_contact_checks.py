@@ -35,7 +35,7 @@ def pinch() -> Trajectory:
     flexion = np.zeros((5, 3))
     flexion[0], flexion[1] = (0.1, 0.9, 0.9), (1.2, 1.2, 0.6)
     motion = still(AWAY).line(still(AWAY, flexion=flexion, abduction=[0.5, 0.0, 0.0, 0.0, 0.0]), LAST - 20).hold(20)
-    return Trajectory(1e-3 * np.arange(motion.ticks), *motion, name="pinched air", hand="right")
+    return Trajectory(np.arange(motion.ticks) / 1000.0, *motion, name="pinched air", hand="right")
 
 
 @pytest.fixture(scope="module")

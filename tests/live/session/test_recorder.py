@@ -24,7 +24,7 @@ from sampled import sampled
 
 from hhsim.errors import InputError
 from hhsim.live.ipc.session_memory import LIVE_TICK, TICK_CAPACITY, SessionMemory
-from hhsim.live.ipc.status import Stage
+from hhsim.live.ipc.status import LoopProcess, Stage
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.session.recorder import CUT_SHORT, LOOP_DIED, Recorder
 from hhsim.live.session.writer import SessionWriter
@@ -159,7 +159,7 @@ def test_what_was_overwritten_is_counted_and_told(ticks: Records, tmp_path: Path
     memory.status["loop_pid"] = os.getpid()
     wait = recorder._loop.wait
 
-    def late(timeout: float = 0.0) -> None:
+    def late(timeout: float = 0.0, other: LoopProcess | None = None) -> None:
         """Stay away for longer than the ring lasts, once."""
         if timeout and not writer_saw:
             writer_saw.append(int(memory.status["recorder_ticks"]))
