@@ -316,7 +316,9 @@ def check_written(folder: Path, command: str, told: str) -> None:
 
 
 def check(answer: Served, told: str) -> None:
-    assert answer.seconds < PROCESSOR_SECONDS, f"{told}: {answer.seconds:.1f} s of the processor's time"
+    # A repair solves every frame, and draws its report.
+    limit = (3.0 if "hhsim repair" in told else 1.0) * PROCESSOR_SECONDS
+    assert answer.seconds < limit, f"{told}: {answer.seconds:.1f} s of the processor's time"
     assert answer.code is not None, f"{told}: {answer.err}"
     # The gate has a code for what cannot be compared.
     codes = (0, 1, 2, 3) if "hhsim gate" in told else (0, 1, 2)
