@@ -98,7 +98,11 @@ def describe_scene(
             "palm_spheres": hand.palm_tree.leaf_count,
             "object_spheres": tree.leaf_count,
             "all_pairs": all_pairs(hand, tree),
-            "not_modelled": [*([] if free else ["friction", "dynamics"]), "deformation", "finger-to-finger contact"],
+            "not_modelled": [
+                *([] if free else ["friction", "dynamics"]),
+                "deformation",
+                *([] if options.self_contact else ["finger-to-finger contact"]),
+            ],
         },
         "checksums": checksums(static),
     }
