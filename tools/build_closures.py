@@ -15,7 +15,7 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import object_names
 from hhsim.scene.finger_closure import FingerClosure
 from hhsim.scene.kept_closures import SHIPPED, Fields, closure_key, encoded
-from hhsim.scene.motion_catalogue import script_names
+from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.scene import open_scene
 from hhsim.scene.script import Script
 from hhsim.trees.sphere_tree import SphereTree
@@ -36,6 +36,8 @@ def searched(names: Sequence[str]) -> dict[str, Fields]:
     with patch("hhsim.scene.closure_search.kept_closure", search_anew):
         for name in names:
             for motion in script_names():
+                if load_script(motion).joints:  # of a thing of several parts
+                    continue
                 try:
                     open_scene(name, motion)
                 except TrajectoryError:  # not every script can be done on every object

@@ -91,8 +91,7 @@ class RunTicks:
 
     def self_clearance(self, whose: str) -> FloatArray:
         """Least distance of the own parts [m] of the graphic or the haptic hand, shape (T,), as of that function."""
-        if self.hand is None:
-            return np.full(self.ticks, np.nan)
+        assert self.hand is not None
         pairs = self_pairs(self.hand, self.modelled)
         return self_clearance(self.hand, pairs, self.columns[f"{whose}/flexion"], self.columns[f"{whose}/abduction"])
 

@@ -11,6 +11,7 @@ from hhsim.arrays import AnyArray
 from hhsim.result.schema import HANDS, SIDES, STATIC_COLUMNS, TWO_HANDED_SCHEMA_VERSION, Column
 from hhsim.result.writer import describe_dataset, output_errors
 from hhsim.system.checksummed_file import seal_file
+from hhsim.system.hdf5_input import open_hdf5
 
 OBJECT = "object"
 BETWEEN = "between"
@@ -38,7 +39,7 @@ def join_hands(parts: Sequence[Path], between: Mapping[str, AnyArray], path: Pat
         with output_errors(path):
             with h5py.File(partial, "w") as file:
                 for side, part in zip(SIDES, parts, strict=True):
-                    with h5py.File(part, "r") as one:
+                    with open_hdf5(part) as one:
                         _copy_hand(one, file, side)
                 file.attrs.update({name: file[HANDS][SIDES[0]].attrs[name] for name in STATED})
                 for column in BETWEEN_COLUMNS if between else ():

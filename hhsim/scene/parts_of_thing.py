@@ -16,6 +16,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts, held_rows
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.motion.trajectory import Trajectory
+from hhsim.reproducible import norm
 from hhsim.scene.jointed_thing import JointedThing, Keyframe, Part, read_jointed_thing
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.hierarchy import build_hierarchy
@@ -127,7 +128,7 @@ def _points_on(mesh: Mesh) -> FloatArray:
     """Return points on the triangles, at most `SPACING` apart where an edge has no more than `MOST_PIECES`, (n, 3)."""
     found = []
     for a, b, c in mesh.triangles:
-        longest = max(np.linalg.norm(b - a), np.linalg.norm(c - a), np.linalg.norm(c - b))
+        longest = max(norm(b - a), norm(c - a), norm(c - b))
         pieces = int(np.clip(np.ceil(longest / SPACING), 1, MOST_PIECES)) if len(mesh.faces) < 1000 else 1
         i, j = np.mgrid[: pieces + 1, : pieces + 1]
         u, v = i[i + j <= pieces] / pieces, j[i + j <= pieces] / pieces

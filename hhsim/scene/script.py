@@ -195,7 +195,8 @@ class Script:
     objects: tuple[str, ...] = ()
     placements: tuple[Placement, ...] = ()
     paper: tuple[PaperUse, ...] = ()
-    joints: tuple[tuple[str, tuple[Keyframe, ...]], ...] = ()
+    # Not in the text that names a kept closure: the search does not depend on it.
+    joints: tuple[tuple[str, tuple[Keyframe, ...]], ...] = field(default=(), repr=False)
 
     @property
     def duration(self) -> float:

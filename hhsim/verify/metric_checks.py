@@ -1,5 +1,7 @@
 """Claims about figures: the columns and the summary that follow from the other columns, computed anew."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from hhsim.hand.configuration import HandConfiguration
@@ -16,8 +18,10 @@ from hhsim.verify.input_hand_check import FIGURES as INPUT_HAND
 
 SAME = 1e-9
 """Relative tolerance of figures: the rounding of sums in another order."""
-OF_THE_OBJECT = (CONTACT_ERROR, *INPUT_HAND, "free_off_max")
-"""Figures that need the object; all but the last have claims of their own, by the referee's distances."""
+IN_ITSELF = ("self_depth_haptic", "self_depth_graphic")
+"""Depths of the hands in themselves, which have a claim of their own in a run with self-contact."""
+ELSEWHERE = (CONTACT_ERROR, *INPUT_HAND, "free_off_max", *IN_ITSELF)
+"""Figures that need object or hand; most have claims of their own, by the referee's distances."""
 ROUNDING = {
     **dict.fromkeys(("force_ripple_hold", "force_variation_hold", "force_variation_hold_std"), 1e-09),
     "force_variation_contact": 1e-9,
@@ -49,9 +53,10 @@ def metric_claims(result: Result) -> list[Claim]:
 
 
 def _summary_claims(result: Result) -> list[Claim]:
-    figures = tick_figures(ticks_alone(result))
+    # Without the hand, whose kernels are not the referee's.
+    figures = tick_figures(replace(ticks_alone(result), hand=None))
     own = {"ticks": float(result.ticks)}
-    own |= {name: value for name, value in figures.items() if name not in OF_THE_OBJECT}
+    own |= {name: value for name, value in figures.items() if name not in ELSEWHERE}
     stored = {name: as_number(value) for name, value in result.summary.items()}
     off = {}
     for name, value in own.items():
@@ -67,7 +72,8 @@ def _summary_claims(result: Result) -> list[Claim]:
     gone = sorted(required_figures(result) - stored.keys())
     wrong += [f"{name} is not there" for name in gone]
     metrics = run_metrics()
-    rest = sorted(name for name in stored if name not in own and name not in (CONTACT_ERROR, *INPUT_HAND))
+    judged_apart = (CONTACT_ERROR, *INPUT_HAND, *(IN_ITSELF if result.scene["solver"].get("self_contact") else ()))
+    rest = sorted(name for name in stored if name not in own and name not in judged_apart)
     invented = [name for name in rest if name not in metrics]
     wrong += [f"{name} has no definition" for name in invented]
     values = np.concatenate([list(off.values()), np.full(len(gone) + len(invented), np.inf)])

@@ -9,7 +9,8 @@ from hhsim.replay.limits import default_limits
 from hhsim.replay.summary_table import SummaryRow, short_table, summary_rows, whole_table
 from hhsim.solver.method import METHODS
 
-FIXED = [name for name, metric in run_metrics().items() if not metric.free_only]
+SELDOM = ("self_depth_haptic", "self_depth_graphic", "no_place_ticks")
+FIXED = [name for name, metric in run_metrics().items() if not metric.free_only and name not in SELDOM]
 EVERY = dict.fromkeys(FIXED, 1.0) | {"lag_ticks": 0.0, "lag_max": 0.0, "force_variation_hold": 0.0}
 
 

@@ -31,8 +31,13 @@ def _correction(part: str, statistic: str, place: int, field: str, short: str = 
 
 
 def _in_itself(whose: str) -> Callable[[RunTicks], float]:
-    # A hand that is not finite has no depth, and hides none.
-    return lambda run: float(np.fmax.reduce(-run.self_clearance(whose), initial=0.0))
+    def compute(run: RunTicks) -> float:
+        if run.hand is None:
+            return np.nan
+        # A hand that is not finite has no depth, and hides none.
+        return float(np.fmax.reduce(-run.self_clearance(whose), initial=0.0))
+
+    return compute
 
 
 METRICS = (

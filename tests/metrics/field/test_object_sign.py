@@ -14,8 +14,9 @@ RADIUS, APART = 0.03, 0.035
 def test_points_are_inside_where_one_of_two_crossing_balls_holds_them() -> None:
     balls = [trimesh.creation.icosphere(4, RADIUS) for _ in range(2)]
     balls[1].apply_translation([APART, 0.0, 0.0])
-    whole = trimesh.util.concatenate(balls)
-    mesh = Mesh(np.asarray(whole.vertices, np.float64), np.asarray(whole.faces, np.int64))
+    vertices = np.concatenate([np.asarray(ball.vertices, np.float64) for ball in balls])
+    faces = np.concatenate([ball.faces + i * len(balls[0].vertices) for i, ball in enumerate(balls)])
+    mesh = Mesh(vertices, np.asarray(faces, np.int64))
     assert len(mesh_features(mesh.vertices, mesh.faces, closed=True)[0].pseudonormal) == 0
     points = np.random.default_rng(0).uniform([-0.04] * 3, [0.075, 0.04, 0.04], (2000, 3))
     away = np.stack([np.linalg.norm(points - center, axis=1) for center in ([0.0] * 3, [APART, 0.0, 0.0])])
