@@ -1,4 +1,4 @@
-"""Change from one hand to another at each frame as a vector, its low-pass along the frames, and accelerations."""
+"""Change from one hand to another at each frame as a vector, and accelerations."""
 
 import numpy as np
 
@@ -8,11 +8,6 @@ from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rot
 
 NUMBERS = 26
 """Numbers of a change: palm shift [m], palm rotation vector [rad], 15 flexions and 5 abductions [rad]."""
-REACH = 6
-"""Frames on either side that a low-passed frame depends on."""
-LOW_PASS = np.exp(-0.5 * (np.arange(-REACH, REACH + 1) / 2.0) ** 2)
-LOW_PASS /= LOW_PASS.sum()
-"""Weights of neighbouring frames: a Gaussian of two frames' width, cut at three widths; symmetric, so zero-phase."""
 
 
 def finite_frames(hands: HandConfiguration) -> BoolArray:
@@ -43,12 +38,6 @@ def changed_hand(hand: HandConfiguration, change: FloatArray) -> HandConfigurati
         hand.flexion + change[:, 6:21].reshape(-1, 5, 3),
         hand.abduction + change[:, 21:],
     )
-
-
-def low_pass(change: FloatArray) -> FloatArray:
-    """Return changes smoothed along the frames, shape (T, 26); exactly zero where no frame nearby has one."""
-    padded = np.pad(change, ((REACH, REACH), (0, 0)), mode="edge")
-    return np.asarray(sum(weight * padded[k : k + len(change)] for k, weight in enumerate(LOW_PASS)))
 
 
 def mean_acceleration(points: FloatArray) -> float:

@@ -6,7 +6,7 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.mesh.bvh import MeshBvh
+from hhsim.kernels.mesh.bvh import MeshBvh, closest_points
 from hhsim.metrics.field.hands import object_bvh
 from hhsim.metrics.mesh_penetration import mesh_clearance
 from hhsim.metrics.metrics import hand_clearance
@@ -44,6 +44,14 @@ class HandJudge:
             return mesh_clearance(self.bvh, self.shape, placed, limit)
         palm, finger = hand_clearance(self.surface.arrays, *self.shape, *placed, limit=limit)
         return np.asarray(np.minimum(palm, finger.min(axis=1)))
+
+    def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return signed distances of points from the closed mesh [m], shape (n,), and their gradients, shape (n, 3)."""
+        assert self.bvh is not None
+        closest, distance = np.empty_like(points), np.empty(len(points))
+        closest_points(self.bvh, points, closest, distance)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return distance, (points - closest) / distance[:, None]
 
     def points(self, frames: HandConfiguration) -> FloatArray:
         """Return joints, tips and palm origin of each hand [m], shape (T, 21, 3)."""

@@ -1,8 +1,8 @@
 """Nearest hand without penetration at every frame of a recording, without a limit of time.
 
 Tracks follow the frames forward and backward; where a correction stays large, further tracks begin at free places
-around that frame. Dynamic programming chooses a track at each frame, a low-pass takes the noise from the correction,
-and each hand that is returned has been measured apart from the solver.
+around that frame. Dynamic programming chooses a track at each frame, quadratic programs lead from there to the nearest
+hands with a steady correction, and each hand that is returned has been measured apart from the solver.
 """
 
 from contextlib import suppress
@@ -15,10 +15,9 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.repair.hand_change import change_between, finite_frames, mean_acceleration
-from hhsim.repair.hand_judge import CLEAR, HandJudge, farthest
+from hhsim.repair.hand_change import change_between, finite_frames
+from hhsim.repair.hand_judge import HandJudge, farthest
 from hhsim.repair.projection import Projection
-from hhsim.repair.smoothing import smoothed
 from hhsim.repair.track_choice import choose_tracks
 from hhsim.repair.tracks import FrameFollower, put
 from hhsim.repair.written_hand import WrittenHand
@@ -33,10 +32,8 @@ TRACKS_A_RESTART = 2
 """Starts of a frame that are followed on."""
 RESTART_SPACING = 10
 """Frames on either side of a restart that get none of their own."""
-CHANGE_WEIGHTS = (2.0, 8.0, 30.0, 120.0)
-"""Weights of the changes from frame to frame in the choice of tracks, see `choose_tracks`, that are tried in turn."""
-MOST_ACCELERATION = 1.1
-"""Ratio of mean accelerations, repaired to recorded, with which a choice of tracks is accepted."""
+CHANGE_WEIGHT = 8.0
+"""Weight of the change from frame to frame in the choice of tracks, see `choose_tracks`."""
 SAME_HAND = 1e-4
 """Joints of two tracks that are not farther apart [m] go on together."""
 MOST_DEARER = 30
@@ -49,12 +46,10 @@ class OfflineOptions:
 
     Attributes:
         max_correction: Largest accepted move of a joint [m]; frames that need more are marked.
-        surface: Surface that the hand must not enter: `mesh` or `spheres`.
-        smooth: True to take the noise from the correction.
+        smooth: True to end with the nearest hands with a steady correction; False for the chosen tracks.
     """
 
     max_correction: float = 0.015
-    surface: str = "mesh"
     smooth: bool = True
 
 
@@ -88,7 +83,7 @@ def repair_frames(
 
     Args:
         hand: Hand model.
-        surface: Object's surface of the kind that the options name, in the frame of the hands.
+        surface: Closed mesh, in the frame of the hands.
         frames: Recorded hands as seen from the object; those that are not finite are marked and returned.
         progress: Called with the stage, the frames done and their number.
     """
@@ -155,7 +150,7 @@ class _Search:
     ) -> None:
         self.frames, self.options, self.progress = frames, options, progress
         self.judge = HandJudge(hand, surface)
-        self.follower = FrameFollower(hand, surface, options.surface, frames)
+        self.follower = FrameFollower(hand, surface, frames)
         self.points = self.judge.points(frames)
         self.written = WrittenHand(np.roll(self.points, 1, axis=1), hand, frames, tip_on_surface=False)
         self.projection = Projection(self.written, self.judge)
@@ -183,33 +178,20 @@ class _Search:
         self.least_move[part] = np.minimum(self.least_move[part], move)
 
     def result(self) -> tuple[HandConfiguration, IntArray]:
-        """Return the hands that are nearest to the recorded ones among those that accelerate little more, and origins.
+        """Return the chosen hand of each frame, made steady where asked for, and its origin.
 
-        Where each choice of tracks accelerates more, it is the steadiest.
+        A frame without a hand that does not penetrate keeps the recorded one.
         """
-        recorded = mean_acceleration(self.points)
-        least, best = np.inf, None
-        for weight in CHANGE_WEIGHTS:
-            found, origin = self.chosen(weight)
-            found = self.smoothed(found) if self.options.smooth else found
-            acceleration = mean_acceleration(self.judge.points(found))
-            if best is None or acceleration < least:
-                least, best = acceleration, (found, origin)
-            if least <= MOST_ACCELERATION * recorded:
-                break
-        assert best is not None
-        return best
-
-    def chosen(self, weight: float) -> tuple[HandConfiguration, IntArray]:
-        """Return the chosen hand of each frame, and its origin; the recorded one where there is none."""
         first = [track.first for track in self.tracks]
         off, valid = [track.off for track in self.tracks], [track.valid for track in self.tracks]
-        choice = choose_tracks(first, off, valid, weight)
+        choice = choose_tracks(first, off, valid, CHANGE_WEIGHT)
         found = self.frames.copy()
         for k in np.unique(choice).tolist():
             frames = np.flatnonzero(choice == k)
             for values, own in zip(found, self.tracks[k].hands, strict=True):
                 values[frames] = own[frames - first[k]]
+        if self.options.smooth:
+            found = self.projection.corrected(found, self.recorded_clearance < 0.0, progress=self.progress)
         return found, np.array([track.origin for track in self.tracks])[choice]
 
     def restart(self) -> None:
@@ -224,7 +206,7 @@ class _Search:
             self.progress("restarts", int((~open_frames).sum()), self.frames.ticks)
             open_frames[max(0, worst - RESTART_SPACING) : worst + RESTART_SPACING + 1] = False
             one = self.written.at(worst)
-            seed = self.projection.nearest(one, one.fitted)
+            seed = self.projection.free_near(one, one.fitted)
             for start in self.follower.starts(self.judge, worst, seed)[:TRACKS_A_RESTART]:
                 if start.correction**2 < self.nearest[worst] - SAME_HAND**2:
                     self._add(RESTARTED + number, self._followed_on(worst, start.reached))
@@ -249,22 +231,6 @@ class _Search:
                 if any(track.passes(t, off) for track in self.tracks) or dearer >= MOST_DEARER:
                     break
         return track
-
-    def smoothed(self, found: HandConfiguration) -> HandConfiguration:
-        """Return the hands with a low-passed correction, made free by further ticks from the hands found."""
-        limit, judge = self.options.max_correction, self.judge
-        return smoothed(self.frames, found, limit, judge.points, judge.clearance, self._made_free, self.progress)
-
-    def _made_free(self, found: HandConfiguration, goals: HandConfiguration) -> HandConfiguration:
-        """Return goals, where they are inside the nearest free hands to them, reached from the hands found."""
-        made = goals.copy()
-        clearance = self.judge.clearance(goals)
-        for t in np.flatnonzero(~(clearance >= CLEAR)).tolist():
-            start = found.part(t, t + 1)
-            with suppress(HhsimError):
-                self.follower.place(start)
-                put(made, t, self.follower.arrive(start, goals.part(t, t + 1)))
-        return made
 
     def _reporter(self, stage: str) -> Progress:
         return lambda _, done, total: self.progress(stage, done, total)

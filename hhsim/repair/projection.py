@@ -1,56 +1,40 @@
 """Correction of recorded joints such that the hand that is written does not penetrate.
 
-Each frame whose written hand is inside is solved anew: the least change of our hand, as a sequence of quadratic
-programs in which the distances of balls along the written bones are linearised.
+Each frame whose written hand is inside is solved for the least change of our hand, from its own place and from its
+neighbours' corrections. Then all frames are solved at once, so that the correction is steady.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.mesh.bvh import build_mesh_bvh, closest_points
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.recordings.correction import BONES, Correction
-from hhsim.repair.hand_change import (
-    NUMBERS,
-    REACH,
-    change_between,
-    changed_hand,
-    finite_frames,
-    mean_acceleration,
-)
+from hhsim.repair.frame_hand import SETTLED, FrameHand
+from hhsim.repair.hand_change import NUMBERS, change_between, changed_hand, finite_frames, mean_acceleration
 from hhsim.repair.hand_judge import CLEAR, HandJudge, farthest
-from hhsim.repair.smoothing import smoothed
+from hhsim.repair.steady_program import steady_step
 from hhsim.repair.tracks import put
-from hhsim.repair.written_hand import JOINTS, WrittenHand
-from hhsim.solver.options import Stiffness
+from hhsim.repair.written_hand import WrittenHand
 from hhsim.solver.qp import QpProblem, QpStatus, solve_active_set
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import ContactSurface
 
-NEAR = 2e-3
-"""Balls up to this far from the surface [m] are rows of the program."""
-FIRST_GAP, LARGEST_GAP = 2e-5, 1e-3
-"""Clearance that a program asks of the balls [m], doubled while the hand between them still penetrates."""
-LONGEST_STEP = 4e-3
-"""Largest move of a ball in one program [m]."""
-PROGRAMS = 40
-SETTLED = 5e-5
-"""Move of all balls in one program [m] below which a hand is the nearest."""
+PROGRAMS, STEADY_PROGRAMS = 40, 20
+"""Programs of one frame, and of all frames at once, at most."""
 RELAXATION = 1e-4
 """Distance [√J] by which rows that contradict each other are moved back."""
-A_JOINT = 50.0
-"""Stiffness by which each joint, and the palm's origin, is drawn to its recorded place [N/m]."""
-REST = 0.02 * np.concatenate([Stiffness(flexion=0.05).diagonal(), np.full(5, 0.1)])
-"""Stiffness of each number of a change beside that of the joints, which tell nothing of a turn about their own line."""
-ORIGIN, UNIT = np.eye(3, NUMBERS), np.ones(NUMBERS)
-TAPERS = (0, 2, REACH)
-"""Frames beside those that need a correction over which it falls to nothing, in the order in which they are tried."""
+DEEPEST_START = 1e-3
+"""Penetration with which a neighbour's correction is a start [m]."""
+STEADINESS = ((0, 3.0), (0, 30.0), (2, 30.0), (6, 30.0))
+"""Frames beside those that need a correction that may change too, and the weight of a steady change, see `steady_step`,
+in the order in which they are tried."""
 STEADY = 1.1
-"""Ratio of mean accelerations, written to recorded, up to which no longer taper is tried."""
+"""Ratio of mean accelerations, written to recorded, up to which no more frames are tried."""
 LONGEST_SHIFT = 0.05
 """Farthest shift by which a hand is freed where the programs find no way [m]."""
 
@@ -98,7 +82,7 @@ def correct(
         object_moved: Motion of the object's frame in the world, in which accelerations are measured; None: it stands
             still.
         max_correction: Largest move of a joint [m] of a frame that is not marked.
-        smooth: True to low-pass the correction again where frames were solved anew.
+        smooth: True to make the correction steady from frame to frame.
         progress: Called with the stage, the frames done and their number.
     """
     count = len(joints)
@@ -114,7 +98,7 @@ def correct(
         if object_moved is not None:
             object_moved = RigidMotion(object_moved.turn[known], object_moved.shift[known])
         needed = recorded < 0.0
-        found = projection.corrected(posture.at(known), needed, object_moved, max_correction, smooth, progress)
+        found = projection.corrected(posture.at(known), needed, object_moved, smooth, progress)
         touched = np.any(change_between(written.fitted, found) != 0.0, axis=1)
         changed[known] = touched
         rotation[known[touched]] = written.rotation(found)[touched]
@@ -130,29 +114,12 @@ def correct(
     return WrittenFrames(correction, depth_before, depth, farthest_move, marked)
 
 
-def _taper(needed: BoolArray, reach: int) -> tuple[FloatArray, IntArray]:
-    """Return the share of a correction in each frame, and the frame that needs it, shape (T,) each.
-
-    It is 1 where needed, and 0 beyond so many frames beside.
-    """
-    frames, wanted = np.arange(len(needed)), np.flatnonzero(needed)
-    after = np.searchsorted(wanted, frames)
-    sides = wanted[np.minimum(after, len(wanted) - 1)], wanted[np.maximum(after - 1, 0)]
-    nearest = np.where(np.abs(frames - sides[0]) < np.abs(frames - sides[1]), *sides)
-    share = 0.5 + 0.5 * np.cos(np.pi * np.minimum(1.0, np.abs(frames - nearest) / (reach + 1.0)))
-    return np.asarray(share), nearest
-
-
 class Projection:
-    """Nearest hands whose written joints are outside of one object."""
+    """Nearest hands whose written joints are outside of one closed object."""
 
     def __init__(self, written: WrittenHand, judge: HandJudge) -> None:
         self.written, self.judge = written, judge
-        mesh = judge.surface.mesh
-        self.signed = judge.bvh is not None
-        self.bvh = judge.bvh
-        if mesh is not None and self.bvh is None:
-            self.bvh = build_mesh_bvh(mesh.vertices, mesh.faces, signed=False)
+        self.recorded = written.moved(written.axes, written.fitted)
 
     def clearance(self, posture: HandConfiguration) -> FloatArray:
         """Return the least signed distance of the written hands [m], at most `CLEAR`, shape (T,)."""
@@ -162,9 +129,8 @@ class Projection:
         self,
         posture: HandConfiguration,
         needed: BoolArray,
-        object_moved: RigidMotion | None,
-        limit: float,
-        smooth: bool,
+        object_moved: RigidMotion | None = None,
+        smooth: bool = True,
         progress: Progress = silent,
     ) -> HandConfiguration:
         """Return free hands near the recorded ones; as few frames are changed as a steady motion allows.
@@ -173,115 +139,118 @@ class Projection:
             posture: Repaired hands of T frames.
             needed: True for frames whose written hand penetrates, shape (T,).
             object_moved: Motion of the object's frame in the world; None: it stands still.
-            limit: Largest move of a joint [m] that smoothing may lead to.
-            smooth: True to low-pass the corrections.
+            smooth: True to make the correction steady from frame to frame.
         """
-        written, near = self.written, posture.copy()
-        for frame in np.flatnonzero(needed).tolist():
-            one = written.at(frame)
-            found = self.nearest(one, one.fitted, near.part(frame, frame + 1))
-            if found is not None:
-                put(near, frame, found)
-        change = change_between(written.fitted, near)
+        written = self.written
+        start = self._near(posture, needed, progress)
 
-        def points(hands: HandConfiguration) -> FloatArray:
-            """Return the joints of hands in the world [m], shape (T, 21, 3)."""
+        def acceleration(hands: HandConfiguration) -> float:
+            """Return the mean acceleration of the joints of hands in the world."""
             joints = written.moved(written.axes, hands)
-            return joints if object_moved is None else object_moved.points(joints)
+            return mean_acceleration(joints if object_moved is None else object_moved.points(joints))
 
-        steady, least, best = STEADY * mean_acceleration(points(written.fitted)), np.inf, written.fitted
-        for reach in TAPERS if needed.any() else ():
-            share, needing = _taper(needed, reach)
-            start = changed_hand(written.fitted, share[:, None] * change[needing])
-            found = self.made_free(start, start, progress)
-            if smooth:
-                parts = points, self.clearance, self.made_free
-                found = smoothed(written.fitted, found, limit, *parts, progress, share > 0.0)
-            acceleration = mean_acceleration(points(found))
-            if acceleration < least:
-                least, best = acceleration, found
+        steady, least, best = STEADY * acceleration(written.fitted), np.inf, start
+        for reach, steadiness in STEADINESS if smooth and needed.any() else ():
+            beside = np.convolve(needed, np.ones(2 * reach + 1))[reach : reach + len(needed)] > 0.0
+            start = self._steady(start, beside, steadiness, progress)
+            now = acceleration(start)
+            if now < least:
+                least, best = now, start
             if least <= steady:
                 break
         return best
 
-    def made_free(
-        self, start: HandConfiguration, goals: HandConfiguration, progress: Progress = silent
-    ) -> HandConfiguration:
-        """Return the goals; a goal whose written hand penetrates is replaced by the nearest free hand found."""
-        made = goals.copy()
-        changed = change_between(self.written.fitted, goals).any(axis=1)
-        inside = np.flatnonzero(self.clearance(goals) < np.where(changed, CLEAR, 0.0)).tolist()
-        for done, frame in enumerate(inside):
-            progress("written hands", done, len(inside))
-            goal = goals.part(frame, frame + 1)
-            one = self.written.at(frame)
-            free = self.nearest(one, goal)
-            put(made, frame, free or self._shifted(one, goal))
-        return made
+    def _near(self, posture: HandConfiguration, needed: BoolArray, progress: Progress) -> HandConfiguration:
+        """Return the nearest hand found of each frame in need, from its own and from its neighbours' corrections."""
+        written, near = self.written, self.written.fitted.copy()
+        frames = np.flatnonzero(needed)
+        for values, own in zip(near, posture, strict=True):
+            values[frames] = own[frames]
+        off = np.full(len(needed), np.inf)
+        for done, (t, before) in enumerate(_forward_and_back(frames.tolist())):
+            progress("nearest hands", done, 2 * len(frames))
+            one, start = written.at(t), near.part(t, t + 1)
+            taken = None if before is None else self._taken(one, near, before)
+            if taken is not None and self._off(one, t, taken) < self._off(one, t, start) - SETTLED:
+                start = taken
+            elif np.isfinite(off[t]):
+                continue
+            found = self.nearest(one, start) or self.free_near(one, start)
+            if found is not None and self._off(one, t, found) < off[t]:
+                off[t] = self._off(one, t, found)
+                put(near, t, found)
+        return near
 
-    def nearest(
-        self, written: WrittenHand, goal: HandConfiguration, start: HandConfiguration | None = None
-    ) -> HandConfiguration | None:
-        """Return a free hand near a goal, T = 1; None if the programs do not lead to one.
+    def _off(self, one: WrittenHand, t: int, hand: HandConfiguration) -> float:
+        """Return the root mean square displacement of the joints from the recorded ones [m]."""
+        gone = one.moved(one.axes, hand)[0] - self.recorded[t]
+        return float(np.sqrt((gone**2).sum(axis=1).mean()))
+
+    def _taken(self, one: WrittenHand, near: HandConfiguration, before: int) -> HandConfiguration | None:
+        """Return a frame's hand with the correction of another frame; None if it is deep inside."""
+        change = change_between(self.written.fitted.part(before, before + 1), near.part(before, before + 1))
+        taken = changed_hand(one.fitted, change)
+        return taken if self.judge.placed_clearance(one.placed(taken))[0] > -DEEPEST_START else None
+
+    def _steady(
+        self, start: HandConfiguration, may_change: BoolArray, steadiness: float, progress: Progress
+    ) -> HandConfiguration:
+        """Return free hands near the recorded ones whose correction is steady.
 
         Args:
-            written: Recorded hand.
-            goal: Wanted hand.
-            start: Hand on the side of the object where the nearest one is searched; None: the goal, and the first free
-                hand is returned.
+            start: Hands of all frames, each on the side of the object on which it stays.
+            may_change: True for frames that may change, shape (T,).
+            steadiness: See `steady_step`.
         """
-        if self.bvh is None:
-            return None
-        posture, gap, free = start or goal, FIRST_GAP, None
-        posed = written.posed(posture)
-        points, radii, motion = written.samples(posed)
-        # No ball is nearer than when it was measured by more than it has moved since.
-        nearest, last = np.full(len(points), -np.inf), points
-        wanted = written.samples(written.posed(goal))[0][JOINTS]
-        for number in range(PROGRAMS):
-            if number:
-                points, radii, motion = written.samples(posed)
-                nearest -= np.linalg.norm(points - last, axis=1)
-                last = points
-            asked = np.flatnonzero(nearest < NEAR)
-            distance, normal = self._distances(points[asked])
-            nearest[asked] = value = distance - radii[asked]
-            near = (value < NEAR) & (np.abs(distance) > 1e-9)
-            rows = np.einsum("ni,nij->nj", normal[near], motion[asked[near]])
-            # Gauss and Newton's program of the joints, in the variables in which its Hessian is the identity.
-            along = np.concatenate([motion[JOINTS].reshape(-1, NUMBERS), ORIGIN])
-            off = np.append((wanted - points[JOINTS]).ravel(), (goal.position - posture.position)[0])
-            root = np.linalg.cholesky(A_JOINT * along.T @ along + np.diag(REST))
-            pull = A_JOINT * off @ along + REST * change_between(posture, goal)[0]
-            program = QpProblem(UNIT, np.linalg.solve(root, rows.T).T, gap - value[near], np.linalg.solve(root, pull))
-            solution = solve_active_set(program, RELAXATION)
-            if solution.status is not QpStatus.OPTIMAL:
+        found, frames = start.copy(), np.flatnonzero(may_change).tolist()
+        hands = [FrameHand(self.judge, self.written.at(t), start.part(t, t + 1), frame=t) for t in frames]
+        moving = hands
+        for number in range(STEADY_PROGRAMS):
+            progress("programs", number, STEADY_PROGRAMS)
+            change = change_between(self.written.fitted, found)
+            step = steady_step([hand.program() for hand in moving], change, [h.frame for h in moving], steadiness)
+            if step is None:
                 break
-            change = np.asarray(np.linalg.solve(root.T, solution.x), np.float64)
-            length = float(np.linalg.norm(motion @ change, axis=1).max())
-            posture = changed_hand(posture, change[None] * min(1.0, LONGEST_STEP / max(length, 1e-12)))
-            posed = written.posed(posture)
-            if self.judge.placed_clearance(posed.placed)[0] >= CLEAR:
-                free = posture
-                if start is None or length < SETTLED:
-                    break
-            elif length < LONGEST_STEP and gap < LARGEST_GAP:
-                gap *= 2.0
-        return free
+            left = []
+            for hand, own in zip(moving, step, strict=True):
+                if hand.moved(own) > SETTLED or not hand.is_free():
+                    left.append(hand)
+                put(found, hand.frame, hand.posture)
+            moving = left
+            if not moving:
+                break
+        for hand in moving:
+            if not hand.is_free():
+                free = (
+                    hand.found or self.free_near(hand.written, hand.posture) or start.part(hand.frame, hand.frame + 1)
+                )
+                put(found, hand.frame, free)
+        return found
 
-    def _distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return signed distances [m], shape (n,), and the directions in which they grow, shape (n, 3)."""
-        assert self.bvh is not None
-        closest, distance = np.empty_like(points), np.empty(len(points))
-        closest_points(self.bvh, points, closest, distance)
-        if not self.signed:
-            distance = np.abs(distance)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return distance, (points - closest) / distance[:, None]
+    def nearest(self, written: WrittenHand, start: HandConfiguration) -> HandConfiguration | None:
+        """Return the free hand nearest to a recorded one, T = 1, on the side of a start; None if there is none."""
+        hand = FrameHand(self.judge, written, start)
+        for _ in range(PROGRAMS):
+            change = _step(hand)
+            if change is None or (hand.moved(change) < SETTLED and hand.is_free()):
+                break
+        hand.is_free()
+        return hand.found
 
-    def _shifted(self, written: WrittenHand, goal: HandConfiguration) -> HandConfiguration:
-        """Return a goal, T = 1, with the least shift along 26 directions that frees it; the goal if there is none."""
-        best, found = LONGEST_SHIFT, goal
+    def free_near(self, written: WrittenHand, goal: HandConfiguration) -> HandConfiguration | None:
+        """Return the first free hand that is found near a goal, T = 1; None if there is none.
+
+        The programs lead to it, or the least shift along 26 directions does.
+        """
+        hand = FrameHand(self.judge, written, goal, goal)
+        for _ in range(PROGRAMS):
+            change = _step(hand)
+            if change is None:
+                break
+            hand.moved(change)
+            if hand.is_free():
+                return hand.posture
+        best, found = LONGEST_SHIFT, None
         for direction in np.ndindex(3, 3, 3):
             unit = np.array(direction, dtype=np.float64) - 1.0
             if not unit.any():
@@ -298,3 +267,22 @@ class Projection:
                     break
                 shift += max(1e-4, CLEAR - clearance)
         return found
+
+
+def _step(hand: FrameHand) -> FloatArray | None:
+    """Return the next change of a hand by itself, shape (26,); None if its rows contradict each other."""
+    at = hand.program()
+    # In these variables the Hessian is the identity.
+    root = np.linalg.cholesky(at.hessian)
+    rows, target = np.linalg.solve(root, at.rows.T).T, np.linalg.solve(root, at.pull)
+    solution = solve_active_set(QpProblem(np.ones(len(root)), rows, at.bounds, target), RELAXATION)
+    if solution.status is not QpStatus.OPTIMAL:
+        return None
+    return np.asarray(np.linalg.solve(root.T, solution.x)[:NUMBERS])
+
+
+def _forward_and_back(frames: list[int]) -> Iterator[tuple[int, int | None]]:
+    """Yield frames forward and backward, each with the one before if that is its neighbour."""
+    for order in (frames, frames[::-1]):
+        for k, t in enumerate(order):
+            yield t, order[k - 1] if k and abs(order[k - 1] - t) == 1 else None

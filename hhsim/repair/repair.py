@@ -145,7 +145,8 @@ def _corrected(
 ) -> tuple[Correction, BoolArray]:
     """Return the correction as the object sees it, and a mask of the frames to be marked, shape (F,)."""
     hand, haptic, limit = recorded.scene.hand, recorded.haptic, request.max_correction
-    found = repair_frames(hand, surface, haptic, OfflineOptions(max_correction=limit), progress)
+    options = OfflineOptions(max_correction=limit, smooth=not recorded.has_joints)
+    found = repair_frames(hand, surface, haptic, options, progress)
     if not recorded.has_joints:
         return corrected_angles(hand, haptic, found.posture), found.marked
     on_surface = recorded.tip_on_surface

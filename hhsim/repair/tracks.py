@@ -51,14 +51,14 @@ class FrameFollower:
 
     Args:
         hand: Hand model.
-        surface: Object's surface, of the kind that `kind` names.
+        surface: Closed mesh.
         frames: Recorded hands, finite, T of them.
     """
 
-    def __init__(self, hand: HandModel, surface: ContactSurface, kind: str, frames: HandConfiguration) -> None:
+    def __init__(self, hand: HandModel, surface: ContactSurface, frames: HandConfiguration) -> None:
         self.hand, self.surface, self.frames = hand, surface, frames
         self.options = SolverOptions(
-            surface=kind, linearisations=LINEARISATIONS, budget=UNLIMITED, step_tolerance=STEP_TOLERANCE
+            surface="mesh", linearisations=LINEARISATIONS, budget=UNLIMITED, step_tolerance=STEP_TOLERANCE
         )
         self.solver = self._new_solver()
 

@@ -23,6 +23,8 @@ SHARES = np.linspace(0.0, 1.0, 17)
 JOINTS = len(SHARES) * np.arange(15).reshape(5, 3, 1) + [0, len(SHARES) - 1]
 JOINTS = np.concatenate([JOINTS[:, :, 0], JOINTS[:, 2:, 1]], axis=1).ravel()
 """Places of the joints and tips among the balls of `WrittenHand.samples`, shape (20,)."""
+TIPS = len(SHARES) * (3 * np.arange(5)[:, None] + 2) + np.arange(len(SHARES))
+"""Places of the balls of the distal phalanges, shape (5, 17)."""
 CROSS = -np.array(
     [[[0, 0, 0], [0, 0, 1], [0, -1, 0]], [[0, 0, -1], [0, 0, 0], [1, 0, 0]], [[0, 1, 0], [-1, 0, 0], [0, 0, 0]]]
 )

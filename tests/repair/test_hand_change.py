@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.repair.hand_change import NUMBERS, REACH, change_between, changed_hand, low_pass, mean_acceleration
+from hhsim.repair.hand_change import NUMBERS, change_between, changed_hand, mean_acceleration
 
 
 def hands(seed: int, frames: int = 5) -> HandConfiguration:
@@ -38,21 +37,6 @@ def test_no_change_keeps_every_bit() -> None:
     assert not change_between(hand, hand.copy()).any()
     for before, after in zip(hand, changed_hand(hand, np.zeros((5, NUMBERS)))):
         np.testing.assert_array_equal(before, after)
-
-
-def test_the_low_pass_is_a_gaussian_of_two_frames() -> None:
-    change = np.random.default_rng(0).normal(size=(40, NUMBERS))
-    wanted = gaussian_filter1d(change, 2.0, axis=0, mode="nearest", radius=REACH)
-    np.testing.assert_allclose(low_pass(change), wanted, atol=1e-12)
-
-
-@pytest.mark.parametrize("frame", [0, 12, 29])
-def test_the_low_pass_reaches_no_farther(frame: int) -> None:
-    change = np.zeros((30, NUMBERS))
-    change[frame, 4] = 1.0
-    near = np.abs(np.arange(30) - frame) <= REACH
-    np.testing.assert_array_equal(low_pass(change)[:, 4] != 0.0, near)
-    assert not low_pass(change)[:, :4].any()
 
 
 def test_the_acceleration_of_a_fall_is_twice_its_square_term() -> None:

@@ -9,18 +9,16 @@ from repair_scenes import HAND, Case, held, scene_case, shape_case
 from sphere_scenes import random_hand
 
 from hhsim.arrays import FloatArray
-from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.recordings.correction import moved_joints
-from hhsim.repair.hand_change import NUMBERS, REACH, change_between, changed_hand
+from hhsim.repair.hand_change import NUMBERS, change_between, changed_hand
 from hhsim.repair.hand_judge import HandJudge
 from hhsim.repair.offline import OfflineOptions, repair_frames
 from hhsim.repair.projection import Projection, WrittenFrames, correct
-from hhsim.repair.smoothing import smoothed
 from hhsim.repair.written_hand import WrittenHand, bone_frames
-from hhsim.system.progress import silent
 
 LEFT = HandModel.default("left")
 
@@ -103,29 +101,26 @@ def test_no_written_hand_penetrates_by_coal(size: float) -> None:
     np.testing.assert_allclose(bones[0], bones[1], atol=1e-12)
 
 
-@pytest.mark.parametrize(("speed", "reach"), [(0.02, 0), (0.0, REACH)])
-def test_frames_that_need_nothing_stay_unless_the_motion_would_jump(
-    speed: float, reach: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A hand dips in by 0.1 mm and is lifted by 3 mm: a jump only where the world's motion is calm."""
+@pytest.mark.parametrize(("speed", "beside"), [(0.02, False), (0.0, True)])
+def test_frames_that_need_nothing_stay_unless_the_motion_would_jump(speed: float, beside: bool) -> None:
+    """An object jumps up into a still hand for five frames: out of its way is a jump only where the motion is calm."""
     case = shape_case(trimesh.creation.box((0.5, 0.5, 0.1)), held(30))
     dips = np.abs(np.arange(30) - 15) <= 2
     frames = case.frames._replace(position=case.frames.position + [0.0, 0.0, 0.1])
     written = WrittenHand(keypoints(HAND, frames), HAND, frames, tip_on_surface=False)
     above = HandJudge(HAND, case.surface).placed_clearance(written.placed(frames), np.inf)
-    frames.position[:, 2] -= above + np.where(dips, 1e-4, -1e-4)
-
-    def lifted(_: Projection, one: WrittenHand, goal: HandConfiguration, *__: object) -> HandConfiguration:
-        return goal._replace(position=goal.position + [0.0, 0.0, 3e-3])
-
-    monkeypatch.setattr(Projection, "nearest", lifted)
+    frames.position[:, 2] -= above + np.where(dips, 3e-3, -1e-4)
     swing = np.cumsum(speed * (-1.0) ** np.arange(30))[:, None] * [1.0, 0.0, 0.0]
+    swing[:, 2] = np.where(dips, 3.1e-3, 0.0)
     moved = RigidMotion(np.tile([1.0, 0.0, 0.0, 0.0], (30, 1)), swing)
     settled = (keypoints(HAND, frames), HAND, frames, frames, case.surface)
-    found = correct(*settled, tip_on_surface=False, object_moved=moved, smooth=False)
+    found = correct(*settled, tip_on_surface=False, object_moved=moved)
     np.testing.assert_array_equal(found.depth_before > 0.0, dips)
     assert not found.depth.any()
-    np.testing.assert_array_equal(found.correction.changed, np.abs(np.arange(30) - 15) <= 2 + reach)
+    changed = found.correction.changed
+    assert changed[dips].all()
+    assert (changed & ~dips).any() == beside
+    assert not changed[np.abs(np.arange(30) - 15) > 8].any()
 
 
 def test_a_recorded_hand_that_is_outside_stays_whatever_our_repair_would_change() -> None:
@@ -171,7 +166,7 @@ def test_a_projection_ends_outside_by_coal(seed: int, name: str) -> None:
     joints = residual(keypoints(HAND, frames), 2e-3)
     written = WrittenHand(joints, HAND, frames, tip_on_surface=False)
     projection = Projection(written, HandJudge(HAND, case.surface))
-    free = projection.made_free(frames, frames)
+    free = projection.corrected(frames, projection.clearance(frames) < 0.0)
     inside = projection.clearance(frames)[0] < 0.0
     assert inside or not change_between(frames, free).any()
     # The shift that frees a hand where the programs do not is at most 5 cm: beyond, the hand stays as it was.
@@ -188,34 +183,8 @@ def test_the_projection_of_a_shallow_hand_moves_little_more_than_its_depth() -> 
     gap = float(judge.clearance(case.frames, np.inf)[0])
     frames = case.frames._replace(position=case.frames.position - [0.0, 0.0, gap + 1e-3])
     written = WrittenHand(keypoints(HAND, frames), HAND, frames, tip_on_surface=False)
-    free = Projection(written, judge).made_free(frames, frames)
+    free = Projection(written, judge).corrected(frames, np.ones(1, bool))
     ends = [written.samples(written.posed(hands))[0] for hands in (free, frames)]
     moved = np.linalg.norm(ends[0] - ends[1], axis=1).max()
     # Some ball of the hand has to rise by the depth; the program asks for 20 µm more.
     assert 1e-3 <= moved < 2e-3
-
-
-def test_smoothing_takes_noise_and_keeps_out_of_the_way() -> None:
-    random = np.random.default_rng(0)
-    recorded = held(40)
-    noise = recorded._replace(position=recorded.position + random.normal(0.0, 1e-3, (40, 3)))
-
-    def points(hands: HandConfiguration) -> FloatArray:
-        return keypoints(HAND, hands)
-
-    def clearance(hands: HandConfiguration) -> FloatArray:
-        return hands.position[:, 2] + 0.01
-
-    def unchanged(_: HandConfiguration, goals: HandConfiguration) -> HandConfiguration:
-        return goals
-
-    calm = smoothed(recorded, noise, 0.01, points, clearance, unchanged, silent)
-    second = [np.abs(np.diff(hands.position, 2, axis=0)).mean() for hands in (noise, calm)]
-    assert second[1] < 0.2 * second[0]
-    refused = smoothed(recorded, noise, 0.01, points, lambda hands: np.full(40, -1.0), unchanged, silent)
-    np.testing.assert_array_equal(refused.position, noise.position)
-    kept = smoothed(recorded, noise, 0.01, points, clearance, unchanged, silent, np.arange(40) < 30)
-    np.testing.assert_array_equal(kept.position[30:], recorded.position[30:])
-    assert np.abs(np.diff(kept.position[:25], 2, axis=0)).mean() < 0.2 * second[0]
-    none = smoothed(recorded, sequence(recorded), 0.01, points, clearance, unchanged, silent)
-    np.testing.assert_array_equal(none.position, recorded.position)
