@@ -1,21 +1,20 @@
 """Picture of a hand before and after a repair: the deepest frames, whole and from close by, red where inside."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhsim.arrays import FloatArray, IntArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import object_bvh
 from hhsim.render.figure import new_figure, save_figure
 from hhsim.render.hand_picture import BODY_OPACITY, RED
-from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, look_from, shade
-from hhsim.render.triangle_soup import SKIN, STONE, Surface, mesh_surface, near_hands, painted
+from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, look_from, seen_depth, shade
+from hhsim.render.triangle_soup import SKIN, STONE, Surface, mesh_surface, near_hands
 from hhsim.render.viewpoint import AZIMUTHS, View
 from hhsim.system.output_path import check_output_path
 
@@ -102,35 +101,43 @@ def draw_before_after(
             axes.axis("off")
             camera, side = (whole, close)[column // 2], column % 2
             axes.imshow(
-                blend([(_reddened(skins[side], bvh, camera)[0], 1.0), (shade(body, camera), BODY_OPACITY)]),
+                blend([(_reddened(skins[side], bvh, camera), 1.0), (shade(body, camera), BODY_OPACITY)]),
                 interpolation="nearest",
             )
             _scale(axes, camera)
             depth = max(0.0, -float(distance[side].min()))
             what = f"{('before', 'after')[side]}: {1e3 * depth:.1f} mm in"
-            axes.set_title((f"{when}, " if column == 0 else "") + what, fontsize=9, loc="left", x=0.02, pad=3)
+            axes.set_title((f"{when}, " if column == 0 else "") + what, fontsize=9, loc="left", x=0.02, y=1.0, pad=3)
     save_figure(figure, path)
 
 
-def _reddened(skin: Surface, bvh: MeshBvh, camera: Camera) -> tuple[Layer, int]:
-    """Render a skin, red in each pixel that is inside the object; also return their number."""
-    layer, red = shade(skin, camera), shade(painted(skin, RED), camera)
-    # Once for each pixel of the finished picture: a point's distance costs more than its colour.
-    row, column = OVERSAMPLING * np.argwhere(layer.seen()[::OVERSAMPLING, ::OVERSAMPLING]).T
-    rows, columns = layer.depth.shape
+def _inside(depth: FloatArray, bvh: MeshBvh, camera: Camera) -> BoolArray:
+    """Return where the finished picture shows skin that is inside the object, from the skin's `Layer.depth`."""
+    # A point's distance costs more than its colour, so there is one for the pixels that become one.
+    row, column = OVERSAMPLING * np.argwhere(np.isfinite(depth[::OVERSAMPLING, ::OVERSAMPLING])).T
+    rows, columns = depth.shape
     seen = np.stack([column - 0.5 * columns, 0.5 * rows - row], axis=1) * camera.height / rows
-    place = np.column_stack([seen, layer.depth[row, column]]) @ camera.rotation + camera.center
+    place = np.column_stack([seen, depth[row, column]]) @ camera.rotation + camera.center
     inside = np.zeros(camera.shape, dtype=bool)
     inside[row // OVERSAMPLING, column // OVERSAMPLING] = mesh_signed_distance(bvh, place) < -JUST_INSIDE
-    everywhere = inside.repeat(OVERSAMPLING, axis=0).repeat(OVERSAMPLING, axis=1)
-    return replace(layer, color=np.where(everywhere[:, :, None], red.color, layer.color)), int(inside.sum())
+    return inside
+
+
+def _reddened(skin: Surface, bvh: MeshBvh, camera: Camera) -> Layer:
+    """Render a skin, red in each pixel that is inside the object."""
+
+    def inside(depth: FloatArray) -> BoolArray:
+        return _inside(depth, bvh, camera).repeat(OVERSAMPLING, axis=0).repeat(OVERSAMPLING, axis=1)
+
+    return shade(skin, camera, inside, RED)
 
 
 def _view(skin: Surface, bvh: MeshBvh, middle: FloatArray) -> FloatArray:
     """Return the camera's rotation that shows most of what is inside around a point: the object is see-through."""
 
     def inside(rotation: FloatArray) -> int:
-        return _reddened(skin, bvh, Camera(rotation, middle, 2.0 * CLOSE, (TRIAL, TRIAL)))[1]
+        camera = Camera(rotation, middle, 2.0 * CLOSE, (TRIAL, TRIAL))
+        return int(_inside(seen_depth(skin, camera), bvh, camera).sum())
 
     views = (View(azimuth, elevation) for elevation in ELEVATIONS for azimuth in AZIMUTHS)
     return max((look_from(view.towards) for view in views), key=inside)

@@ -4,7 +4,7 @@ matplotlib sorts triangles by their middles, which fails where bodies touch; her
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,8 +83,26 @@ def frame(points: FloatArray, rotation: FloatArray, shape: tuple[int, int], marg
     return Camera(rotation, 0.5 * (low + high) @ rotation, float(height), shape)
 
 
-def shade(surface: Surface, camera: Camera) -> Layer:
-    """Render and light a surface."""
+def shade(
+    surface: Surface, camera: Camera, marked: Callable[[FloatArray], BoolArray] | None = None, mark: ArrayLike = 0.0
+) -> Layer:
+    """Render and light a surface; pixels that `marked` says of their depth, as in a `Layer`, have the colour `mark`."""
+    depth, normals, corners, weight = _seen(surface, camera)
+    normal = _interpolated(normals, corners, weight)
+    normal /= np.maximum(np.sqrt(np.einsum("ip,ip->p", normal, normal)), 1e-12)
+    color = _interpolated(np.ascontiguousarray(surface.colors.T.astype(np.float32)), corners, weight).T
+    if marked is not None:
+        color[marked(depth)[np.isfinite(depth)]] = mark
+    return lit(depth, normal.T, color, camera)
+
+
+def seen_depth(surface: Surface, camera: Camera) -> FloatArray:
+    """Return the depth of a surface at each pixel, as in a `Layer`."""
+    return _seen(surface, camera)[0]
+
+
+def _seen(surface: Surface, camera: Camera) -> tuple[FloatArray, Image, list[IntArray], FloatArray]:
+    """Return the depth, the normals of all vertices, and vertices and weights of each pixel that shows a triangle."""
     # Single precision and one component after another: what is done at every pixel is most of the work.
     normals = np.ascontiguousarray((camera.rotation @ surface.normals.T).astype(np.float32))
     faces = surface.faces[(normals[2] > 0.0)[surface.faces].any(axis=1)]
@@ -94,11 +112,7 @@ def shade(surface: Surface, camera: Camera) -> Layer:
     screen = np.stack([points[:, 0] * scale + 0.5 * columns, 0.5 * rows - points[:, 1] * scale], axis=1)
     depth, weight, face = rasterise(screen, points[:, 2], faces, (rows, columns))
     there = face[face >= 0]
-    corners = [faces[:, k][there] for k in range(3)]
-    normal = _interpolated(normals, corners, weight)
-    normal /= np.maximum(np.sqrt(np.einsum("ip,ip->p", normal, normal)), 1e-12)
-    colors = np.ascontiguousarray(surface.colors.T.astype(np.float32))
-    return lit(depth, normal.T, _interpolated(colors, corners, weight).T, camera)
+    return depth, normals, [faces[:, k][there] for k in range(3)], weight
 
 
 def _interpolated(values: Image, corners: Sequence[IntArray], weight: FloatArray) -> Image:
