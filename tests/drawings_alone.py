@@ -1,10 +1,12 @@
-"""Charts that are not drawn when they are made: for tests that draw them themselves."""
+"""Charts and pictures that are not drawn when they are made: for tests that draw them themselves, or need none."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import pytest
 from matplotlib.figure import Figure
+from PIL import Image
 
 from hhsim.report.figure import Drawing, ReportFigure, new_figure
 
@@ -20,6 +22,15 @@ def leave_charts_undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """The page's pictures of a chart, which take most of the time, are left out; its drawing is there."""
     for module in CHARTS:
         monkeypatch.setattr(f"hhsim.report.{module}.drawn_figure", undrawn)
+
+
+def leave_pictures_white(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A repair's picture of the deepest frames, which takes most of its time, is one white pixel."""
+
+    def white(*given: Any) -> None:
+        Image.new("RGB", (1, 1), "white").save(given[4])
+
+    monkeypatch.setattr("hhsim.repair.repair.draw_before_after", white)
 
 
 @contextmanager

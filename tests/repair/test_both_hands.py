@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from conftest import Run
+from drawings_alone import leave_pictures_white
 from repair_scenes import HAND
 from short_grasp import shortened
 
@@ -34,7 +35,7 @@ def document() -> dict[str, Any]:
     scenes = [placed.scene for placed in two_handed_scenes(words, mesh, tree, HANDS, (script, script))]
     ticks = [HandConfiguration.of(scene.ticks) for scene in scenes]
     frames = []
-    for i in range(0, ticks[0].ticks, 100):
+    for i in range(0, ticks[0].ticks, 250):
         hands, pointables = [], []
         for number, (hand, side) in enumerate(zip(HANDS, ("right", "left"))):
             seen, joints = _seen(hand, ticks[number].at(i))
@@ -54,7 +55,9 @@ def _seen(hand: HandModel, pose: Any) -> tuple[dict[str, Any], list[dict[str, An
     return {name: value.tolist() for name, value in words.items()}, fingers
 
 
-def test_one_command_frees_both_hands_in_one_file(run: Run, tmp_path: Path, document: dict[str, Any]) -> None:
+def test_one_command_frees_both_hands_in_one_file(
+    run: Run, tmp_path: Path, document: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "two.json").write_text(json.dumps(document))
     words = ("--object", "cube", "--hands", "both", "--max-correction", "100")
     answer = run("repair", "two.json", *words, "--out", "free.json", "--json")
@@ -69,6 +72,7 @@ def test_one_command_frees_both_hands_in_one_file(run: Run, tmp_path: Path, docu
     assert [one.side for one in results] == ["right", "left"]
     assert all(one.scene["trajectory"] == "two.json" for one in results)
     assert found["distance_of_hands"] > 0.0
+    leave_pictures_white(monkeypatch)
     # Both are in the file: read again, neither is inside, and nothing is left to repair.
     again = run("repair", "free.json", *words, "--out", "again.json", "--json")
     assert again.code == 0
@@ -77,7 +81,10 @@ def test_one_command_frees_both_hands_in_one_file(run: Run, tmp_path: Path, docu
     assert len(json.loads((tmp_path / "free.json").read_text())["frames"]) == len(document["frames"])
 
 
-def test_a_hand_that_is_not_there_leaves_nothing(run: Run, tmp_path: Path, document: dict[str, Any]) -> None:
+def test_a_hand_that_is_not_there_leaves_nothing(
+    run: Run, tmp_path: Path, document: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    leave_pictures_white(monkeypatch)
     frames = [{**frame, "hands": frame["hands"][:1]} for frame in document["frames"]]
     (tmp_path / "one.json").write_text(json.dumps({**document, "frames": frames}))
     answer = run("repair", "one.json", "--object", "cube", "--hands", "both", "--out", "free.json")

@@ -1,6 +1,7 @@
 """Repair of a recording as a user has it: from its file to the same file, with nothing else changed."""
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 import trimesh
 from coal_clearance import coal_clearance
 from conftest import Run
+from drawings_alone import leave_pictures_white
 from joint_samples import arrays_npz
 from report_reader import read_page
 
@@ -21,7 +23,7 @@ from hhsim.recordings.registry import ReadOptions, read_recording
 from hhsim.repair.offline import OfflineOptions, repair_frames
 from hhsim.repair.recorded_scene import model_joints
 from hhsim.repair.repair import repair_recording
-from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairRequest
+from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
 from hhsim.result.reader import load_result
 from hhsim.result.stored_hand import result_hand
 from hhsim.scene.scene import open_scene
@@ -35,9 +37,23 @@ OPTIONS = {"usual_up": "z", "length_unit": "m"}
 
 @cache
 def grasp() -> tuple[HandModel, HandConfiguration]:
-    """A grasp of the sphere, seen 30 times a second from before the touch until it is deep inside."""
+    """A grasp of the sphere, seen at a few times from before the touch until it is deep inside."""
     ticks = HandConfiguration.of(open_scene("sphere", "grasp").ticks)
     return HandModel.default(), ticks.at(np.arange(300, 1500, 100)).copy()
+
+
+@pytest.fixture
+def no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    leave_pictures_white(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def freed(tmp_path_factory: pytest.TempPathFactory) -> tuple[RepairRequest, RepairOutcome]:
+    """The repair of the recorded grasp."""
+    folder = tmp_path_factory.mktemp("freed")
+    path, out = recorded(folder), folder / "free.npz"
+    request = RepairRequest(path, "sphere", out, hand="right", max_correction=0.03, options=OPTIONS)
+    return request, repair_recording(request)
 
 
 def recorded(folder: Path, moved: bool = False) -> Path:
@@ -56,10 +72,9 @@ def recorded(folder: Path, moved: bool = False) -> Path:
     return path
 
 
-def test_the_same_file_comes_out_without_penetration(tmp_path: Path) -> None:
-    path, out = recorded(tmp_path), tmp_path / "free.npz"
-    request = RepairRequest(path, "sphere", out, hand="right", max_correction=0.03, options=OPTIONS)
-    outcome = repair_recording(request)
+def test_the_same_file_comes_out_without_penetration(freed: tuple[RepairRequest, RepairOutcome]) -> None:
+    request, outcome = freed
+    path, out = request.recording, request.out
     assert outcome.figures["depth_cones_max_before"] > 0.005
     assert outcome.figures["depth_cones_max_after"] == outcome.figures["depth_joints_max_after"] == 0.0
     assert outcome.figures["contacts_kept_5mm_after"] >= 95.0
@@ -79,17 +94,20 @@ def test_the_same_file_comes_out_without_penetration(tmp_path: Path) -> None:
     assert request.beside(PICTURE).read_bytes().startswith(b"\x89PNG")
 
 
-def test_an_object_that_moves_gives_the_same_correction(tmp_path: Path) -> None:
-    (tmp_path / "moved").mkdir()
+@pytest.mark.usefixtures("no_picture")
+def test_an_object_that_moves_gives_the_same_correction(
+    freed: tuple[RepairRequest, RepairOutcome], tmp_path: Path
+) -> None:
+    moved = replace(freed[0], recording=recorded(tmp_path, moved=True), out=tmp_path / "free.npz")
+    repair_recording(moved)
     found = []
-    for path in (recorded(tmp_path), recorded(tmp_path / "moved", moved=True)):
-        out = path.with_name("free.npz")
-        repair_recording(RepairRequest(path, "sphere", out, hand="right", max_correction=0.03, options=OPTIONS))
-        with np.load(path) as before, np.load(out) as after:
+    for request in (freed[0], moved):
+        with np.load(request.recording) as before, np.load(request.out) as after:
             found.append(after["keypoints"] - before["keypoints"])
     np.testing.assert_allclose(found[1], found[0], atol=1e-5)
 
 
+@pytest.mark.usefixtures("no_picture")
 def test_angles_are_repaired_by_our_hand(tmp_path: Path) -> None:
     _, frames = grasp()
     path, out = tmp_path / "angles.npz", tmp_path / "free.npz"
@@ -104,6 +122,7 @@ def test_angles_are_repaired_by_our_hand(tmp_path: Path) -> None:
     assert np.abs(again.flexion[0] - frames.flexion[0]).max() < 10.0 * UNCHANGED
 
 
+@pytest.mark.usefixtures("no_picture")
 def test_the_command_prints_the_table_and_names_its_files(run: Run, tmp_path: Path) -> None:
     recorded(tmp_path)
     words = ("--object", "sphere", "--hand", "right", "--length-unit", "m", "--max-correction", "30")
@@ -154,6 +173,7 @@ def test_a_name_that_does_not_fit_is_told_before_the_work(tmp_path: Path, out: s
     assert [file.name for file in tmp_path.iterdir()] == ["grasp.npz"]
 
 
+@pytest.mark.usefixtures("no_picture")
 def test_a_recording_pushed_into_the_object_comes_back_towards_the_known_hand(tmp_path: Path) -> None:
     """The truth is a hand without penetration; the recording is it, 8 mm towards the object and with noise."""
     hand, frames = grasp()
