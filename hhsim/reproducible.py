@@ -74,5 +74,7 @@ def principal_axes(matrix: ArrayLike) -> tuple[FloatArray, FloatArray]:
     order = np.argsort(value, kind="stable")
     axes = axes[:, order]
     axes[:, :2] *= np.where(axes[np.abs(axes).argmax(axis=0), range(3)] < 0.0, -1.0, 1.0)[:2]
-    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+    # The cross product: numpy's own takes ten times as long for single vectors.
+    a, b = axes[:, 0], axes[:, 1]
+    axes[:, 2] = a[[1, 2, 0]] * b[[2, 0, 1]] - a[[2, 0, 1]] * b[[1, 2, 0]]
     return value[order], np.ascontiguousarray(axes)

@@ -54,6 +54,7 @@ def grasping_setup(port: int, record: Path | None, side: Hand = "right") -> Live
         output=OutputLimits(stiffness=(0.5,) * 5, stiffness_rise=50.0, ramp=0.1),
         record=record,
         duration=600.0,
+        rate=250.0,
     )
 
 

@@ -88,7 +88,8 @@ def _split(center: FloatArray, members: IntArray, groups: int, capacity: int) ->
     count = min(max(round(len(members) * left / groups), least), most)
     points = center[members]
     points -= np.add.reduce(points) / len(points)
-    spread = np.array([[dot(points[:, i], points[:, j]) for j in range(3)] for i in range(3)])
+    rows = np.ascontiguousarray(points.T)
+    spread = dot(rows[:, None], rows)
     order = matmul(points, principal_axes(spread)[1][:, 2]).argsort(kind="stable")
     return _split(center, members[order[:count]], left, capacity) + _split(
         center, members[order[count:]], groups - left, capacity

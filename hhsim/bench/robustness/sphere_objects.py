@@ -101,7 +101,8 @@ def mould(
             direction[:, 2] = -np.abs(direction[:, 2])
         chosen = random.integers(len(center), size=1000)
         points = center[chosen] + (size[chosen] + gap + radius)[:, None] * direction
-        distance = (np.linalg.norm(points[:, None] - center, axis=2) - size).min(axis=1) - radius
+        square = sum((points[:, k, None] - center[:, k]) ** 2 for k in range(3))
+        distance = (np.sqrt(square) - size).min(axis=1) - radius
         found = np.concatenate([found, points[distance > 0.9 * gap]])
     return tree_of(found[:spheres], radius)
 

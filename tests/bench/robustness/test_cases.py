@@ -118,7 +118,7 @@ def test_on_triangles_no_step_hangs_on_when_a_list_was_made(method: str) -> None
 
 
 def test_cases_keep_the_spheres_only_where_they_are_nothing_else() -> None:
-    without = [name for name in CASES if any(run.mesh is None for run in scenes(name))]
+    without = [name for name in CASES if name not in ALIKE and any(run.mesh is None for run in scenes(name))]
     assert tuple(without) == BARE_SPHERES
     triangles = ON_MESH.keys() - CASES.keys()
     assert len(triangles) == 9
@@ -218,7 +218,7 @@ def test_the_same_seed_gives_the_same_scene() -> None:
         trees = [run.tree.center for run in runs if run.tree is not None]
         return [*(run.motion.position for run in runs), *trees, *(run.mesh.vertices for run in runs if run.mesh)]
 
-    for name in ("teleport", "bad-samples", "degenerate-spheres", "triangle-soup", "t-junctions", "overlaps"):
+    for name in ("bad-samples", "degenerate-spheres", "triangle-soup", "overlaps"):
         once, again, other = (drawn(name, seed) for seed in (5, 5, 6))
         assert all(np.array_equal(*pair, equal_nan=True) for pair in zip(once, again, strict=True))
         assert not all(np.array_equal(*pair, equal_nan=True) for pair in zip(once, other, strict=True))
