@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
+from hhsim.errors import InputError
 from hhsim.report.figure import Drawing, ReportFigure, new_figure
 
 CHARTS = ("time_series", "histogram", "speed_error", "pictures", "bench_chart", "bench_trade_off")
@@ -22,6 +23,18 @@ def leave_charts_undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """The page's pictures of a chart, which take most of the time, are left out; its drawing is there."""
     for module in CHARTS:
         monkeypatch.setattr(f"hhsim.report.{module}.drawn_figure", undrawn)
+
+
+def leave_report_undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing of the page's is drawn: neither charts nor pictures."""
+
+    def no_picture(*arguments: object) -> NoReturn:
+        raise InputError("none is drawn here")
+
+    leave_charts_undrawn(monkeypatch)
+    monkeypatch.setattr("hhsim.report.worst_ticks.worst_ticks", lambda result: [])
+    for picture in ("overview_picture", "held_picture"):
+        monkeypatch.setattr(f"hhsim.report.report.{picture}", no_picture)
 
 
 def leave_pictures_white(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,8 @@
 """Claims of the forces: wrench and fingertips at all ticks, balance and complementarity at the chosen ones."""
 
+from collections.abc import Callable
+from functools import cache, partial
+
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
@@ -47,14 +50,16 @@ def force_claims(judge: JudgedTicks) -> list[Claim]:
         # Friction has other claims: `hhsim.verify.free_object_checks`.
         return claims
     method, force = judge.options["method"], judge.options["force"]
+    # Two claims ask for that of a tick.
+    moment_at = cache(partial(_moment, judge))
     if method == "coupled":
-        claims.append(_stationarity(judge))
+        claims.append(_stationarity(judge, moment_at))
         if force == "kkt":
             claims.append(_palm_balance(judge))
     if force == "paper":
         return [*claims, _eq_14(judge)]
     if judge.safe:
-        return [*claims, _complementarity(judge), _balance(judge), *_stuck_forces(judge)]
+        return [*claims, _complementarity(judge), _balance(judge, moment_at), *_stuck_forces(judge)]
     note = f"of method {method} they do not: its programs are gone"
     return [*claims, Claim(NAME, SAYS, NOT_JUDGED, note=note)]
 
@@ -92,9 +97,9 @@ def _moment(judge: JudgedTicks, i: int) -> Moment:
     return with_meetings(at, judge.chosen_posed, judge.meetings_at(i), i) if judge.self_contact else at
 
 
-def _stationarity(judge: JudgedTicks) -> Claim:
+def _stationarity(judge: JudgedTicks, moment_at: Callable[[int], Moment]) -> Claim:
     chosen = _judgeable(judge, STUCK | LAG)
-    off = np.array([balance(_moment(judge, int(i)), judge.scale) for i in chosen])
+    off = np.array([balance(moment_at(int(i)), judge.scale) for i in chosen])
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
     tolerance = force_slack(judge, size, judge.chosen)[chosen]
     says = "a settled tick is at the optimum: w = Jᵀλ + μ, λ ≥ 0 at what touches"
@@ -123,7 +128,7 @@ def _complementarity(judge: JudgedTicks) -> Claim:
     return judged("complementarity", says, off, FORCE, "N", "rounding of a sum", ticks=judge.chosen[chosen])
 
 
-def _balance(judge: JudgedTicks) -> Claim:
+def _balance(judge: JudgedTicks, moment_at: Callable[[int], Moment]) -> Claim:
     chosen = _judgeable(judge, STUCK)
     stored = judge.stored_forces(judge.chosen).reshape(len(judge.chosen), -1)
     size, lags = np.linalg.norm(stored, axis=1), judge.status[judge.chosen] & LAG > 0
@@ -132,7 +137,7 @@ def _balance(judge: JudgedTicks) -> Claim:
     offset, progressive = float(judge.options["offset"]), judge.options["method"] == "progressive"
     off = np.empty(len(chosen))
     for n, i in enumerate(chosen):
-        at, force, late = _moment(judge, int(i)), stored[i], bool(lags[i])
+        at, force, late = moment_at(int(i)), stored[i], bool(lags[i])
         explanations = [] if late else [(at.pull, True), (at.pull, False)] if progressive else [(at.pull, False)]
         off[n] = min((explained(at, judge.scale, force, pull, apart) for pull, apart in explanations), default=np.inf)
         # On its way, or where the palm of `progressive` yields to a finger, contacts bear what they can.

@@ -4,15 +4,13 @@ import base64
 import json
 import shlex
 from pathlib import Path
-from typing import NoReturn
 
 import pytest
 from conftest import Run
-from drawings_alone import leave_charts_undrawn
+from drawings_alone import leave_report_undrawn
 from report_reader import Page, read_page
 from short_grasp import short_grasp_text, short_result
 
-from hhsim.errors import InputError
 from hhsim.report.run import report_runs
 from hhsim.report.sections import result_tables
 from hhsim.result.reader import load_result
@@ -23,10 +21,6 @@ def coarse_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """How fine they are is not what is tested here, and takes most of the time."""
     monkeypatch.setattr("hhsim.report.pictures.RENDER_DPI", 30)
     monkeypatch.setattr("hhsim.report.figure.DPI", 50)
-
-
-def no_picture(*arguments: object) -> NoReturn:
-    raise InputError("none is drawn here")
 
 
 def figures_of(page: Page) -> list[str]:
@@ -52,10 +46,7 @@ def test_a_report_is_made_and_told(run: Run, tmp_path: Path) -> None:
 
 def test_several_results_are_told_to_machines(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # What is drawn is tested elsewhere, and takes time.
-    leave_charts_undrawn(monkeypatch)
-    monkeypatch.setattr("hhsim.report.worst_ticks.worst_ticks", lambda result: [])
-    for picture in ("overview_picture", "held_picture"):
-        monkeypatch.setattr(f"hhsim.report.report.{picture}", no_picture)
+    leave_report_undrawn(monkeypatch)
     for method in ("coupled", "paper"):
         short_result(tmp_path / f"{method}.h5", method=method)
     answer = run("report", "coupled.h5", "paper.h5", "--out", "both.html", "--json")

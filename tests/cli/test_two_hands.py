@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from conftest import Run
+from drawings_alone import leave_report_undrawn
 from short_grasp import short_grasp_text
 
 
@@ -39,13 +40,14 @@ def test_it_is_verified_and_run_again_hand_by_hand(run: Run, both: Path) -> None
     assert found.code == 0 and len(json.loads(found.out)["hands"]) == 2
 
 
-def test_it_is_judged_shown_and_reported(run: Run, both: Path) -> None:
+def test_it_is_judged_shown_and_reported(run: Run, both: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answer = run("gate", "both.h5", "--json")
     rows = json.loads(answer.out)["rows"]
     assert answer.code == 0 and {row["scene"] for row in rows} == {"right", "left"}
     assert run("gate", "both.h5", "--baseline", "both.h5", "--quiet").code == 0
     one = run("gate", "both.h5", "--baseline", "both.h5/left", "--quiet")
     assert one.code == 2 and "not of as many hands" in one.err
+    leave_report_undrawn(monkeypatch)
     assert run("report", "both.h5", "--out", "page.html").code == 0
     assert "left out" not in run("board", "both.h5").out
     assert "left of two hands" in (both.parent / "page.html").read_text()

@@ -139,7 +139,7 @@ def test_two_simulated_gloves_are_one_document_and_one_file(run: Run, tmp_path: 
     [
         (signal.SIGKILL, "the command was killed", "the command was killed after"),
         pytest.param(signal.SIGTERM, "SIGTERM", "ended by SIGTERM after", marks=pytest.mark.soak),
-        (signal.SIGINT, "stopped", ""),
+        pytest.param(signal.SIGINT, "stopped", "", marks=pytest.mark.soak),
     ],
 )
 def test_a_recording_says_who_ended_its_session(tmp_path: Path, number: signal.Signals, ended: str, told: str) -> None:

@@ -290,6 +290,7 @@ def test_recorder_killed_then_loop_killed(glove: FakeDexmo, tmp_path: Path) -> N
     assert np.isfinite(result["graphic/position"]).all()
 
 
+@pytest.mark.soak
 def test_driver_killed(glove: FakeDexmo, tmp_path: Path) -> None:
     with Drill(glove) as drill:
         drill.grasp()

@@ -130,8 +130,7 @@ def test_a_process_of_either_hand_is_killed(
         assert not stiff(glove.commands[-1:]).any()
 
 
-def test_a_silent_glove_frees_both_hands_and_both_are_held_again(drill: TwoGlovesDrill) -> None:
-    drill.grasp()
+def assert_a_silent_glove_frees_both_hands_and_both_are_held_again(drill: TwoGlovesDrill) -> None:
     ring = RingReader(drill.hands[RIGHT].memory.ticks)
     stalled = drill.fault(lambda: drill.gloves[LEFT].order("stall"))
     other = drill.hands[RIGHT].memory.status
@@ -146,11 +145,12 @@ def test_a_silent_glove_frees_both_hands_and_both_are_held_again(drill: TwoGlove
     assert any(text.startswith("right hand: a fault of the other hand: the fingers are free") for text in drill.log)
 
 
-def test_a_session_ends_with_two_free_hands_in_one_file_that_runs_again(tmp_path: Path) -> None:
+def test_a_fault_of_one_glove_frees_both_and_the_session_ends_in_one_file_that_runs_again(tmp_path: Path) -> None:
     record = tmp_path / "both.h5"
     with ExitStack() as stack:
         drill = TwoGlovesDrill(tmp_path, stack, record)
         drill.grasp()
+        assert_a_silent_glove_frees_both_hands_and_both_are_held_again(drill)
         drill.session.request_stop("a key")
         outcomes = drill.session.end()
         drill.session.check()
