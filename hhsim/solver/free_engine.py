@@ -66,10 +66,10 @@ class FreeEngine:
         require_free(workspace.options)
         self.workspace = workspace
         self.free = free
-        self.method = Free(workspace.tick_options, support_of(workspace))
         self.qp = new_work(FREE_DOF, FREE_ROWS)
         dtype = free_state_dtype(surface_of(workspace.surface).candidates)
         self.states = fresh_state(dtype, workspace.options.stiffness.diagonal(), workspace.options.modelled())
+        self.method = Free(workspace.tick_options, support_of(workspace), self.states)
         self.ticks = object_record(0)
         self.states[0].free_problem.inverse_root[:] = self.states[0].problem.inverse_root
         self._place_object()

@@ -1,13 +1,12 @@
 """Directions of friction of the contacts of a program: against load and slip, by the least friction that suffices."""
 
 import math
+from typing import Any
 
 import numpy as np
 
 from hhsim.kernels.free.rows import (
-    COMMON,
     DIRECTIONS,
-    FREE_DOF,
     FRICTIONS,
     TINY,
     orient,
@@ -20,19 +19,20 @@ from hhsim.kernels.jit import Record, jit, jit_once
 RANK = 1e-10
 """Share of the trace of Jᵀ J that is added to it: contacts do not tell all directions apart."""
 PARTS = 1 + DIRECTIONS
-WIDTH = COMMON + PHALANX_COUNT
 
-LEANINGS = np.dtype(
-    [
-        # J of each contact that bears a force: normal, then s along e_1 to e_3, scaled; common columns, then its own
-        ("part", np.float64, (FREE_DOF, PARTS, WIDTH)),
-        ("matrix", np.float64, (FREE_DOF, FREE_DOF)),  # Jᵀ J
-        ("even", np.float64, (FREE_DOF,)),  # y of `_spread_evenly`
-        ("wanted", np.float64, (FRICTIONS, 4)),  # which way each contact is to rub next, see `find_leanings`
-    ],
-    align=True,
-)
-"""Workspace for directions of friction."""
+
+def leanings_dtype(dof: int, common: int) -> "np.dtype[Any]":
+    """Build the dtype of the workspace for directions of friction, for programs of so many variables."""
+    return np.dtype(
+        [
+            # J of each contact that bears a force: normal, then s along e_1 to e_3, scaled: common columns, then own
+            ("part", np.float64, (dof, PARTS, common + PHALANX_COUNT)),
+            ("matrix", np.float64, (dof, dof)),  # Jᵀ J
+            ("even", np.float64, (dof,)),  # y of `_spread_evenly`
+            ("wanted", np.float64, (FRICTIONS, 4)),  # which way each contact is to rub next, see `find_leanings`
+        ],
+        align=True,
+    )
 
 
 @jit
@@ -45,6 +45,7 @@ def _opposite(body: Record, friction: Record, i: int) -> int:
 def _take_apart(body: Record, problem: Record, friction: Record, work: Record) -> None:
     # A row and its opposite are n · Δ less and more s along one direction.
     common, own = problem.common, problem.block
+    width = common.shape[0]
     for c in range(friction.bearings):
         i = friction.bearing[c]
         first, apart = friction.row[i], _opposite(body, friction, i)
@@ -52,17 +53,18 @@ def _take_apart(body: Record, problem: Record, friction: Record, work: Record) -
             part = work.part[c, e]
             row = first + max(e - 1, 0)
             sign = 1.0 if e == 0 else -1.0
-            for j in range(COMMON):
+            for j in range(width):
                 part[j] = 0.5 * (common[j, row + apart] + sign * common[j, row]) if e <= apart else 0.0
             for j in range(PHALANX_COUNT):
-                part[COMMON + j] = 0.5 * (own[j, row + apart] + sign * own[j, row]) if e <= apart else 0.0
+                part[width + j] = 0.5 * (own[j, row + apart] + sign * own[j, row]) if e <= apart else 0.0
 
 
 @jit_once
 def _spread_evenly(body: Record, problem: Record, friction: Record, loaded: Record, work: Record) -> None:
     # Solve (Jᵀ J) y = Jᵀ f for the forces f that contacts with friction bear: J y are the least that do the same.
     common, own, matrix, y = problem.common, problem.block, work.matrix, work.even
-    for a in range(FREE_DOF):
+    width, dof = common.shape[0], y.shape[0]
+    for a in range(dof):
         y[a] = 0.0
         for b in range(a + 1):
             matrix[a, b] = 0.0
@@ -71,8 +73,8 @@ def _spread_evenly(body: Record, problem: Record, friction: Record, loaded: Reco
         i = problem.owner[row]
         if i < 0 or friction.has_friction[i] == 0:
             continue
-        block = own_columns(friction.body[i])
-        for j in range(COMMON):
+        block = own_columns(problem, friction.body[i])
+        for j in range(width):
             y[j] += size * common[j, row]
         if block >= 0:
             for j in range(PHALANX_COUNT):
@@ -80,50 +82,50 @@ def _spread_evenly(body: Record, problem: Record, friction: Record, loaded: Reco
     trace = 0.0
     for c in range(friction.bearings):
         i = friction.bearing[c]
-        block = own_columns(friction.body[i])
+        block = own_columns(problem, friction.body[i])
         for e in range(1 + _opposite(body, friction, i)):
             part = work.part[c, e]
-            for a in range(COMMON):
+            for a in range(width):
                 trace += part[a] * part[a]
                 for b in range(a + 1):
                     matrix[a, b] += part[a] * part[b]
             if block >= 0:
                 for a in range(PHALANX_COUNT):
-                    trace += part[COMMON + a] * part[COMMON + a]
-                    for b in range(COMMON):
-                        matrix[block + a, b] += part[COMMON + a] * part[b]
+                    trace += part[width + a] * part[width + a]
+                    for b in range(width):
+                        matrix[block + a, b] += part[width + a] * part[b]
                     for b in range(a + 1):
-                        matrix[block + a, block + b] += part[COMMON + a] * part[COMMON + b]
-    for a in range(FREE_DOF):
+                        matrix[block + a, block + b] += part[width + a] * part[width + b]
+    for a in range(dof):
         matrix[a, a] += RANK * trace
         for b in range(a + 1):
             total = matrix[a, b]
             for j in range(b):
                 total -= matrix[a, j] * matrix[b, j]
             matrix[a, b] = math.sqrt(max(total, RANK * RANK * trace)) if a == b else total / matrix[b, b]
-    for a in range(FREE_DOF):
+    for a in range(dof):
         for j in range(a):
             y[a] -= matrix[a, j] * y[j]
         y[a] /= matrix[a, a]
-    for k in range(FREE_DOF):
-        a = FREE_DOF - 1 - k
-        for j in range(a + 1, FREE_DOF):
+    for k in range(dof):
+        a = dof - 1 - k
+        for j in range(a + 1, dof):
             y[a] -= matrix[j, a] * y[j]
         y[a] /= matrix[a, a]
 
 
 @jit_once
-def _add_evenly(c: int, i: int, friction: Record, work: Record) -> None:
-    lean, y = work.wanted[i], work.even
-    block = own_columns(friction.body[i])
+def _add_evenly(c: int, i: int, problem: Record, friction: Record, work: Record) -> None:
+    lean, y, width = work.wanted[i], work.even, problem.common.shape[0]
+    block = own_columns(problem, friction.body[i])
     for e in range(DIRECTIONS):
         part = work.part[c, 1 + e]
         size = 0.0
-        for j in range(COMMON):
+        for j in range(width):
             size -= part[j] * y[j]
         if block >= 0:
             for j in range(PHALANX_COUNT):
-                size -= part[COMMON + j] * y[block + j]
+                size -= part[width + j] * y[block + j]
         for j in range(3):
             lean[j] += size * friction.along[i, e, j]
         lean[3] += size * friction.about[i, e]
@@ -162,13 +164,13 @@ def find_leanings(body: Record, floats: float, problem: Record, friction: Record
             wanted[i, 3] = friction.about[i, 0]
             continue
         give = 0.0
-        for j in range(WIDTH):
+        for j in range(work.part.shape[2]):
             give += work.part[c, 1, j] ** 2
         stiffness = 1.0 / give if give > 0.0 else 1.0
         for j in range(4):
             wanted[i, j] *= stiffness
         if friction.length[i] <= floats:
-            _add_evenly(c, i, friction, work)
+            _add_evenly(c, i, problem, friction, work)
     for k in range(loaded.count):
         row = loaded.row[k]
         i, kind = problem.owner[row], problem.kind[row]

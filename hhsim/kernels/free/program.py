@@ -3,23 +3,23 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hhsim.kernels.free.body import as_object_moves
 from hhsim.kernels.free.leanings import find_leanings, turn_contacts
 from hhsim.kernels.free.rows import (
     COMMON,
-    FREE_DOF,
     ON_TABLE,
     STANDS_BACK,
-    TABLE_GROUP,
     TABLE_KEYS,
     contact_rows,
     friction_rows,
     measure_slip,
+    own_columns,
 )
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
-from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
-from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_once
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, RESUMES, QpWork, solve
 from hhsim.kernels.qp.row_scan import WideRows
 from hhsim.kernels.tick.options import TickOptions
@@ -69,7 +69,7 @@ def _guess(problem: Record, loaded: Record) -> int:
     filled = as_int64(0)
     for i in range(loaded.count):
         row = loaded.row[i]
-        found = as_bool(row < stop[TABLE_GROUP] and key[row] == wanted[i])
+        found = as_bool(row < stop[stop.shape[0] - 1] and key[row] == wanted[i])
         if found:
             loaded.guess[filled] = row
             filled += 1
@@ -89,31 +89,39 @@ def _guess(problem: Record, loaded: Record) -> int:
 def scale_target(body: Record, problem: Record) -> None:
     """Write the program's target, scaled and in its order."""
     hand, target, weight = problem.hand_target, problem.target, problem.inverse_root
+    for h in range(problem.first.shape[0]):
+        fingers = own_columns(problem, BODY_COUNT * h)
+        for j in range(6):
+            target[12 * h + j] = hand[DOF * h + j] / weight[j]
+        for j in range(6, DOF):
+            target[fingers - 6 + j] = hand[DOF * h + j] / weight[j]
     for j in range(6):
-        target[j] = hand[j] / weight[j]
         target[6 + j] = problem.body_target[j] / body.inverse_root[j]
-    for j in range(6, DOF):
-        target[6 + j] = hand[j] / weight[j]
 
 
 @jit
-def take_step(pose: Record, body: Record, problem: Record, step_out: Array) -> None:
-    """Compute the hand's step in the object's frame, shape (21,), from the program's."""
+def take_steps(states: NDArray[np.void], body: Record, problem: Record) -> None:
+    """Compute each hand's step in the object's frame, shape (21,), from the program's."""
     delta = problem.delta
-    as_object_moves(body, pose.position[:], delta[0:6], delta[6:12], step_out[0:6])
-    for j in range(6, DOF):
-        step_out[j] = delta[6 + j]
+    for h in range(problem.first.shape[0]):
+        fingers, step = own_columns(problem, BODY_COUNT * h), states[h].step
+        as_object_moves(body, states[h].pose.position[:], delta[12 * h : 12 * h + 6], delta[6:12], step.delta[0:6])
+        for j in range(6, DOF):
+            step.delta[j] = delta[fingers - 6 + j]
 
 
 @jit
 def _read(body: Record, problem: Record, friction: Record, loaded: Record, qp: QpWork) -> None:
     # The solution: the step, the loaded rows, and what each contact with friction bears and slips.
     delta, weight = problem.delta, problem.inverse_root
+    for h in range(problem.first.shape[0]):
+        fingers = own_columns(problem, BODY_COUNT * h)
+        for j in range(6):
+            delta[12 * h + j] = qp.x[12 * h + j] * weight[j]
+        for j in range(6, DOF):
+            delta[fingers - 6 + j] = qp.x[fingers - 6 + j] * weight[j]
     for j in range(6):
-        delta[j] = qp.x[j] * weight[j]
         delta[6 + j] = qp.x[6 + j] * body.inverse_root[j]
-    for j in range(6, DOF):
-        delta[6 + j] = qp.x[6 + j] * weight[j]
     for i in range(friction.count):
         friction.plain[i] = friction.cone[i] = 0.0
     loaded.count = qp.counts[0]
@@ -139,18 +147,18 @@ def _read(body: Record, problem: Record, friction: Record, loaded: Record, qp: Q
 
 
 @jit_once
-def _is_settled(pose: Record, body: Record, offset: float, problem: Record, friction: Record) -> bool:
+def _is_settled(states: NDArray[np.void], body: Record, offset: float, problem: Record, friction: Record) -> bool:
     # Whether every contact that bears a force has de Saxcé's Γ and rubs against its slip with all of its load.
     settled = True
     problem.gamma_error = 0.0
-    for j in range(FREE_DOF):
+    for j in range(problem.whole.shape[0]):
         problem.whole[j] = problem.total[j] + problem.delta[j]
-    for f in range(FINGER_COUNT):
+    for f in range(problem.whole_abduction.shape[0]):
         problem.whole_abduction[f] = problem.abduction_total[f] + problem.abduction_step[f]
     for i in range(friction.count):
         if friction.has_friction[i] == 0:
             continue
-        slip = measure_slip(pose, body, problem.whole[:], problem.whole_abduction[:], friction, i)
+        slip = measure_slip(states, body, problem.whole[:], problem.whole_abduction[:], friction, i)
         friction.length[i] = slip
         load = friction.plain[i] + friction.cone[i]
         if load == 0.0:
@@ -229,7 +237,7 @@ def begin_search(coulomb: Record) -> int:
 def _solve_once(options: TickOptions, rows: WideRows, guessed: int, state: Record, qp: QpWork) -> int:
     """Solve the program for the Γ at hand, and read its solution; returns a status of `kernels.qp.active_set`."""
     problem, loaded, tolerance, relaxation = state.free_problem, state.loaded, options.tolerance, options.relaxation
-    variables, target = as_int64(FREE_DOF), problem.target[:]
+    variables, target = as_int64(problem.delta.shape[0]), problem.target[:]
     status = solve(variables, rows, target, tolerance, relaxation, loaded.guess[:], guessed, qp)
     state.step.iterations += qp.counts[1]
     if status == OPTIMAL:
@@ -239,11 +247,11 @@ def _solve_once(options: TickOptions, rows: WideRows, guessed: int, state: Recor
 
 
 @jit_once
-def _next_slips(floats: float, state: Record, qp: QpWork) -> None:
+def _next_slips(floats: float, states: NDArray[np.void], state: Record, qp: QpWork) -> None:
     """Foresee the slips by a step of Newton's method, and the directions of friction."""
     body, problem, friction, loaded = state.body, state.free_problem, state.friction, state.loaded
     keep_slips(friction, loaded, state.coulomb)
-    foresee_slips(state.pose, body, floats, problem, friction, qp, state.coulomb)
+    foresee_slips(states, body, floats, problem, friction, qp, state.coulomb)
     find_leanings(body, floats, problem, friction, loaded, state.leanings)
     turn_contacts(friction, state.leanings)
 
@@ -260,17 +268,20 @@ def _end_search(friction: Record, loaded: Record, coulomb: Record) -> None:
 
 
 @jit
-def solve_free(options: TickOptions, rounds: int, clipped: bool, state: Record, qp: QpWork) -> int:
-    """Solve for a step of hand and object, with one Γ after another until friction is Coulomb's.
+def solve_free(
+    options: TickOptions, states: NDArray[np.void], rounds: int, clipped: bool, state: Record, qp: QpWork
+) -> int:
+    """Solve for a step of hands and object, with one Γ after another until friction is Coulomb's.
 
-    The problem's `delta` and the step's are written where the status is OPTIMAL. Γ of a step that is clipped is for a
-    part of the tick's slip, and is not kept. Returns a status of `kernels.qp.active_set`.
+    The problem's `delta` and the hands' steps are written where the status is OPTIMAL. Γ of a step that is clipped is
+    for a part of the tick's slip, and is not kept. `state` is the first of `states`. Returns a status of
+    `kernels.qp.active_set`.
     """
-    pose, body, contacts, step = state.pose, state.body, state.contacts, state.step
+    body, step = state.body, state.step
     problem, friction, loaded, coulomb = state.free_problem, state.friction, state.loaded, state.coulomb
     offset, relaxed = options.offset, state.program.is_relaxed
     rows = WideRows(
-        as_int64(COMMON),
+        as_int64(problem.common.shape[0]),
         problem.common[:],
         problem.block[:],
         problem.rhs[:],
@@ -278,7 +289,7 @@ def solve_free(options: TickOptions, rounds: int, clipped: bool, state: Record, 
         problem.group_stop[:],
         problem.group_block[:],
     )
-    friction_rows(pose, body, contacts, offset, relaxed, problem, friction)
+    friction_rows(states, body, offset, relaxed, problem, friction)
     floats, backs = LET_FLOAT * offset, STANDS_BACK * offset
     guessed = _guess(problem, loaded)
     best = np.inf
@@ -288,7 +299,7 @@ def solve_free(options: TickOptions, rounds: int, clipped: bool, state: Record, 
         status = _solve_once(options, rows, guessed, state, qp)
         if status != OPTIMAL:
             return status
-        if _is_settled(pose, body, offset, problem, friction):
+        if _is_settled(states, body, offset, problem, friction):
             if seeks:
                 coulomb.failures = 0
             break
@@ -296,7 +307,7 @@ def solve_free(options: TickOptions, rounds: int, clipped: bool, state: Record, 
         seeks = seeks and i < rounds - 1 and problem.gamma_error <= CONVERGES * best and step.iterations < SEARCH
         if seeks:
             best = problem.gamma_error
-            _next_slips(floats, state, qp)
+            _next_slips(floats, states, state, qp)
         elif worse:
             _end_search(friction, loaded, coulomb)
         else:
@@ -309,14 +320,14 @@ def solve_free(options: TickOptions, rounds: int, clipped: bool, state: Record, 
                 guessed = RESUMES
                 for c in range(lowered):
                     j = coulomb.contact[c]
-                    contact_rows(pose, body, offset, relaxed, j, friction.row[j], problem, friction)
+                    contact_rows(states, body, offset, relaxed, j, friction.row[j], problem, friction)
                 continue
             # Once these are lowered others may be too large: none is of which all are 0.
             for j in range(friction.count):
                 friction.shift[j] = 0.0
         for j in range(friction.count):
             if friction.has_friction[j] == 1:
-                contact_rows(pose, body, offset, relaxed, j, friction.row[j], problem, friction)
+                contact_rows(states, body, offset, relaxed, j, friction.row[j], problem, friction)
         guessed = loaded.count
         for j in range(guessed):
             loaded.guess[j] = loaded.row[j]
@@ -325,5 +336,5 @@ def solve_free(options: TickOptions, rounds: int, clipped: bool, state: Record, 
         _hold(offset, friction, state.leanings, state.held)
     if loaded.count > 0:
         _rest(body, problem)
-    take_step(pose, body, problem, step.delta[:])
+    take_steps(states, body, problem)
     return OPTIMAL

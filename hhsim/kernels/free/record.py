@@ -4,17 +4,20 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.elementary import hypotenuse
 from hhsim.kernels.free.rows import (
     DIRECTIONS,
     ON_TABLE,
+    TABLE_KEYS,
     coefficient,
     displacement,
     relative_turn,
     torsion_radius,
 )
+from hhsim.kernels.hand.kinematics import BODY_COUNT
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_once
 from hhsim.kernels.rotation import turned, turned_back
 from hhsim.kernels.tick.block import record_object
@@ -29,7 +32,7 @@ BORNE = np.dtype(
         ("count", np.int64),
         # its row or place in FRICTION, to put together what several rows bear
         ("contact", np.int64, (ACTIVE_CAPACITY,)),
-        ("body", np.int64, (ACTIVE_CAPACITY,)),  # of the hand, ON_TABLE for the table
+        ("body", np.int64, (ACTIVE_CAPACITY,)),  # of a hand as in `kernels.free.rows`, ON_TABLE for the table
         ("point", np.float64, (ACTIVE_CAPACITY, 3)),  # [m]
         # from the object to the hand, of the table from the table to the object
         ("normal", np.float64, (ACTIVE_CAPACITY, 3)),
@@ -84,26 +87,24 @@ class ObjectRecord(NamedTuple):
 
 @jit_once
 def find_borne(
-    pose: Record,
+    states: NDArray[np.void],
     body: Record,
     contacts: Record,
     problem: Record,
     friction: Record,
     loaded: Record,
-    limits: int,
-    limits_end: int,
-    active: Record,
     borne: Record,
 ) -> None:
-    """Write the loads of the rows: as forces on the hand in `active`, and contact by contact in `borne`."""
+    """Write the loads of the rows: as forces on each hand in its `warm`, and contact by contact in `borne`."""
     borne.hand_wrench[:] = 0.0
     borne.table_wrench[:] = 0.0
     count = as_int64(0)
-    bearing = as_int64(0)
+    for h in range(problem.first.shape[0]):
+        states[h].warm.count = 0
     for i in range(loaded.count):
         row = loaded.row[i]
         force = loaded.multiplier[i]
-        if limits <= row < limits_end or force <= 0.0:
+        if TABLE_KEYS < problem.key[row] < 0 or force <= 0.0:
             continue
         owner, kind = problem.owner[row], problem.kind[row]
         contact = owner if owner >= 0 else -1 - row
@@ -147,19 +148,20 @@ def find_borne(
         wrench[4] += size * (rz * mx - rx * mz) + turn * n[1]
         wrench[5] += size * (rx * my - ry * mx) + turn * n[2]
         if of != ON_TABLE:
+            active = states[of // BODY_COUNT].warm
+            bearing = active.count
             active.key[bearing] = 0
-            active.body[bearing] = of
+            active.body[bearing] = of % BODY_COUNT
             active.multiplier[bearing] = force
             active.point[0, bearing], active.point[1, bearing], active.point[2, bearing] = p[0], p[1], p[2]
             active.normal[0, bearing], active.normal[1, bearing], active.normal[2, bearing] = mx, my, mz
-            bearing += 1
-    active.count = bearing
+            active.count += 1
     borne.count = count
     borne.bare = 0.0
     for i in range(count):
         p, n = borne.point[i], borne.normal[i]
         x, y, z = displacement(
-            pose, body, problem.abduction_total[:], problem.total[:], borne.body[i], p[0], p[1], p[2]
+            states, body, problem.abduction_total[:], problem.total[:], borne.body[i], p[0], p[1], p[2]
         )
         along = x * n[0] + y * n[1] + z * n[2]
         x, y, z = x - along * n[0], y - along * n[1], z - along * n[2]
@@ -167,7 +169,7 @@ def find_borne(
         place = borne.contact[i]
         if place < 0 or friction.has_friction[place] == 0:
             of = borne.body[i]
-            turn = relative_turn(pose, body, problem.abduction_total[:], problem.total[:], of, n[0], n[1], n[2])
+            turn = relative_turn(states, body, problem.abduction_total[:], problem.total[:], of, n[0], n[1], n[2])
             spin = torsion_radius(body, of) * turn
             borne.bare = max(borne.bare, hypotenuse(coefficient(body, of) * borne.slip[i], spin))
 

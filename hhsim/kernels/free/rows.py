@@ -1,7 +1,8 @@
 """Rows of a program of hand and free object: non-penetration, friction, torsion, and the table.
 
-The program has 27 variables: the palm's 6, the object's 6, then 3 of each finger. With Δ the displacement of a contact
-point of the hand relative to the object's in this step, n the normal, t_k four directions around it and φ the
+The program has 27 variables: the palm's 6, the object's 6, then 3 of each finger. With two hands it has 48: those of
+the second palm follow the object's, those of its fingers the first one's. With Δ the displacement of a contact point of
+the hand relative to the object's in this step, n the normal, t_k four directions around it and φ the
 relative rotation,
 
     n · Δ                   >= ε - d,
@@ -19,13 +20,15 @@ sphere of the object's hull with a plane, and has columns of the object alone.
 """
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_start
+from hhsim.kernels.contact.linearise import LIMIT_ROWS, ROW_CAPACITY
 from hhsim.kernels.elementary import sine_cosine
 from hhsim.kernels.free.body import OBJECT_DOF, Support
-from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.rotation import turned, turned_back
 
@@ -44,17 +47,21 @@ FREE_ROWS = ROW_CAPACITY + HAND_FRICTION * PER_CONTACT + TABLE_CONTACTS * (1 + P
 A row's columns lie 13 cache lines apart but for whole pages of 4096 bytes: a multiple of those would have all of them
 share few places in the processor's first cache, and drive each other out of it.
 """
+SECOND_ROWS = ROW_CAPACITY + 490
+"""Room for the contacts and limits of a second hand; as many cache lines more."""
 
-FREE_GROUPS = 3 * FINGER_COUNT + 3
-"""Palm and fingers, their limits, palm and fingers with friction, the table."""
-TABLE_GROUP = FREE_GROUPS - 1
+HAND_GROUPS = 3 * FINGER_COUNT + 2
+FREE_GROUPS = HAND_GROUPS + 1
+"""Of each hand palm and fingers, and their limits; then of each palm and fingers with friction; at last the table."""
 ON_TABLE = -1
-"""Stands for the table where others name a body of the hand."""
+"""Stands for the table where others name a body of the hand; those of a second hand are BODY_COUNT more."""
 
 KINDS = 8
 """Keys of rows: that of their contact times this, plus 0 for its normal row, or 1 and on for those of friction."""
 TABLE_KEYS = -1000
 """Keys of the table's rows go down from here; those of joint limits from -1."""
+SECOND_KEYS = 1 << 40
+"""Keys of the contacts of a second hand are those that it has alone plus this."""
 
 NEAR_POINTS = 2048
 """Room for the points of the hull within reach of the table."""
@@ -71,35 +78,43 @@ with any Γ that is too large, nothing would rub, and what slips would be right 
 TINY = 1e-9
 """A slip [m] or a share that gives no direction."""
 
-FREE_PROBLEM = np.dtype(
-    [
-        ("common", np.float64, (COMMON, FREE_ROWS)),  # columns of palm and object, scaled
-        ("block", np.float64, (PHALANX_COUNT, FREE_ROWS)),  # columns of the row's own finger, scaled
-        ("rhs", np.float64, (FREE_ROWS,)),  # [m] for contacts, [rad] for limits
-        ("key", np.int64, (FREE_ROWS,)),  # names the same row at every tick
-        ("owner", np.int64, (FREE_ROWS,)),  # its place in FRICTION, or -1
-        ("kind", np.int64, (FREE_ROWS,)),  # 0 normal, 1 to 3 for e_1 to e_3, 4 to 6 for their opposites
-        ("hand_target", np.float64, (DOF,)),  # step to the user's hand, unscaled
-        ("body_target", np.float64, (OBJECT_DOF,)),  # step to where the body would go by itself, unscaled
-        ("target", np.float64, (FREE_DOF,)),  # both targets, scaled, in the program's order
-        ("abduction_step", np.float64, (FINGER_COUNT,)),  # of the fingers, as delta [rad]
-        ("abduction_total", np.float64, (FINGER_COUNT,)),  # of the fingers, as total [rad]
-        ("inverse_root", np.float64, (DOF,)),  # 1 / √G of the hand's variables
-        ("group_start", np.int64, (FREE_GROUPS,)),
-        ("group_stop", np.int64, (FREE_GROUPS,)),
-        ("group_block", np.int64, (FREE_GROUPS,)),
-        ("delta", np.float64, (FREE_DOF,)),  # the program's step, unscaled, in its order
-        ("total", np.float64, (FREE_DOF,)),  # the same of this tick so far
-        ("before", np.float64, (FREE_DOF,)),  # the step of the tick before
-        ("before_abduction", np.float64, (FINGER_COUNT,)),
-        ("whole", np.float64, (FREE_DOF,)),  # the tick's step with the program's
-        ("whole_abduction", np.float64, (FINGER_COUNT,)),
-        ("solutions", np.int64),  # of programs in this tick
-        ("gamma_error", np.float64),  # the most by which Γ e_1 is off the slip of a contact that bears a force [m]
-    ],
-    align=True,
-)
-"""Rows in the layout of `kernels.qp.active_set`, and the steps."""
+
+def free_problem_dtype(hands: int) -> "np.dtype[Any]":
+    """Build the dtype of the rows of so many hands, in the layout of `kernels.qp.active_set`, and of the steps."""
+    common, dof, fingers = COMMON + 6 * (hands - 1), FREE_DOF + DOF * (hands - 1), FINGER_COUNT * hands
+    rows, groups = FREE_ROWS + SECOND_ROWS * (hands - 1), HAND_GROUPS * hands + 1
+    return np.dtype(
+        [
+            ("common", np.float64, (common, rows)),  # columns of palms and object, scaled
+            ("block", np.float64, (PHALANX_COUNT, rows)),  # columns of the row's own finger, scaled
+            ("rhs", np.float64, (rows,)),  # [m] for contacts, [rad] for limits
+            ("key", np.int64, (rows,)),  # names the same row at every tick
+            ("owner", np.int64, (rows,)),  # its place in FRICTION, or -1
+            ("kind", np.int64, (rows,)),  # 0 normal, 1 to 3 for e_1 to e_3, 4 to 6 for their opposites
+            ("first", np.int64, (hands,)),  # first row of each hand's contacts
+            ("last", np.int64, (hands,)),  # row behind them, where its joint limits begin
+            ("hand_target", np.float64, (DOF * hands,)),  # step to each of the user's hands, unscaled
+            ("body_target", np.float64, (OBJECT_DOF,)),  # step to where the body would go by itself, unscaled
+            ("target", np.float64, (dof,)),  # all targets, scaled, in the program's order
+            ("abduction_step", np.float64, (fingers,)),  # of the fingers, as delta [rad]
+            ("abduction_total", np.float64, (fingers,)),  # of the fingers, as total [rad]
+            ("inverse_root", np.float64, (DOF,)),  # 1 / √G of a hand's variables
+            ("group_start", np.int64, (groups,)),
+            ("group_stop", np.int64, (groups,)),
+            ("group_block", np.int64, (groups,)),
+            ("delta", np.float64, (dof,)),  # the program's step, unscaled, in its order
+            ("total", np.float64, (dof,)),  # the same of this tick so far
+            ("before", np.float64, (dof,)),  # the step of the tick before
+            ("before_abduction", np.float64, (fingers,)),
+            ("whole", np.float64, (dof,)),  # the tick's step with the program's
+            ("whole_abduction", np.float64, (fingers,)),
+            ("solutions", np.int64),  # of programs in this tick
+            # the most by which Γ e_1 is off the slip of a contact that bears a force [m]
+            ("gamma_error", np.float64),
+        ],
+        align=True,
+    )
+
 
 FRICTION = np.dtype(
     [
@@ -128,7 +143,7 @@ FRICTION = np.dtype(
         ("plain", np.float64, (FRICTIONS,)),  # multiplier of the normal row [N]
         ("cone", np.float64, (FRICTIONS,)),  # multiplier of friction [N]
         ("bearings", np.int64),  # number of contacts with rows of friction that bear a force
-        ("bearing", np.int64, (FREE_DOF,)),  # their places here
+        ("bearing", np.int64, (FRICTIONS,)),  # their places here
         ("entries", np.int64),  # number of points of the hull that a step of this tick would have had in the table
         ("entry", np.int64, (ENTRIES,)),  # which points
         ("near", np.int64, (NEAR_POINTS,)),  # points of the hull within reach of the table
@@ -176,38 +191,65 @@ def _object_columns(
 
 @jit_once
 def object_columns(body: Record, contacts: Record, problem: Record) -> None:
-    """Write the object's columns of the hand's normal rows and of the joint limits, and the keys of both."""
-    total = contacts.start[FINGER_COUNT + 1]
-    _object_columns(
-        as_int64(0),
-        total,
-        contacts.point,
-        contacts.normal,
-        body.center[:],
-        body.axes[:],
-        body.inverse_root[:],
-        problem.common,
-    )
-    for i in range(total):
-        problem.key[i] = KINDS * contacts.key[i]
-        problem.owner[i] = -1
-        problem.kind[i] = 0
-    first, last = limit_start(contacts, as_int64(0)), limit_start(contacts, as_int64(FINGER_COUNT))
-    for i in range(first, last):
-        problem.key[i] = first - i - 1
-        problem.owner[i] = -1
-        problem.kind[i] = 0
-        for j in range(6, COMMON):
-            problem.common[j, i] = 0.0
+    """Write the object's columns of the hands' normal rows and of the joint limits, and the keys of both.
+
+    Args:
+        body: The object.
+        contacts: Contacts of the first hand, and behind its joint limits those of a second one.
+        problem: The program.
+    """
+    width = problem.common.shape[0]
+    for h in range(problem.first.shape[0]):
+        first, last = problem.first[h], problem.last[h]
+        _object_columns(
+            first,
+            last,
+            contacts.point,
+            contacts.normal,
+            body.center[:],
+            body.axes[:],
+            body.inverse_root[:],
+            problem.common,
+        )
+        for i in range(first, last):
+            problem.key[i] = KINDS * contacts.key[i]
+            problem.owner[i] = -1
+            problem.kind[i] = 0
+        for i in range(last, last + LIMIT_ROWS):
+            problem.key[i] = last - i - 1 - LIMIT_ROWS * h
+            problem.owner[i] = -1
+            problem.kind[i] = 0
+            for j in range(6, COMMON):
+                problem.common[j, i] = 0.0
+        # Columns of the other palm.
+        for j in range(COMMON if h == 0 else 0, width if h == 0 else 6):
+            for i in range(first, last + LIMIT_ROWS):
+                problem.common[j, i] = 0.0
+
+
+@jit
+def _columns(of: int, hands: int) -> tuple[int, int, int]:
+    # First variable of a body's palm and of its hand's fingers, and its number in its hand.
+    if hands == 1:
+        return as_int64(0), as_int64(COMMON), of
+    h = of // BODY_COUNT
+    return 2 * 6 * h, COMMON + 6 + PHALANX_COUNT * FINGER_COUNT * h, of - BODY_COUNT * h
 
 
 @jit
 def displacement(
-    pose: Record, body: Record, abduction_step: Array, step: Array, of: int, px: float, py: float, pz: float
+    states: NDArray[np.void],
+    body: Record,
+    abduction_step: Array,
+    step: Array,
+    of: int,
+    px: float,
+    py: float,
+    pz: float,
 ) -> tuple[float, float, float]:
     """Compute the displacement of a point of a hand body, or of the object on the table, relative to what it touches.
 
-    Object's frame [m]; the step is unscaled, in the program's order, shape (27,).
+    Object's frame [m]; the step is unscaled, in the program's order, shape (27,); `states` are those of the hands.
     """
     wx, wy, wz = turned_back(body.axes, step[9], step[10], step[11])
     rx, ry, rz = px - body.center[0], py - body.center[1], pz - body.center[2]
@@ -216,21 +258,23 @@ def displacement(
     z = step[8] + wx * ry - wy * rx
     if of == ON_TABLE:
         return x, y, z
+    palm, fingers, of = _columns(of, states.shape[0])
+    pose = states[palm // 12].pose
     rx, ry, rz = px - pose.position[0], py - pose.position[1], pz - pose.position[2]
-    x = step[0] + step[4] * rz - step[5] * ry - x
-    y = step[1] + step[5] * rx - step[3] * rz - y
-    z = step[2] + step[3] * ry - step[4] * rx - z
+    x = step[palm] + step[palm + 4] * rz - step[palm + 5] * ry - x
+    y = step[palm + 1] + step[palm + 5] * rx - step[palm + 3] * rz - y
+    z = step[palm + 2] + step[palm + 3] * ry - step[palm + 4] * rx - z
     if of == PALM_BODY:
         return x, y, z
     f = of // PHALANX_COUNT
     ax, ay, az = pose.axis[f, 0], pose.axis[f, 1], pose.axis[f, 2]
     for k in range(of % PHALANX_COUNT + 1):
-        turn = step[COMMON + PHALANX_COUNT * f + k]
+        turn = step[fingers + PHALANX_COUNT * f + k]
         rx, ry, rz = px - pose.joints[f, k, 0], py - pose.joints[f, k, 1], pz - pose.joints[f, k, 2]
         x += turn * (ay * rz - az * ry)
         y += turn * (az * rx - ax * rz)
         z += turn * (ax * ry - ay * rx)
-    turn = abduction_step[f]
+    turn = abduction_step[FINGER_COUNT * (palm // 12) + f]
     if turn != 0.0:
         ax, ay, az = pose.abduction_axis[f, 0], pose.abduction_axis[f, 1], pose.abduction_axis[f, 2]
         rx, ry, rz = px - pose.joints[f, 0, 0], py - pose.joints[f, 0, 1], pz - pose.joints[f, 0, 2]
@@ -242,19 +286,28 @@ def displacement(
 
 @jit
 def relative_turn(
-    pose: Record, body: Record, abduction_step: Array, step: Array, of: int, nx: float, ny: float, nz: float
+    states: NDArray[np.void],
+    body: Record,
+    abduction_step: Array,
+    step: Array,
+    of: int,
+    nx: float,
+    ny: float,
+    nz: float,
 ) -> float:
     """Compute the relative rotation about a direction [rad], of the bodies as in `displacement`."""
     wx, wy, wz = turned_back(body.axes, step[9], step[10], step[11])
     if of == ON_TABLE:
         return wx * nx + wy * ny + wz * nz
-    wx, wy, wz = step[3] - wx, step[4] - wy, step[5] - wz
+    palm, fingers, of = _columns(of, states.shape[0])
+    wx, wy, wz = step[palm + 3] - wx, step[palm + 4] - wy, step[palm + 5] - wz
     if of < PALM_BODY:
+        pose = states[palm // 12].pose
         f = of // PHALANX_COUNT
         total = 0.0
         for k in range(of % PHALANX_COUNT + 1):
-            total += step[COMMON + PHALANX_COUNT * f + k]
-        turn = abduction_step[f]
+            total += step[fingers + PHALANX_COUNT * f + k]
+        turn = abduction_step[FINGER_COUNT * (palm // 12) + f]
         wx += total * pose.axis[f, 0] + turn * pose.abduction_axis[f, 0]
         wy += total * pose.axis[f, 1] + turn * pose.abduction_axis[f, 1]
         wz += total * pose.axis[f, 2] + turn * pose.abduction_axis[f, 2]
@@ -263,7 +316,7 @@ def relative_turn(
 
 @jit
 def write_row(
-    pose: Record,
+    states: NDArray[np.void],
     body: Record,
     problem: Record,
     of: int,
@@ -279,19 +332,26 @@ def write_row(
     mx, my, mz = m
     wx, wy, wz = w
     sign = -1.0
-    if of == ON_TABLE:
-        sign = 1.0
+    palm = as_int64(0)
+    width = common.shape[0]
+    if of == ON_TABLE or width > COMMON:
         for j in range(6):
             common[j, row] = 0.0
+        for j in range(COMMON, width):
+            common[j, row] = 0.0
+    if of == ON_TABLE:
+        sign = 1.0
     else:
+        palm, _, of = _columns(of, states.shape[0])
+        pose = states[palm // 12].pose
         rx, ry, rz = px - pose.position[0], py - pose.position[1], pz - pose.position[2]
         translation, rotation = weight[0], weight[3]
-        common[0, row] = mx * translation
-        common[1, row] = my * translation
-        common[2, row] = mz * translation
-        common[3, row] = (ry * mz - rz * my + wx) * rotation
-        common[4, row] = (rz * mx - rx * mz + wy) * rotation
-        common[5, row] = (rx * my - ry * mx + wz) * rotation
+        common[palm, row] = mx * translation
+        common[palm + 1, row] = my * translation
+        common[palm + 2, row] = mz * translation
+        common[palm + 3, row] = (ry * mz - rz * my + wx) * rotation
+        common[palm + 4, row] = (rz * mx - rx * mz + wy) * rotation
+        common[palm + 5, row] = (rx * my - ry * mx + wz) * rotation
     rx, ry, rz = px - body.center[0], py - body.center[1], pz - body.center[2]
     common[6, row] = sign * mx * root[0]
     common[7, row] = sign * my * root[1]
@@ -303,13 +363,14 @@ def write_row(
     for k in range(PHALANX_COUNT):
         block[k, row] = 0.0
     if 0 <= of < PALM_BODY:
+        pose = states[palm // 12].pose
         f = of // PHALANX_COUNT
         ax, ay, az = pose.axis[f, 0], pose.axis[f, 1], pose.axis[f, 2]
         for k in range(of % PHALANX_COUNT + 1):
             rx, ry, rz = px - pose.joints[f, k, 0], py - pose.joints[f, k, 1], pz - pose.joints[f, k, 2]
             lever = ax * (ry * mz - rz * my + wx) + ay * (rz * mx - rx * mz + wy) + az * (rx * my - ry * mx + wz)
             block[k, row] = lever * weight[6 + PHALANX_COUNT * f + k]
-        turn = problem.abduction_step[f]
+        turn = problem.abduction_step[FINGER_COUNT * (palm // 12) + f]
         if turn != 0.0:
             ax, ay, az = pose.abduction_axis[f, 0], pose.abduction_axis[f, 1], pose.abduction_axis[f, 2]
             rx, ry, rz = px - pose.joints[f, 0, 0], py - pose.joints[f, 0, 1], pz - pose.joints[f, 0, 2]
@@ -406,45 +467,46 @@ def keep_entry(lowest: int, friction: Record) -> None:
 
 @jit_once
 def find_frictions(
-    pose: Record,
     body: Record,
     contacts: Record,
+    problem: Record,
     support: Support,
     reach: float,
     close: float,
     step: Array,
     friction: Record,
 ) -> None:
-    """Say which contacts have friction: those of the hand up to `close` [m], and which points may touch the table.
+    """Say which contacts have friction: those of the hands up to `close` [m], and which points may touch the table.
 
     Of the table those up to `reach` [m], with friction where they would come close in the step, shape (6,), that the
     object makes by itself: what lands rubs at once.
     """
-    total = contacts.start[FINGER_COUNT + 1]
     distance = contacts.distance
     within = close
     count = as_int64(HAND_FRICTION + 1)
     while count > HAND_FRICTION:
         count = as_int64(0)
-        for i in range(total):
-            if distance[i] <= within:
-                count += 1
+        for h in range(problem.first.shape[0]):
+            for i in range(problem.first[h], problem.last[h]):
+                if distance[i] <= within:
+                    count += 1
         if count > HAND_FRICTION:
             within *= 0.5
             if within < 1e-9:
                 break
     count = as_int64(0)
-    for i in range(total):
-        if distance[i] <= within and count < HAND_FRICTION:
-            friction.contact[count] = i
-            friction.body[count] = contacts.body[i]
-            friction.key[count] = contacts.key[i]
-            friction.has_friction[count] = 1
-            friction.distance[count] = distance[i]
-            for j in range(3):
-                friction.point[count, j] = contacts.point[j, i]
-                friction.normal[count, j] = contacts.normal[j, i]
-            count += 1
+    for h in range(problem.first.shape[0]):
+        for i in range(problem.first[h], problem.last[h]):
+            if distance[i] <= within and count < HAND_FRICTION:
+                friction.contact[count] = i
+                friction.body[count] = contacts.body[i]
+                friction.key[count] = contacts.key[i]
+                friction.has_friction[count] = 1
+                friction.distance[count] = distance[i]
+                for j in range(3):
+                    friction.point[count, j] = contacts.point[j, i]
+                    friction.normal[count, j] = contacts.normal[j, i]
+                count += 1
     friction.of_hand = count
     friction.count = count
     if body.friction == 0.0 and body.torsion == 0.0:
@@ -505,9 +567,12 @@ def orient(friction: Record, i: int, x: float, y: float, z: float, spin: float) 
 
 
 @jit
-def own_columns(of: int) -> int:
-    """Return the first variable of the finger of a hand body; -1 for the palm and the table."""
-    return COMMON + PHALANX_COUNT * (of // PHALANX_COUNT) if 0 <= of < PALM_BODY else -1
+def own_columns(problem: Record, of: int) -> int:
+    """Return the first variable of the finger of a hand body; -1 for a palm and the table."""
+    if of == ON_TABLE:
+        return -1
+    _, fingers, of = _columns(of, problem.first.shape[0])
+    return fingers + PHALANX_COUNT * (of // PHALANX_COUNT) if of < PALM_BODY else -1
 
 
 @jit
@@ -523,24 +588,26 @@ def torsion_radius(body: Record, of: int) -> float:
 
 
 @jit
-def measure_slip(pose: Record, body: Record, step: Array, abduction: Array, friction: Record, i: int) -> float:
+def measure_slip(
+    states: NDArray[np.void], body: Record, step: Array, abduction: Array, friction: Record, i: int
+) -> float:
     """Set s of a contact for a step, unscaled and in the program's order; returns its length [m]."""
     of, p, n = friction.body[i], friction.point[i], friction.normal[i]
     mu = coefficient(body, of)
-    x, y, z = displacement(pose, body, abduction, step, of, p[0], p[1], p[2])
+    x, y, z = displacement(states, body, abduction, step, of, p[0], p[1], p[2])
     normal = x * n[0] + y * n[1] + z * n[2]
     x, y, z = mu * (x - normal * n[0]), mu * (y - normal * n[1]), mu * (z - normal * n[2])
     spin = 0.0
     radius = torsion_radius(body, of)
     if radius > 0.0:
-        spin = radius * relative_turn(pose, body, abduction, step, of, n[0], n[1], n[2])
+        spin = radius * relative_turn(states, body, abduction, step, of, n[0], n[1], n[2])
     friction.slip[i, 0], friction.slip[i, 1], friction.slip[i, 2], friction.spin[i] = x, y, z, spin
     return math.sqrt(x * x + y * y + z * z + spin * spin)
 
 
 @jit_once
 def begin_frictions(
-    pose: Record,
+    states: NDArray[np.void],
     body: Record,
     step: Array,
     abduction: Array,
@@ -558,7 +625,7 @@ def begin_frictions(
         friction.shift[i] = 0.0
         if friction.has_friction[i] == 0:
             continue
-        measure_slip(pose, body, problem.total[:], problem.abduction_total[:], friction, i)
+        measure_slip(states, body, problem.total[:], problem.abduction_total[:], friction, i)
         friction.start_spin[i] = friction.spin[i]
         for j in range(3):
             friction.start[i, j] = friction.slip[i, j]
@@ -577,7 +644,7 @@ def begin_frictions(
                 friction.shift[i] = held.shift[at]
                 continue
         else:
-            slip = measure_slip(pose, body, step, abduction, friction, i)
+            slip = measure_slip(states, body, step, abduction, friction, i)
             if orient(friction, i, friction.slip[i, 0], friction.slip[i, 1], friction.slip[i, 2], friction.spin[i]):
                 friction.shift[i] = slip
                 continue
@@ -589,30 +656,37 @@ def begin_frictions(
 
 @jit
 def friction_rows(
-    pose: Record, body: Record, contacts: Record, offset: float, relaxed: bool, problem: Record, friction: Record
+    states: NDArray[np.void], body: Record, offset: float, relaxed: bool, problem: Record, friction: Record
 ) -> None:
     """Write the rows of friction and of the table, and the groups of all rows."""
     start, stop, block = problem.group_start, problem.group_stop, problem.group_block
-    for g in range(FINGER_COUNT + 1):
-        start[g], stop[g] = contacts.start[g], contacts.start[g + 1]
-        block[g] = COMMON + PHALANX_COUNT * (g - 1) if g > 0 else -1
-    for f in range(FINGER_COUNT):
-        touched = contacts.start[f + 2] > contacts.start[f + 1]
-        g = FINGER_COUNT + 1 + f
-        start[g], stop[g] = limit_start(contacts, f), limit_start(contacts, f + 1 if touched else f)
-        block[g] = COMMON + PHALANX_COUNT * f
-    row = limit_start(contacts, as_int64(FINGER_COUNT))
-    first_group = 2 * FINGER_COUNT + 1
-    for owner in range(FINGER_COUNT + 1):
-        g = first_group + owner
-        start[g] = row
-        block[g] = COMMON + PHALANX_COUNT * (owner - 1) if owner > 0 else -1
-        for i in range(friction.of_hand):
-            of = friction.body[i]
-            if (0 if of == PALM_BODY else 1 + of // PHALANX_COUNT) == owner:
-                row = contact_rows(pose, body, offset, relaxed, i, row, problem, friction)
-        stop[g] = row
-    start[TABLE_GROUP], block[TABLE_GROUP] = row, -1
+    hands, table = problem.first.shape[0], start.shape[0] - 1
+    row = problem.last[hands - 1] + LIMIT_ROWS
+    for h in range(hands):
+        fingers = own_columns(problem, BODY_COUNT * h)
+        begin, limits = states[h].contacts.start, problem.last[h]
+        first_group = (2 * FINGER_COUNT + 1) * h
+        for owner in range(FINGER_COUNT + 1):
+            g = first_group + owner
+            start[g], stop[g] = problem.first[h] + begin[owner], problem.first[h] + begin[owner + 1]
+            block[g] = fingers + PHALANX_COUNT * (owner - 1) if owner > 0 else -1
+        for f in range(FINGER_COUNT):
+            touched = begin[f + 2] > begin[f + 1]
+            g = first_group + FINGER_COUNT + 1 + f
+            start[g] = limits + 2 * PHALANX_COUNT * f
+            stop[g] = start[g] + (2 * PHALANX_COUNT if touched else 0)
+            block[g] = fingers + PHALANX_COUNT * f
+        first_group = (2 * FINGER_COUNT + 1) * hands + (FINGER_COUNT + 1) * h
+        for owner in range(FINGER_COUNT + 1):
+            g = first_group + owner
+            start[g] = row
+            block[g] = fingers + PHALANX_COUNT * (owner - 1) if owner > 0 else -1
+            for i in range(friction.of_hand):
+                of = friction.body[i] - BODY_COUNT * h
+                if 0 <= of < BODY_COUNT and (0 if of == PALM_BODY else 1 + of // PHALANX_COUNT) == owner:
+                    row = contact_rows(states, body, offset, relaxed, i, row, problem, friction)
+            stop[g] = row
+    start[table], block[table] = row, -1
     for i in range(friction.of_hand, friction.count):
         n = friction.normal[i]
         rhs = offset - friction.distance[i]
@@ -620,14 +694,14 @@ def friction_rows(
             rhs -= STANDS_BACK * offset
         if relaxed and friction.distance[i] >= 0.0:
             rhs = min(rhs, 0.0)
-        write_row(pose, body, problem, ON_TABLE, row, friction.point[i], (n[0], n[1], n[2]), (0.0, 0.0, 0.0), rhs)
+        write_row(states, body, problem, ON_TABLE, row, friction.point[i], (n[0], n[1], n[2]), (0.0, 0.0, 0.0), rhs)
         problem.key[row] = TABLE_KEYS - KINDS * friction.key[i]
         problem.owner[row] = i
         problem.kind[row] = 0
         row += 1
         if friction.has_friction[i] == 1:
-            row = contact_rows(pose, body, offset, relaxed, i, row, problem, friction)
-    stop[TABLE_GROUP] = row
+            row = contact_rows(states, body, offset, relaxed, i, row, problem, friction)
+    stop[table] = row
     for i in range(friction.of_hand):
         row = friction.contact[i]
         problem.owner[row] = i
@@ -636,7 +710,14 @@ def friction_rows(
 
 @jit
 def contact_rows(
-    pose: Record, body: Record, offset: float, relaxed: bool, i: int, row: int, problem: Record, friction: Record
+    states: NDArray[np.void],
+    body: Record,
+    offset: float,
+    relaxed: bool,
+    i: int,
+    row: int,
+    problem: Record,
+    friction: Record,
 ) -> int:
     """Write the rows of friction of a contact from a row on; returns the one behind them."""
     of, point, n = friction.body[i], friction.point[i], friction.normal[i]
@@ -655,7 +736,7 @@ def contact_rows(
         if relaxed and d >= 0.0:
             rhs = min(rhs, 0.0)
         m = (n[0] - push * t[0], n[1] - push * t[1], n[2] - push * t[2])
-        write_row(pose, body, problem, of, row, point, m, (w * n[0], w * n[1], w * n[2]), rhs)
+        write_row(states, body, problem, of, row, point, m, (w * n[0], w * n[1], w * n[2]), rhs)
         if of == ON_TABLE:
             problem.key[row] = TABLE_KEYS - KINDS * friction.key[i] - 1 - k
         else:

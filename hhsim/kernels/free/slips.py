@@ -12,12 +12,12 @@ Where a contact's plain row bears a part of its load Γ is too large, and does n
 then to be at most is another such system, of the loads of the plain rows.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from hhsim.kernels.free.rows import (
-    COMMON,
-    FREE_DOF,
-    FREE_ROWS,
     FRICTIONS,
     coefficient,
     orient,
@@ -35,24 +35,26 @@ NO_LOAD = 1e-3
 FLAT = 1e-3
 """A system with a pivot smaller than this, as a share of its largest entry or of 1, says nothing of its unknown."""
 
-COULOMB = np.dtype(
-    [
-        ("contact", np.int64, (FREE_DOF,)),  # their places in FRICTION
-        ("moved", np.float64, (FREE_DOF, FREE_DOF)),  # what a metre of Γ adds to the program's variables, scaled
-        ("matrix", np.float64, (FREE_DOF, FREE_DOF)),  # I - D; or dλ / dΓ of plain rows [N/m]
-        ("rhs", np.float64, (FREE_DOF,)),  # what Γ is short of, then dΓ [m]; or the loads of plain rows [N], then dΓ
-        ("share", np.float64, (FREE_DOF,)),  # scratch
-        ("shift", np.float64, (FRICTIONS,)),  # Γ of the round before [m]
-        ("along", np.float64, (FRICTIONS, 3)),  # e_1 of the round before, as FRICTION has it
-        ("about", np.float64, (FRICTIONS,)),  # its part about the normal
-        ("row", np.int64, (FREE_DOF,)),  # loaded rows of the round before
-        ("rows", np.int64),  # number of these
-        ("failures", np.int64),  # searches in a row that came to nothing
-        ("wait", np.int64),  # ticks that go without one
-    ],
-    align=True,
-)
-"""Workspace of a step of Newton's method; the first axis is that of its contacts."""
+
+def coulomb_dtype(dof: int) -> "np.dtype[Any]":
+    """Build the dtype of the workspace of a step of Newton's method; its first axis is that of its contacts."""
+    return np.dtype(
+        [
+            ("contact", np.int64, (dof,)),  # their places in FRICTION
+            ("moved", np.float64, (dof, dof)),  # what a metre of Γ adds to the program's variables, scaled
+            ("matrix", np.float64, (dof, dof)),  # I - D; or dλ / dΓ of plain rows [N/m]
+            ("rhs", np.float64, (dof,)),  # what Γ is short of, then dΓ [m]; or the loads of plain rows [N], then dΓ
+            ("share", np.float64, (dof,)),  # scratch
+            ("shift", np.float64, (FRICTIONS,)),  # Γ of the round before [m]
+            ("along", np.float64, (FRICTIONS, 3)),  # e_1 of the round before, as FRICTION has it
+            ("about", np.float64, (FRICTIONS,)),  # its part about the normal
+            ("row", np.int64, (dof,)),  # loaded rows of the round before
+            ("rows", np.int64),  # number of these
+            ("failures", np.int64),  # searches in a row that came to nothing
+            ("wait", np.int64),  # ticks that go without one
+        ],
+        align=True,
+    )
 
 
 @jit
@@ -78,18 +80,20 @@ def _find_moved(friction: Record, problem: Record, qp: QpWork, work: Record) -> 
     for c in range(friction.bearings):
         moved, share = work.moved[c], work.share
         _raise_shift(friction.bearing[c], problem, qp, share[:])
-        for j in range(FREE_DOF):
+        for j in range(moved.shape[0]):
             moved[j] = 0.0
         for i in range(qp.counts[0]):
             if share[i] != 0.0:
-                for j in range(FREE_DOF):
+                for j in range(moved.shape[0]):
                     moved[j] += share[i] * qp.basis[i, j]
 
 
 @jit_once
-def _fill_system(pose: Record, body: Record, floats: float, problem: Record, friction: Record, work: Record) -> None:
-    scratch = as_int64(FREE_ROWS - 1)
+def _fill_system(
+    states: NDArray[np.void], body: Record, floats: float, problem: Record, friction: Record, work: Record
+) -> None:
     common, own = problem.common, problem.block
+    scratch = as_int64(common.shape[1] - 1)
     count = friction.bearings
     for a in range(count):
         i = friction.bearing[a]
@@ -107,12 +111,12 @@ def _fill_system(pose: Record, body: Record, floats: float, problem: Record, fri
         mu, w = coefficient(body, of), torsion_radius(body, of) * spin
         point = friction.point[i]
         turn = (w * n[0], w * n[1], w * n[2])
-        write_row(pose, body, problem, of, scratch, point, (mu * x, mu * y, mu * z), turn, 0.0)
-        block = own_columns(of)
+        write_row(states, body, problem, of, scratch, point, (mu * x, mu * y, mu * z), turn, 0.0)
+        block = own_columns(problem, of)
         for c in range(count):
             moved = work.moved[c]
             total = 0.0
-            for j in range(COMMON):
+            for j in range(common.shape[0]):
                 total += common[j, scratch] * moved[j]
             if block >= 0:
                 for j in range(PHALANX_COUNT):
@@ -158,11 +162,17 @@ def _solve_system(count: int, work: Record) -> None:
 
 @jit_once
 def foresee_slips(
-    pose: Record, body: Record, floats: float, problem: Record, friction: Record, qp: QpWork, work: Record
+    states: NDArray[np.void],
+    body: Record,
+    floats: float,
+    problem: Record,
+    friction: Record,
+    qp: QpWork,
+    work: Record,
 ) -> None:
     """Set Γ of the contacts that bear a force to their slip less what a contact may float [m]."""
     _find_moved(friction, problem, qp, work)
-    _fill_system(pose, body, floats, problem, friction, work)
+    _fill_system(states, body, floats, problem, friction, work)
     _solve_system(friction.bearings, work)
     for c in range(friction.bearings):
         i = friction.bearing[c]
