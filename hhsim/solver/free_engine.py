@@ -1,4 +1,4 @@
-"""Engine of `coupled` with a free object: hand and object in one program, with friction and a table."""
+"""Engine of `coupled` with a free object: one or two hands and object in one program, with friction and a table."""
 
 from contextlib import suppress
 from typing import Any
@@ -9,9 +9,9 @@ from hhsim.errors import InputError
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import Support
 from hhsim.kernels.free.record import ObjectRecord
-from hhsim.kernels.free.rows import FREE_DOF, FREE_ROWS
 from hhsim.kernels.free.state import free_state_dtype
-from hhsim.kernels.free.tick import Free, rebuild
+from hhsim.kernels.free.tick import Free, FreeOfTwo, rebuild, run_two_hands
+from hhsim.kernels.hand.kinematics import BODY_COUNT
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
@@ -60,16 +60,22 @@ def support_of(workspace: TickWorkspace) -> Support:
 
 
 class FreeEngine:
-    """Runs the ticks of hand and free object; `ticks` is the record of the object in the last block."""
+    """Runs the ticks of a hand, or of a hand and a second one, and a free object.
 
-    def __init__(self, workspace: TickWorkspace, free: FreeObject) -> None:
+    `ticks` is the record of the object in the last block.
+    """
+
+    def __init__(self, workspace: TickWorkspace, free: FreeObject, second: TickWorkspace | None = None) -> None:
         require_free(workspace.options)
         self.workspace = workspace
         self.free = free
-        self.qp = new_work(FREE_DOF, FREE_ROWS)
-        dtype = free_state_dtype(surface_of(workspace.surface).candidates)
-        self.states = fresh_state(dtype, workspace.options.stiffness.diagonal(), workspace.options.modelled())
-        self.method = Free(workspace.tick_options, support_of(workspace), self.states)
+        self.hands = (workspace,) if second is None else (workspace, second)
+        dtype = free_state_dtype(surface_of(workspace.surface).candidates, len(self.hands))
+        self.qp = new_work(dtype["free_problem"]["delta"].shape[0], dtype["free_problem"]["rhs"].shape[0])
+        springs, modelled = workspace.options.stiffness.diagonal(), workspace.options.modelled()
+        self.states = fresh_state(dtype, springs, modelled, len(self.hands))
+        given = workspace.tick_options, support_of(workspace), self.states
+        self.method: Any = Free(*given) if second is None else FreeOfTwo(*given, second.hand)
         self.ticks = object_record(0)
         self.states[0].free_problem.inverse_root[:] = self.states[0].problem.inverse_root
         self._place_object()
@@ -108,14 +114,15 @@ class FreeEngine:
 
     def begin(self) -> None:
         """See `Engine.begin`; the graphic hand stands in the workspace as the object sees it."""
-        state, plain = self.states[0], self.workspace.states[0]
-        for name in HapticBlock._fields:
-            state.pose[name][:] = plain.pose[name]
-            state.haptic[name][:] = plain.haptic[name]
-        copy_values(np.array(plain.haptic.position), state.palm_position)
-        copy_values(np.array(plain.haptic.orientation), state.palm_orientation)
-        quaternion_to_matrix(np.array(state.body.orientation), state.body.rotation)
-        workspace = self.workspace
+        for state, hand in zip(self.states, self.hands):
+            plain = hand.states[0]
+            for name in HapticBlock._fields:
+                state.pose[name][:] = plain.pose[name]
+                state.haptic[name][:] = plain.haptic[name]
+            copy_values(np.array(plain.haptic.position), state.palm_position)
+            copy_values(np.array(plain.haptic.orientation), state.palm_orientation)
+        body, workspace = self.states[0].body, self.workspace
+        quaternion_to_matrix(np.array(body.orientation), body.rotation)
         if not rebuild(workspace.hand, self.method, workspace.surface, self.states):
             raise workspace.full()
 
@@ -123,6 +130,17 @@ class FreeEngine:
         """See `Engine.run`; the object's record goes to `ticks`, or to new arrays."""
         self.ticks = object_record(len(haptic.position)) if ticks is None else ticks
         return int(run_block(*self.block(haptic, record, self.ticks)))
+
+    def run_both(self, haptic: tuple[HapticBlock, HapticBlock], record: tuple[TickRecord, TickRecord]) -> int:
+        """Run the ticks of two hands, whose program is one; return those done."""
+        self.ticks = object_record(len(haptic[0].position))
+        given = self.method, self.workspace.hand, self.workspace.surface, self.states, self.qp
+        return int(run_two_hands(*given, haptic, record, self.ticks))
+
+    def seen_by(self, hand: int) -> ObjectRecord:
+        """Return the record of the object as that of the first or the second hand: its own bodies come first."""
+        body = self.ticks.body
+        return self.ticks if hand == 0 else self.ticks._replace(body=np.where(body < 0, body, body ^ BODY_COUNT))
 
     def block(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord) -> TickBlock:
         """See `TickWorkspace.block`."""

@@ -131,26 +131,26 @@ def tick_state(stiffness: FloatArray, modelled: BoolArray | None = None, surface
     return fresh_state(tick_state_dtype(surface.candidates), stiffness, True if modelled is None else modelled)
 
 
-def fresh_state(dtype: np.dtype[Any], stiffness: FloatArray, modelled: BoolArray | bool) -> Any:
-    """Return the state of `tick_state` in a type that has its fields."""
-    states = zeroed(dtype)
-    state = states[0]
-    for pose in (state.pose, state.safe, state.haptic):
-        pose.orientation[0] = 1.0
-        pose.rotation[:] = np.eye(3)
-    state.modelled[:] = modelled
-    state.candidates.gathered_slack[:] = np.where(state.modelled == 1, -np.inf, np.inf)
-    state.candidates.nearest[:] = np.inf
-    state.self_contact.least = np.inf
-    state.problem.inverse_root[:] = 1.0 / np.sqrt(stiffness)
-    state.stiffness[:] = stiffness
+def fresh_state(dtype: np.dtype[Any], stiffness: FloatArray, modelled: BoolArray | bool, hands: int = 1) -> Any:
+    """Return the state of `tick_state` in a type that has its fields, one for each hand."""
+    states = zeroed(dtype, hands)
+    for state in states:
+        for pose in (state.pose, state.safe, state.haptic):
+            pose.orientation[0] = 1.0
+            pose.rotation[:] = np.eye(3)
+        state.modelled[:] = modelled
+        state.candidates.gathered_slack[:] = np.where(state.modelled == 1, -np.inf, np.inf)
+        state.candidates.nearest[:] = np.inf
+        state.self_contact.least = np.inf
+        state.problem.inverse_root[:] = 1.0 / np.sqrt(stiffness)
+        state.stiffness[:] = stiffness
     return states
 
 
-def zeroed(dtype: np.dtype[Any]) -> Any:
-    """Return a zeroed record array of shape (1,)."""
+def zeroed(dtype: np.dtype[Any], count: int = 1) -> Any:
+    """Return a zeroed record array of shape (count,)."""
     # Written, and not only asked for: the system would else hand out the pages one by one, in the ticks that are timed.
-    memory = np.empty(1, dtype)
+    memory = np.empty(count, dtype)
     memory.view(np.uint8)[:] = 0
     return memory.view(np.recarray)
 
