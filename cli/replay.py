@@ -280,7 +280,7 @@ def command(
     from hhsim.scene.scene import hand_of
 
     if moving.side == "both":
-        _refuse_of_both(free, output, rerun)
+        _refuse_of_both(output, rerun)
     solver_options = solver.options()
     motions = moving.motions(trajectory)
     motion = motions[0]
@@ -323,7 +323,9 @@ def command(
             from hhsim.scene.two_hands import two_handed_scenes
 
             hands = [hand_of(each, side, moving.hand_file) for each, side in zip(motions, HANDS)]
-            scenes = two_handed_scenes(described, mesh, chosen.tree, hands, motions, solver_options.fingers, parts)
+            placed_hands = two_handed_scenes(described, mesh, chosen.tree, hands, motions, solver_options.fingers, parts)
+            loose = free.object(placed_hands[0].scene.mesh, object_)
+            scenes = [replace(one, scene=replace(one.scene, free=loose)) for one in placed_hands]
             return _replay_both(scenes, solver_options, output, output_path, [*remarks, *chosen.notes], report)
         hand = hand_of(motion, moving.side, moving.hand_file)
         placed = described_scene(described, mesh, chosen.tree, hand, motion, solver_options.fingers, thing=parts)
@@ -361,9 +363,7 @@ def command(
     return int(summary.verdict.mostly_stuck)
 
 
-def _refuse_of_both(free: FreeChoice, output: ReplayOutput, rerun: "RerunTarget | None") -> None:
-    if free.free:
-        raise click.UsageError("--free is of one hand: two hands on a free object are not solved")
+def _refuse_of_both(output: ReplayOutput, rerun: "RerunTarget | None") -> None:
     if output.repeat > 1:
         raise click.UsageError("--repeat is of one hand: name it with --hand right or --hand left")
     if rerun is not None:

@@ -15,7 +15,6 @@ from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS, T
 
 if TYPE_CHECKING:
     from hhsim.scene.scene import Scene
-    from hhsim.solver.hand_solver import HandSolver
 
 
 class StillFrame:
@@ -86,12 +85,12 @@ class FreeFrame(MovingFrame):
         return contact_rows(self._ticks, first)
 
 
-def scene_frames(scene: "Scene", solver: "HandSolver") -> Callable[[slice], StillFrame]:
-    """Return what makes the frame of some ticks of a scene, once the solver has run them."""
+def scene_frames(scene: "Scene", object_ticks: Callable[[], ObjectRecord]) -> Callable[[slice], StillFrame]:
+    """Return what makes the frame of some ticks of a scene, once they have run; `object_ticks` is of a free object."""
     given = HandConfiguration.of(scene.driven or scene.ticks)
     if scene.free is not None:
         pose = scene.trajectory.object_position, scene.trajectory.object_orientation
-        return lambda part: FreeFrame(given.at(part), solver.object_ticks, *pose)
+        return lambda part: FreeFrame(given.at(part), object_ticks(), *pose)
     if scene.driven is None or scene.driven.object_motion is None:
         return lambda part: StillFrame(given.at(part))
     motion = scene.driven.object_motion

@@ -82,9 +82,17 @@ class Replay:
 
     Args:
         scene, options, description: As of `replay_scene`, which says what is raised.
+        alone: False for one of two hands that move a free object together: `solver` then only places the hand.
     """
 
-    def __init__(self, scene: Scene, options: SolverOptions, description: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        options: SolverOptions,
+        description: Mapping[str, Any] | None = None,
+        *,
+        alone: bool = True,
+    ) -> None:
         if not isinstance(options, SolverOptions):
             raise InputError(f"options: expected SolverOptions, found {options!r}")
         self.scene, self.total = scene, scene.ticks.tick_count
@@ -92,9 +100,11 @@ class Replay:
         kind = self._options.surface
         if parts is not None:
             require_jointed(self._options)
-        self._prepared = warm_up(scene.hand, self._options, free, jointed=parts is not None)
+        moved_alone = free if alone else None
+        self._prepared = warm_up(scene.hand, self._options, moved_alone, jointed=parts is not None)
         self._surface = contact_surface(kind, scene.mesh, scene.tree) if parts is None else parts.surface(kind)
-        self.solver = HandSolver(scene.hand, self._surface, self._options, free)
+        self.solver = HandSolver(scene.hand, self._surface, self._options, moved_alone)
+        self.object_ticks = lambda: self.solver.object_ticks
         motion = scene.trajectory
         self._static = static_arrays(
             scene.mesh, scene.tree, scene.hand, motion.object_position, motion.object_orientation
@@ -112,8 +122,8 @@ class Replay:
         self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
         self._kept = KeptColumns(OF_FREE_OBJECT if free else ())
         self._columns = TickColumns(self._surface.arrays, scene.hand, self._options, parts)
-        self._frame_of = scene_frames(scene, self.solver)
-        self._haptic = HandConfiguration.of(scene.ticks)
+        self._frame_of = scene_frames(scene, lambda: self.object_ticks())
+        self.haptic = HandConfiguration.of(scene.ticks)
 
     def writer(self, path: Path, command: Sequence[str]) -> ResultWriter:
         """Return the writer of the run's file, to be entered before the first tick."""
@@ -131,7 +141,11 @@ class Replay:
 
     def solve(self, part: slice) -> TickRecord:
         """Run the next ticks."""
-        record = self.solver.run(*self._haptic.at(part))
+        return self.judged(part, self.solver.run(*self.haptic.at(part)))
+
+    @staticmethod
+    def judged(part: slice, record: TickRecord) -> TickRecord:
+        """Return the record of some ticks; HhsimError if the graphic hand is not finite."""
         if not np.isfinite(record.joints).all():
             raise HhsimError(f"the graphic hand is not finite after tick {part.start}: please report the command")
         return record

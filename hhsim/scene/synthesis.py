@@ -137,7 +137,9 @@ def synthesize(
     orientation = np.tile(quaternion_from_matrix(closure.rotation), (len(time), 1))
     noise = disturbance if disturbance is not None else script.disturbance
     position, orientation, flexion = noise.apply(seed, time, position, orientation, flexion)
-    taken = taken_along(script, time, closure.rotation, tree.bounds.mean(axis=0))
+    # Two hands take what they hold along as the first one goes.
+    leading = closure if other is None else other.closure
+    taken = taken_along(script, time, leading.rotation, tree.bounds.mean(axis=0))
     if taken is not None:
         position, orientation = taken.points(position), taken.orientations(orientation)
     moved = carried(script, time, np.asarray(object_position, dtype=np.float64))
