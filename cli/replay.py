@@ -323,7 +323,9 @@ def command(
             from hhsim.scene.two_hands import two_handed_scenes
 
             hands = [hand_of(each, side, moving.hand_file) for each, side in zip(motions, HANDS)]
-            placed_hands = two_handed_scenes(described, mesh, chosen.tree, hands, motions, solver_options.fingers, parts)
+            placed_hands = two_handed_scenes(
+                described, mesh, chosen.tree, hands, motions, solver_options.fingers, parts
+            )
             loose = free.object(placed_hands[0].scene.mesh, object_)
             scenes = [replace(one, scene=replace(one.scene, free=loose)) for one in placed_hands]
             return _replay_both(scenes, solver_options, output, output_path, [*remarks, *chosen.notes], report)

@@ -64,14 +64,15 @@ class FreeRun:
 
     @cached_property
     def of_hand(self) -> NDArray[np.bool_]:
-        """True for contacts of the hand, not the table, shape (C,)."""
-        return np.asarray(self["contact/body"] != ON_TABLE)
+        """True for contacts of this hand, not of the table or another hand, shape (C,)."""
+        body = self["contact/body"]
+        return np.asarray((body != ON_TABLE) & (body <= PALM))
 
     @cached_property
     def friction(self) -> AnyArray:
         """Friction coefficient μ of each contact, shape (C,)."""
         of_hand, table = self.properties["friction"], self.properties["table_friction"]
-        return np.asarray(np.where(self.of_hand, of_hand, of_hand if table is None else table))
+        return np.asarray(np.where(self["contact/body"] == ON_TABLE, of_hand if table is None else table, of_hand))
 
     @property
     def raised(self) -> float:

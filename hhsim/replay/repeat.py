@@ -16,14 +16,26 @@ from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.replay.moving_object import FreeFrame, MovingFrame, StillFrame
 from hhsim.replay.stored_scene import require_whole, stored_hand, stored_options, stored_surface
 from hhsim.replay.tick_columns import TickColumns
-from hhsim.result.reader import Result
-from hhsim.result.schema import CONTACT, CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS, TICK_COLUMNS, Column
+from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import (
+    CONTACT,
+    CONTACT_COLUMNS,
+    FREE_COLUMNS,
+    OBJECT_COLUMNS,
+    SIDES,
+    TICK_COLUMNS,
+    TWO_HANDED,
+    Column,
+    is_one_of_two,
+)
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.compile import warm_up
 from hhsim.solver.free_engine import object_record, of_tick
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import METHODS
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.two_hands import TwoHandedSolver
 from hhsim.solver.workspace import tick_record
 from hhsim.system import environment as info
 from hhsim.system.deferred_sigint import interruptible_between
@@ -198,8 +210,11 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
         raise InputError(f"{result.path} holds no ticks: there is nothing to run again")
     hand, options = stored_hand(result), stored_options(result)
     surface, free = stored_surface(result), FreeObject.from_json(result.scene["free"]) if result.free else None
-    warm_up(hand, options, free)
-    solver = HandSolver(hand, surface, options, free)
+    other = _other_hand(result)
+    alone = free if other is None else None
+    warm_up(hand, options, alone)
+    solver = HandSolver(hand, surface, options, alone)
+    both = None if other is None or free is None else _BothHands(result, solver, other, surface, options, free)
     columns = TickColumns(surface.arrays, hand, options)
     total, notes = _runnable(result)
     moving = [] if free is None else list(COMPARED_IF_FREE)
@@ -216,7 +231,10 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
             frame = StillFrame(haptic)
             if result.driven and free is None:
                 frame = MovingFrame(haptic, result.moved_since_first(here), result.object_motion(here))
-            record, ticks = _solve(solver, frame.haptic, live=result.live is not None, free=free is not None)
+            if both is not None:
+                record, ticks = both.solve(haptic, here)
+            else:
+                record, ticks = _solve(solver, frame.haptic, live=result.live is not None, free=free is not None)
             if ticks is not None:
                 frame = FreeFrame(haptic, ticks, *(result.static[f"object/{name}"] for name in POSE))
                 _compare_contacts(result, here, frame.contacts(done), contacts)
@@ -280,6 +298,34 @@ def _runnable(result: Result) -> tuple[int, list[str]]:
         failed = "ticks whose solver failed, and that are not in the file"
         notes.append(f"{failed}: {unsolved:,}; what follows on them may differ")
     return total, notes
+
+
+def _other_hand(result: Result) -> Result | None:
+    """Return the result of the hand that moved a free object together with that of a result; None where none did."""
+    if not (result.free and result.scene.get(TWO_HANDED)):
+        return None
+    side = SIDES[result.side == SIDES[0]]
+    if not is_one_of_two(result.path):
+        raise InputError(f"{result.path} is of two hands at one free object, and the other one's result is not there")
+    return load_result(result.path.with_name(side))
+
+
+class _BothHands:
+    """Second run of two hands at one free object, of which one is compared."""
+
+    def __init__(
+        self, result: Result, own: HandSolver, other: Result, surface: Any, options: SolverOptions, free: FreeObject
+    ) -> None:
+        self._other, self._place = other, SIDES.index(result.side)
+        hands = [own, HandSolver(stored_hand(other), surface, options)]
+        self._solver = TwoHandedSolver(hands if self._place == 0 else hands[::-1], free)
+
+    def solve(self, haptic: HandConfiguration, ticks: slice) -> tuple[TickRecord, ObjectRecord]:
+        """Run some ticks, and return them and the object's as of the hand that is compared."""
+        names = HandConfiguration._fields
+        given = [haptic, HandConfiguration(*(self._other[f"haptic/{name}"][ticks] for name in names))]
+        records = self._solver.run(*(given if self._place == 0 else given[::-1]))
+        return records[self._place], self._solver.object_ticks(self._place)
 
 
 def _solve(

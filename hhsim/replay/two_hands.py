@@ -60,9 +60,10 @@ class TwoHandedReplay:
     def note(self) -> str:
         """Sentence on both hands together."""
         nearest = f"{1e3 * self.graphic_distance:.3g} mm"
+        how = "in one program" if self.together else "side by side"
         met = f"; the haptic hands enter each other by {-1e3 * self.haptic_distance:.2g} mm"
         return (
-            f"a tick of both hands, {'in one program' if self.together else 'side by side'}: p50 {1e6 * self.tick_p50:.3g} µs, p99 {1e6 * self.tick_p99:.3g} µs; "
+            f"a tick of both hands, {how}: p50 {1e6 * self.tick_p50:.3g} µs, p99 {1e6 * self.tick_p99:.3g} µs; "
             f"the graphic hands come within {nearest} of each other{met if self.haptic_distance < 0.0 else ''}"
         )
 
@@ -139,7 +140,9 @@ def _together(runs: Sequence[Replay], free: FreeObject) -> Callable[[slice], lis
     solver = TwoHandedSolver([run.solver for run in runs], free)
     for hand, run in enumerate(runs):
         run.object_ticks = partial(solver.object_ticks, hand)
-    return lambda part: [run.judged(part, each) for run, each in zip(runs, solver.run(*(r.haptic.at(part) for r in runs)))]
+    return lambda part: [
+        run.judged(part, each) for run, each in zip(runs, solver.run(*(r.haptic.at(part) for r in runs)))
+    ]
 
 
 def _beside(scenes: Sequence[Scene], placed: Sequence[PlacedHand]) -> list[Any]:

@@ -41,6 +41,7 @@ from hhsim.result.schema import (
     SUFFIXES,
     THINGS,
     TICK_COLUMNS,
+    TWO_HANDED,
     TWO_HANDED_SCHEMA_VERSION,
     Column,
     is_one_of_two,
@@ -254,7 +255,9 @@ class Result:
         if not table.name.endswith(f"/{CONTACT}"):
             return min(len(column) for column in table.values())
         ticks, bodies = table["tick"][...], table["body"][...]
-        if (np.diff(ticks) < 0).any() or (ticks[:1] < 0).any() or ((bodies < -1) | (bodies >= BODIES)).any():
+        # Where two hands hold one object, those of the other hand follow.
+        most = 2 * BODIES if self.scene.get(TWO_HANDED) else BODIES
+        if (np.diff(ticks) < 0).any() or (ticks[:1] < 0).any() or ((bodies < -1) | (bodies >= most)).any():
             raise InputError(f"{self.path} is damaged: a contact of no tick, or of no body")
         return int(np.searchsorted(ticks, self.ticks))
 

@@ -234,7 +234,8 @@ FREE_COLUMNS: tuple[Column, ...] = (
     ),
     Column(
         *("object/hand_wrench", (6,), "<f8", "N,N·m"),
-        *("force of the hand on the object (first three) and moment about its centre of mass, world", "hand_wrench"),
+        "force of the hand, or of both, on the object (first three) and moment about its centre of mass, world",
+        "hand_wrench",
     ),
     Column("object/table_wrench", (6,), "<f8", "N,N·m", "the same of the table", "table_wrench"),
     Column(
@@ -254,7 +255,14 @@ CONTACT = "contact"
 
 CONTACT_COLUMNS: tuple[Column, ...] = (
     Column("tick", (), "<i8", "1", "tick that the contact bears a force in, from 0"),
-    Column("body", (), "<i4", "1", "0 to 14 phalanx, finger by finger; 15 palm; -1 the table", "body"),
+    Column(
+        "body",
+        (),
+        "<i4",
+        "1",
+        "0 to 14 phalanx, finger by finger; 15 palm; 16 to 31 the other hand's; -1 the table",
+        "body",
+    ),
     Column("point", (3,), "<f8", "m", "where it touches, world", "point"),
     Column("normal", (3,), "<f8", "1", "from the object to the hand; from the table to the object; world", "normal"),
     Column(

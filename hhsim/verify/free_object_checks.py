@@ -10,6 +10,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.result.reader import Result
+from hhsim.result.schema import TWO_HANDED
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.contacts import PALM
@@ -53,13 +54,17 @@ class FreeMotion:
         self.follows[0] = result.live is None or result["live/tick/record"][0] == 0
         # Invalid ticks and bodies are found by `_contacts`.
         self.tick: IntArray = np.clip(result["contact/tick"], 0, result.ticks - 1)
-        self.body: IntArray = np.clip(np.asarray(result["contact/body"], np.int64), ON_TABLE, PALM)
+        most = 2 * PALM + 1 if result.scene.get(TWO_HANDED) else PALM
+        self.body: IntArray = np.clip(np.asarray(result["contact/body"], np.int64), ON_TABLE, most)
         self.point, self.normal = (np.asarray(result[f"contact/{name}"]) for name in ("point", "normal"))
         self.load, self.friction = (
             np.asarray(result[f"contact/{name}"]) for name in ("normal_force", "friction_force")
         )
         self.torsion, self.slip = (np.asarray(result[f"contact/{name}"]) for name in ("torsional_moment", "slip"))
         self.of_table = self.body == ON_TABLE
+        # Contacts of another hand, whose poses are in its own result.
+        self.of_other = self.body > PALM
+        self.own = ~(self.of_table | self.of_other)
 
     @cached_property
     def turned(self) -> "Rotation":
@@ -87,7 +92,7 @@ class FreeMotion:
         return np.asarray(self.load[:, None] * self.normal + self.friction)
 
     def wrench(self, of_table: bool) -> FloatArray:
-        """Wrench of the contacts with table or hand on the object, about its centre of mass, shape (T, 6)."""
+        """Wrench of the contacts with table or hands on the object, about its centre of mass, shape (T, 6)."""
         chosen = self.of_table == of_table
         sign = 1.0 if of_table else -1.0
         tick, force = self.tick[chosen], sign * self.force[chosen]
@@ -154,7 +159,7 @@ def _contacts(motion: FreeMotion) -> list[Claim]:
     # Rows of one tick and body are few: each is compared with the next ones of its group.
     order = np.lexsort((body, tick))
     twice = np.zeros(len(tick), bool)
-    for step in range(1, int(np.bincount(tick * (PALM + 2) + body + 1).max(initial=1))):
+    for step in range(1, int(np.bincount(2 * tick * (PALM + 2) + body + 1).max(initial=1))):
         one, other = order[:-step], order[step:]
         same = (tick[one] == tick[other]) & (body[one] == body[other])
         twice[other] |= same & (np.linalg.norm(point[one] - point[other], axis=1) < APART)
@@ -255,7 +260,7 @@ def _wrenches(motion: FreeMotion) -> list[Claim]:
 
 def _equal_and_opposite(motion: FreeMotion) -> Claim:
     bodies = np.zeros((len(motion.ticks), PALM + 1, 3))
-    chosen = ~motion.of_table
+    chosen = motion.own
     np.add.at(bodies, (motion.tick[chosen], motion.body[chosen]), motion.force[chosen])
     phalanx = np.asarray(motion.result["force/phalanx"]).reshape(-1, PALM, 3)
     palm = np.asarray(motion.result["force/total"]) - phalanx.sum(axis=1)
@@ -283,7 +288,7 @@ def _cones(motion: FreeMotion) -> list[Claim]:
 def _slips(motion: FreeMotion) -> list[Claim]:
     """Coulomb: a contact that slips bears all its friction, against its slip."""
     slid, spin = _slip_and_spin(motion)
-    own = np.linalg.norm(slid, axis=1)
+    own = np.where(motion.of_other, motion.slip, np.linalg.norm(slid, axis=1))
     joints = np.asarray(motion.result["graphic/joints"])
     moved = np.linalg.norm(np.diff(joints, axis=0, prepend=joints[:1]), axis=3).max(axis=(1, 2))
     # A step of the solver is straight, rotation is not: ½ travel² / radius, of the object ½ turn² radius.
@@ -308,7 +313,7 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     off = np.asarray(motion.result["object/friction_residual"])[motion.tick]
     # Friction is along Γ e with residual |s - Γ e|: while that is below |s| / √2, e is at most 45° off s.
     whole = np.isin(motion.tick, motion.whole) & known
-    slides = whole & (motion.slip > 1e-7) & (motion.load > 1e-3)
+    slides = whole & ~motion.of_other & (motion.slip > 1e-7) & (motion.load > 1e-3)
     slides &= slip > np.sqrt(2.0) * (off + motion.coefficient * tolerance)
     power = -((motion.friction * slid).sum(axis=1) + motion.torsion * spin) / np.where(slip > 0.0, slip, 1.0)
     short = np.maximum(0.0, AGAINST * motion.load - power)[slides]
@@ -354,7 +359,7 @@ def _slip_and_spin(motion: FreeMotion) -> tuple[FloatArray, FloatArray]:
     slid = np.where(motion.of_table[:, None], of_object, -of_object)
     shown = configurations(motion.result, "graphic")
     origin, axes = _frames(pose(own_hand(motion.result), shown), rotations(shown.orientation)[0].as_matrix())
-    chosen = np.flatnonzero(~motion.of_table & (tick > 0))
+    chosen = np.flatnonzero(motion.own & (tick > 0))
     t, b = tick[chosen], motion.body[chosen]
     local = np.einsum("cji,cj->ci", axes[t, b], point[chosen] - origin[t, b])
     was = origin[t - 1, b] + np.einsum("cij,cj->ci", axes[t - 1, b], local)
@@ -364,7 +369,7 @@ def _slip_and_spin(motion: FreeMotion) -> tuple[FloatArray, FloatArray]:
     turn[chosen] += 0.5 * np.stack(
         [of_hand[:, (i + 2) % 3, (i + 1) % 3] - of_hand[:, (i + 1) % 3, (i + 2) % 3] for i in range(3)], axis=1
     )
-    first = ~motion.of_table & (tick == 0)
+    first = motion.of_other | (motion.own & (tick == 0))
     slid[first] = turn[first] = 0.0
     along = (slid * motion.normal).sum(axis=1)
     return np.asarray(slid - along[:, None] * motion.normal), np.asarray((turn * motion.normal).sum(axis=1))
@@ -395,7 +400,7 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
         tick = int(judge.chosen[i])
         borne = np.zeros(21)
         rows = np.arange(*np.searchsorted(motion.tick, [tick, tick + 1]))
-        for row in rows[motion.body[rows] != ON_TABLE]:
+        for row in rows[motion.own[rows]]:
             borne += _on_hand(judge.chosen_posed, int(i), motion, int(row))
         flexion, unit = judge.chosen_shown.flexion[i], np.eye(21)[6:]
         low, high = flexion - judge.hand.flexion_min <= AT_LIMIT, judge.hand.flexion_max - flexion <= AT_LIMIT
@@ -411,7 +416,7 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     motion = FreeMotion(judge.result)
     floats = np.repeat(np.asarray(motion.result["object/friction_residual"])[:, None], PALM + 1, axis=1)
     # A tick that lags stands off by its slip and by the travel left; its forces are those of the unfinished program.
-    on_the_way = ~motion.of_table & ~np.isin(motion.tick, motion.whole)
+    on_the_way = motion.own & ~np.isin(motion.tick, motion.whole)
     slipped = float(motion.free["friction"]) * motion.slip[on_the_way]
     np.maximum.at(floats, (motion.tick[on_the_way], motion.body[on_the_way]), slipped)
     places = np.flatnonzero(judge.status[judge.chosen] & STUCK == 0)
