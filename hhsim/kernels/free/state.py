@@ -29,6 +29,7 @@ def free_state_dtype(candidates: "np.dtype[Any]", hands: int = 1) -> "np.dtype[A
     | palm_position, palm_orientation | of the user's hand, world |
     | table_distance | of the lowest point of the object from the table [m] |
     | longest | motion of the hand in the last program's step [m] |
+    | found | contacts of the hand within reach at the last program |
     | taken, status | status bits of the hand's last sample, and of its tick |
 
     Of two hands each has a state; what is of the object, and of the program, is in the first one's.
@@ -58,6 +59,7 @@ def free_state_dtype(candidates: "np.dtype[Any]", hands: int = 1) -> "np.dtype[A
             ("palm_orientation", np.float64, (4,)),
             ("table_distance", np.float64),
             ("longest", np.float64),
+            ("found", np.int64),
             ("taken", np.int64),
             ("status", np.int64),
         ],

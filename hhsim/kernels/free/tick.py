@@ -144,24 +144,24 @@ def _aim(state: Record, body: Record, target_out: Array, abduction_out: Array) -
 
 
 @jit
-def _find_contacts(hand: HandArrays, method: Any, surface: Any, state: Record) -> tuple[int, int]:
-    """Find each hand's contacts, and say which rows they have; returns how many were found, and are kept.
+def _find_contacts(hand: HandArrays, method: Any, surface: Any, state: Record) -> int:
+    """Find each hand's contacts, and say which rows they have; returns how many are kept, -1 where they do not fit.
 
-    Those of a second hand are written behind the rows of the first one's joint limits, too. -1 where they do not fit.
+    Those of a second hand are written behind the rows of the first one's joint limits, too.
     """
     problem, joined = state.free_problem, state.contacts
-    row, all_found, kept = as_int64(0), as_int64(0), as_int64(0)
+    row, kept = as_int64(0), as_int64(0)
     for h in range(problem.first.shape[0]):
         each, arrays = method.states[h], _hand_at(method, hand, h)
         contacts = each.contacts
         if not find_program_contacts(arrays, surface, method.options, each):
-            return as_int64(-1), kept
-        found = contacts.start[FINGER_COUNT + 1]
+            return as_int64(-1)
+        each.found = contacts.start[FINGER_COUNT + 1]
         reach = min(each.trust.reach, each.trust.radius)
         drop_redundant_contacts(arrays, reach, contacts, each.open_distance[:])
         count = contacts.start[FINGER_COUNT + 1]
         if row + count > joined.key.shape[0]:
-            return as_int64(-1), kept
+            return as_int64(-1)
         problem.first[h], problem.last[h] = row, row + count
         for i in range(count if h > 0 else 0):
             joined.distance[row + i] = contacts.distance[i]
@@ -171,9 +171,8 @@ def _find_contacts(hand: HandArrays, method: Any, surface: Any, state: Record) -
                 joined.point[j, row + i] = contacts.point[j, i]
                 joined.normal[j, row + i] = contacts.normal[j, i]
         row += count + LIMIT_ROWS
-        all_found += found
         kept += count
-    return all_found, kept
+    return kept
 
 
 @jit
@@ -209,8 +208,8 @@ def _prepare(hand: HandArrays, method: Any, surface: Any, state: Record) -> int:
         state.friction,
         state.body,
     )
-    found, total = _find_contacts(hand, method, surface, state)
-    if found < 0:
+    total = _find_contacts(hand, method, surface, state)
+    if total < 0:
         return -1
     body_target(body, problem.body_target[:])
     body.clipped[:] = 0.0
@@ -235,7 +234,8 @@ def _prepare(hand: HandArrays, method: Any, surface: Any, state: Record) -> int:
     scale_target(body, problem)
     count = total + friction.count - friction.of_hand
     for h in range(problem.first.shape[0]):
-        count_linearisation(_hand_at(method, hand, h), surface, options, found, count, method.states[h])
+        each = method.states[h]
+        count_linearisation(_hand_at(method, hand, h), surface, options, each.found, count, each)
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
     return count
 
