@@ -1,6 +1,6 @@
 """Second run of a result's ticks, from nothing but the file, and comparison of every array: bits, and rounding."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -214,7 +214,7 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     alone = free if other is None else None
     warm_up(hand, options, alone)
     solver = HandSolver(hand, surface, options, alone)
-    both = None if other is None or free is None else _BothHands(result, solver, other, surface, options, free)
+    both = None if other is None or free is None else _of_both(result, solver, other, surface, options, free)
     columns = TickColumns(surface.arrays, hand, options)
     total, notes = _runnable(result)
     moving = [] if free is None else list(COMPARED_IF_FREE)
@@ -231,10 +231,8 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
             frame = StillFrame(haptic)
             if result.driven and free is None:
                 frame = MovingFrame(haptic, result.moved_since_first(here), result.object_motion(here))
-            if both is not None:
-                record, ticks = both.solve(haptic, here)
-            else:
-                record, ticks = _solve(solver, frame.haptic, live=result.live is not None, free=free is not None)
+            live, loose = result.live is not None, free is not None
+            record, ticks = both(haptic, here) if both else _solve(solver, frame.haptic, live=live, free=loose)
             if ticks is not None:
                 frame = FreeFrame(haptic, ticks, *(result.static[f"object/{name}"] for name in POSE))
                 _compare_contacts(result, here, frame.contacts(done), contacts)
@@ -310,22 +308,19 @@ def _other_hand(result: Result) -> Result | None:
     return load_result(result.path.with_name(side))
 
 
-class _BothHands:
-    """Second run of two hands at one free object, of which one is compared."""
+def _of_both(
+    result: Result, own: HandSolver, other: Result, surface: Any, options: SolverOptions, free: FreeObject
+) -> Callable[[HandConfiguration, slice], tuple[TickRecord, ObjectRecord]]:
+    """Return what runs some ticks of two hands at one free object again, as those of the hand of a result."""
+    place, hands = SIDES.index(result.side), [own, HandSolver(stored_hand(other), surface, options)]
+    both = TwoHandedSolver(hands if place == 0 else hands[::-1], free)
 
-    def __init__(
-        self, result: Result, own: HandSolver, other: Result, surface: Any, options: SolverOptions, free: FreeObject
-    ) -> None:
-        self._other, self._place = other, SIDES.index(result.side)
-        hands = [own, HandSolver(stored_hand(other), surface, options)]
-        self._solver = TwoHandedSolver(hands if self._place == 0 else hands[::-1], free)
-
-    def solve(self, haptic: HandConfiguration, ticks: slice) -> tuple[TickRecord, ObjectRecord]:
-        """Run some ticks, and return them and the object's as of the hand that is compared."""
+    def solve(haptic: HandConfiguration, ticks: slice) -> tuple[TickRecord, ObjectRecord]:
         names = HandConfiguration._fields
-        given = [haptic, HandConfiguration(*(self._other[f"haptic/{name}"][ticks] for name in names))]
-        records = self._solver.run(*(given if self._place == 0 else given[::-1]))
-        return records[self._place], self._solver.object_ticks(self._place)
+        given = [haptic, HandConfiguration(*(other[f"haptic/{name}"][ticks] for name in names))]
+        return both.run(*(given if place == 0 else given[::-1]))[place], both.object_ticks(place)
+
+    return solve
 
 
 def _solve(

@@ -13,6 +13,7 @@ import numpy as np
 from hhsim.arrays import AnyArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.run.registry import needed_columns
 from hhsim.replay.moving_object import part_rows, scene_frames
@@ -104,7 +105,7 @@ class Replay:
         self._prepared = warm_up(scene.hand, self._options, moved_alone, jointed=parts is not None)
         self._surface = contact_surface(kind, scene.mesh, scene.tree) if parts is None else parts.surface(kind)
         self.solver = HandSolver(scene.hand, self._surface, self._options, moved_alone)
-        self.object_ticks = lambda: self.solver.object_ticks
+        self.object_ticks: Callable[[], ObjectRecord] = lambda: self.solver.object_ticks
         motion = scene.trajectory
         self._static = static_arrays(
             scene.mesh, scene.tree, scene.hand, motion.object_position, motion.object_orientation

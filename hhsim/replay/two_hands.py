@@ -120,13 +120,10 @@ def replay_two_hands(
     distances = (distance_of_hands(*_beside(scenes, haptic)), np.concatenate(graphic))
     join_hands(parts, dict(zip((column.name for column in BETWEEN_COLUMNS), distances)), path)
     times = 1e-9 * np.concatenate(duration)
-    return TwoHandedReplay(
-        path,
-        (hands[0], hands[1]),
-        *(float(np.quantile(times, share)) for share in (0.5, 0.99)),
-        *(float(np.min(values)) for values in distances),
-        together=free is not None,
-    )
+    p50, p99 = (float(np.quantile(times, share)) for share in (0.5, 0.99))
+    haptic_distance, graphic_distance = (float(np.min(values)) for values in distances)
+    hands = (hands[0], hands[1])
+    return TwoHandedReplay(path, hands, p50, p99, haptic_distance, graphic_distance, together=free is not None)
 
 
 def _side_by_side(runs: Sequence[Replay], stack: ExitStack) -> Callable[[slice], list[TickRecord]]:

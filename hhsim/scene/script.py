@@ -60,9 +60,10 @@ from msgspec import Meta
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError, check_known
 from hhsim.hand.fingers import FINGERS
+from hhsim.hand.quaternion import quaternion_from_matrix, rotation_matrix
 from hhsim.mesh.catalogue import object_names, thing_names
 from hhsim.motion.tremor import Disturbance
-from hhsim.reproducible import norm
+from hhsim.reproducible import matmul, norm
 from hhsim.scene.contact_goals import ANYWHERE, PALM, Touch, TouchTable, touches_of
 from hhsim.scene.jointed_thing import Keyframe
 from hhsim.system.settings_file import Settings, a_list, between, one_of, parse_settings
@@ -140,6 +141,14 @@ class Placement:
     open: FloatArray = field(default_factory=lambda: np.zeros(len(FINGERS)))
     abduction: FloatArray = field(default_factory=lambda: np.zeros(len(FINGERS)))
     slide: FloatArray = field(default_factory=lambda: np.zeros(3))
+
+    def mirrored(self) -> "Placement":
+        """Return the other hand's place opposite: its image in the upright plane across `back`, through the origin."""
+        across = self.back * [1.0, 1.0, 0.0] / norm(self.back[:2])
+        mirror = np.eye(3) - 2.0 * np.outer(across, across)
+        rotation = matmul(mirror, rotation_matrix(self.orientation)) * [-1.0, 1.0, 1.0]
+        places = {name: matmul(mirror, getattr(self, name)) for name in ("position", "back", "slide")}
+        return replace(self, orientation=quaternion_from_matrix(rotation), **places)
 
 
 Number = Annotated[float, between(-10.0, 10.0)]

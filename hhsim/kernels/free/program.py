@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.free.body import as_object_moves
 from hhsim.kernels.free.leanings import find_leanings, turn_contacts
@@ -12,6 +11,7 @@ from hhsim.kernels.free.rows import (
     ON_TABLE,
     STANDS_BACK,
     TABLE_KEYS,
+    States,
     contact_rows,
     friction_rows,
     measure_slip,
@@ -100,7 +100,7 @@ def scale_target(body: Record, problem: Record) -> None:
 
 
 @jit
-def take_steps(states: NDArray[np.void], body: Record, problem: Record) -> None:
+def take_steps(states: States, body: Record, problem: Record) -> None:
     """Compute each hand's step in the object's frame, shape (21,), from the program's."""
     delta = problem.delta
     for h in range(problem.first.shape[0]):
@@ -147,7 +147,7 @@ def _read(body: Record, problem: Record, friction: Record, loaded: Record, qp: Q
 
 
 @jit_once
-def _is_settled(states: NDArray[np.void], body: Record, offset: float, problem: Record, friction: Record) -> bool:
+def _is_settled(states: States, body: Record, offset: float, problem: Record, friction: Record) -> bool:
     # Whether every contact that bears a force has de Saxcé's Γ and rubs against its slip with all of its load.
     settled = True
     problem.gamma_error = 0.0
@@ -247,7 +247,7 @@ def _solve_once(options: TickOptions, rows: WideRows, guessed: int, state: Recor
 
 
 @jit_once
-def _next_slips(floats: float, states: NDArray[np.void], state: Record, qp: QpWork) -> None:
+def _next_slips(floats: float, states: States, state: Record, qp: QpWork) -> None:
     """Foresee the slips by a step of Newton's method, and the directions of friction."""
     body, problem, friction, loaded = state.body, state.free_problem, state.friction, state.loaded
     keep_slips(friction, loaded, state.coulomb)
@@ -268,9 +268,7 @@ def _end_search(friction: Record, loaded: Record, coulomb: Record) -> None:
 
 
 @jit
-def solve_free(
-    options: TickOptions, states: NDArray[np.void], rounds: int, clipped: bool, state: Record, qp: QpWork
-) -> int:
+def solve_free(options: TickOptions, states: States, rounds: int, clipped: bool, state: Record, qp: QpWork) -> int:
     """Solve for a step of hands and object, with one Γ after another until friction is Coulomb's.
 
     The problem's `delta` and the hands' steps are written where the status is OPTIMAL. Γ of a step that is clipped is

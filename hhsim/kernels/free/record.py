@@ -4,7 +4,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.elementary import hypotenuse
@@ -12,6 +11,7 @@ from hhsim.kernels.free.rows import (
     DIRECTIONS,
     ON_TABLE,
     TABLE_KEYS,
+    States,
     coefficient,
     displacement,
     relative_turn,
@@ -87,13 +87,7 @@ class ObjectRecord(NamedTuple):
 
 @jit_once
 def find_borne(
-    states: NDArray[np.void],
-    body: Record,
-    contacts: Record,
-    problem: Record,
-    friction: Record,
-    loaded: Record,
-    borne: Record,
+    states: States, body: Record, contacts: Record, problem: Record, friction: Record, loaded: Record, borne: Record
 ) -> None:
     """Write the loads of the rows: as forces on each hand in its `warm`, and contact by contact in `borne`."""
     borne.hand_wrench[:] = 0.0

@@ -20,7 +20,7 @@ sphere of the object's hull with a plane, and has columns of the object alone.
 """
 
 import math
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,9 @@ from hhsim.kernels.free.body import OBJECT_DOF, Support
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.rotation import turned, turned_back
+
+States: TypeAlias = NDArray[np.void]
+"""State of each hand; the first one's has what is of the object."""
 
 FREE_DOF = DOF + OBJECT_DOF
 COMMON = 6 + OBJECT_DOF
@@ -238,14 +241,7 @@ def _columns(of: int, hands: int) -> tuple[int, int, int]:
 
 @jit
 def displacement(
-    states: NDArray[np.void],
-    body: Record,
-    abduction_step: Array,
-    step: Array,
-    of: int,
-    px: float,
-    py: float,
-    pz: float,
+    states: States, body: Record, abduction_step: Array, step: Array, of: int, px: float, py: float, pz: float
 ) -> tuple[float, float, float]:
     """Compute the displacement of a point of a hand body, or of the object on the table, relative to what it touches.
 
@@ -286,14 +282,7 @@ def displacement(
 
 @jit
 def relative_turn(
-    states: NDArray[np.void],
-    body: Record,
-    abduction_step: Array,
-    step: Array,
-    of: int,
-    nx: float,
-    ny: float,
-    nz: float,
+    states: States, body: Record, abduction_step: Array, step: Array, of: int, nx: float, ny: float, nz: float
 ) -> float:
     """Compute the relative rotation about a direction [rad], of the bodies as in `displacement`."""
     wx, wy, wz = turned_back(body.axes, step[9], step[10], step[11])
@@ -316,7 +305,7 @@ def relative_turn(
 
 @jit
 def write_row(
-    states: NDArray[np.void],
+    states: States,
     body: Record,
     problem: Record,
     of: int,
@@ -588,9 +577,7 @@ def torsion_radius(body: Record, of: int) -> float:
 
 
 @jit
-def measure_slip(
-    states: NDArray[np.void], body: Record, step: Array, abduction: Array, friction: Record, i: int
-) -> float:
+def measure_slip(states: States, body: Record, step: Array, abduction: Array, friction: Record, i: int) -> float:
     """Set s of a contact for a step, unscaled and in the program's order; returns its length [m]."""
     of, p, n = friction.body[i], friction.point[i], friction.normal[i]
     mu = coefficient(body, of)
@@ -607,7 +594,7 @@ def measure_slip(
 
 @jit_once
 def begin_frictions(
-    states: NDArray[np.void],
+    states: States,
     body: Record,
     step: Array,
     abduction: Array,
@@ -656,7 +643,7 @@ def begin_frictions(
 
 @jit
 def friction_rows(
-    states: NDArray[np.void], body: Record, offset: float, relaxed: bool, problem: Record, friction: Record
+    states: States, body: Record, offset: float, relaxed: bool, problem: Record, friction: Record
 ) -> None:
     """Write the rows of friction and of the table, and the groups of all rows."""
     start, stop, block = problem.group_start, problem.group_stop, problem.group_block
@@ -710,14 +697,7 @@ def friction_rows(
 
 @jit
 def contact_rows(
-    states: NDArray[np.void],
-    body: Record,
-    offset: float,
-    relaxed: bool,
-    i: int,
-    row: int,
-    problem: Record,
-    friction: Record,
+    states: States, body: Record, offset: float, relaxed: bool, i: int, row: int, problem: Record, friction: Record
 ) -> int:
     """Write the rows of friction of a contact from a row on; returns the one behind them."""
     of, point, n = friction.body[i], friction.point[i], friction.normal[i]

@@ -15,10 +15,10 @@ then to be at most is another such system, of the loads of the plain rows.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.free.rows import (
     FRICTIONS,
+    States,
     coefficient,
     orient,
     own_columns,
@@ -89,9 +89,7 @@ def _find_moved(friction: Record, problem: Record, qp: QpWork, work: Record) -> 
 
 
 @jit_once
-def _fill_system(
-    states: NDArray[np.void], body: Record, floats: float, problem: Record, friction: Record, work: Record
-) -> None:
+def _fill_system(states: States, body: Record, floats: float, problem: Record, friction: Record, work: Record) -> None:
     common, own = problem.common, problem.block
     scratch = as_int64(common.shape[1] - 1)
     count = friction.bearings
@@ -162,13 +160,7 @@ def _solve_system(count: int, work: Record) -> None:
 
 @jit_once
 def foresee_slips(
-    states: NDArray[np.void],
-    body: Record,
-    floats: float,
-    problem: Record,
-    friction: Record,
-    qp: QpWork,
-    work: Record,
+    states: States, body: Record, floats: float, problem: Record, friction: Record, qp: QpWork, work: Record
 ) -> None:
     """Set Γ of the contacts that bear a force to their slip less what a contact may float [m]."""
     _find_moved(friction, problem, qp, work)

@@ -39,7 +39,7 @@ def free_state_dtype(candidates: "np.dtype[Any]", hands: int = 1) -> "np.dtype[A
         hands: How many hands are at the object.
     """
     hand, problem = tick_state_dtype(candidates), free_problem_dtype(hands)
-    common, dof, fingers = problem["common"].shape[0], problem["delta"].shape, problem["abduction_step"].shape
+    common, dof, fingers = (problem[name].shape[0] for name in ("common", "delta", "abduction_step"))
     return np.dtype(
         [
             # First, so that this is not a longer form of the hand's state: numba warns of those.
@@ -49,12 +49,12 @@ def free_state_dtype(candidates: "np.dtype[Any]", hands: int = 1) -> "np.dtype[A
             ("friction", FRICTION),
             ("loaded", LOADED),
             ("held", HELD),
-            ("coulomb", coulomb_dtype(*dof)),
-            ("leanings", leanings_dtype(*dof, common)),
+            ("coulomb", coulomb_dtype(dof)),
+            ("leanings", leanings_dtype(dof, common)),
             ("tried", BORNE),
             ("borne", BORNE),
-            ("body_safe_total", np.float64, dof),
-            ("body_safe_abduction", np.float64, fingers),
+            ("body_safe_total", np.float64, (dof,)),
+            ("body_safe_abduction", np.float64, (fingers,)),
             ("palm_position", np.float64, (3,)),
             ("palm_orientation", np.float64, (4,)),
             ("table_distance", np.float64),

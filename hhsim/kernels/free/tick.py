@@ -11,7 +11,6 @@ Two hands make the same share of a step, and the tick ends where both have arriv
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.contact.detection import pairs_near
@@ -34,6 +33,7 @@ from hhsim.kernels.free.program import begin_search, clip_shifts, scale_target, 
 from hhsim.kernels.free.record import copy_borne, find_borne, turn_loads
 from hhsim.kernels.free.rows import (
     SECOND_KEYS,
+    States,
     begin_frictions,
     find_frictions,
     keep_entry,
@@ -100,7 +100,7 @@ class Free(NamedTuple):
 
     options: TickOptions
     support: Support
-    states: NDArray[np.void]
+    states: States
 
 
 class FreeOfTwo(NamedTuple):
@@ -108,7 +108,7 @@ class FreeOfTwo(NamedTuple):
 
     options: TickOptions
     support: Support
-    states: NDArray[np.void]
+    states: States
     second: HandArrays
 
 
@@ -282,7 +282,7 @@ def _take_back(method: Any, state: Record) -> None:
 
 
 @jit
-def _evaluate(hand: HandArrays, method: Any, surface: Any, state: Record) -> bool:
+def _measure(hand: HandArrays, method: Any, surface: Any, state: Record) -> bool:
     """Compute the distances of each hand; False where its pairs do not fit into the arrays."""
     fits = True
     for h in range(state.free_problem.first.shape[0]):
@@ -297,7 +297,7 @@ def _retry(hand: HandArrays, method: Any, surface: Any, state: Record) -> bool:
     _take_back(method, state)
     for h in range(state.free_problem.first.shape[0]):
         method.states[h].trust.radius *= TRUST_DECAY
-    return _evaluate(hand, method, surface, state)
+    return _measure(hand, method, surface, state)
 
 
 @recover.of(Free)
@@ -444,7 +444,7 @@ def _advance(method: Any, hand: HandArrays, surface: Any, full_motion: float, st
         motion = hands[h].longest
         foreseen = max(REACH_FLOOR * options.step_tolerance, motion)
         update_reach(options, fraction, motion, full_motion, foreseen, hands[h])
-    fits = _evaluate(hand, method, surface, state)
+    fits = _measure(hand, method, surface, state)
     for h in range(problem.first.shape[0]):
         least = min(least, least_distance(hands[h]))
     table, lowest = _table(method, state)
@@ -481,7 +481,7 @@ def _finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp:
     cut_short, pairs_overflow = is_budget_spent(options, state), progress.pairs_overflow
     if progress.failed_steps > 0 or pairs_overflow:
         _take_back(method, state)
-        pairs_overflow = not _evaluate(hand, method, surface, state) or pairs_overflow
+        pairs_overflow = not _measure(hand, method, surface, state) or pairs_overflow
     for h in range(state.free_problem.first.shape[0]):
         each = hands[h]
         _see_haptic(_hand_at(method, hand, h), state.body, each)
@@ -557,7 +557,7 @@ def _begin_motion(method: Any, hand: HandArrays, surface: Any, state: Record) ->
 
 
 @jit
-def rebuild(hand: HandArrays, method: Any, surface: Any, states: NDArray[np.void]) -> bool:
+def rebuild(hand: HandArrays, method: Any, surface: Any, states: States) -> bool:
     """Take the poses of hands and object as they now stand, in the object's frame; returns whether the pairs fit."""
     state, fits = states[0], True
     state.table_distance, _ = _table(method, state)
@@ -571,7 +571,7 @@ def run_two_hands(
     method: FreeOfTwo,
     hand: HandArrays,
     surface: Any,
-    states: NDArray[np.void],
+    states: States,
     qp: QpWork,
     haptic: tuple[HapticBlock, HapticBlock],
     record: tuple[TickRecord, TickRecord],
