@@ -147,7 +147,7 @@ class Placement:
         across = self.back * [1.0, 1.0, 0.0] / norm(self.back[:2])
         mirror = np.eye(3) - 2.0 * np.outer(across, across)
         rotation = matmul(mirror, rotation_matrix(self.orientation)) * [-1.0, 1.0, 1.0]
-        places = {name: matmul(mirror, getattr(self, name)) for name in ("position", "back", "slide")}
+        places: dict[str, Any] = {name: matmul(mirror, getattr(self, name)) for name in ("position", "back", "slide")}
         return replace(self, orientation=quaternion_from_matrix(rotation), **places)
 
 
