@@ -47,16 +47,23 @@ def triangles() -> None:
 
 def free() -> None:
     """What a free object's ticks run on triangles; on spheres only the soak has them."""
-    from free_scenes import box
+    from free_scenes import box, far_hand
 
+    from hhsim.hand.configuration import HandConfiguration
     from hhsim.hand.model import HandModel
     from hhsim.scene.free_object import FreeObject
     from hhsim.solver.compile import warm_up
+    from hhsim.solver.hand_solver import HandSolver
     from hhsim.solver.options import SolverOptions
+    from hhsim.solver.two_hands import TwoHandedSolver
+    from hhsim.trees.contact_surface import contact_surface
 
     mesh = box((0.05, 0.05, 0.05))
     block, options = FreeObject.of_mesh(mesh), SolverOptions(surface="mesh")
     warm_up(HandModel.default(), options, block)
+    surface, hands = contact_surface("mesh", mesh, None), (HandModel.default("right"), HandModel.default("left"))
+    far = HandConfiguration(*far_hand(1))
+    TwoHandedSolver([HandSolver(hand, surface, options) for hand in hands], block).run(far, far)
     sessions(mesh=mesh, free=block, options=options)
 
 

@@ -1,4 +1,4 @@
-"""Two hands on one object: each as it is alone, and one file of both."""
+"""Two hands on one object: each as it is alone, or both by one program, and one file of both."""
 
 import json
 from dataclasses import replace
@@ -17,18 +17,22 @@ from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import distance_of_hands
+from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.two_hands import TwoHandedReplay, replay_two_hands
 from hhsim.result.reader import Result, hand_paths, load_result
 from hhsim.result.two_handed_file import BETWEEN_COLUMNS
 from hhsim.scene.described_scene import SceneWords
+from hhsim.scene.free_object import CLEARANCE, FreeObject
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.two_hands import two_handed_motions, two_handed_scenes
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.system.checksummed_file import seal_file
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
+from hhsim.verify.verify import verify
 
 HANDS = HandModel.default("right"), HandModel.default("left")
 SCRIPT = shortened(load_script("grasp"), 0.7)
@@ -158,3 +162,47 @@ def test_scenes_that_do_not_belong_together_are_refused(scenes: list[Scene], tmp
         with pytest.raises(InputError, match=said):
             replay_two_hands(given, options, path)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def lifted(tmp_path_factory: pytest.TempPathFactory) -> TwoHandedReplay:
+    """The cube, pressed from both sides and lifted by 100 mm."""
+    placed = scenes_of("cube", replace(shortened(load_script("lift-both"), 1.0), name="short"))
+    mesh = placed[0].mesh
+    cube = FreeObject.of_mesh(mesh, mass=0.2, table=float(mesh.bounds[0, 2]) - CLEARANCE)
+    options, path = SolverOptions(surface="mesh"), tmp_path_factory.mktemp("lifted") / "lifted.h5"
+    return replay_two_hands([replace(scene, free=cube) for scene in placed], options, path)
+
+
+def test_two_hands_lift_what_they_press_from_both_sides(lifted: TwoHandedReplay) -> None:
+    right, left = (load_result(path) for path in hand_paths(lifted.path))
+    assert lifted.together and "in one program" in lifted.note
+    assert right["object/position"][:, 2].max() > 0.09 and right["object/position"][-1, 2] < 1e-3
+    for name in sorted(right.keys()):
+        if name.startswith("object/") or name in ("contact/tick", "contact/point", "contact/normal_force"):
+            assert right[name].tobytes() == left[name].tobytes(), name
+    of_hands = right["contact/body"] >= 0
+    assert set(right["contact/body"][of_hands] // 16) == {0, 1}
+    np.testing.assert_array_equal(right["contact/body"][of_hands] ^ 16, left["contact/body"][of_hands])
+    for result in (right, left):
+        assert result.summary["penetration_max"] == 0.0
+        assert result.summary["object_momentum"] < 1e-8
+        assert result.summary["energy_gained"] == 0.0
+    flip = [-1.0, 1.0, 1.0]
+    np.testing.assert_allclose(left["haptic/position"] * flip, right["haptic/position"], atol=1e-6)
+
+
+def test_the_referee_and_a_second_run_know_what_two_hands_hold(lifted: TwoHandedReplay, tmp_path: Path) -> None:
+    for path in hand_paths(lifted.path):
+        result = load_result(path)
+        found = verify(result, every=100)
+        assert found.passed, [claim.name for claim in found.claims if claim.failed]
+        assert run_again(result).identical
+    alone = tmp_path / "right.h5"
+    with h5py.File(lifted.path) as both, h5py.File(alone, "w") as file:
+        for name in both["hands/right"]:
+            both.copy(both["hands/right"][name], file, name)
+        file.attrs.update(both["hands/right"].attrs)
+    seal_file(alone, alone.stat().st_size)
+    with pytest.raises(InputError, match="the other one's result is not there"):
+        run_again(load_result(alone))
