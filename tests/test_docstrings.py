@@ -24,13 +24,18 @@ def tree_of(path: Path) -> ast.Module:
 
 
 @cache
+def nodes_of(path: Path) -> list[ast.AST]:
+    return list(ast.walk(tree_of(path)))
+
+
+@cache
 def words() -> frozenset[str]:
     """Every name and every word of a string in the code, without docstrings."""
     found = set(dir(builtins))
     for path in FILES:
         docs = {id(node) for node in docstrings(path)}
         found |= set(path.relative_to(REPOSITORY).with_suffix("").parts)
-        for node in ast.walk(tree_of(path)):
+        for node in nodes_of(path):
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs:
                 found |= set(re.findall(r"\w+", node.value))
             # Names, attributes, arguments, keywords, definitions, imports.
@@ -43,7 +48,7 @@ def classes() -> dict[str, frozenset[str]]:
     """Names that stand in each class, with those of the classes of ours that it is made of."""
     own: dict[str, tuple[set[str], list[str]]] = {}
     for path in FILES:
-        for node in ast.walk(tree_of(path)):
+        for node in nodes_of(path):
             if isinstance(node, ast.ClassDef):
                 inside, bases = own.setdefault(node.name, (set(), []))
                 inside |= names_in(node)
@@ -68,7 +73,7 @@ def names_in(tree: ast.AST) -> set[str]:
 
 
 def docstrings(path: Path) -> Iterator[ast.Constant]:
-    for node in ast.walk(tree_of(path)):
+    for node in nodes_of(path):
         for statement in node.body if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) else ():
             value = statement.value if isinstance(statement, ast.Expr) else None
             if isinstance(value, ast.Constant) and isinstance(value.value, str):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Run
-from drawings_alone import leave_charts_undrawn
+from drawings_alone import leave_report_undrawn
 from short_grasp import short_grasp, short_result, short_scene
 
 from hhsim.errors import InputError
@@ -58,7 +58,7 @@ def test_what_it_prints_and_where_it_goes_change_no_answer(run: Run, tmp_path: P
 def test_the_referee_the_second_run_and_the_page_take_it(
     name: str, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    leave_charts_undrawn(monkeypatch)
+    leave_report_undrawn(monkeypatch)
     result = short_result(tmp_path / "result.h5", RELEASED, method=f"outside_methods:{name}")
     assert result.gives("times") and not result.gives("work") and result.gives("forces") == (name == "OurOwn")
     judged = verify(result, every=20, again=True)
