@@ -1,17 +1,17 @@
 """`hhsim build-tree`."""
 
 import time
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import click
-from click.core import ParameterSource
 
 from hhsim.system.counted import counted
 from hhsim.table.table import Table, number
 
 from .arguments.object_argument import MeshFile, complete_object
-from .arguments.option_group import GroupedCommand, OptionGroup, option
+from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
 from .arguments.options import FILE, UNITS, Output, file, seed
 from .arguments.tree_choice import read_length
 from .console import announce_compilation, print_json, print_notes, print_table, progress
@@ -80,12 +80,9 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
                 if value is not None:
                     raise click.UsageError(f"{name} is for --from FILE.sph")
             return
-        context = click.get_current_context()
-        for name in ("level", "leaves", "max_error", "branching", "cover", "threads"):
-            if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-                raise click.UsageError(
-                    f"--{name.replace('_', '-')} is for trees that are built; {self.path} has its own"
-                )
+        typed = typed_options(click.get_current_context())
+        for name in (field.name for field in fields(BuiltTree) if field.name in typed):
+            raise click.UsageError(f"{typed[name]} is for trees that are built; {self.path} has its own")
         if self.path.suffix == ".h5" and (self.frame or self.from_unit):
             raise click.UsageError(
                 f"--frame and --from-unit are for .sph files; {self.path} is in metres and has its frame"

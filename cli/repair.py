@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
-from click.core import ParameterSource
 
 from .arguments import options
-from .arguments.option_group import GroupedCommand, OptionGroup, option
+from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
 from .arguments.options import FILE, JOBS, UNITS, Number, file, metres, ranged
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
 from .import_ import FileSettings, HandData
@@ -150,15 +149,11 @@ def _print(outcome: "RepairOutcome") -> None:
 
 def _refuse_options(path: Path, *, is_many: bool) -> None:
     """Raise UsageError for an option that this input does not take."""
-    context = click.get_current_context()
-    for parameter in context.command.params:
-        name = parameter.name or ""
-        if name in ALWAYS or context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
-            continue
-        if is_many and name not in OF_MANY:
-            raise click.UsageError(f"{parameter.opts[0]} is for one recording; {path} states it in its rows")
+    for name, option_ in typed_options(click.get_current_context()).items():
+        if is_many and name not in (*ALWAYS, *OF_MANY):
+            raise click.UsageError(f"{option_} is for one recording; {path} states it in its rows")
         if not is_many and name in OF_MANY:
-            raise click.UsageError(f"{parameter.opts[0]} is for a manifest; {path} is one recording")
+            raise click.UsageError(f"{option_} is for a manifest; {path} is one recording")
 
 
 def _many(manifest: Path, out: Path, jobs: int, scheduler: str, *, as_json: bool, quiet: bool) -> int:

@@ -6,6 +6,7 @@ from functools import wraps
 from typing import Any, ClassVar, dataclass_transform
 
 import click
+from click.core import ParameterSource
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 OTHERS = "Other options"
@@ -52,6 +53,15 @@ class OptionGroup:
     def given(self) -> dict[str, Any]:
         """Return the fields that are not None: those of the command line, and those with a default."""
         return {name: value for name, value in vars(self).items() if value is not None}
+
+
+def typed_options(context: click.Context) -> dict[str, str]:
+    """Return the options and arguments that the command line gives, by their parameter's name: as they are typed."""
+    return {
+        parameter.name or "": parameter.opts[0]
+        for parameter in context.command.params
+        if context.get_parameter_source(parameter.name or "") is ParameterSource.COMMANDLINE
+    }
 
 
 class GroupedCommand(click.Command):

@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
+from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.contact.penetration import clearances
 from hhsim.kernels.hand.hand_shape import HandShape
@@ -140,16 +142,14 @@ def hand_clearance(
     return palm, finger
 
 
-def distance_of_hands(
-    shape: HandShape, placed: Sequence[ArrayLike], other_shape: HandShape, other: Sequence[ArrayLike]
-) -> FloatArray:
-    """Least signed distance [m] of two hands at each tick, shape (T,), negative where one is in the other.
-
-    Each is placed by joints [m] (T, 5, 4, 3), palm position [m] (T, 3) and orientation (T, 4), world.
-    """
-    hands = [(as_argument(at), as_argument(origin), rotation_matrix(turn)) for at, origin, turn in (placed, other)]
-    found = np.empty(len(hands[0][0]))
-    hands_apart(shape, *hands[0], other_shape, *hands[1], found)
+def distance_of_hands(hands: Sequence[HandModel], placed: Sequence[PlacedHand]) -> FloatArray:
+    """Least signed distance [m] of two placed hands at each tick, shape (T,), negative where one is in the other."""
+    sides = [
+        (hand_shape(hand), as_argument(at.joints), as_argument(at.position), rotation_matrix(at.orientation))
+        for hand, at in zip(hands, placed)
+    ]
+    found = np.empty(len(sides[0][1]))
+    hands_apart(*sides[0], *sides[1], found)
     return found
 
 

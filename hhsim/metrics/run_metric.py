@@ -1,7 +1,10 @@
 """Figures of a run: name, display, judgement and computation."""
 
+import importlib
+import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from types import ModuleType
 from typing import Any
 
 from hhsim.metrics.run_ticks import RunTicks
@@ -75,3 +78,18 @@ class RunMetric(Figure):
 def placed(first: int, *metrics: RunMetric, **also: Any) -> tuple[RunMetric, ...]:
     """Return figures in places of the table one after another; `also` holds for each of them."""
     return tuple(replace(metric, place=place, **also) for place, metric in enumerate(metrics, first))
+
+
+def declared_figures(package: ModuleType) -> dict[str, Any]:
+    """Return the `METRICS` of each module of a package by their names, in the order of their places.
+
+    Raises:
+        ValueError: Two figures have one name.
+    """
+    found: list[Any] = []
+    for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
+        found += getattr(importlib.import_module(module.name), "METRICS", ())
+    metrics = {metric.name: metric for metric in sorted(found, key=lambda metric: metric.place)}
+    if len(metrics) < len(found):
+        raise ValueError(f"two figures of one name among {sorted(metric.name for metric in found)}")
+    return metrics

@@ -9,7 +9,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.repair.repair import repair_recording
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
@@ -96,12 +96,9 @@ def repair_both_hands(
 
 def _apart(results: Sequence[Result], whose: str) -> FloatArray:
     """Compute the distance of the haptic or the graphic hands in each frame [m], shape (T,)."""
-    placed: list[Any] = []
-    for result in results:
-        hand = stored_hand(result)
-        posture = HandConfiguration(*(result[f"{whose}/{name}"] for name in HandConfiguration._fields))
-        placed += [hand_shape(hand), forward_kinematics(hand, *posture)]
-    return distance_of_hands(*placed)
+    hands = [stored_hand(result) for result in results]
+    fields = [[result[f"{whose}/{name}"] for name in HandConfiguration._fields] for result in results]
+    return distance_of_hands(hands, [forward_kinematics(hand, *at) for hand, at in zip(hands, fields)])
 
 
 def _files(outcome: RepairOutcome, recording: Path, joined: Path | None, side: str) -> dict[str, Path]:

@@ -18,7 +18,7 @@ import numpy as np
 from hhsim.arrays import AnyArray, FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.replay.replay import Replay
@@ -96,7 +96,7 @@ def replay_two_hands(
     free = scenes[0].free
     runs = [Replay(scene, options, {TWO_HANDED: True}, alone=free is None) for scene in scenes]
     parts = [free_name(path.with_name(f"{path.stem}.{side}.partial{path.suffix}")) for side in SIDES]
-    graphic: list[FloatArray] = []
+    models, graphic = [scene.hand for scene in scenes], list[FloatArray]()
     duration: list[AnyArray] = []
     with ExitStack() as stack:
         for run, own in zip(runs, parts):
@@ -111,13 +111,13 @@ def replay_two_hands(
                 PlacedHand(*(block[f"graphic/{name}"] for name in ("joints", "position", "orientation")))
                 for block in blocks
             ]
-            graphic.append(distance_of_hands(*_beside(scenes, placed)))
+            graphic.append(distance_of_hands(models, placed))
             duration.append(np.maximum(*(record.duration_total for record in records)))
             check_interrupt()
         progress("ticks", runs[0].total, runs[0].total)
         hands = tuple(run.finish() for run in runs)
     haptic = [forward_kinematics(scene.hand, *HandConfiguration.of(scene.driven or scene.ticks)) for scene in scenes]
-    distances = (distance_of_hands(*_beside(scenes, haptic)), np.concatenate(graphic))
+    distances = (distance_of_hands(models, haptic), np.concatenate(graphic))
     join_hands(parts, dict(zip((column.name for column in BETWEEN_COLUMNS), distances)), path)
     times = 1e-9 * np.concatenate(duration)
     p50, p99 = (float(np.quantile(times, share)) for share in (0.5, 0.99))
@@ -140,10 +140,6 @@ def _together(runs: Sequence[Replay], free: FreeObject) -> Callable[[slice], lis
     return lambda part: [
         run.judged(part, each) for run, each in zip(runs, solver.run(*(r.haptic.at(part) for r in runs)))
     ]
-
-
-def _beside(scenes: Sequence[Scene], placed: Sequence[PlacedHand]) -> list[Any]:
-    return [value for scene, hand in zip(scenes, placed) for value in (hand_shape(scene.hand), hand)]
 
 
 def _check(scenes: Sequence[Scene]) -> None:

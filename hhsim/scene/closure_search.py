@@ -16,7 +16,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.hand import finger_closure as kernel
@@ -270,8 +270,8 @@ class _Search(Closer):
         """Least distance to the other hand [m] as both come near, open, and close; infinite without another."""
         if self.other is None:
             return math.inf
-        own, other = self._coming(self.model, closure), self._coming(*self.other)
-        return float(distance_of_hands(hand_shape(self.model), own, hand_shape(self.other.hand), other).min())
+        coming = self._coming(self.model, closure), self._coming(*self.other)
+        return float(distance_of_hands((self.model, self.other.hand), coming).min())
 
     def _coming(self, model: HandModel, closure: FingerClosure) -> PlacedHand:
         """Hand at the shares of its way back in `WAY_BACK`, open, and closed at last."""

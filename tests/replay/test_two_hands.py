@@ -13,7 +13,7 @@ from short_grasp import short_grasp, shortened
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
+from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import distance_of_hands
@@ -83,8 +83,7 @@ def test_how_near_the_hands_come_is_that_of_the_stored_poses(both: TwoHandedRepl
     results: list[Result] = [load_result(path) for path in hand_paths(both.path)]
     names = ("graphic/joints", "graphic/position", "graphic/orientation")
     placed = [PlacedHand(*(one[name] for name in names)) for one in results]
-    shapes = [hand_shape(hand) for hand in HANDS]
-    apart = distance_of_hands(shapes[0], placed[0], shapes[1], placed[1])
+    apart = distance_of_hands(HANDS, placed)
     with h5py.File(both.path) as file:
         np.testing.assert_array_equal(file["between/graphic_distance"], apart)
         assert set(file["between"]) == {column.name for column in BETWEEN_COLUMNS}

@@ -32,18 +32,8 @@ class Pieces(NamedTuple):
     def near(self, hand: HandModel, at: HandConfiguration, limit: float) -> tuple[Pairs, Posed]:
         """Return all pairs of a body of a hand and a piece no more than `limit` [m] apart, and the posed hand."""
         palm = hand.palm_tree
-        own = OwnHand(
-            base=hand.base,
-            distal=hand.distal,
-            dorsal=hand.dorsal,
-            length=hand.length,
-            radius=hand.radius,
-            flexion_min=hand.flexion_min,
-            flexion_max=hand.flexion_max,
-            palm_center=np.asarray(palm.leaf_center),
-            palm_radius=np.asarray(palm.leaf_radius),
-            sign=hand.abduction_sign,
-        )
+        sizes = (getattr(hand, name) for name in OwnHand._fields[:7])
+        own = OwnHand._make([*sizes, palm.leaf_center, palm.leaf_radius, hand.abduction_sign])
         posed, fingers = pose(own, at), np.ones(len(FINGERS), bool)
         if self.triangles is None:
             return near_pairs(own, posed, self.places, fingers, limit), posed

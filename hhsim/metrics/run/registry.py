@@ -1,12 +1,10 @@
 """Registry of every figure of a run: the `METRICS` of each module of this package."""
 
-import importlib
-import pkgutil
 from collections.abc import Collection
 from functools import cache
 
 import hhsim.metrics.run
-from hhsim.metrics.run_metric import RunMetric
+from hhsim.metrics.run_metric import RunMetric, declared_figures
 from hhsim.metrics.run_ticks import RunTicks
 from hhsim.result.schema import TICK_COLUMNS
 
@@ -18,13 +16,8 @@ def run_metrics() -> dict[str, RunMetric]:
     Raises:
         ValueError: Two figures have one name, or one has both or neither of compute and own_run.
     """
-    found: list[RunMetric] = []
-    for module in pkgutil.iter_modules(hhsim.metrics.run.__path__, f"{hhsim.metrics.run.__name__}."):
-        found += getattr(importlib.import_module(module.name), "METRICS", ())
-    metrics = {metric.name: metric for metric in sorted(found, key=lambda metric: metric.place)}
-    if len(metrics) < len(found):
-        raise ValueError(f"two run metrics of one name among {sorted(metric.name for metric in found)}")
-    strange = [metric.name for metric in found if (metric.compute is None) != bool(metric.own_run)]
+    metrics: dict[str, RunMetric] = declared_figures(hhsim.metrics.run)
+    strange = [metric.name for metric in metrics.values() if (metric.compute is None) != bool(metric.own_run)]
     if strange:
         raise ValueError(f"run metrics with both or neither of compute and own_run: {strange}")
     return metrics

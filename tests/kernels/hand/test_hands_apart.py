@@ -6,7 +6,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray
-from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.metrics.metrics import distance_of_hands
@@ -43,8 +43,8 @@ def least(one: FloatArray, r: FloatArray, other: FloatArray, q: FloatArray) -> f
 def test_it_is_the_least_over_all_pairs(away: float) -> None:
     rng = np.random.default_rng(int(100 * away))
     at = [placed(hand, rng, np.array([sign * away / 2, 0.0, 0.0])) for hand, sign in zip(HANDS, (1.0, -1.0))]
-    found = distance_of_hands(hand_shape(HANDS[0]), at[0], hand_shape(HANDS[1]), at[1])
-    back = distance_of_hands(hand_shape(HANDS[1]), at[1], hand_shape(HANDS[0]), at[0])
+    found = distance_of_hands(HANDS, at)
+    back = distance_of_hands(HANDS[::-1], at[::-1])
     np.testing.assert_allclose(back, found, atol=1e-12)
     for tick in range(TICKS):
         (ends, radius), (others, widths) = (bodies(hand, one, tick) for hand, one in zip(HANDS, at))
@@ -66,5 +66,5 @@ def test_a_joint_that_is_no_number_has_no_distance() -> None:
     rng = np.random.default_rng(1)
     one, other = (placed(hand, rng, np.zeros(3)) for hand in HANDS)
     one.joints[2, 3, 3, 1] = np.nan
-    found = distance_of_hands(hand_shape(HANDS[0]), one, hand_shape(HANDS[1]), other)
+    found = distance_of_hands(HANDS, (one, other))
     assert np.isnan(found).tolist() == [False, False, True, False]
