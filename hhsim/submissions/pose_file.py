@@ -29,12 +29,11 @@ import h5py
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
+from hhsim.errors import DamagedFileError, InputError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS
 from hhsim.motion.csv_table import format_table, read_table
-from hhsim.system.atomic_write import sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.system.input_file import read_input_text
 
@@ -147,21 +146,6 @@ def read_submission(path: Path) -> Submission:
         raise InputError(f"{path}: {error}") from None
 
 
-def write_submission(submission: Submission, path: Path) -> None:
-    """Write a submission, .csv or .h5, and replace an existing file in one step.
-
-    Raises:
-        OutputError: Another suffix, or it cannot be written.
-    """
-    suffix = path.suffix.lower()
-    if suffix == ".csv":
-        write_atomically(path, format_poses(submission).encode())
-    elif suffix in HDF5_SUFFIXES:
-        write_atomically(path, sealed_hdf5(lambda file: _write_hdf5(submission, file)))
-    else:
-        raise OutputError(f"{path}: unknown suffix '{suffix}'; expected .csv or .h5")
-
-
 def format_poses(submission: Submission) -> str:
     """Return the CSV text; numbers have full precision, so that the same bits are read back."""
     arrays = submission.arrays
@@ -237,15 +221,6 @@ def _read_hdf5(path: Path) -> tuple[dict[str, str], dict[str, FloatArray]]:
         raise
     except DAMAGE as error:
         raise InputError(f"no HDF5 file, or a damaged one: {str(error).splitlines()[0][:120]}") from None
-
-
-def _write_hdf5(submission: Submission, file: h5py.File) -> None:
-    file.attrs["format"] = FORMAT
-    for key, value in submission.keys().items():
-        file.attrs[key] = value
-    for name, array in submission.arrays.items():
-        dataset = file.create_dataset(name, data=array, track_times=False)
-        dataset.attrs["units"] = PARTS[name].unit
 
 
 def _submission(said: Mapping[str, str], arrays: dict[str, FloatArray], path: Path) -> Submission:

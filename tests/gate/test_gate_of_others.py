@@ -21,13 +21,14 @@ from live_session import write_session
 from sampled import sampled
 from sealed_change import changed
 from short_grasp import short_grasp, short_scene
+from written_submission import write_submission
 
 from hhsim.gate.gate import gate_result
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety
-from hhsim.submissions.pose_file import Submission, read_submission, write_submission
+from hhsim.submissions.pose_file import Submission, read_submission
 from hhsim.submissions.scene_file import load_scene
 from hhsim.submissions.scene_folder import write_scene_folder
 

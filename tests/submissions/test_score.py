@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from sampled import sampled
 from short_grasp import short_grasp, short_scene
+from written_submission import write_submission
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError, InputError
@@ -21,7 +22,7 @@ from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, find_method
 from hhsim.solver.options import SolverOptions
-from hhsim.submissions.pose_file import Submission, read_submission, write_submission
+from hhsim.submissions.pose_file import Submission, read_submission
 from hhsim.submissions.scene_file import load_scene, scene_digest
 from hhsim.submissions.scene_folder import SCENE_FILE, example_submission, write_scene_folder
 from hhsim.submissions.score import Score, scene_of, score

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from written_submission import write_submission
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
@@ -18,7 +19,7 @@ from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
-from hhsim.submissions.pose_file import PARTS, Submission, format_poses, read_submission, write_submission
+from hhsim.submissions.pose_file import PARTS, Submission, format_poses, read_submission
 from hhsim.submissions.scene_folder import example_submission
 from hhsim.submissions.suspicions import _free, require_scene, suspicions
 from hhsim.trees.contact_surface import contact_surface
