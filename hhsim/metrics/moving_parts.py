@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -48,10 +48,16 @@ class MovingParts:
         notes = tuple(f"{name}: {note}" for name, part in zip(self.names, parts) for note in part.notes)
         return ContactSurface(jointed_surface([part.arrays for part in parts], self.path), notes)
 
-    @cache  # noqa: B019
     def surfaces(self, kind: str) -> tuple[ContactSurface, ...]:
         """Return the surface of each part in its frame."""
-        return tuple(contact_surface(kind, mesh, tree) for mesh, tree in zip(self.meshes, self.trees))
+        if kind not in self._surfaces:
+            self._surfaces[kind] = tuple(contact_surface(kind, *of) for of in zip(self.meshes, self.trees))
+        return self._surfaces[kind]
+
+    @cached_property
+    def _surfaces(self) -> dict[str, tuple[ContactSurface, ...]]:
+        """Surfaces so far by their kind: they live as long as the parts."""
+        return {}
 
     def seen(self, p: int, hand: PlacedHand, ticks: slice = slice(None)) -> PlacedHand:
         """Return the hand at some ticks as a part sees it."""
