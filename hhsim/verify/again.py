@@ -10,11 +10,14 @@ from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.replay.repeat import RunAgain, run_again
 from hhsim.replay.stored_scene import stored_hand, stored_options, stored_surface
 from hhsim.replay.summary import figures_of_own_runs
-from hhsim.result.reader import Result
+from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import SIDES, TWO_HANDED, is_one_of_two
+from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.motion_catalogue import resolve_trajectory, trajectory_names
 from hhsim.scene.recorded_grasp_pose import place_at_grasp
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import Script
+from hhsim.scene.synthesis import planned
 from hhsim.system.progress import Progress
 from hhsim.verify.claim import NOT_JUDGED, Claim, difference, judged, told_apart
 from hhsim.verify.origin_checks import own_object, own_tree
@@ -35,7 +38,8 @@ def again_claims(result: Result, progress: Progress) -> list[Claim]:
     except HhsimError as error:
         return [*claims, Claim("again: ticks", _TICKS, NOT_JUDGED, note=str(error))]
     claims.append(_ticks(again))
-    if result.complete and result.live is None:
+    # A free object's summary has none of them.
+    if result.complete and result.live is None and not result.free:
         seen = result.seen_from_object
         haptic = HandConfiguration(*(np.array(seen[f"haptic/{name}"]) for name in HandConfiguration._fields))
         own = figures_of_own_runs(hand, surface, options, haptic, result_ticks(result))
@@ -91,7 +95,7 @@ def _motion(result: Result) -> Claim:
     made_of = {f"haptic/{part}": getattr(wanted, part) for part in HandConfiguration._fields}
     still = ObjectMotion(*(result.static[f"object/{part}"][None] for part in ObjectMotion._fields))
     carrier = ticks.object_motion
-    if result.driven or carrier is not None:
+    if (result.driven and not result.free) or carrier is not None:
         poses = result.object_motion(), carrier or still.at(np.zeros(ticks.tick_count, np.int64))
         off[:count] = np.max([difference(a[:count], b[:count]).max(axis=1) for a, b in zip(*poses)], axis=0)
     for part, values in made_of.items():
@@ -127,5 +131,11 @@ def _made_again(result: Result) -> TickInput:
         raise InputError("the motion was made for an object and a tree that are not to be had")
     if isinstance(motion, Trajectory):
         motion = place_at_grasp(motion, hand, tree).motion
-    made = make_scene(mesh, tree, hand, motion, rate=result.rate, mode=mode, seed=int(scene.get("seed") or 0))
+    other = None
+    if isinstance(motion, Script) and scene.get(TWO_HANDED) and result.side != SIDES[0] and is_one_of_two(result.path):
+        # The left hand found its place beside the right one.
+        first = stored_hand(load_result(result.path.with_name(SIDES[0])))
+        other = OtherHand(first, planned(motion, first, tree))
+    seed = int(scene.get("seed") or 0)
+    made = make_scene(mesh, tree, hand, motion, rate=result.rate, mode=mode, seed=seed, other=other)
     return made.driven or made.ticks
