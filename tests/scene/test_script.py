@@ -7,7 +7,7 @@ from sphere_scenes import object_tree
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion_from_matrix
+from hhsim.hand.quaternion import quaternion_from_matrix, rotation_matrix
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.tremor import Disturbance
 from hhsim.scene.closure_search import plan_finger_closure
@@ -206,3 +206,16 @@ def test_a_place_out_of_reach_is_refused() -> None:
         planned(load_script("pinch"), HAND, BALL, placement=far)
     with pytest.raises(TrajectoryError, match="cannot reach the object from its place"):
         planned(load_script("whole-hand"), HAND, BALL, placement=far)
+
+
+def test_the_other_hand_s_place_is_a_mirror_image() -> None:
+    placement = load_script("lift-both").placements[0]
+    other = placement.mirrored()
+    np.testing.assert_allclose(other.position, placement.position * [-1.0, 1.0, 1.0])
+    np.testing.assert_allclose(other.back, [-1.0, 0.0, 0.0])
+    flip = np.diag([-1.0, 1.0, 1.0])
+    given, found = (rotation_matrix(one.orientation) for one in (placement, other))
+    np.testing.assert_allclose(found, flip @ given @ flip, atol=1e-12)
+    again = other.mirrored()
+    np.testing.assert_allclose(again.position, placement.position)
+    np.testing.assert_allclose(rotation_matrix(again.orientation), given, atol=1e-12)
