@@ -1,12 +1,12 @@
-"""Nearest hand without penetration at every frame of a recording, without a limit of time.
+"""Hand without penetration at every frame of a recording, near the recorded one, without a limit of time.
 
 Tracks follow the frames forward and backward; where a correction stays large, further tracks begin at free places
-around that frame. Dynamic programming chooses a track at each frame, quadratic programs lead from there to the nearest
-hands with a steady correction, and each hand that is returned has been measured apart from the solver.
+around that frame. Dynamic programming chooses a track at each frame, and each hand that is returned has been measured
+apart from the solver. `hhsim.repair.projection` leads from there to the nearest hands.
 """
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -40,19 +40,6 @@ MOST_DEARER = 30
 """Frames in a row that a restarted track is followed on while another one is nearer to the recorded hand."""
 
 
-@dataclass(frozen=True)
-class OfflineOptions:
-    """Options of the offline repair.
-
-    Attributes:
-        max_correction: Largest accepted move of a joint [m]; frames that need more are marked.
-        smooth: True to end with the nearest hands with a steady correction; False for the chosen tracks.
-    """
-
-    max_correction: float = 0.015
-    smooth: bool = True
-
-
 class RepairedFrames(NamedTuple):
     """Repaired hand of each of T frames.
 
@@ -76,18 +63,18 @@ def repair_frames(
     hand: HandModel,
     surface: ContactSurface,
     frames: HandConfiguration,
-    options: OfflineOptions | None = None,
+    max_correction: float = 0.015,
     progress: Progress = silent,
 ) -> RepairedFrames:
-    """Compute the nearest hands without penetration.
+    """Compute hands without penetration near the recorded ones.
 
     Args:
         hand: Hand model.
         surface: Closed mesh, in the frame of the hands.
         frames: Recorded hands as seen from the object; those that are not finite are marked and returned.
+        max_correction: Largest accepted move of a joint [m]; frames that need more are marked.
         progress: Called with the stage, the frames done and their number.
     """
-    options = options or OfflineOptions()
     count = frames.ticks
     posture = frames.copy()
     depth_before, depth, correction = (np.full(count, np.nan) for _ in range(3))
@@ -96,7 +83,7 @@ def repair_frames(
     if known.size:
         own = frames.at(known)
         own.orientation[:] /= np.linalg.norm(own.orientation, axis=1, keepdims=True)
-        search = _Search(_with_recorded_angles(hand, own), surface, own, options, progress)
+        search = _Search(_with_recorded_angles(hand, own), surface, own, max_correction, progress)
         search.restart()
         found, chosen = search.result()
         changed = (change_between(own, found) != 0.0).any(axis=1)
@@ -106,7 +93,7 @@ def repair_frames(
         depth_before[known] = _depth(search.recorded_clearance)
         depth[known] = _depth(search.judge.clearance(found))
         correction[known] = farthest(search.judge.points(found), search.points)
-        marked[known] = ~(depth[known] == 0.0) | (correction[known] > options.max_correction)
+        marked[known] = ~(depth[known] == 0.0) | (correction[known] > max_correction)
     return RepairedFrames(posture, depth_before, depth, correction, marked, origin)
 
 
@@ -145,10 +132,10 @@ class _Search:
         hand: HandModel,
         surface: ContactSurface,
         frames: HandConfiguration,
-        options: OfflineOptions,
+        max_correction: float,
         progress: Progress,
     ) -> None:
-        self.frames, self.options, self.progress = frames, options, progress
+        self.frames, self.max_correction, self.progress = frames, max_correction, progress
         self.judge = HandJudge(hand, surface)
         self.follower = FrameFollower(hand, surface, frames)
         self.points = self.judge.points(frames)
@@ -178,7 +165,7 @@ class _Search:
         self.least_move[part] = np.minimum(self.least_move[part], move)
 
     def result(self) -> tuple[HandConfiguration, IntArray]:
-        """Return the chosen hand of each frame, made steady where asked for, and its origin.
+        """Return the chosen hand of each frame, and its origin.
 
         A frame without a hand that does not penetrate keeps the recorded one.
         """
@@ -190,13 +177,11 @@ class _Search:
             frames = np.flatnonzero(choice == k)
             for values, own in zip(found, self.tracks[k].hands, strict=True):
                 values[frames] = own[frames - first[k]]
-        if self.options.smooth:
-            found = self.projection.corrected(found, self.recorded_clearance < 0.0, progress=self.progress)
         return found, np.array([track.origin for track in self.tracks])[choice]
 
     def restart(self) -> None:
         """Begin further tracks at the frames whose correction is largest beyond what their depth explains."""
-        usual = np.minimum(self.options.max_correction, USUAL_CORRECTION + 1.5 * _depth(self.recorded_clearance))
+        usual = np.minimum(self.max_correction, USUAL_CORRECTION + 1.5 * _depth(self.recorded_clearance))
         open_frames = np.ones(self.frames.ticks, bool)
         for number in range(self.frames.ticks):
             excess = np.where(open_frames, self.least_move - usual, -np.inf)

@@ -22,7 +22,7 @@ from hhsim.recordings.correction import BONES, Correction, moved_joints
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording
 from hhsim.repair.skin import Skin
-from hhsim.repair.written_hand import WrittenHand, bone_frames
+from hhsim.repair.written_hand import WrittenHand
 from hhsim.scene.scene import Scene
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -36,7 +36,6 @@ class RecordedScene:
         frames: Samples of the recording with a whole hand and a known object, shape (F,).
         joints: Recorded joints in these frames as the object sees them [m], shape (F, 21, 3).
         moved: Motion of the object since the first frame; None if it stands still.
-        has_joints: True if the recording holds joint centres, False if it holds angles.
         tip_on_surface: True if recorded fingertips are points of the skin.
     """
 
@@ -44,7 +43,6 @@ class RecordedScene:
     frames: IntArray
     joints: FloatArray
     moved: RigidMotion | None
-    has_joints: bool
     tip_on_surface: bool
 
     @property
@@ -175,7 +173,7 @@ def recorded_scene(recording: Recording, mesh: Mesh, tree: SphereTree, hand: Han
         joints = recording.joints[part]
         joints = joints if moved is None else moved.seen_points(joints)
     on_surface = recording.bones is not None and recording.bones.tip_on_surface
-    return RecordedScene(scene, part, joints, moved, recording.joints is not None, on_surface)
+    return RecordedScene(scene, part, joints, moved, on_surface)
 
 
 def model_joints(hand: HandModel, posture: HandConfiguration) -> FloatArray:
@@ -183,11 +181,3 @@ def model_joints(hand: HandModel, posture: HandConfiguration) -> FloatArray:
     joints = forward_kinematics(hand, *posture).joints.reshape(-1, 20, 3)
     wrist = posture.position + turned(posture.orientation, hand.wrist)
     return np.concatenate([wrist[:, None], joints], axis=1)
-
-
-def corrected_angles(hand: HandModel, fitted: HandConfiguration, posture: HandConfiguration) -> Correction:
-    """Return the correction of a recording that holds angles alone, whose bones are our hand's."""
-    before, after = model_joints(hand, fitted), model_joints(hand, posture)
-    same = [np.equal(a, b).reshape(len(before), -1).all(axis=1) for a, b in zip(fitted, posture, strict=True)]
-    turns = bone_frames(hand, posture) @ bone_frames(hand, fitted).swapaxes(-1, -2)
-    return Correction(fitted, posture, turns, after, ~np.logical_and.reduce(same))

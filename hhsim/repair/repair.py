@@ -26,10 +26,10 @@ from hhsim.recordings.registry import Content, ReadOptions, format_of, read_reco
 from hhsim.recordings.unit_detection import clean_units
 from hhsim.render.before_after import deepest_frames, draw_before_after
 from hhsim.render.hand_meshes import hand_surface, piece_surfaces
-from hhsim.repair.offline import OfflineOptions, repair_frames
+from hhsim.repair.offline import repair_frames
 from hhsim.repair.page import repair_page
 from hhsim.repair.projection import correct
-from hhsim.repair.recorded_scene import RecordedScene, corrected_angles, recorded_scene
+from hhsim.repair.recorded_scene import RecordedScene, recorded_scene
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
 from hhsim.repair.result_file import write_result
 from hhsim.repair.skin import Skin, mano_skin, moved_skin, read_skin
@@ -145,10 +145,7 @@ def _corrected(
 ) -> tuple[Correction, BoolArray]:
     """Return the correction as the object sees it, and a mask of the frames to be marked, shape (F,)."""
     hand, haptic, limit = recorded.scene.hand, recorded.haptic, request.max_correction
-    options = OfflineOptions(max_correction=limit, smooth=not recorded.has_joints)
-    found = repair_frames(hand, surface, haptic, options, progress)
-    if not recorded.has_joints:
-        return corrected_angles(hand, haptic, found.posture), found.marked
+    found = repair_frames(hand, surface, haptic, limit, progress)
     on_surface = recorded.tip_on_surface
     written = correct(
         recorded.joints, hand, haptic, found.posture, surface, tip_on_surface=on_surface, object_moved=recorded.moved,

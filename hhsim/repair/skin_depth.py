@@ -1,4 +1,4 @@
-"""Depth of a recorded hand's skin in an object, the least change of posture that frees it, and a second judge.
+"""Depth of a recorded hand's skin in an object, and the least change of posture that frees it.
 
 A frame is freed by Gauss-Newton steps: every vertex near the object gives a linear row, from its signed distance and
 its motion with its bones, and the posture nearest to the given one that satisfies all rows is a least-distance
@@ -23,8 +23,6 @@ from hhsim.repair.least_distance import nearest_to_origin
 from hhsim.repair.skin import BLOCK_FRAMES, Skin, carried
 from hhsim.repair.written_hand import bone_frames
 from hhsim.solver.options import Stiffness
-from hhsim.verify.coal_distance import coal_model
-from hhsim.verify.tree_checks import TrueSurface
 
 CLEARANCE = 1e-5
 """Distance of freed vertices to the object that the program asks for [m]."""
@@ -247,32 +245,3 @@ class SkinFrame:
             turned = np.cross(spread, points - placed[finger, 0])
             motion[:, :, 21 + finger] = share.sum(axis=1, keepdims=True) * turned
         return motion
-
-
-class SkinJudgement(NamedTuple):
-    """Skin of one frame and an object, as the library coal sees them.
-
-    Attributes:
-        depth: Of the deepest vertex inside the object [m], 0 if there is none.
-        crosses: True if a triangle of the skin meets one of the object: possible between vertices that are outside.
-    """
-
-    depth: float
-    crosses: bool
-
-
-def judge_skin(surface: TrueSurface, vertices: FloatArray, faces: IntArray) -> SkinJudgement:
-    """Judge the skin of a frame without the code that repaired it.
-
-    Args:
-        surface: Coal's surface of the object.
-        vertices: Of the skin, in the frame of the object [m], shape (V, 3).
-        faces: Of the skin, shape (F, 3).
-    """
-    import coal
-
-    request, answer = coal.CollisionRequest(), coal.CollisionResult()
-    skin, still = coal_model(vertices, faces), coal.Transform3s()
-    coal.collide(surface.model, still, skin, still, request, answer)
-    depth = max(0.0, -float(surface.signed_distance(vertices).min()))
-    return SkinJudgement(depth, bool(answer.isCollision()))

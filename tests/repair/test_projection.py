@@ -14,9 +14,9 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.recordings.correction import moved_joints
-from hhsim.repair.hand_change import NUMBERS, change_between, changed_hand
+from hhsim.repair.hand_change import NUMBERS, change_between, changed_hand, mean_acceleration
 from hhsim.repair.hand_judge import HandJudge
-from hhsim.repair.offline import OfflineOptions, repair_frames
+from hhsim.repair.offline import repair_frames
 from hhsim.repair.projection import Projection, WrittenFrames, correct
 from hhsim.repair.written_hand import WrittenHand, bone_frames
 
@@ -72,7 +72,7 @@ def test_tips_on_the_skin_are_drawn_in_by_their_radius() -> None:
 
 
 def corrected(case: Case, joints: FloatArray, tip_on_surface: bool = False, limit: float = 0.03) -> WrittenFrames:
-    found = repair_frames(case.hand, case.surface, case.frames, OfflineOptions(max_correction=limit))
+    found = repair_frames(case.hand, case.surface, case.frames, limit)
     arguments = (joints, case.hand, case.frames, found.posture, case.surface)
     return correct(*arguments, tip_on_surface=tip_on_surface, max_correction=limit)
 
@@ -87,6 +87,7 @@ def test_no_written_hand_penetrates_by_coal(size: float) -> None:
     assert not found.depth.any()
     assert not found.marked.any()
     assert (changed | (found.depth_before == 0.0)).all()
+    assert mean_acceleration(found.correction.joints) <= 1.1 * mean_acceleration(joints)
     # Far from contact nothing is touched, not a bit of it.
     assert not changed[:5].any()
     np.testing.assert_array_equal(found.correction.joints[~changed], joints[~changed])

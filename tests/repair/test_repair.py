@@ -20,7 +20,7 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.recordings.registry import ReadOptions, read_recording
-from hhsim.repair.offline import OfflineOptions, repair_frames
+from hhsim.repair.offline import repair_frames
 from hhsim.repair.recorded_scene import model_joints
 from hhsim.repair.repair import repair_recording
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
@@ -178,7 +178,7 @@ def test_a_recording_pushed_into_the_object_comes_back_towards_the_known_hand(tm
     """The truth is a hand without penetration; the recording is it, 8 mm towards the object and with noise."""
     hand, frames = grasp()
     surface = contact_surface("mesh", load_object("sphere").mesh, None)
-    free = repair_frames(hand, surface, frames, OfflineOptions(max_correction=0.05)).posture
+    free = repair_frames(hand, surface, frames, 0.05).posture
     truth = model_joints(hand, free)
     toward = load_object("sphere").mesh.vertices.mean(axis=0) - truth[:, 4::4].mean(axis=1)
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)

@@ -1,7 +1,7 @@
 """Depth of a skin against trimesh, and freed skins before two judges that share nothing with the repair."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -10,17 +10,41 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from skin_samples import SkinSample, correction_to, shaken, skin_sample
 
-from hhsim.arrays import BoolArray, FloatArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_vector
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.mesh import Mesh
 from hhsim.repair.skin import moved_skin
-from hhsim.repair.skin_depth import DOF, PushedOut, SkinFrame, judge_skin, push_out, skin_depth
+from hhsim.repair.skin_depth import DOF, PushedOut, SkinFrame, push_out, skin_depth
 from hhsim.solver.options import Stiffness
+from hhsim.verify.coal_distance import coal_model
 from hhsim.verify.tree_checks import TrueSurface
 
 ALL = np.ones(12, dtype=bool)
+
+
+class SkinJudgement(NamedTuple):
+    """Skin of one frame and an object, as the library coal sees them.
+
+    Attributes:
+        depth: Of the deepest vertex inside the object [m], 0 if there is none.
+        crosses: True if a triangle of the skin meets one of the object: possible between vertices that are outside.
+    """
+
+    depth: float
+    crosses: bool
+
+
+def judge_skin(surface: TrueSurface, vertices: FloatArray, faces: IntArray) -> SkinJudgement:
+    """Judge the skin of a frame without the code that repaired it."""
+    coal = pytest.importorskip("coal")
+
+    request, answer = coal.CollisionRequest(), coal.CollisionResult()
+    skin, still = coal_model(vertices, faces), coal.Transform3s()
+    coal.collide(surface.model, still, skin, still, request, answer)
+    depth = max(0.0, -float(surface.signed_distance(vertices).min()))
+    return SkinJudgement(depth, bool(answer.isCollision()))
 
 
 def mesh_of(shape: trimesh.Trimesh, at: FloatArray) -> Mesh:
