@@ -60,7 +60,6 @@ def test_it_is_judged_shown_and_reported(run: Run, both: Path, monkeypatch: pyte
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--free",), "--free is of one hand"),
         (("--repeat", "2"), "--repeat is of one hand"),
         (("--rerun", "one.rrd"), "--rerun is of one hand"),
     ],
