@@ -37,7 +37,7 @@ PAIRS: tuple[tuple[str, str, str, str, float | None], ...] = (
     ("two hands, side by side", "cube grasp", "cube grasp --hands both", "longer", 1.3),
     ("fingers that meet: bunny grasp", "bunny grasp", "bunny grasp --self-contact on", "cpu", 1.1),
     ("fingers that meet: cube grasp", "cube grasp", "cube grasp --self-contact on", "cpu", 1.1),
-    ("fingers that meet: sphere squeeze", "sphere squeeze", "sphere squeeze --self-contact on", "cpu", 1.1),
+    ("fingers that meet: cylinder grasp", "cylinder grasp", "cylinder grasp --self-contact on", "cpu", 1.1),
     ("two hands, one free object", "cube lift --free", "cube lift-both --hands both --free", "longer", None),
 )
 """Name, words of both replays, which time of the second one counts, and the ratio that is aimed at."""
@@ -46,8 +46,11 @@ PAIRS: tuple[tuple[str, str, str, str, float | None], ...] = (
 def replayed(words: str, folder: Path) -> list[dict[str, Times]]:
     """Replay, and return the times of each hand's ticks [µs] and whether they are in contact."""
     path = folder / "run.h5"
-    command = [sys.executable, "-P", "-m", "cli.main", "replay", *words.split(), "--out", str(path), "--quiet"]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    hhsim = str(Path(sys.executable).with_name("hhsim"))
+    command = [hhsim, "replay", *words.split(), "--out", str(path), "--quiet"]
+    # 1 says that a limit was missed: the ticks are those of the table all the same.
+    if subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode not in {0, 1}:
+        raise RuntimeError(f"hhsim replay {words} failed")
     found = []
     for hand in hand_paths(path):
         result = load_result(hand)
