@@ -55,7 +55,7 @@ def replayed(words: str, folder: Path) -> list[dict[str, Times]]:
     for hand in hand_paths(path):
         result = load_result(hand)
         force = np.linalg.norm(result["force/phalanx"], axis=3).sum(axis=(1, 2))
-        cpu, total = (1e6 * np.asarray(result[f"duration/{name}"]) for name in ("total_cpu", "total"))
+        cpu, total = (1e-3 * np.asarray(result[f"duration/{name}"]) for name in ("total_cpu", "total"))
         found.append({"cpu": cpu, "total": total, "contact": np.asarray(force > 0.0, np.float64)})
     path.unlink()
     return found
