@@ -22,11 +22,11 @@ CALM = 1e-3
 """Move [m] from which on the hand between the balls is measured."""
 FIRST_GAP, LARGEST_GAP = 2e-5, 1e-3
 """Clearance that a program asks of the balls [m], doubled while the hand between them still penetrates."""
-A_JOINT = 50.0
+JOINT_STIFFNESS = 50.0
 """Stiffness by which each joint, and the palm's origin, is drawn to its recorded place [N/m]."""
 REST = 0.02 * np.concatenate([Stiffness(flexion=0.05).diagonal(), np.full(5, 0.1)])
 """Stiffness of each number of a change beside that of the joints, which tell nothing of a turn about their own line."""
-A_TOUCH = 5000.0
+TOUCH_STIFFNESS = 5000.0
 """Stiffness by which a fingertip that touches in the recording is drawn to the object [N/m]."""
 TOUCHES, TOUCH, CLOSER = 5e-3, 1.5e-3, 5e-4
 """Distance of a tip that touches in the recording, and up to which it is near enough in any case; by how much it comes
@@ -35,7 +35,7 @@ ORIGIN = np.eye(3, NUMBERS)
 
 
 class FrameHand:
-    """Hand of one frame.
+    """Hand of one frame, moved by one program after the other.
 
     Args:
         judge: Measures the object.
@@ -88,10 +88,10 @@ class FrameHand:
         wishes, slack = slopes[(np.cumsum(asked) - 1)[tips]], np.eye(len(tips))
         along = np.concatenate([self.motion[JOINTS].reshape(-1, NUMBERS), ORIGIN])
         off = np.append((self.wanted - self.points[JOINTS]).ravel(), (self.goal.position - self.posture.position)[0])
-        hessian = A_JOINT * along.T @ along + np.diag(REST)
-        pull = A_JOINT * off @ along + REST * change_between(self.posture, self.goal)[0]
+        hessian = JOINT_STIFFNESS * along.T @ along + np.diag(REST)
+        pull = JOINT_STIFFNESS * off @ along + REST * change_between(self.posture, self.goal)[0]
         return FrameProgram(
-            block_diag(hessian, A_TOUCH * slack),
+            block_diag(hessian, TOUCH_STIFFNESS * slack),
             np.append(pull, np.zeros(len(tips))),
             np.block([[slopes[near], np.zeros((near.sum(), len(tips)))], [-wishes, slack]]),
             np.append(self.gap - value[near], self.nearest[tips] - self.touch[touching]),

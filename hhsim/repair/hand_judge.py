@@ -46,12 +46,13 @@ class HandJudge:
         return np.asarray(np.minimum(palm, finger.min(axis=1)))
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return signed distances of points from the closed mesh [m], shape (n,), and their gradients, shape (n, 3)."""
+        """Return signed distances of points from the closed mesh [m], shape (n,), and their gradients, (n, 3)."""
         assert self.bvh is not None
         closest, distance = np.empty_like(points), np.empty(len(points))
         closest_points(self.bvh, points, closest, distance)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return distance, (points - closest) / distance[:, None]
+        # On the surface no direction is known.
+        known = (np.abs(distance) > 1e-9)[:, None]
+        return distance, np.where(known, points - closest, 0.0) / np.where(known, distance[:, None], 1.0)
 
     def points(self, frames: HandConfiguration) -> FloatArray:
         """Return joints, tips and palm origin of each hand [m], shape (T, 21, 3)."""

@@ -67,7 +67,6 @@ def correct(
     tip_on_surface: bool,
     object_moved: RigidMotion | None = None,
     max_correction: float = 0.015,
-    smooth: bool = True,
     progress: Progress = silent,
 ) -> WrittenFrames:
     """Move recorded joints with the bones of our hand, and on until the written hand does not penetrate.
@@ -82,7 +81,6 @@ def correct(
         object_moved: Motion of the object's frame in the world, in which accelerations are measured; None: it stands
             still.
         max_correction: Largest move of a joint [m] of a frame that is not marked.
-        smooth: True to make the correction steady from frame to frame.
         progress: Called with the stage, the frames done and their number.
     """
     count = len(joints)
@@ -98,7 +96,7 @@ def correct(
         if object_moved is not None:
             object_moved = RigidMotion(object_moved.turn[known], object_moved.shift[known])
         needed = recorded < 0.0
-        found = projection.corrected(posture.at(known), needed, object_moved, smooth, progress)
+        found = projection.corrected(posture.at(known), needed, object_moved, progress)
         touched = np.any(change_between(written.fitted, found) != 0.0, axis=1)
         changed[known] = touched
         rotation[known[touched]] = written.rotation(found)[touched]
@@ -130,7 +128,6 @@ class Projection:
         posture: HandConfiguration,
         needed: BoolArray,
         object_moved: RigidMotion | None = None,
-        smooth: bool = True,
         progress: Progress = silent,
     ) -> HandConfiguration:
         """Return free hands near the recorded ones; as few frames are changed as a steady motion allows.
@@ -139,7 +136,6 @@ class Projection:
             posture: Repaired hands of T frames.
             needed: True for frames whose written hand penetrates, shape (T,).
             object_moved: Motion of the object's frame in the world; None: it stands still.
-            smooth: True to make the correction steady from frame to frame.
         """
         written = self.written
         start = self._near(posture, needed, progress)
@@ -150,7 +146,7 @@ class Projection:
             return mean_acceleration(joints if object_moved is None else object_moved.points(joints))
 
         steady, least, best = STEADY * acceleration(written.fitted), np.inf, start
-        for reach, steadiness in STEADINESS if smooth and needed.any() else ():
+        for reach, steadiness in STEADINESS if needed.any() else ():
             beside = np.convolve(needed, np.ones(2 * reach + 1))[reach : reach + len(needed)] > 0.0
             start = self._steady(start, beside, steadiness, progress)
             now = acceleration(start)

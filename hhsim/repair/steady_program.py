@@ -15,6 +15,7 @@ from hhsim.repair.hand_change import NUMBERS
 SLACK = 1000.0
 """Force [N], above that of any displacement, at which rows that contradict each other give way."""
 TOLERANCE = 1e-6
+"""Relative gap, and violation of rows, at which Clarabel ends."""
 
 
 class FrameProgram(NamedTuple):

@@ -12,6 +12,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.scene.free_object import FreeObject
+from hhsim.solver.free_engine import FreeEngine
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.solver.two_hands import TwoHandedSolver
@@ -123,7 +124,8 @@ def test_forces_and_motion_agree_at_every_tick() -> None:
 
 def test_a_hand_with_the_other_one_far_away_is_as_it_is_alone() -> None:
     alone, closed = gripped(0.1, 0.5, 2.0)
-    free = alone.engine.free  # type: ignore[attr-defined]
+    assert isinstance(alone.engine, FreeEngine)
+    free = alone.engine.free
     chosen = alone.options
     surface = contact_surface("mesh", box((0.02, 0.03, 0.02), np.array(free.center)), None)
     record = HandSolver(tongs(), surface, chosen, free)
