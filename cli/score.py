@@ -97,12 +97,7 @@ def command(
 
 
 def _field(
-    repaired: Path,
-    recorded: Path,
-    thing: ObjectSettings,
-    reading: FileSettings,
-    data: HandData,
-    output: options.Output,
+    repaired: Path, recorded: Path, thing: ObjectSettings, reading: FileSettings, data: HandData, output: options.Output
 ) -> int:
     """Print the figures of the field of a repaired recording; returns the exit code."""
     from hhsim.mesh.catalogue import resolve_object

@@ -177,10 +177,7 @@ FEASIBLE_SETS: dict[str, Maker] = {
     "more than n active": _vertex,
 }
 
-INFEASIBLE_SETS: dict[str, Maker] = {
-    "infeasible by 1": _contradiction(1.0),
-    "infeasible by 1e-9": _contradiction(1e-9),
-}
+INFEASIBLE_SETS: dict[str, Maker] = {"infeasible by 1": _contradiction(1.0), "infeasible by 1e-9": _contradiction(1e-9)}
 
 
 class Outcome(NamedTuple):

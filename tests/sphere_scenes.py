@@ -199,12 +199,7 @@ def _cone_distances(leaves: Spheres, a: FloatArray, b: FloatArray, ra: float, rb
 
 @numba.njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _all_pairs(
-    leaves: Spheres,
-    joints: FloatArray,
-    phalanx: FloatArray,
-    palm: FloatArray,
-    palm_radius: FloatArray,
-    out: FloatArray,
+    leaves: Spheres, joints: FloatArray, phalanx: FloatArray, palm: FloatArray, palm_radius: FloatArray, out: FloatArray
 ) -> None:
     for f in range(5):
         for k in range(3):

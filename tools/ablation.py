@@ -203,9 +203,7 @@ SAFEGUARDS = (
     Safeguard("hold-abduction", "of it: keeping the abduction", _of_hand("recover", _without_holding)),
     Safeguard("idle", "ticks without time are stuck after ten", {"MOST_IDLE_TICKS": 0}),
     Safeguard(
-        "strained",
-        "forces of a palm that yielded come from a program of their own",
-        {"palm_yielded": _not_strained},
+        "strained", "forces of a palm that yielded come from a program of their own", {"palm_yielded": _not_strained}
     ),
     Safeguard(
         "settled-forces",

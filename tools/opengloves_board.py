@@ -20,14 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.live.link.opengloves_codec import (
-    FINGER_KEYS,
-    FULL_LIMIT,
-    GloveLine,
-    LineError,
-    LineStream,
-    parse_line,
-)
+from hhsim.live.link.opengloves_codec import FINGER_KEYS, FULL_LIMIT, GloveLine, LineError, LineStream, parse_line
 from tools.fake_peer import BENDS, FakePeer, FakeServer, PeerLog, peer_parser
 
 NONE = (math.nan,) * 5

@@ -256,13 +256,7 @@ class GloveDevice(FingerRelease):
         return POLL_SECONDS
 
     def _write_sample(
-        self,
-        row: np.void,
-        now: int,
-        good: bool,
-        channels: ArrayLike,
-        angles: tuple[ArrayLike, ArrayLike],
-        **more: int,
+        self, row: np.void, now: int, good: bool, channels: ArrayLike, angles: tuple[ArrayLike, ArrayLike], **more: int
     ) -> None:
         """Write the next sample into a row of `GLOVE_SAMPLE`, and count it.
 

@@ -130,11 +130,7 @@ def require_usable_arrays(vertices: FloatArray, faces: IntArray, name: str) -> N
 
 
 def load_mesh(
-    path: str | Path,
-    unit: str = "m",
-    size: float | None = None,
-    thickness: float | None = None,
-    solid: bool = True,
+    path: str | Path, unit: str = "m", size: float | None = None, thickness: float | None = None, solid: bool = True
 ) -> Mesh:
     """Read a mesh file, scale it to metres, check it and give it an inside.
 

@@ -72,11 +72,7 @@ RAY_SEED = 20131
 
 
 def solid_surface(
-    vertices: FloatArray,
-    faces: IntArray,
-    name: str,
-    unit_length: float = 1.0,
-    thickness: float | None = None,
+    vertices: FloatArray, faces: IntArray, name: str, unit_length: float = 1.0, thickness: float | None = None
 ) -> MeshInRepair:
     """Close the surface of a mesh: by a safe repair, else by winding number, or as sheets; repairs state assumptions.
 

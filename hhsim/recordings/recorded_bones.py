@@ -58,11 +58,7 @@ class RecordedBones:
 
 
 def recorded_bones(
-    joints: FloatArray,
-    wrist: FloatArray,
-    posture: HandConfiguration,
-    hand: HandSide,
-    radius: FloatArray | None = None,
+    joints: FloatArray, wrist: FloatArray, posture: HandConfiguration, hand: HandSide, radius: FloatArray | None = None
 ) -> RecordedBones:
     """Compute the bones of recorded fingers, and the distance of a hand of these bones from them in a posture.
 

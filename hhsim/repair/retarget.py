@@ -97,12 +97,7 @@ def _fitted(own: FloatArray, wanted: FloatArray, mirror: FloatArray) -> _Wrist:
 
 
 def _solved(
-    robot: RobotHand,
-    before: FloatArray,
-    wrist: _Wrist,
-    tips: FloatArray,
-    bases: FloatArray,
-    weight: float,
+    robot: RobotHand, before: FloatArray, wrist: _Wrist, tips: FloatArray, bases: FloatArray, weight: float
 ) -> tuple[FloatArray, _Wrist, float]:
     """Solve a frame from the joints and the wrist before; also return the sum of squares without the change."""
 

@@ -87,12 +87,7 @@ class Replay:
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        options: SolverOptions,
-        description: Mapping[str, Any] | None = None,
-        *,
-        alone: bool = True,
+        self, scene: Scene, options: SolverOptions, description: Mapping[str, Any] | None = None, *, alone: bool = True
     ) -> None:
         if not isinstance(options, SolverOptions):
             raise InputError(f"options: expected SolverOptions, found {options!r}")

@@ -42,16 +42,7 @@ from hhsim.repair.request import RepairRequest
 from hhsim.sweep.cell import SweptObject
 from hhsim.sweep.plan import WILD, checked_object
 from hhsim.system.input_file import open_input
-from hhsim.system.settings_file import (
-    Settings,
-    Version,
-    a_list,
-    between,
-    one_of,
-    parse_settings,
-    read_toml_text,
-    typed,
-)
+from hhsim.system.settings_file import Settings, Version, a_list, between, one_of, parse_settings, read_toml_text, typed
 
 NAME = re.compile(r"[^./\\][^/\\]{0,99}")
 OF_THE_FOLDER = ("report.html", "table.csv", "table.json", "repairs.json")

@@ -9,14 +9,7 @@ from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
 from hhsim.verify.claim import HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, difference, judged
-from hhsim.verify.contacts import (
-    PALM,
-    ball_places,
-    near_pairs,
-    near_triangle_pairs,
-    ready_triangles,
-    triangle_places,
-)
+from hhsim.verify.contacts import PALM, ball_places, near_pairs, near_triangle_pairs, ready_triangles, triangle_places
 from hhsim.verify.kinematics import Posed, pose, rotations
 from hhsim.verify.mesh_distance import EXACT, HandReferee
 from hhsim.verify.tick_data import LENGTH, NO_PLACE, WHY_LENGTH, JudgedTicks

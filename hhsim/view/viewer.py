@@ -23,17 +23,7 @@ from hhsim.solver.options import TOUCH
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.view.blueprint import blueprint
-from hhsim.view.plots import (
-    GLOVE,
-    LIVE_PLOTS,
-    LOOP,
-    RESULT_PLOTS,
-    SHOWN_COLUMNS,
-    TIME,
-    Plot,
-    loop_values,
-    shown_ticks,
-)
+from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, RESULT_PLOTS, SHOWN_COLUMNS, TIME, Plot, loop_values, shown_ticks
 from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, OBJECT, RerunScene, ShownScene, status_words
 from hhsim.view.sink import NOTEBOOK, RerunTarget, rerun_stream
 

@@ -59,10 +59,7 @@ def test_it_is_judged_shown_and_reported(run: Run, both: Path, monkeypatch: pyte
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
-    [
-        (("--repeat", "2"), "--repeat is of one hand"),
-        (("--rerun", "one.rrd"), "--rerun is of one hand"),
-    ],
+    [(("--repeat", "2"), "--repeat is of one hand"), (("--rerun", "one.rrd"), "--rerun is of one hand")],
 )
 def test_what_is_of_one_hand_is_refused(run: Run, tmp_path: Path, arguments: tuple[str, ...], said: str) -> None:
     (tmp_path / "short.toml").write_text(short_grasp_text())

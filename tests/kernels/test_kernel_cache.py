@@ -79,9 +79,7 @@ FORMS = (
 
 def planted(root: Path, answer: int, forms: Sequence[str], cache: Path | None = None) -> list[str]:
     """What callers whose callee lies two packages away answer, and how many were loaded, in a process of its own."""
-    files = {
-        "far/callee.py": f"from hhsim.kernels.jit import jit\n\n\n@jit\ndef callee():\n    return {answer}\n",
-    }
+    files = {"far/callee.py": f"from hhsim.kernels.jit import jit\n\n\n@jit\ndef callee():\n    return {answer}\n"}
     for i, imported in enumerate(forms):
         files[f"middle/between_{i}.py"] = (
             f"from hhsim.kernels.jit import jit\n{imported}\n\n\n@jit\ndef between():\n    return callee() + 1\n"

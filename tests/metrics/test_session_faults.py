@@ -16,13 +16,7 @@ from hhsim.live.session.recorder import LOOP_DIED
 from hhsim.live.session.statistics import LiveTally
 from hhsim.live.session.supervisor import SessionOutcome
 from hhsim.live.session.writer import SessionWriter
-from hhsim.metrics.session_faults import (
-    FaultCounts,
-    broken_off,
-    ended_before_its_time,
-    first_mishap,
-    recorded_faults,
-)
+from hhsim.metrics.session_faults import FaultCounts, broken_off, ended_before_its_time, first_mishap, recorded_faults
 from hhsim.result.reader import Result, load_result
 from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT, INFORMATION, WARNING

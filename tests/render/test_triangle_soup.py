@@ -7,15 +7,7 @@ from mesh_oracle import to_cone
 
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
-from hhsim.render.triangle_soup import (
-    FAR,
-    NEAR,
-    SKIN,
-    arrow_surface,
-    clipped,
-    mesh_surface,
-    near_hands,
-)
+from hhsim.render.triangle_soup import FAR, NEAR, SKIN, arrow_surface, clipped, mesh_surface, near_hands
 from hhsim.render.triangle_soup import round_cone_surface as cone
 
 

@@ -162,10 +162,7 @@ def test_an_object_without_an_inside_is_told(tmp_path: Path) -> None:
     assert {file.name for file in tmp_path.iterdir()} == {"grasp.npz", "loose.stl"}
 
 
-@pytest.mark.parametrize(
-    ("out", "said"),
-    [("free.csv", "expected .npz"), ("grasp.npz", "is the recording itself")],
-)
+@pytest.mark.parametrize(("out", "said"), [("free.csv", "expected .npz"), ("grasp.npz", "is the recording itself")])
 def test_a_name_that_does_not_fit_is_told_before_the_work(tmp_path: Path, out: str, said: str) -> None:
     path = recorded(tmp_path)
     with pytest.raises(InputError, match=said):

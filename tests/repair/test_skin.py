@@ -16,14 +16,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.mesh.topology import is_closed, signed_volume
 from hhsim.recordings.frames import FileFrame
-from hhsim.repair.skin import (
-    cone_gaps,
-    in_palm,
-    mano_skin,
-    moved_skin,
-    nearest_bone,
-    read_skin,
-)
+from hhsim.repair.skin import cone_gaps, in_palm, mano_skin, moved_skin, nearest_bone, read_skin
 from hhsim.repair.written_hand import bone_frames
 
 NONE = np.zeros(0)

@@ -129,10 +129,7 @@ def energy(sample: SkinSample, posture: HandConfiguration) -> FloatArray:
     """Coupling energy of the change of each posture, times two [J]."""
     stiffness = Stiffness()
     turn = rotation_vector(quaternion_product(posture.orientation, conjugate(sample.fitted.orientation)))
-    angles = np.concatenate(
-        [(a - b).reshape(12, -1) for a, b in zip(posture[2:], sample.fitted[2:])],
-        axis=1,
-    )
+    angles = np.concatenate([(a - b).reshape(12, -1) for a, b in zip(posture[2:], sample.fitted[2:])], axis=1)
     shift = posture.position - sample.fitted.position
     parts = zip((shift, turn, angles), (stiffness.translation, stiffness.rotation, stiffness.flexion))
     return np.asarray(sum(weight * (part**2).sum(axis=1) for part, weight in parts))

@@ -87,10 +87,7 @@ OUTSIDE = "outside_methods:Follow"
         ({"threads": 2}, "for several: progressive"),
         ({"threads": 2, "qp": "daqp"}, "'daqp' is driven in one thread"),
         *(({"threads": n}, f"threads is {n}: expected 1 to 5") for n in (0, -1, 6)),
-        (
-            {"method": "paper", "surface": "mesh"},
-            "method paper takes .* not mesh: .*between frustums and spheres",
-        ),
+        ({"method": "paper", "surface": "mesh"}, "method paper takes .* not mesh: .*between frustums and spheres"),
         ({"method": "penalty", "surface": "mesh"}, "method penalty takes .* not mesh: .*triangles have no depth"),
     ],
     ids=str,

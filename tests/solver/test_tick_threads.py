@@ -106,10 +106,7 @@ def test_no_helper_outlives_an_interrupt(hand: HandModel) -> None:
     solver.run(*random_targets(hand, 2, seed=0))
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        with (
-            pytest.raises(KeyboardInterrupt),
-            solver.workspace.thread_team.at_work(solver.workspace.tick_options),
-        ):
+        with pytest.raises(KeyboardInterrupt), solver.workspace.thread_team.at_work(solver.workspace.tick_options):
             assert len(helpers()) == 2
             signal.raise_signal(signal.SIGINT)
             time.sleep(60.0)

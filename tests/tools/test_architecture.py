@@ -2,17 +2,7 @@
 
 import re
 
-from tools.architecture import (
-    LAYERS,
-    PICTURE,
-    counts,
-    imported_by,
-    is_current,
-    order,
-    picture,
-    places,
-    reduced,
-)
+from tools.architecture import LAYERS, PICTURE, counts, imported_by, is_current, order, picture, places, reduced
 
 
 def test_the_committed_picture_is_current() -> None:

@@ -7,12 +7,7 @@ import trimesh
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.builder import build_sphere_tree
-from hhsim.trees.error import (
-    LEAST_SAMPLES_EACH,
-    measure_levels,
-    protrusion_bound,
-    sample_spheres,
-)
+from hhsim.trees.error import LEAST_SAMPLES_EACH, measure_levels, protrusion_bound, sample_spheres
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions
 

@@ -152,8 +152,7 @@ pulled_down_twice = of_scene(
     "pulled_down_twice", lambda scene: scene["free"].update(mass=25.0, gravity=[0.0, 0.0, -19.62])
 )
 heavier_to_turn = of_scene(
-    "heavier_to_turn",
-    lambda scene: scene["free"].update(inertia=(1.1 * np.array(scene["free"]["inertia"])).tolist()),
+    "heavier_to_turn", lambda scene: scene["free"].update(inertia=(1.1 * np.array(scene["free"]["inertia"])).tolist())
 )
 FAULTS: dict[Fault, str] = {
     at("pushed_object", "tick/object/position", TICK, lambda x: x + (1e-6, 0.0, 0.0)): "object velocity",

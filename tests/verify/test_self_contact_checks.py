@@ -75,11 +75,7 @@ def shallow_user(file: h5py.File) -> None:
     file["summary"].attrs["self_depth_haptic"] *= 0.999
 
 
-FAULTS: dict[Fault, str] = {
-    bent_finger: "own parts",
-    pulling_thumb: "force balance",
-    shallow_user: "depth in itself",
-}
+FAULTS: dict[Fault, str] = {bent_finger: "own parts", pulling_thumb: "force balance", shallow_user: "depth in itself"}
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)

@@ -16,17 +16,7 @@ from tools.shapes.rock import rock
 from tools.shapes.shamrock import shamrock
 from tools.shapes.surface_parts import band, circle, fan, finished_mesh, icosphere
 
-__all__ = [
-    "GENERATORS",
-    "cube",
-    "cup",
-    "cylinder",
-    "hexagonal_prism",
-    "rock",
-    "shamrock",
-    "sphere",
-    "triangular_prism",
-]
+__all__ = ["GENERATORS", "cube", "cup", "cylinder", "hexagonal_prism", "rock", "shamrock", "sphere", "triangular_prism"]
 
 
 def sphere(diameter: float = 0.076, subdivisions: int = 4) -> Mesh:

@@ -263,11 +263,7 @@ def as_object_moves(body: Record, origin: Array, hand: Array, step: Array, relat
 def see_hand(body: Record, position: Array, orientation: Array, position_out: Array, orientation_out: Array) -> None:
     """A palm's pose in the world, as the object sees it; shapes (3,) and (4,)."""
     center = body.center
-    x, y, z = (
-        position[0] - body.position[0],
-        position[1] - body.position[1],
-        position[2] - body.position[2],
-    )
+    x, y, z = (position[0] - body.position[0], position[1] - body.position[1], position[2] - body.position[2])
     x, y, z = turned_back(body.rotation, x, y, z)
     position_out[0], position_out[1], position_out[2] = x + center[0], y + center[1], z + center[2]
     aw, ax, ay, az = body.orientation[0], -body.orientation[1], -body.orientation[2], -body.orientation[3]

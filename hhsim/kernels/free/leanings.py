@@ -5,14 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.free.rows import (
-    DIRECTIONS,
-    FRICTIONS,
-    TINY,
-    orient,
-    own_columns,
-    torsion_radius,
-)
+from hhsim.kernels.free.rows import DIRECTIONS, FRICTIONS, TINY, orient, own_columns, torsion_radius
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
 from hhsim.kernels.jit import Record, jit, jit_once
 

@@ -126,11 +126,7 @@ FRICTION = np.dtype(
         ("contact", np.int64, (FRICTIONS,)),  # its contact record, or the number of the point of the hull
         ("body", np.int64, (FRICTIONS,)),  # of the hand, or ON_TABLE
         ("key", np.int64, (FRICTIONS,)),
-        (
-            "has_friction",
-            np.int64,
-            (FRICTIONS,),
-        ),  # 1 where it has rows of friction, 0 for some of the table
+        ("has_friction", np.int64, (FRICTIONS,)),  # 1 where it has rows of friction, 0 for some of the table
         ("point", np.float64, (FRICTIONS, 3)),  # [m], object's frame
         ("normal", np.float64, (FRICTIONS, 3)),  # out of the object, of the table into it; object's frame
         ("along", np.float64, (FRICTIONS, DIRECTIONS, 3)),  # parts of e_1 to e_3 along the surface, object's frame

@@ -16,15 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.free.rows import (
-    FRICTIONS,
-    States,
-    coefficient,
-    orient,
-    own_columns,
-    torsion_radius,
-    write_row,
-)
+from hhsim.kernels.free.rows import FRICTIONS, States, coefficient, orient, own_columns, torsion_radius, write_row
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import QpWork

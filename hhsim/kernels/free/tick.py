@@ -72,14 +72,7 @@ from hhsim.kernels.tick.restoration import TRUST_DECAY, only_restores, take_back
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, WORK_LINEARISATIONS, WORK_TOUCHING
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
 from hhsim.kernels.tick.step_length import WHOLE_TARGET, allowed_fraction
-from hhsim.kernels.tick.tick import (
-    MOST_FAILED_STEPS,
-    accept,
-    begin_tick,
-    converge,
-    tick_status,
-    update_reach,
-)
+from hhsim.kernels.tick.tick import MOST_FAILED_STEPS, accept, begin_tick, converge, tick_status, update_reach
 
 CLOSE = 20.0
 FLOATS = 2.0

@@ -29,11 +29,7 @@ def work_dtype(n_max: int, capacity: int) -> np.dtype[Any]:
             ("active", np.int64, (padded + 1,)),  # rows of the active set
             ("multiplier", np.float64, (padded + 1,)),  # theirs, >= 0, for rows as given (not normalised)
             ("counts", np.int64, (3,)),  # size of the active set, iterations, row that proves infeasibility or -1
-            (
-                "basis",
-                np.float64,
-                (padded, padded),
-            ),  # Q: orthonormal rows that span the active normals
+            ("basis", np.float64, (padded, padded)),  # Q: orthonormal rows that span the active normals
             ("column", np.float64, (padded, padded)),  # Rᵀ: active normal j = Σ_i column[j, i] basis[i], i <= j
             ("inverse_diagonal", np.float64, (padded,)),  # 1 / column[j, j]
             ("active_rhs", np.float64, (padded,)),  # b - a · x₀ of the active rows, normalised

@@ -226,15 +226,7 @@ def _take_six(start: int, stop: int, columns: Array, first: int, x: Array, out: 
 
 @jit_inline
 def _take_nine_and_scale(
-    start: int,
-    stop: int,
-    common: Array,
-    block: Array,
-    x: Array,
-    offset: int,
-    source: Array,
-    factor: Array,
-    out: Array,
+    start: int, stop: int, common: Array, block: Array, x: Array, offset: int, source: Array, factor: Array, out: Array
 ) -> None:
     count = stop - start
     left, right, scale = out[start:stop], source[start:stop], factor[start:stop]

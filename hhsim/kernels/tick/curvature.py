@@ -61,13 +61,7 @@ def _add_joints(
 
 @jit_inline
 def curvature_product(
-    pose: Record,
-    contacts: Record,
-    rows: Indices,
-    multiplier: Array,
-    count: int,
-    step: Array,
-    product_out: Array,
+    pose: Record, contacts: Record, rows: Indices, multiplier: Array, count: int, step: Array, product_out: Array
 ) -> None:
     """Σ λ_i ∇²d_i · step over the first `count` rows, shape (21,); rows behind the contacts (limits) do not bend.
 

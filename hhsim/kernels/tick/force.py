@@ -118,12 +118,7 @@ def proxy_forces(
         dz = contacts.point[2, i] - scratch[2]
         magnitude = contact_stiffness * math.sqrt(dx * dx + dy * dy + dz * dz)
         add_force(
-            forces,
-            contacts.body[i],
-            contacts.normal[0, i],
-            contacts.normal[1, i],
-            contacts.normal[2, i],
-            magnitude,
+            forces, contacts.body[i], contacts.normal[0, i], contacts.normal[1, i], contacts.normal[2, i], magnitude
         )
 
 

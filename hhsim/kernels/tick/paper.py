@@ -44,13 +44,7 @@ from hhsim.kernels.tick.evaluation import spent_units
 from hhsim.kernels.tick.force import hand_forces
 from hhsim.kernels.tick.method import tick
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.paper_constraints import (
-    LIMITS,
-    palm_contacts,
-    palm_rows,
-    phalanx_contacts,
-    phalanx_rows,
-)
+from hhsim.kernels.tick.paper_constraints import LIMITS, palm_contacts, palm_rows, phalanx_contacts, phalanx_rows
 from hhsim.kernels.tick.paper_detection import PALM_STACK, detect, finger_is_free, palm_is_free
 from hhsim.kernels.tick.state import (
     STATUS_STUCK,

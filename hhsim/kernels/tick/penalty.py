@@ -41,13 +41,7 @@ from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import CONTACT_ROWS, evaluate, find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import build_rows
 from hhsim.kernels.copy import copy_values
-from hhsim.kernels.hand.kinematics import (
-    BODY_COUNT,
-    DOF,
-    FINGER_COUNT,
-    PHALANX_COUNT,
-    HandArrays,
-)
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline, jit_once
 from hhsim.kernels.qp.active_set import QpWork

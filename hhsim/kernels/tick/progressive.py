@@ -191,13 +191,7 @@ def solve_finger(options: TickOptions, state: Record, finger: int, qp: QpWork) -
         own.target[k] = problem.target[offset + k]
     guessed = guess_rows(contacts, active, finger + 1, own.guess[:], as_int64(0))
     rows = ProgramRows(
-        as_int64(0),
-        problem.common[:],
-        problem.block[:],
-        work.rhs[:],
-        own.start[:],
-        own.stop[:],
-        own.block[:],
+        as_int64(0), problem.common[:], problem.block[:], work.rhs[:], own.start[:], own.stop[:], own.block[:]
     )
     guess, tolerance = own.guess[:], options.tolerance
     own.status = solve(as_int64(PHALANX_COUNT), rows, own.target[:], tolerance, options.relaxation, guess, guessed, qp)

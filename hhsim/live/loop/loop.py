@@ -50,10 +50,7 @@ PLACE_SECONDS = 0.001
 WAKE_NS = 800_000
 """Shortest time between two wake-ups of the driver for commands without news [ns]: each tick at 1 kHz. More often, the
 driver would do nothing else, and slow the loop on a shared core."""
-REFUSED = np.dtype(
-    [("channels", np.float64, (MOST_CHANNELS,)), ("known", np.int64, (MOST_CHANNELS,))],
-    align=True,
-)
+REFUSED = np.dtype([("channels", np.float64, (MOST_CHANNELS,)), ("known", np.int64, (MOST_CHANNELS,))], align=True)
 """Channels of the last unusable sample, and 1 for those that were finite in the last usable one."""
 
 
@@ -89,12 +86,7 @@ class LiveLoop:
     """
 
     def __init__(
-        self,
-        setup: LiveSetup,
-        memory: SessionMemory,
-        info: GloveInfo,
-        *,
-        now: Callable[[], int] = time.monotonic_ns,
+        self, setup: LiveSetup, memory: SessionMemory, info: GloveInfo, *, now: Callable[[], int] = time.monotonic_ns
     ) -> None:
         self.setup = setup
         self.memory = memory

@@ -85,16 +85,8 @@ METRICS = placed(
         short="object_raised",
         compute=lambda run: _free(run).raised,
     ),
-    RunMetric(
-        *("object_slip", "slip of a finger on the object, in all", 3, "mm"),
-        short="object_slip",
-        compute=_slip,
-    ),
-    RunMetric(
-        *("object_creep", "creep of the held object, max", 3, "µm/s"),
-        short="object_creep",
-        compute=_creep,
-    ),
+    RunMetric(*("object_slip", "slip of a finger on the object, in all", 3, "mm"), short="object_slip", compute=_slip),
+    RunMetric(*("object_creep", "creep of the held object, max", 3, "µm/s"), short="object_creep", compute=_creep),
     RunMetric(
         *("object_momentum", "object's momentum less the forces on it, max", 6, "N"),
         needs=("status",),

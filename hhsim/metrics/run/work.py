@@ -19,11 +19,7 @@ def _tests(run: RunTicks) -> float:
 
 METRICS = placed(
     60,
-    RunMetric(
-        *("fingers_modelled", "fingers modelled, of 5"),
-        less_is_better=False,
-        compute=lambda run: run.fingers,
-    ),
+    RunMetric(*("fingers_modelled", "fingers modelled, of 5"), less_is_better=False, compute=lambda run: run.fingers),
     RunMetric(
         *("bodies_near", "bodies near the object in contact, of 16", 1),
         less_is_better=False,
@@ -36,11 +32,7 @@ METRICS = placed(
         needs=("work/rows",),
         compute=lambda run: run["work/rows"].max(initial=0),
     ),
-    RunMetric(
-        *("tests_mean", "distances computed a tick, mean"),
-        needs=(NODES, PAIRS),
-        compute=_tests,
-    ),
+    RunMetric(*("tests_mean", "distances computed a tick, mean"), needs=(NODES, PAIRS), compute=_tests),
     RunMetric(
         *("tests_share", "share of all pairs of body and sphere", 3, "%"),
         needs=(NODES, PAIRS),

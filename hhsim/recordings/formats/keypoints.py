@@ -25,14 +25,7 @@ from hhsim.motion.csv_table import Table, lacks_names, read_table
 from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy, read_npz
 from hhsim.recordings.correction import Changes, Correction, joint_changes
 from hhsim.recordings.joint_frames import frame_edits, joints_of_frames, read_frames
-from hhsim.recordings.joint_names import (
-    JOINT_ORDERS,
-    KEYPOINTS,
-    OPENXR_JOINTS,
-    WEBXR_JOINTS,
-    JointName,
-    joint_name,
-)
+from hhsim.recordings.joint_names import JOINT_ORDERS, KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, JointName, joint_name
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.joint_table import joint_columns, joint_edits, joints_of_table, located, table_of_joints
 from hhsim.recordings.json_document import PlacedJson, read_json

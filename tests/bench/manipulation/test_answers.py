@@ -6,26 +6,9 @@ import numpy as np
 import pytest
 from sampled import sampled
 
-from hhsim.bench.manipulation.answers import (
-    CASES,
-    COLUMNS,
-    Answer,
-    ManipulationOptions,
-    measure,
-    missed,
-    slope,
-)
+from hhsim.bench.manipulation.answers import CASES, COLUMNS, Answer, ManipulationOptions, measure, missed, slope
 from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS
-from hhsim.bench.manipulation.stage import (
-    LENGTHS,
-    REACH,
-    Pinch,
-    clearance,
-    closed,
-    gripped,
-    gripper,
-    gripper_options,
-)
+from hhsim.bench.manipulation.stage import LENGTHS, REACH, Pinch, clearance, closed, gripped, gripper, gripper_options
 from hhsim.errors import InputError, UnknownNameError
 
 SHORT = ManipulationOptions(rest=1.0, held=1.0)

@@ -13,14 +13,7 @@ from conftest import Run
 
 from hhsim.bench.robustness import hard as suite
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun
-from hhsim.bench.robustness.hard import (
-    CaseResult,
-    bench_hard,
-    judge_case,
-    missed,
-    run_scene,
-    table_rows,
-)
+from hhsim.bench.robustness.hard import CaseResult, bench_hard, judge_case, missed, run_scene, table_rows
 from hhsim.bench.robustness.input_cases import sound_samples
 from hhsim.bench.robustness.local_optimality import stuck_with_way_out
 from hhsim.bench.robustness.pieces import pieces_of

@@ -7,13 +7,7 @@ from sphere_scenes import brute_pairs
 from hhsim.bench.robustness import triangle_cases
 from hhsim.bench.robustness.postures import crossings, threaded
 from hhsim.bench.robustness.sphere_objects import ball, disc, mould, right_hand, ring
-from hhsim.bench.robustness.triangle_objects import (
-    ball_mesh,
-    box_mesh,
-    disc_mesh,
-    ring_mesh,
-    roof_mesh,
-)
+from hhsim.bench.robustness.triangle_objects import ball_mesh, box_mesh, disc_mesh, ring_mesh, roof_mesh
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.mesh.features import mesh_features
 from hhsim.mesh.topology import face_areas

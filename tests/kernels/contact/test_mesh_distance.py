@@ -9,11 +9,7 @@ from sampled import sampled
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.mesh_distance import (
-    DEEPEST_INTERVAL,
-    hand_mesh_distances,
-    round_cone_mesh_distance,
-)
+from hhsim.kernels.contact.mesh_distance import DEEPEST_INTERVAL, hand_mesh_distances, round_cone_mesh_distance
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh
 from hhsim.mesh.catalogue import load_object

@@ -9,13 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel, Side
-from hhsim.kernels.hand.kinematics import (
-    BODY_COUNT,
-    DOF,
-    HandArrays,
-    forward_kinematics,
-    motion_bounds,
-)
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, HandArrays, forward_kinematics, motion_bounds
 from hhsim.kernels.hand.pose import HAND_POSE
 
 HANDS: dict[Side, HandArrays] = {

@@ -12,11 +12,7 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import (
-    STATUS_STUCK,
-    WORK_CANDIDATES,
-    WORK_TOUCHING,
-)
+from hhsim.kernels.tick.state import STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions

@@ -13,12 +13,7 @@ from sphere_scenes import brute_pairs, bumpy_ball, random_targets, sphere_tree
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.penalty import LIMIT_WEIGHT
-from hhsim.kernels.tick.state import (
-    STATUS_START_INSIDE,
-    WORK_CANDIDATES,
-    WORK_QP_ITERATIONS,
-    WORK_TOUCHING,
-)
+from hhsim.kernels.tick.state import STATUS_START_INSIDE, WORK_CANDIDATES, WORK_QP_ITERATIONS, WORK_TOUCHING
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.methods.penalty import PenaltyEngine

@@ -92,10 +92,7 @@ def make(tmp_path: Path, marks: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
         begin = BEGIN.format(marks=str(marks))
         for name, program in {**programs, **changed}.items():
             (tmp_path / f"{name}_program.py").write_text(begin + program)
-        setup = make_setup(
-            record=tmp_path / "session.h5" if record else None,
-            rerun="spawn" if view else None,
-        )
+        setup = make_setup(record=tmp_path / "session.h5" if record else None, rerun="spawn" if view else None)
         made.append(Supervisor(setup))
         return made[-1]
 

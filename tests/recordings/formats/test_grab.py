@@ -13,14 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.recordings.registry import (
-    Content,
-    ReadOptions,
-    format_of,
-    read_content,
-    read_recording,
-    write_recording,
-)
+from hhsim.recordings.registry import Content, ReadOptions, format_of, read_content, read_recording, write_recording
 
 SAMPLE = joint_sample()
 COUNT = len(SAMPLE.motion.time)
