@@ -110,7 +110,8 @@ def plan_finger_closure(
     if other is None:
         closure = kept_closure(closing, hand, tree, lambda: _Search(closing, hand, tree).best())
     else:
-        search = _Search(replace(closing, start_distance=script.start_distance), hand, tree, other)
+        beside = replace(closing, start_distance=script.start_distance, phases=script.phases)
+        search = _Search(beside, hand, tree, other)
         closure = search.best()
         if search.gap_to_other(closure) < 0.0:
             raise TrajectoryError(f"script {script.name}: the object has no room for both hands")
@@ -173,6 +174,10 @@ def _tilts() -> list[FloatArray]:
 def _leading(candidates: list[_Candidate]) -> list[_Candidate]:
     """Best candidates, best first; of equals the earlier one, since rounding must not decide between symmetric ones."""
     return sorted(candidates, key=lambda candidate: -round(candidate.score, 6))[:LEADERS]
+
+
+def _after(first: PlacedHand, second: PlacedHand) -> PlacedHand:
+    return PlacedHand(*map(np.concatenate, zip(first, second)))
 
 
 class _Search(Closer):
@@ -271,6 +276,13 @@ class _Search(Closer):
         if self.other is None:
             return math.inf
         coming = self._coming(self.model, closure), self._coming(*self.other)
+        if self.script.takes_turns:
+            # Each comes and goes beside the other one, which is closed.
+            mine, other = coming
+            shut, other_shut = (
+                PlacedHand(*(np.repeat(part[-1:], len(part), axis=0) for part in hand)) for hand in coming
+            )
+            coming = _after(mine, shut), _after(other_shut, other)
         return float(distance_of_hands((self.model, self.other.hand), coming).min())
 
     def _coming(self, model: HandModel, closure: FingerClosure) -> PlacedHand:

@@ -28,6 +28,7 @@ tree needs no other place. Keys, with their defaults::
     # turn: by `turn` [rad] about the fingers' direction, level, through the object's middle
     # slip: the fingers ease until they would just touch
     # release: the fingers open and the hand goes back to its start
+    # of two hands: `hand = "right"` has only that one do an approach, a closing phase, a slide, push, slip or release
 
     [tremor]               # seeded ellipses of the palm's `position` [m] and `rotation` [rad]; `frequency` = 10.0 [Hz]
     [sensor]               # joint angles: `counts` a full turn (0: not quantised), `noise` before quantisation [rad]
@@ -60,6 +61,7 @@ from msgspec import Meta
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError, check_known
 from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import Side
 from hhsim.hand.quaternion import quaternion_from_matrix, rotation_matrix
 from hhsim.mesh.catalogue import object_names, thing_names
 from hhsim.motion.tremor import Disturbance
@@ -84,6 +86,7 @@ KEYS_OF_PHASES: dict[str, Collection[str]] = {
     "turn": ("carry", "turn"),
     "cycles": ("shake",),
     "touch": ("hold",),
+    "hand": ("approach", *DEFAULT_FINGERS, "slide", "push", "slip", "release"),
 }
 """Phases that each key belongs to."""
 DISTURBANCES = {
@@ -100,6 +103,7 @@ class ScriptPhase:
     """One phase of a script; the module's docstring explains the fields.
 
     A closing phase has `fingers`; a hold has `touch`, the touches demanded at its end, None where they are left open.
+    `hand` is the one that does it, None for both.
     """
 
     name: str
@@ -109,6 +113,7 @@ class ScriptPhase:
     turn: float = 0.0
     cycles: float = 4.0
     touch: tuple[Touch, ...] | None = None
+    hand: Side | None = field(default=None, repr=False)
 
 
 class PaperUse(Settings, frozen=True):
@@ -237,6 +242,11 @@ class Script:
         return self.has(*TAKE_ALONG, "push", "slip")
 
     @property
+    def takes_turns(self) -> bool:
+        """True if a phase is of one of two hands."""
+        return any(phase.hand for phase in self.phases)
+
+    @property
     def fingers(self) -> tuple[str, ...]:
         """Fingers that some phase closes, in the order of `FINGERS`."""
         named = {finger for phase in self.phases for finger in phase.fingers}
@@ -282,6 +292,7 @@ class _PhaseTable(Settings, frozen=True):
     turn: Annotated[float, between(-7.0, 7.0, "rad")] | None = None
     cycles: Annotated[float, between(0.5, 1000.0)] | None = None
     touch: TouchTable | None = None
+    hand: Side | None = None
 
     def check(self) -> None:
         for key, names in KEYS_OF_PHASES.items():
@@ -304,6 +315,7 @@ class _PhaseTable(Settings, frozen=True):
             turn=self.turn or 0.0,
             cycles=ScriptPhase.cycles if self.cycles is None else self.cycles,
             touch=None if self.touch is None else touches_of(self.touch),
+            hand=self.hand,
         )
 
 

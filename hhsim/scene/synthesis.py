@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.model import HandModel
+from hhsim.hand.model import HandModel, Side
 from hhsim.hand.quaternion import quaternion, quaternion_from_matrix, rotation_matrix
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.motion.trajectory import Phase, Trajectory
@@ -130,7 +130,7 @@ def synthesize(
     """
     closure = planned(script, hand, tree, object_position, object_orientation, placement, other)
     time = np.arange(script.sample_count) / script.rate
-    course = _Course(script, time)
+    course = _Course(script, time, hand.side)
     position = closure.position + course.retreat[:, None] * closure.back + course.slide[:, None] * closure.slide
     command = closure.command + course.ease[:, None, None] * (closure.contact - closure.command)
     flexion = closure.open + course.closure[:, :, None] * (command - closure.open)
@@ -197,15 +197,16 @@ def _source(script: Script, closure: FingerClosure, hand: HandModel, seed: int, 
 
 
 class _Course:
-    """Retreat, slide, closure and easing of the hand at each sample, and the phases."""
+    """Retreat, slide, closure and easing of a hand at each sample, and the phases."""
 
-    def __init__(self, script: Script, time: FloatArray) -> None:
+    def __init__(self, script: Script, time: FloatArray, side: Side) -> None:
         self.retreat = np.full(len(time), script.start_distance)
         self.slide, self.ease = np.zeros(len(time)), np.zeros(len(time))
         self.closure = np.zeros((len(time), len(FINGERS)))
         self.phases: tuple[Phase, ...] = ()
         for phase, start, share in phase_shares(script, time):
-            self._play(script, phase, share)
+            if phase.hand in (None, side):
+                self._play(script, phase, share)
             self.phases += (Phase(phase.name, start, start + phase.duration),)
 
     def _play(self, script: Script, phase: ScriptPhase, share: FloatArray) -> None:

@@ -38,9 +38,9 @@ HANDS = HandModel.default("right"), HandModel.default("left")
 SCRIPT = shortened(load_script("grasp"), 0.7)
 
 
-def scenes_of(name: str = "cylinder", script: Any = SCRIPT) -> list[Scene]:
+def scenes_of(name: str = "cylinder", script: Any = SCRIPT, level: int = 2) -> list[Scene]:
     mesh = load_object(name).mesh
-    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
+    tree = cached_sphere_tree(mesh, TreeOptions(level=level))
     words = SceneWords(object=name, trajectory=script.name)
     return [placed.scene for placed in two_handed_scenes(words, mesh, tree, HANDS, (script, script))]
 
@@ -189,6 +189,22 @@ def test_two_hands_lift_what_they_press_from_both_sides(lifted: TwoHandedReplay)
         assert result.summary["energy_gained"] == 0.0
     flip = [-1.0, 1.0, 1.0]
     np.testing.assert_allclose(left["haptic/position"] * flip, right["haptic/position"], atol=1e-6)
+
+
+@pytest.mark.soak
+def test_one_hand_gives_the_cup_to_the_other(tmp_path: Path) -> None:
+    placed = scenes_of("cup", load_script("hand-over"), level=4)
+    mesh = placed[0].mesh
+    cup = FreeObject.of_mesh(mesh, mass=0.236, table=float(mesh.bounds[0, 2]) - CLEARANCE)
+    path = tmp_path / "given.h5"
+    done = replay_two_hands([replace(scene, free=cup) for scene in placed], SolverOptions(), path)
+    right = load_result(hand_paths(path)[0])
+    time, height = right["time"], right["object/position"][:, 2] - right["object/position"][0, 2]
+    given = (time > 4.85) & (time < 5.0)
+    assert height[given].min() > 0.08 and done.graphic_distance > 0.0
+    of_left = right["contact/tick"][right["contact/body"] // 16 == 1]
+    of_right = right["contact/tick"][right["contact/body"] // 16 == 0]
+    assert np.isin(np.flatnonzero(given), of_left).all() and not np.isin(of_right, np.flatnonzero(given)).any()
 
 
 def test_the_referee_and_a_second_run_know_what_two_hands_hold(lifted: TwoHandedReplay, tmp_path: Path) -> None:

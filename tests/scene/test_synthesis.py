@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import ball, row
 
 from hhsim.arrays import FloatArray
+from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix, rotation_matrix
 from hhsim.motion.trajectory import Trajectory
@@ -238,3 +239,24 @@ def test_what_stands_upright_is_no_direction_on_a_table() -> None:
     np.testing.assert_allclose(level(np.array([3.0, 4.0, 5.0]), np.zeros(3)), [0.6, 0.8, 0.0])
     np.testing.assert_allclose(level(np.array([0.0, 0.1, 1.0]), np.array([0.0, 2.0, 0.0])), [0.0, 1.0, 0.0])
     np.testing.assert_allclose(level(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])), [1.0, 0.0, 0.0])
+
+
+def test_a_phase_of_one_hand_leaves_the_other_where_it_is() -> None:
+    script, tree = load_script("hand-over"), ball(0.035)
+    motions = [synthesize(script, HandModel.default(side), tree) for side in ("right", "left")]
+    right, left = motions
+    names = [phase.name for phase in script.phases]
+    assert [phase.name for phase in right.phases] == [phase.name for phase in left.phases] == names
+    for phase, given in zip(right.phases, script.phases, strict=True):
+        inside = (right.time > phase.start_time + 1e-6) & (right.time < phase.end_time - 1e-6)
+        for side, motion in zip(("right", "left"), motions):
+            stands = all((values[inside] == values[inside][0]).all() for values in (motion.position, motion.flexion))
+            assert stands == (phase.name == "hold" or given.hand not in (None, side)), (phase, side)
+    with pytest.raises(TrajectoryError, match=r"hand belongs to approach.*; this phase is a hold"):
+        parse_script(HOLDING_HAND, name="x", where="x.toml")
+
+
+HOLDING_HAND = """
+phase = [{ name = "approach", duration = 1.0 }, { name = "grasp", duration = 1.0 },
+         { name = "hold", duration = 1.0, hand = "left" }]
+"""
