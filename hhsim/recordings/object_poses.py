@@ -20,6 +20,7 @@ where a number is NaN, or the quaternion or the matrix all zeros.
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,6 +36,7 @@ from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.validation import as_numbers
 from hhsim.recordings.frames import FileFrame, quaternions_of, turned
 from hhsim.recordings.json_document import keys_of, number, read_json, vector
+from hhsim.recordings.pose_lines import OBJECT_UID
 from hhsim.recordings.recording import MOST, Finding, Recording, note, unreadable, unused
 from hhsim.recordings.registry import Content, ReadOptions
 from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, LENGTH_UNITS, TIME_UNITS, time_column
@@ -411,7 +413,7 @@ def read_object_poses(
 
 def _read(path: Path, time: FloatArray, rows: IntArray, options: ReadOptions, findings: list[Finding]) -> ObjectMotion:
     with named(path):
-        arrays, unit = _arrays_of(Content(path, what="poses of an object"), findings)
+        arrays, unit = _arrays_of(Content(path, what="poses of an object"), options.object_track, findings)
         column = time_column(name for name, values in arrays.items() if np.shape(values)[1:] in ((), (1,)))
         stamps = None if column is None else np.ravel(as_numbers(f"'{column.name}'", arrays[column.name]))
         others = {name: values for name, values in arrays.items() if column is None or name != column.name}
@@ -440,8 +442,11 @@ STATED = ("unit", "units", "length_unit")
 """Names of what states the unit of a file of poses."""
 
 
-def _arrays_of(content: Content, findings: list[Finding]) -> tuple[dict[str, Any], str]:
-    """Return the arrays of a file by their names, `ROWS` without one, and the unit that it states, or ""."""
+def _arrays_of(content: Content, wanted: str | None, findings: list[Finding]) -> tuple[dict[str, Any], str]:
+    """Return the arrays of a file by their names, `ROWS` without one, and the unit that it states, or "".
+
+    Of a table of several objects they are those of the wanted one.
+    """
     if content.head.startswith(b"\x93NUMPY"):
         return {ROWS: read_npy(content.data)}, ""
     if content.head.startswith(b"PK"):
@@ -452,6 +457,8 @@ def _arrays_of(content: Content, findings: list[Finding]) -> tuple[dict[str, Any
     header = read_header(content.text)
     bare = lacks_names(header)
     table = read_table(content.text, names=[f"number {k}" for k in range(len(header))] if bare else None)
+    if OBJECT_UID in header:
+        table = _of_one_object(table, wanted)
     findings += [note(text) for text in table.left_out]
     if bare:
         rows, broken = table.numbers(table.header)
@@ -463,8 +470,19 @@ def _arrays_of(content: Content, findings: list[Finding]) -> tuple[dict[str, Any
         raise TrajectoryError(f"columns {', '.join(header[:6])}; expected px, py, pz, qw, qx, qy, qz, or m00 to m33")
     if column is not None:
         arrays[column.name] = table.numbers([column.name])[0][:, 0]
-    findings += unused({name: () for name in header if name not in used and name not in arrays})
+    findings += unused({name: () for name in header if name not in used and name not in (*arrays, OBJECT_UID)})
     return arrays, _stated(table.remarks)
+
+
+def _of_one_object(table: Table, wanted: str | None) -> Table:
+    owner = [cells[table.header.index(OBJECT_UID)].strip() for cells in table.rows]
+    objects = tuple(dict.fromkeys(owner))
+    if wanted is None and len(objects) == 1:
+        wanted = objects[0]
+    if wanted not in objects:
+        raise TrajectoryError(f"poses of the objects {', '.join(objects)}; expected one of them as --object-track")
+    kept = [row for row, uid in enumerate(owner) if uid == wanted]
+    return replace(table, rows=tuple(table.rows[row] for row in kept), lines=[table.lines[row] for row in kept])
 
 
 def _of_json(document: Any) -> tuple[dict[str, Any], str]:

@@ -100,12 +100,20 @@ class Content:
         name: Name of the recording if the content has none; default: the file's name without its suffix.
         pickled: Pickle of which `data` has the arrays; empty for any other file.
         what: Kind of file that is expected, for messages.
+        original: File beside which its hand's sizes and its object's poses may lie; default: `path`.
     """
 
     def __init__(
-        self, path: Path | None = None, *, data: bytes | None = None, name: str = "", what: str = "a recording"
+        self,
+        path: Path | None = None,
+        *,
+        data: bytes | None = None,
+        name: str = "",
+        what: str = "a recording",
+        original: Path | None = None,
     ) -> None:
         self.path = path
+        self.original = original or path
         self.what = what
         self.name = name or (path.stem if path is not None else "")
         self.pickled = b""
@@ -113,9 +121,9 @@ class Content:
             self.data = data
 
     @classmethod
-    def of_recording(cls, path: Path, data: bytes | None = None) -> Self:
+    def of_recording(cls, path: Path, data: bytes | None = None, original: Path | None = None) -> Self:
         """Return the content of a recording; of a pickled dictionary its arrays, as an .npz has them."""
-        content = cls(path, data=data)
+        content = cls(path, data=data, original=original)
         if content.head.startswith(PICKLES):
             content.pickled = content.data
             content.data = npz_of(pickled_arrays(content.data))
@@ -266,8 +274,8 @@ def recording_suffixes() -> tuple[str, ...]:
     return tuple(dict.fromkeys(suffix for form in recording_formats().values() for suffix in form.suffixes))
 
 
-def read_recording(path: str | Path, options: ReadOptions | None = None) -> Recording:
-    """Read a recording.
+def read_recording(path: str | Path, options: ReadOptions | None = None, original: Path | None = None) -> Recording:
+    """Read a recording; `original` is the file that it was made from, beside which its object's poses may lie.
 
     Raises:
         TrajectoryError: No such file, an unknown format, or a damaged one; one line that begins with the path.
@@ -277,7 +285,7 @@ def read_recording(path: str | Path, options: ReadOptions | None = None) -> Reco
     if source.is_dir():
         raise TrajectoryError(f"{source}: a folder; expected a recording")
     with named(source):
-        return read_content(Content.of_recording(source), options or ReadOptions())
+        return read_content(Content.of_recording(source, original=original), options or ReadOptions())
 
 
 def read_content(content: Content, options: ReadOptions) -> Recording:

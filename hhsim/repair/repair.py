@@ -99,7 +99,7 @@ def repair_recording(
         text = f"the format holds the corrected joints to {1e3 * off:.3f} mm; the figures are of what it holds"
         recording = recording.found(note(text))
     # What is judged is what the file says.
-    written = _in_our_units(paths["recording"], read)
+    written = _in_our_units(paths["recording"], read, request.recording)
     after_skin = None
     if skin is not None:
         after_skin = _skin(paths["recording"], None, written, hand, read)
@@ -168,8 +168,8 @@ def _corrected(
     return Correction(fitted, posture, rotation, joints, first.changed | moved), far | ~pushed.is_freed
 
 
-def _in_our_units(path: Path, read: ReadOptions) -> Recording:
-    recording = read_recording(path, read)
+def _in_our_units(path: Path, read: ReadOptions, original: Path | None = None) -> Recording:
+    recording = read_recording(path, read, original)
     with named(path):
         return clean_units(recording)
 

@@ -143,9 +143,7 @@ def test_every_layout_gives_the_known_motion(form: str, tmp_path: Path) -> None:
     assert_pose(motion)
     stated = any(word in form for word in ("mm", "HOT3D", "axis-angle", "ARCTIC", "remark", "json frames"))
     assert ("no unit of the object's poses" in said) is not stated
-    left = {"npz pose": "object_name", "npz any name": "gain", "csv in mm": "gain", "csv of HOT3D": "object_uid"}.get(
-        form
-    )
+    left = {"npz pose": "object_name", "npz any name": "gain", "csv in mm": "gain"}.get(form)
     assert (f"not used: {left}" in said) if left else "not used" not in said
 
 
@@ -449,3 +447,19 @@ def test_json_of_webxr_names_the_keys_that_it_does_not_use() -> None:
         frame["gaze"] = [0.0, 0.0, 1.0]
     webxr["frames"][0]["hands"] = {}
     assert "not used: camera, gaze" in words(read_as("webxr", json.dumps(webxr)))
+
+
+def test_of_a_table_of_several_objects_one_is_chosen(tmp_path: Path) -> None:
+    header = "object_uid,timestamp[ns],t_wo_x[m],t_wo_y[m],t_wo_z[m],q_wo_w,q_wo_x,q_wo_y,q_wo_z"
+    table = csv(header, np.full(COUNT, 7), np.round(1e9 * TIME), PLACE, WXYZ).decode().replace("\n7.0,", "\nmug,")
+    other = csv("", np.full(COUNT, 8), np.round(1e9 * TIME), PLACE + 1.0, WXYZ).decode()
+    path = tmp_path / "dynamic_objects.csv"
+    path.write_text(table + other)
+    with pytest.raises(
+        TrajectoryError, match=r"poses of the objects mug, 8\.0; expected one of them as --object-track"
+    ):
+        read_object_poses(path, TIME, ReadOptions(), [])
+    found: list[Finding] = []
+    moved = read_object_poses(path, TIME, ReadOptions(object_track="mug"), found)
+    np.testing.assert_allclose(moved.position, PLACE, atol=1e-9)
+    assert not any("object_uid" in finding.text for finding in found)

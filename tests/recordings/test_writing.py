@@ -424,6 +424,14 @@ def test_umetrack(side: Any, tmp_path: Path) -> None:
     assert NUMBER.sub("#", before) == NUMBER.sub("#", after)
     lines = enumerate(zip(before.splitlines(), after.splitlines()))
     assert [k for k, pair in lines if pair[0] != pair[1]] == np.flatnonzero(correction.changed).tolist()
+    # In another folder the profile lies beside the file that it was made from.
+    elsewhere = tmp_path / "repaired" / "take.jsonl"
+    elsewhere.parent.mkdir()
+    elsewhere.write_bytes(out.read_bytes())
+    with pytest.raises(TrajectoryError, match="say --profile"):
+        read_recording(elsewhere)
+    again = read_recording(elsewhere, original=path)
+    assert again.joints is not None and np.allclose(again.joints, correction.joints, atol=1e-6)
 
 
 def same_motion(again: Any, recording: Any, correction: Any, atol: float) -> None:

@@ -62,7 +62,7 @@ def field_score(
         TrajectoryError: A file that is no recording of joint centres, or files of other samples or stamps.
         InputError: A motion of another number of poses, or a recorded hand without usable sizes.
     """
-    before, after = (clean_units(read_recording(path, options)) for path in (recorded, repaired))
+    before, after = (clean_units(read_recording(path, options, recorded)) for path in (recorded, repaired))
     for path, recording in ((recorded, before), (repaired, after)):
         if recording.joints is None:
             expected = "expected the centres of the joints in a world whose up axis is known (--world-up)"

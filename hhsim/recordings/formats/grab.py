@@ -152,7 +152,7 @@ def _object(
     poses = poses_in(arrays, count, options)
     if poses is not None:
         return (poses._replace(metre=poses.metre or 1e-3) if arctic else poses), []
-    path = content.path
+    path = content.original
     beside = path.with_name(path.name.replace(".mano.", ".object.")) if path is not None else None
     if path is None or beside is None or beside == path or not beside.is_file():
         return None, []

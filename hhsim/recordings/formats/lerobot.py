@@ -166,9 +166,9 @@ def _columns(data: bytes) -> dict[str, Any]:
 
 def _info(content: Content) -> dict[str, Any]:
     """Read meta/info.json of the data set; empty where there is none."""
-    if content.path is None:
+    if content.original is None:
         return {}
-    for folder in list(content.path.resolve().parents)[:LEVELS_UP]:
+    for folder in list(content.original.resolve().parents)[:LEVELS_UP]:
         path: Path = folder / "meta" / "info.json"
         if path.is_file():
             try:

@@ -50,7 +50,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if up is None:
         findings.append(note("the file does not say which axis is up: y, as on Quest; on Aria it is z: --world-up"))
         up = "y"
-    moved, remark = object_beside(content.path, poses.stamps, options.object_track)
+    moved, remark = object_beside(content.original, poses.stamps, options.object_track)
     if remark is not None:
         findings.append(remark)
     joints = JointPositions(
@@ -113,7 +113,7 @@ def _hand_points(rest: FloatArray, axes: FloatArray, landmarks: FloatArray, angl
 def _profile_path(content: Content, options: ReadOptions) -> tuple[Path, str]:
     if options.profile is not None:
         return options.profile, ""
-    beside = sorted(content.path.parent.glob(PROFILE)) if content.path is not None else []
+    beside = sorted(content.original.parent.glob(PROFILE)) if content.original is not None else []
     if len(beside) != 1:
         found = f"{len(beside)} files {PROFILE} beside it" if beside else "none beside it"
         raise TrajectoryError(f"UmeTrack poses need the profile of the hand, and there is {found}: say --profile")
