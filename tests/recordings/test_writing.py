@@ -21,7 +21,7 @@ from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines,
 from sampled import sampled
 from scipy.spatial.transform import Rotation
 
-from hhsim.errors import InputError, OutputError, UnknownNameError
+from hhsim.errors import InputError, OutputError, TrajectoryError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.file import load_trajectory, save_trajectory
