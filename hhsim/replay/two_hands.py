@@ -1,11 +1,11 @@
 """Replay of two hands on one object, and one file of both.
 
-An object that stands still or moves as recorded has a program for each hand, side by side on two threads: each hand's
-ticks are those that it has alone. A free object and both hands have one program. How near the hands come to each other
-is measured, not prevented.
+On an object that stands still or moves as recorded the hands keep out of each other: where they cannot meet each hand's
+ticks are those that it has alone, side by side on two threads, else one program's. A free object and both hands have
+one program, and there the hands do not see each other.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -19,17 +19,16 @@ from hhsim.arrays import AnyArray, FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
-from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.replay.replay import Replay
 from hhsim.replay.summary import ReplaySummary
 from hhsim.result.reader import check_result_path
-from hhsim.result.schema import SIDES, TWO_HANDED
+from hhsim.result.schema import HANDS_APART, SIDES, TWO_HANDED
 from hhsim.result.two_handed_file import BETWEEN_COLUMNS, join_hands
 from hhsim.scene.free_object import FreeObject
 from hhsim.scene.scene import Scene
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.two_hands import TwoHandedSolver
+from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver, keeps_hands_apart
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.output_path import free_name
 from hhsim.system.progress import Progress, silent
@@ -44,6 +43,7 @@ class TwoHandedReplay:
         hands: Table of the right and of the left hand.
         tick_p50, tick_p99: Time of a tick of both, side by side the longer one's [s].
         together: True if both have one program, with a free object.
+        keeps_apart: True if the graphic hands keep out of each other.
         haptic_distance, graphic_distance: Least distance between the haptic and between the graphic hands [m],
             negative where one is in the other.
     """
@@ -55,6 +55,7 @@ class TwoHandedReplay:
     haptic_distance: float
     graphic_distance: float
     together: bool = False
+    keeps_apart: bool = False
 
     @property
     def note(self) -> str:
@@ -62,6 +63,8 @@ class TwoHandedReplay:
         nearest = f"{1e3 * self.graphic_distance:.3g} mm"
         how = "in one program" if self.together else "side by side"
         met = f"; the haptic hands enter each other by {-1e3 * self.haptic_distance:.2g} mm"
+        if self.keeps_apart:
+            met += f", the graphic ones by {1e3 * max(0.0, -self.graphic_distance):.2g} mm"
         return (
             f"a tick of both hands, {how}: p50 {1e6 * self.tick_p50:.3g} µs, p99 {1e6 * self.tick_p99:.3g} µs; "
             f"the graphic hands come within {nearest} of each other{met if self.haptic_distance < 0.0 else ''}"
@@ -93,19 +96,23 @@ def replay_two_hands(
     _check(scenes)
     path = Path(output_path)
     check_result_path(path)
-    free = scenes[0].free
-    runs = [Replay(scene, options, {TWO_HANDED: True}, alone=free is None) for scene in scenes]
+    free, jointed = scenes[0].free, scenes[0].parts is not None
+    keeps_apart = free is None and keeps_hands_apart(options, jointed=jointed)
+    described = {TWO_HANDED: True, HANDS_APART: keeps_apart}
+    runs = [Replay(scene, options, described, alone=free is None) for scene in scenes]
     parts = [free_name(path.with_name(f"{path.stem}.{side}.partial{path.suffix}")) for side in SIDES]
     models, graphic = [scene.hand for scene in scenes], list[FloatArray]()
     duration: list[AnyArray] = []
     with ExitStack() as stack:
         for run, own in zip(runs, parts):
             stack.enter_context(run.writer(own, command))
-        solve = _together(runs, free) if free is not None else _side_by_side(runs, stack)
+        solver = _together(runs, free) if free is not None else _side_by_side(runs, stack)
         check_interrupt = stack.enter_context(interruptible_between())
         for part in runs[0].blocks():
             progress("ticks", part.start, runs[0].total)
-            records = solve(part)
+            records = [
+                run.judged(part, each) for run, each in zip(runs, solver.run(*(r.haptic.at(part) for r in runs)))
+            ]
             blocks = [run.write(part, record) for run, record in zip(runs, records)]
             placed = [
                 PlacedHand(*(block[f"graphic/{name}"] for name in ("joints", "position", "orientation")))
@@ -122,24 +129,21 @@ def replay_two_hands(
     times = 1e-9 * np.concatenate(duration)
     p50, p99 = (float(np.quantile(times, share)) for share in (0.5, 0.99))
     haptic_distance, graphic_distance = (float(np.min(values)) for values in distances)
-    hands = (hands[0], hands[1])
-    return TwoHandedReplay(path, hands, p50, p99, haptic_distance, graphic_distance, together=free is not None)
+    both = (hands[0], hands[1]), p50, p99, haptic_distance, graphic_distance
+    return TwoHandedReplay(path, *both, together=free is not None, keeps_apart=keeps_apart)
 
 
-def _side_by_side(runs: Sequence[Replay], stack: ExitStack) -> Callable[[slice], list[TickRecord]]:
-    """Return what runs the next ticks of each hand, each on a thread of its own."""
-    threads = stack.enter_context(ThreadPoolExecutor(len(runs)))
-    return lambda part: list(threads.map(lambda run: run.solve(part), runs))
+def _side_by_side(runs: Sequence[Replay], stack: ExitStack) -> SideBySideSolver:
+    """Return what runs the next ticks of both hands, each on a thread of its own where they cannot meet."""
+    return SideBySideSolver([run.solver for run in runs], stack.enter_context(ThreadPoolExecutor(len(runs))))
 
 
-def _together(runs: Sequence[Replay], free: FreeObject) -> Callable[[slice], list[TickRecord]]:
+def _together(runs: Sequence[Replay], free: FreeObject) -> TwoHandedSolver:
     """Return what runs the next ticks of both hands and of the free object, by one program."""
     solver = TwoHandedSolver([run.solver for run in runs], free)
     for hand, run in enumerate(runs):
         run.object_ticks = partial(solver.object_ticks, hand)
-    return lambda part: [
-        run.judged(part, each) for run, each in zip(runs, solver.run(*(r.haptic.at(part) for r in runs)))
-    ]
+    return solver
 
 
 def _check(scenes: Sequence[Scene]) -> None:

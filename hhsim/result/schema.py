@@ -29,6 +29,8 @@ SIDES: tuple[Literal["right"], Literal["left"]] = ("right", "left")
 """Hands of a file of two, in their order."""
 TWO_HANDED = "two_handed"
 """Key of a scene's description: true for one of two hands that were run together."""
+HANDS_APART = "hands_apart"
+"""Key of a scene's description: true where two hands keep out of each other."""
 LIVE = "live"
 """Group of live sessions."""
 LIVE_TICK = "live/tick"

@@ -1,7 +1,10 @@
 """Distance of the graphic hand to the object, and the nearest free place of a hand inside of it."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.self_pairs import self_clearance
 from hhsim.kernels.contact.penetration import clearances
@@ -47,22 +50,35 @@ def part_fingers(workspace: TickWorkspace) -> bool:
 
 def retreat(workspace: TickWorkspace) -> None:
     """Shift the hand by the least distance that frees it, over 26 directions and the one away from the object."""
-    pose, step = workspace.states[0].pose, workspace.options.margin
-    origin = pose.position.copy()
-    directions = [np.array(d) - 1.0 for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]
+    pose = workspace.states[0].pose
     joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
     away = joints.reshape(-1, 3).mean(axis=0) - workspace.center()
+    shift_until([pose.position], away, lambda: clearance(workspace), workspace.options.margin)
+
+
+def shift_until(positions: Sequence[FloatArray], away: FloatArray, distance: Callable[[], float], clear: float) -> None:
+    """Shift palms by the least distance that brings a signed distance to `clear` [m], a second one to the other side.
+
+    Directions are 26, and `away`.
+    """
+    origins = [position.copy() for position in positions]
+    directions = [np.array(d) - 1.0 for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]
     if norm(away) > 0.0:
         directions.insert(0, away)
-    best, nearest = np.inf, origin
+    best, nearest = np.inf, np.zeros(3)
+
+    def place(shift: FloatArray) -> None:
+        for position, origin, sign in zip(positions, origins, (1.0, -1.0)):
+            position[:] = origin + sign * shift
+
     for direction in directions:
         unit = direction / norm(direction)
         shift = 0.0
         while shift < best:
-            pose.position[:] = origin + shift * unit
-            distance = clearance(workspace)
-            if distance >= step:
-                best, nearest = shift, pose.position.copy()
+            place(shift * unit)
+            found = distance()
+            if found >= clear:
+                best, nearest = shift, shift * unit
                 break
-            shift += max(step, -distance)
-    pose.position[:] = nearest
+            shift += max(clear, -found / len(positions))
+    place(nearest)

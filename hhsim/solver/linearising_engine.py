@@ -23,8 +23,13 @@ class LinearisingEngine:
 
     def approach(self, linearisations: int, haptic: HapticBlock, record: TickRecord) -> int:
         """Run ticks with up to so many linearisations each."""
-        options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED)
-        return self._run(self.method._replace(options=options), haptic, record)
+        return self._run(self.patient(linearisations), haptic, record)
+
+    def patient(self, linearisations: int) -> Coupled | Progressive:
+        """Return the method with up to so many linearisations in a tick."""
+        return self.method._replace(
+            options=self.method.options._replace(linearisations=linearisations, budget=UNLIMITED)
+        )
 
     def _run(self, method: Coupled | Progressive, haptic: HapticBlock, record: TickRecord) -> int:
         workspace = self.workspace

@@ -1,16 +1,152 @@
-"""Solver of two hands that hold one free object: all three move by one program."""
+"""Solvers of two hands: on a free object all three move by one program; else the hands keep out of each other."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeAlias, TypeVar
+
+import numpy as np
 
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.kernels.contact.hand_pairs import hand_reach, hands_nearest
 from hhsim.kernels.free.record import ObjectRecord
+from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
 from hhsim.kernels.jit import as_argument
+from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
-from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
+from hhsim.kernels.tick.both_hands import BOTH_DOF, BOTH_HANDS, BOTH_ROWS, find_meeting, run_hands_apart
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.free_engine import FreeEngine
-from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.workspace import tick_record
+from hhsim.solver.free_place import clearance, shift_until
+from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver
+from hhsim.solver.linearising_engine import LinearisingEngine
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.workspace import TickWorkspace, tick_record, zeroed
+
+T = TypeVar("T")
+Pair: TypeAlias = tuple[T, T]
+FAR = 10.0
+"""Distance [m] up to which hands that begin in each other, or may, are measured."""
+LISTS = "candidates"
+"""What of a tick's state is gathered anew from the rest: its lists of near pairs, most of its memory."""
+
+
+def keeps_hands_apart(options: SolverOptions, *, jointed: bool = False) -> bool:
+    """Return whether two hands of these options, on an object that is not free, keep out of each other."""
+    return options.method in ("coupled", "progressive") and options.qp == "active-set" and not jointed
+
+
+class SideBySideSolver:
+    """Keeps two hands between ticks, on an object that stands still or moves as recorded.
+
+    Where they cannot meet each hand's ticks are those that it has alone, on a thread of its own. Where they can, the
+    ticks are made one by one, and those in which they might have met by one program of both. Methods that promise no
+    distance to the object, other QP solvers and things of several parts have the former alone.
+
+    Args:
+        hands: Solver of the right and of the left hand, of one surface and the same options.
+        threads: Where each hand's ticks run.
+    """
+
+    def __init__(self, hands: Sequence[HandSolver], threads: ThreadPoolExecutor) -> None:
+        self.hands, self._threads = tuple(hands), threads
+        first = hands[0]
+        self.keeps_apart = keeps_hands_apart(first.options, jointed=type(first.engine) is not LinearisingEngine)
+        self._started = not self.keeps_apart
+        if self.keeps_apart:
+            self._spaces = tuple(hand.workspace for hand in hands)
+            self._arrays = tuple(space.hand for space in self._spaces)
+            self._states = tuple(space.states for space in self._spaces)
+            self._both, self._qp = zeroed(BOTH_HANDS), new_work(BOTH_DOF, BOTH_ROWS)
+            self._both[0].pairs.reach[:] = [hand_reach(arrays) for arrays in self._arrays]
+
+    def run(self, *haptic: HandConfiguration) -> tuple[TickRecord, TickRecord]:
+        """Run one tick for each pair of haptic configurations; arguments as of `HandSolver.run`.
+
+        Raises:
+            HhsimError: More pairs were near than the arrays hold.
+        """
+        right, left = (HapticBlock(*(as_argument(values) for values in given)) for given in haptic)
+        begun = [0, 0]
+        if not self._started and len(right.position):
+            self._started = True
+            begun = self._begin((right, left))
+        records = self._run((right, left), haptic)
+        for record, start in zip(records, begun):
+            record.status[:1] |= start
+        return records
+
+    def _run(self, blocks: Pair[HapticBlock], haptic: Sequence[HandConfiguration]) -> Pair[TickRecord]:
+        if not (self.keeps_apart and self._both[0].is_near):
+            kept = [_kept(space) for space in self._spaces] if self.keeps_apart else []
+            right, left = self._threads.map(lambda hand, given: hand.run(*given), self.hands, haptic)
+            if not self.keeps_apart or not self._have_met(kept, (right, left)):
+                return right, left
+            for space, fields in zip(self._spaces, kept):
+                _return_to(fields, space)
+        records = tick_record(len(blocks[0].position)), tick_record(len(blocks[1].position))
+        self._run_together([_engine(hand).method for hand in self.hands], blocks, records)
+        return records
+
+    def _have_met(self, kept: Sequence[dict[str, Any]], records: Pair[TickRecord]) -> bool:
+        """Return whether the hands might have met in ticks of each alone, which began as `kept`."""
+        for states, fields in zip(self._states, kept):
+            copy_configuration(fields["pose"][0], states[0].pose)
+        offset = self.hands[0].options.offset
+        count = len(records[0].position)
+        return bool(find_meeting(self._arrays, offset, records, self._states, self._both[0]) < count)
+
+    def _run_together(self, methods: Sequence[Any], haptic: Pair[HapticBlock], records: Pair[TickRecord]) -> None:
+        first = self._spaces[0]
+        qps = tuple(space.qp for space in self._spaces)
+        given = tuple(methods), self._arrays, first.surface, self._states, qps, haptic, records
+        done = run_hands_apart(*given, self._both, self._qp)
+        if done and (records[0].status[done - 1] | records[1].status[done - 1]) & STATUS_CAPACITY_EXCEEDED:
+            raise first.full()
+
+    def _begin(self, haptic: Pair[HapticBlock]) -> list[int]:
+        """Place both hands, apart where they begin in each other; return the status bits of each first tick."""
+        begun = [hand.begin(given) for hand, given in zip(self.hands, haptic)]
+        first, second = (states[0].pose for states in self._states)
+        away, clear = first.position - second.position, self.hands[0].options.margin
+
+        def distance() -> float:
+            for arrays, states in zip(self._arrays, self._states):
+                update_kinematics(arrays, states[0].pose)
+            apart = hands_nearest(self._arrays, self._states, FAR, self._both[0].pairs)
+            return min(apart, *(clearance(space) for space in self._spaces))
+
+        if distance() >= 0.0:
+            return begun
+        shift_until([first.position, second.position], away, distance, clear)
+        engines, goals = [_engine(hand) for hand in self.hands], []
+        for engine, states in zip(engines, self._states):
+            engine.begin()
+            goals.append(HapticBlock(*(np.array(states[0].haptic[name])[None] for name in HapticBlock._fields)))
+        self._both[0].is_near = True
+        self._run_together(
+            [e.patient(START_LINEARISATIONS) for e in engines], tuple(goals), tuple(map(tick_record, (1, 1)))
+        )
+        return [start | STATUS_START_INSIDE for start in begun]
+
+
+def _engine(hand: HandSolver) -> LinearisingEngine:
+    assert isinstance(hand.engine, LinearisingEngine)
+    return hand.engine
+
+
+def _kept(space: TickWorkspace) -> dict[str, Any]:
+    """Return a copy of a tick's state without its lists."""
+    return {name: space.states[name].copy() for name in space.states.dtype.names if name != LISTS}
+
+
+def _return_to(kept: dict[str, Any], space: TickWorkspace) -> None:
+    """Let a tick's state be again what `_kept` has returned, its lists gathered anew."""
+    for name in kept:
+        space.states[name][:] = kept[name]
+    space.gather()
+    for name in kept:
+        space.states[name][:] = kept[name]
 
 
 class TwoHandedSolver:

@@ -98,7 +98,8 @@ def _cone(hand: HandArrays, pose: Record, body: int) -> RoundCone:
 
 
 @jit_inline
-def _sphere_distance(cone: RoundCone, x: float, y: float, z: float, radius: float) -> float:
+def sphere_distance(cone: RoundCone, x: float, y: float, z: float, radius: float) -> float:
+    """Compute the signed distance [m] of a round cone and a sphere."""
     dx, dy, dz = x - cone.x, y - cone.y, z - cone.z
     s = round_cone_parameter(dx, dy, dz, cone.ux, cone.uy, cone.uz, cone.tan_slope, cone.inverse_length)
     along = s * cone.length
@@ -107,7 +108,8 @@ def _sphere_distance(cone: RoundCone, x: float, y: float, z: float, radius: floa
 
 
 @jit_inline
-def _in_palm_frame(pose: Record, cone: RoundCone) -> RoundCone:
+def in_palm_frame(pose: Record, cone: RoundCone) -> RoundCone:
+    """Return a round cone of the world in a palm's frame."""
     position, rotation = pose.position, pose.rotation
     x, y, z = turned_back(rotation, cone.x - position[0], cone.y - position[1], cone.z - position[2])
     ux, uy, uz = turned_back(rotation, cone.ux, cone.uy, cone.uz)
@@ -121,10 +123,10 @@ def _next_sphere(hand: HandArrays, cone: RoundCone, limit: float, after: int) ->
     for g in range(group.shape[1]):
         if start[g + 1] <= after:
             continue
-        if _sphere_distance(cone, group[0, g], group[1, g], group[2, g], group[3, g]) >= limit:
+        if sphere_distance(cone, group[0, g], group[1, g], group[2, g], group[3, g]) >= limit:
             continue
         for i in range(max(start[g], after), start[g + 1]):
-            distance = _sphere_distance(cone, hand.palm_x[i], hand.palm_y[i], hand.palm_z[i], hand.palm_radius[i])
+            distance = sphere_distance(cone, hand.palm_x[i], hand.palm_y[i], hand.palm_z[i], hand.palm_radius[i])
             if distance < limit:
                 return i, distance
     return as_int64(-1), limit
@@ -135,7 +137,7 @@ def pair_distance(hand: HandArrays, pose: Record, first: int, second: int) -> fl
     """Compute the signed distance [m] of a phalanx and another, or the palm, with kinematics up to date."""
     if second != PALM_BODY:
         return round_cone_pair(_cone(hand, pose, first), _cone(hand, pose, second))[0]
-    cone, nearest, sphere = _in_palm_frame(pose, _cone(hand, pose, first)), np.inf, as_int64(-1)
+    cone, nearest, sphere = in_palm_frame(pose, _cone(hand, pose, first)), np.inf, as_int64(-1)
     while True:
         sphere, distance = _next_sphere(hand, cone, nearest, sphere + 1)
         if sphere < 0:
@@ -242,8 +244,8 @@ def write_row(hand: HandArrays, pose: Record, first: int, second: int, sphere: i
 
 
 @jit_inline
-def _clearance(relaxed: bool, offset: float, distance: float) -> float:
-    # As a contact's row: relaxed, what is nearer than the offset may stay as near as it is.
+def clearance_kept(relaxed: bool, offset: float, distance: float) -> float:
+    """Return the distance that a row keeps: the offset; relaxed, what is nearer may stay as near as it is."""
     return min(offset, distance) if relaxed and distance >= 0.0 else offset
 
 
@@ -257,7 +259,7 @@ def _is_violated(options: Any, row: int, state: Record) -> bool:
     for j in range(6, DOF):
         after += own.gradient[row, j] * delta[j]
         square += (own.gradient[row, j] * problem.inverse_root[j]) ** 2
-    short = _clearance(state.program.is_relaxed, options.offset, own.distance[row]) - after
+    short = clearance_kept(state.program.is_relaxed, options.offset, own.distance[row]) - after
     return short > options.tolerance * math.sqrt(square) if square > 0.0 else short > options.relaxation
 
 
@@ -336,7 +338,7 @@ def _add_rows(pairs: SelfPairs, hand: HandArrays, within: float, options: Any, s
         if second != PALM_BODY:
             added = _add_pair(pairs, hand, pair, as_int64(WHOLE_PALM), within, options, state) or added
             continue
-        cone, sphere = _in_palm_frame(state.pose, _cone(hand, state.pose, first)), as_int64(-1)
+        cone, sphere = in_palm_frame(state.pose, _cone(hand, state.pose, first)), as_int64(-1)
         while True:
             sphere, _ = _next_sphere(hand, cone, limit, sphere + 1)
             if sphere < 0:
@@ -373,7 +375,7 @@ def _scale_rows(pairs: SelfPairs, offset: float, relaxed: bool, state: Record) -
     own, problem = state.self_contact, state.problem
     first = limit_start(state.contacts, as_int64(FINGER_COUNT))
     for row in range(own.count):
-        rhs = _clearance(relaxed, offset, own.distance[row]) - own.distance[row]
+        rhs = clearance_kept(relaxed, offset, own.distance[row]) - own.distance[row]
         for f in range(FINGER_COUNT):
             rhs -= own.spread[row, f] * problem.abduction_step[f]
         problem.rhs[first + row] = rhs

@@ -1,0 +1,165 @@
+"""Two hands that keep out of each other: known answers, the same bytes where they are far, and random ticks."""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import pytest
+from sampled import sampled
+from sphere_scenes import UNTIMED, bumpy_ball, record_clearance, sphere_tree
+
+from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.hand.forward_kinematics import forward_kinematics
+from hhsim.hand.model import HandModel
+from hhsim.hand.self_pairs import self_clearance, self_pairs
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
+from hhsim.metrics.metrics import distance_of_hands
+from hhsim.motion.analytic_motion import random_targets, still
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.two_hands import SideBySideSolver
+
+HANDS = HandModel.default("right"), HandModel.default("left")
+AIR = sphere_tree(np.full((1, 3), 50.0), np.array([0.01]))
+FLIP = np.array([-1.0, 1.0, 1.0])
+TURN = np.array([0.9, 0.1, 0.4, 0.05]) / np.linalg.norm([0.9, 0.1, 0.4, 0.05])
+Pair = tuple[HandConfiguration, HandConfiguration]
+
+
+@pytest.fixture(scope="module")
+def threads() -> Iterator[ThreadPoolExecutor]:
+    with ThreadPoolExecutor(2) as pool:
+        yield pool
+
+
+def run(threads: ThreadPoolExecutor, motions: Pair, tree: Any = AIR, **options: Any) -> tuple[TickRecord, TickRecord]:
+    solver = SideBySideSolver([HandSolver(hand, tree.arrays(), SolverOptions(**options)) for hand in HANDS], threads)
+    records: list[list[TickRecord]] = [[], []]
+    for first in range(0, len(motions[0].position), 100):
+        for kept, found in zip(records, solver.run(*(motion.at(slice(first, first + 100)) for motion in motions))):
+            kept.append(found)
+    one, two = (TickRecord._make(np.concatenate(values) for values in zip(*kept)) for kept in records)
+    return one, two
+
+
+def apart(hands: Any) -> FloatArray:
+    """Distance at each tick, by code of its own, of two hands given by their configurations or records."""
+    at = [HandConfiguration(one.position, one.orientation, one.flexion, one.abduction) for one in hands]
+    return distance_of_hands(HANDS, [forward_kinematics(hand, *one) for hand, one in zip(HANDS, at)])
+
+
+def mirrored(motion: HandConfiguration) -> HandConfiguration:
+    return motion._replace(position=motion.position * FLIP, orientation=motion.orientation * [1.0, 1.0, -1.0, -1.0])
+
+
+def through(depth: float, ticks: int = 150, hold: int = 60) -> Pair:
+    """Hands that come from the sides and go through the plane between them by a depth [m]."""
+    right = still([0.2, 0.0, 0.0]).line(still([0.07 - depth, 0.0, 0.0]), ticks - 1).hold(hold)
+    right = right._replace(orientation=np.tile(TURN, (len(right.position), 1)))
+    return right, mirrored(right)
+
+
+@pytest.mark.parametrize("options", [{}, {"self_contact": True}, {"method": "progressive"}])
+def test_hands_commanded_through_each_other_touch_and_push_alike(threads: Any, options: dict[str, Any]) -> None:
+    motions = through(0.02)
+    assert apart(motions).min() < -5e-3
+    one, two = run(threads, motions, **options)
+    distance = apart((one, two))
+    assert distance.min() >= 0.0 and distance[-1] <= 1e-6
+    assert not ((one.status | two.status)[-1] & (STATUS_LAG | STATUS_STUCK))
+    assert np.linalg.norm(one.total[-1]) > 0.5
+    np.testing.assert_array_equal(one.total, -two.total)
+    # What the other hand pushes with is what the user's pulls with, on either side.
+    for record in (one, two):
+        np.testing.assert_allclose(record.palm_wrench[-1, :3], record.total[-1], rtol=1e-2, atol=1e-3)
+
+
+def test_mirrored_hands_do_the_mirrored_thing(threads: Any) -> None:
+    one, two = run(threads, through(0.003))
+    assert np.linalg.norm(one.total[-1]) > 0.1
+    np.testing.assert_allclose(two.total, FLIP * one.total, atol=1e-9)
+    np.testing.assert_allclose(two.joints, FLIP * one.joints, atol=1e-9)
+
+
+def test_where_the_hands_are_far_every_byte_is_that_of_each_alone(threads: Any) -> None:
+    ball = bumpy_ball(150)
+    near = still([0.0, -0.045, 0.056]).line(still([0.0, -0.045, 0.04]), 119).hold(20)
+    motions = near, HandConfiguration(near.position * [1.0, 1.0, -1.0], *near[1:])
+    together = run(threads, motions, ball)
+    assert apart(together).min() > 0.0
+    for hand, motion, record in zip(HANDS, motions, together):
+        alone = HandSolver(hand, ball.arrays(), SolverOptions()).run(*motion)
+        assert np.abs(alone.total).max() > 1.0
+        for name in UNTIMED:
+            assert getattr(record, name).tobytes() == getattr(alone, name).tobytes(), name
+
+
+def test_ticks_up_to_the_first_meeting_are_those_of_each_alone_and_after_it_again(threads: Any) -> None:
+    there, back = through(0.02, 80, 10), through(0.02, 80, 0)
+    motions = [sequence(x, y.at(slice(None, None, -1))) for x, y in zip(there, back)]
+    one, two = run(threads, (motions[0], motions[1]))
+    distance = apart((one, two))
+    first = int(np.argmax(distance < 1e-6))
+    alone = HandSolver(HANDS[0], AIR.arrays(), SolverOptions()).run(*motions[0])
+    assert 0 < first < 80
+    for name in ("position", "joints", "total"):
+        assert getattr(one, name)[:first].tobytes() == getattr(alone, name)[:first].tobytes(), name
+    np.testing.assert_allclose(one.position[-1], motions[0].position[-1], atol=1e-12)
+
+
+def test_hands_that_pass_through_each_other_in_one_tick_do_not_swap_sides(threads: Any) -> None:
+    start = still([0.15, 0.0, 0.0])
+    leap = sequence(start.hold(20), still([-0.15, 0.0, 0.0]).hold(200))
+    motions = leap, mirrored(leap)
+    assert apart(motions).min() > 0.05
+    one, two = run(threads, motions)
+    assert apart((one, two)).min() >= 0.0
+    # They press on, and do not go through: whether they slide past each other is another question.
+    assert one.position[21, 0] > two.position[21, 0]
+
+
+def test_hands_that_begin_in_each_other_begin_beside(threads: Any) -> None:
+    right = still([0.02, 0.0, 0.0]).hold(30)
+    motions = right, mirrored(right)
+    assert apart(motions).max() < -5e-3
+    one, two = run(threads, motions)
+    assert one.status[0] & two.status[0] & STATUS_START_INSIDE
+    distance = apart((one, two))
+    assert distance.min() >= 0.0 and distance[-1] <= 1e-6
+    np.testing.assert_array_equal(one.total, -two.total)
+
+
+def random_hands(seed: int, ticks: int) -> Pair:
+    random = np.random.default_rng(seed)
+    right, left = (random_targets(hand, ticks, random, hold=20) for hand in HANDS)
+    return right, left._replace(position=left.position + [0.02, 0.03, 0.02])
+
+
+@pytest.mark.parametrize("seed", sampled(range(20), lambda seed, _: seed == 0))
+def test_random_ticks_enter_neither_hand_nor_object(threads: Any, seed: int) -> None:
+    ball, motions = bumpy_ball(60), random_hands(seed, 300)
+    options = {"self_contact": True} if seed % 2 else {}
+    records = run(threads, motions, ball, **options)
+    assert apart(motions).min() < -5e-3
+    assert apart(records).min() >= 0.0
+    for hand, record in zip(HANDS, records):
+        assert record_clearance(hand, ball, record).min() >= 0.0
+        if options:
+            assert self_clearance(hand, self_pairs(hand), record.flexion, record.abduction).min() >= 0.0
+
+
+@pytest.mark.parametrize("seed", sampled(range(20), lambda seed, _: seed == 0))
+def test_random_glides_are_never_in_each_other(threads: Any, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    ways = []
+    for hand in HANDS:
+        goals = random_targets(hand, 6, random, hold=1)
+        way = goals.at(slice(0, 1))
+        for k in range(1, 6):
+            way = way.line(goals.at(slice(k, k + 1)), 60)
+        ways.append(way)
+    ways[1] = ways[1]._replace(position=ways[1].position + [0.1, 0.0, 0.0])
+    assert apart(run(threads, (ways[0], ways[1]))).min() >= 0.0
