@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.result.reader import hand_paths, load_result
 from hhsim.scene.motion_catalogue import resolve_trajectory
@@ -33,7 +34,6 @@ Times = NDArray[np.float64]
 OPEN = 1.92
 """Angle of the lid that stands still [rad]."""
 PAIRS: tuple[tuple[str, str, str, str, float | None], ...] = (
-    ("two hands, one after the other", "cube grasp", "cube grasp --hands both", "sum", 2.2),
     ("two hands, side by side", "cube grasp", "cube grasp --hands both", "longer", 1.3),
     ("fingers that meet: bunny grasp", "bunny grasp", "bunny grasp --self-contact on", "cpu", 1.1),
     ("fingers that meet: cube grasp", "cube grasp", "cube grasp --self-contact on", "cpu", 1.1),
@@ -64,11 +64,36 @@ def replayed(words: str, folder: Path) -> list[dict[str, Times]]:
 def of_pair(first: str, second: str, which: str, folder: Path) -> tuple[Times, Times, Times]:
     """Return the times of a pair of replays [µs], and where the first is in contact."""
     alone, other = replayed(first, folder)[0], replayed(second, folder)
-    if which == "sum":
-        return alone["cpu"], np.sum([hand["cpu"] for hand in other], axis=0), alone["contact"]
     if which == "longer":
         return alone["total"], np.max([hand["total"] for hand in other], axis=0), alone["contact"]
     return alone["cpu"], other[0]["cpu"], alone["contact"]
+
+
+def times_of(record: TickRecord) -> Times:
+    """Return the CPU time of ticks [µs]."""
+    return np.asarray(1e-3 * record.duration_cpu, np.float64)
+
+
+def touching(record: TickRecord) -> Times:
+    """Return 1 for ticks in contact, 0 for others."""
+    return np.asarray(np.linalg.norm(record.total, axis=1) > 0.0, np.float64)
+
+
+def of_mirror_images() -> tuple[Times, Times, Times]:
+    """Return the times of a hand that grasps the cube, and of it and its mirror image at the mirrored cube [µs].
+
+    A left hand that finds its place beside a right one touches the cube elsewhere, and does other work.
+    """
+    scene, flip = open_scene("cube", "grasp", hand="right"), np.diag([-1.0, 1.0, 1.0])
+    right = HandConfiguration.of(scene.ticks)
+    turned = right.orientation * [1.0, 1.0, -1.0, -1.0]
+    left = HandConfiguration(right.position @ flip, turned, right.flexion, right.abduction)
+    other = scene.tree.transformed(flip, np.zeros(3))
+    pairs = [(scene.hand, scene.tree, right), (HandModel.default("left"), other, left)]
+    alone, *both = (
+        HandSolver(hand, tree.arrays(), SolverOptions()).run(*motion) for hand, tree, motion in [pairs[0], *pairs]
+    )
+    return times_of(alone), np.sum([times_of(one) for one in both], axis=0), touching(alone)
 
 
 def of_laptop(surface: str) -> tuple[Times, Times, Times]:
@@ -80,20 +105,17 @@ def of_laptop(surface: str) -> tuple[Times, Times, Times]:
     assert scene.parts is not None
     options, haptic = SolverOptions(surface=surface), HandConfiguration.of(scene.ticks)
 
-    def times(record: TickRecord) -> Times:
-        return np.asarray(1e-3 * record.duration_cpu, np.float64)
-
     twin = HandSolver(scene.hand, contact_surface(surface, scene.mesh, scene.tree), options).run(*haptic)
     parts = HandSolver(scene.hand, scene.parts.surface(surface), options).run(*haptic)
-    return times(twin), times(parts), np.asarray(np.linalg.norm(twin.total, axis=1) > 0.0, np.float64)
+    return times_of(twin), times_of(parts), touching(twin)
 
 
 def row(name: str, runs: Sequence[tuple[Times, Times, Times]], aim: float | None) -> str:
     """Return a line of the table."""
-    touching = runs[0][2] > 0.0
+    in_contact = runs[0][2] > 0.0
     first, second = (np.min([run[k] for run in runs], axis=0) for k in (0, 1))
     if len(first) == len(second):
-        first, second = first[touching], second[touching]
+        first, second = first[in_contact], second[in_contact]
     quantiles = [np.percentile(times, share) for times in (first, second) for share in (50.0, 99.0)]
     ratios = quantiles[2] / quantiles[0], quantiles[3] / quantiles[1]
     values = " | ".join(f"{value:.1f}" for value in quantiles)
@@ -109,6 +131,7 @@ def main(words: Sequence[str]) -> None:
     lines = ["| | one: p50 | p99 [µs] | more: p50 | p99 [µs] | ratio of p50 | of p99 | aim |", "|---" * 8 + "|"]
     with tempfile.TemporaryDirectory() as name:
         measured: list[tuple[str, Callable[[], tuple[Times, Times, Times]], float | None]] = [
+            ("two hands, one after the other", of_mirror_images, 2.2),
             *((what, partial(of_pair, one, more, which, Path(name)), aim) for what, one, more, which, aim in PAIRS),
             *((f"laptop, {surface}", partial(of_laptop, surface), 1.3) for surface in ("mesh", "spheres")),
         ]

@@ -1,6 +1,7 @@
 """Second run of a result's ticks, from nothing but the file, and comparison of every array: bits, and rounding."""
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from hhsim.result.schema import (
     CONTACT,
     CONTACT_COLUMNS,
     FREE_COLUMNS,
+    HANDS_APART,
     OBJECT_COLUMNS,
     SIDES,
     TICK_COLUMNS,
@@ -35,7 +37,7 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.two_hands import TwoHandedSolver
+from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver
 from hhsim.solver.workspace import tick_record
 from hhsim.system import environment as info
 from hhsim.system.deferred_sigint import interruptible_between
@@ -214,7 +216,7 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     alone = free if other is None else None
     warm_up(hand, options, alone)
     solver = HandSolver(hand, surface, options, alone)
-    both = None if other is None or free is None else _of_both(result, solver, other, surface, options, free)
+    both = None if other is None else _of_both(result, solver, other, surface, options, free)
     columns = TickColumns(surface.arrays, hand, options)
     total, notes = _runnable(result)
     moving = [] if free is None else list(COMPARED_IF_FREE)
@@ -232,7 +234,7 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
             if result.driven and free is None:
                 frame = MovingFrame(haptic, result.moved_since_first(here), result.object_motion(here))
             live, loose = result.live is not None, free is not None
-            record, ticks = both(haptic, here) if both else _solve(solver, frame.haptic, live=live, free=loose)
+            record, ticks = both(frame.haptic, here) if both else _solve(solver, frame.haptic, live=live, free=loose)
             if ticks is not None:
                 frame = FreeFrame(haptic, ticks, *(result.static[f"object/{name}"] for name in POSE))
                 _compare_contacts(result, here, frame.contacts(done), contacts)
@@ -299,26 +301,31 @@ def _runnable(result: Result) -> tuple[int, list[str]]:
 
 
 def _other_hand(result: Result) -> Result | None:
-    """Return the result of the hand that moved a free object together with that of a result; None where none did."""
-    if not (result.free and result.scene.get(TWO_HANDED)):
+    """Return the result of the hand that a result's moved a free object with, or kept apart from; None for none."""
+    if not (result.scene.get(TWO_HANDED) and (result.free or result.scene.get(HANDS_APART))):
         return None
     side = SIDES[result.side == SIDES[0]]
     if not is_one_of_two(result.path):
-        raise InputError(f"{result.path} is of two hands at one free object, and the other one's result is not there")
+        raise InputError(f"{result.path} is of two hands together, and the other one's result is not there")
     return load_result(result.path.with_name(side))
 
 
 def _of_both(
-    result: Result, own: HandSolver, other: Result, surface: Any, options: SolverOptions, free: FreeObject
-) -> Callable[[HandConfiguration, slice], tuple[TickRecord, ObjectRecord]]:
-    """Return what runs some ticks of two hands at one free object again, as those of the hand of a result."""
+    result: Result, own: HandSolver, other: Result, surface: Any, options: SolverOptions, free: FreeObject | None
+) -> Callable[[HandConfiguration, slice], tuple[TickRecord, ObjectRecord | None]]:
+    """Return what runs some ticks of two hands together again, as those of the hand of a result."""
     place, hands = SIDES.index(result.side), [own, HandSolver(stored_hand(other), surface, options)]
-    both = TwoHandedSolver(hands if place == 0 else hands[::-1], free)
+    ordered = hands if place == 0 else hands[::-1]
+    loose = None if free is None else TwoHandedSolver(ordered, free)
+    both = loose or SideBySideSolver(ordered, ThreadPoolExecutor(len(hands)))
 
-    def solve(haptic: HandConfiguration, ticks: slice) -> tuple[TickRecord, ObjectRecord]:
-        names = HandConfiguration._fields
-        given = [haptic, HandConfiguration(*(other[f"haptic/{name}"][ticks] for name in names))]
-        return both.run(*(given if place == 0 else given[::-1]))[place], both.object_ticks(place)
+    def solve(haptic: HandConfiguration, ticks: slice) -> tuple[TickRecord, ObjectRecord | None]:
+        theirs = HandConfiguration(*(other[f"haptic/{name}"][ticks] for name in HandConfiguration._fields))
+        if result.driven and free is None:
+            theirs = MovingFrame(theirs, other.moved_since_first(ticks), other.object_motion(ticks)).haptic
+        given = [haptic, theirs]
+        record = both.run(*(given if place == 0 else given[::-1]))[place]
+        return record, None if loose is None else loose.object_ticks(place)
 
     return solve
 

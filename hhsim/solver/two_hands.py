@@ -119,14 +119,16 @@ class SideBySideSolver:
         if distance() >= 0.0:
             return begun
         shift_until([first.position, second.position], away, distance, clear)
-        engines, goals = [_engine(hand) for hand in self.hands], []
-        for engine, states in zip(engines, self._states):
+        engines = [_engine(hand) for hand in self.hands]
+        for engine in engines:
             engine.begin()
-            goals.append(HapticBlock(*(np.array(states[0].haptic[name])[None] for name in HapticBlock._fields)))
-        self._both[0].is_near = True
-        self._run_together(
-            [e.patient(START_LINEARISATIONS) for e in engines], tuple(goals), tuple(map(tick_record, (1, 1)))
+        one, two = (
+            HapticBlock(*(np.array(states[0].haptic[name])[None] for name in HapticBlock._fields))
+            for states in self._states
         )
+        self._both[0].is_near = True
+        patient = [engine.patient(START_LINEARISATIONS) for engine in engines]
+        self._run_together(patient, (one, two), (tick_record(1), tick_record(1)))
         return [start | STATUS_START_INSIDE for start in begun]
 
 

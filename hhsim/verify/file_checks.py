@@ -20,6 +20,7 @@ from hhsim.kernels.tick.state import (
 from hhsim.mesh.mesh import LARGEST_NUMBER, require_usable_arrays
 from hhsim.replay.stored_scene import PARTS, checksums
 from hhsim.result.reader import Result
+from hhsim.result.schema import HANDS_APART
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.script import Script
 from hhsim.solver.method import never_penetrates
@@ -177,6 +178,8 @@ def _work(result: Result) -> list[Claim]:
     # A pair has at most two contacts: a flat phalanx has one at each end.
     found = 2 * np.asarray(result["contacts/candidates"])
     most = least + (UNITS_CONTACT * found + UNITS_ROW * rows) * steps
+    # Two hands that meet look at each other besides, as often as their steps would bring together what has no row.
+    most += np.iinfo(np.int64).max // 2 * bool(result.scene.get(HANDS_APART))
     # Rows of a free object's table, and of the hand's own parts, belong to no contact with the object.
     own_rows = result.free or result.scene["solver"].get("self_contact", False)
     least += (UNITS_ROW if own_rows else UNITS_CONTACT + UNITS_ROW) * rows

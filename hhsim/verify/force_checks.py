@@ -6,6 +6,7 @@ from functools import cache, partial
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
+from hhsim.result.schema import HANDS_APART
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import PALM
@@ -23,7 +24,7 @@ from hhsim.verify.forces import (
 )
 from hhsim.verify.kinematics import turn_between
 from hhsim.verify.own_parts import with_meetings
-from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_OTHER, STUCK, JudgedTicks
 
 FORCE = 1e-6
 """Relative tolerance of forces, and absolute one [N]: a ten-thousandth of the least force that has a rate."""
@@ -49,6 +50,8 @@ def force_claims(judge: JudgedTicks) -> list[Claim]:
     if judge.result.free:
         # Friction has other claims: `hhsim.verify.free_object_checks`.
         return claims
+    if judge.result.scene.get(HANDS_APART) and judge.other is None:
+        return [*claims, Claim(NAME, SAYS, NOT_JUDGED, note=NO_OTHER)]
     method, force = judge.options["method"], judge.options["force"]
     # Two claims ask for that of a tick.
     moment_at = cache(partial(_moment, judge))
@@ -121,6 +124,7 @@ def _complementarity(judge: JudgedTicks) -> Claim:
     nearest = judge.near.nearest[chosen]
     if judge.self_contact:
         nearest = np.minimum(nearest, judge.meetings.nearest(len(judge.chosen))[chosen])
+    nearest = np.minimum(nearest, judge.against_other_hand.nearest(len(judge.chosen))[chosen])
     apart = nearest > judge.bearing_within[chosen] + LENGTH
     size = np.linalg.norm(judge.stored_forces(judge.chosen[chosen]), axis=2)
     off = np.where(apart, size, 0.0).max(axis=1)

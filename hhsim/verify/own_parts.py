@@ -4,6 +4,7 @@ The distance of two round cones is convex in the places on both axes: for each p
 nearest on the other, and bisection over the first finds the least of these.
 """
 
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -17,6 +18,8 @@ from hhsim.verify.kinematics import OwnHand, Posed, pose
 
 SAMPLES = 5
 """Points of each axis whose distances tell which pairs can be near."""
+WORTH_A_LOOK = 1e-3
+"""Slack [m] of the balls that tell which bodies of two hands can be near."""
 TICKS = 256
 """Hands measured at once, to bound the memory."""
 THUMB_TO_LITTLE, PER_FINGER = 5, 3
@@ -66,27 +69,66 @@ def parts_that_may_meet(hand: OwnHand, fingers: BoolArray) -> BoolArray:
 def meetings(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Meetings:
     """Find the pairs of `may` (15, 16) that are no more than `near` [m] apart; hands that are not finite have none."""
     spheres = PALM + np.arange(len(hand.palm_radius))
-    radius_a, radius_b = (np.append(hand.radius[:, part].ravel(), hand.palm_radius) for part in (slice(3), slice(1, 4)))
-    couples = [(i, j) for i, k in zip(*np.nonzero(may)) for j in ([k] if k < PALM else spheres)]
+    couples = [(int(i), int(j)) for i, k in zip(*np.nonzero(may)) for j in ([k] if k < PALM else spheres)]
+    bodies = _bodies(hand, posed)
+    return _near(bodies, bodies, near, lambda a, b: couples)
+
+
+def meetings_of_two(hands: Sequence[OwnHand], posed: Sequence[Posed], near: float) -> Meetings:
+    """Find the pairs of two hands' bodies that are no more than `near` [m] apart, the palm's spheres on both sides."""
+    bodies = [_bodies(hand, at) for hand, at in zip(hands, posed)]
+    size = [np.maximum(one.radius_a, one.radius_b) for one in bodies]
+
+    def couples(one: FloatArray, other: FloatArray) -> list[tuple[int, int]]:
+        found = []
+        for i in range(len(size[0])):
+            apart = np.linalg.norm(one[:, i, None, SAMPLES // 2] - other[:, :, SAMPLES // 2], axis=2)
+            length = [np.linalg.norm(points[0, :, -1] - points[0, :, 0], axis=1) for points in (one, other)]
+            reach = 0.5 * (length[0][i] + length[1]) + size[0][i] + size[1] + near
+            found += [(i, int(j)) for j in np.flatnonzero((apart <= reach + WORTH_A_LOOK).any(axis=0))]
+        return found
+
+    return _near(bodies[0], bodies[1], near, couples)
+
+
+class _Bodies(NamedTuple):
+    """Round cones of hands at some ticks: phalanges, and the palm's spheres, cones without length."""
+
+    a: FloatArray  # start of each axis [m] (T, B, 3)
+    b: FloatArray
+    radius_a: FloatArray  # [m] (B,)
+    radius_b: FloatArray
+
+
+def _bodies(hand: OwnHand, posed: Posed) -> _Bodies:
+    a, b = (
+        np.concatenate([posed.joints[:, :, part].reshape(-1, PALM, 3), posed.palm], axis=1)
+        for part in (slice(3), slice(1, 4))
+    )
+    return _Bodies(a, b, *(np.append(hand.radius[:, p].ravel(), hand.palm_radius) for p in (slice(3), slice(1, 4))))
+
+
+def _near(
+    one: _Bodies, other: _Bodies, near: float, couples: Callable[[FloatArray, FloatArray], list[tuple[int, int]]]
+) -> Meetings:
     shares, found = np.linspace(0.0, 1.0, SAMPLES)[:, None], []
-    for start in range(0, max(len(posed.joints), 1), TICKS):
-        some = posed.at(slice(start, start + TICKS))
-        # A sphere of the palm is a cone without length.
-        a, b = (
-            np.concatenate([some.joints[:, :, part].reshape(-1, PALM, 3), some.palm], axis=1)
-            for part in (slice(3), slice(1, 4))
-        )
-        points = a[:, :, None] + shares * (b - a)[:, :, None]
-        gap = 0.5 / (SAMPLES - 1) * np.linalg.norm(b - a, axis=2) + np.maximum(radius_a, radius_b)
+    for start in range(0, max(len(one.a), 1), TICKS):
+        blocks = [(of.a[start : start + TICKS], of.b[start : start + TICKS]) for of in (one, other)]
+        points = [a[:, :, None] + shares * (b - a)[:, :, None] for a, b in blocks]
+        gap = [
+            0.5 / (SAMPLES - 1) * np.linalg.norm(b - a, axis=2) + np.maximum(of.radius_a, of.radius_b)
+            for (a, b), of in zip(blocks, (one, other))
+        ]
         rows = [np.zeros((3, 0), np.int64)]
-        for i, j in couples:
-            other = points[:, j, None] if j < PALM else points[:, j, None, :1]
-            apart = np.linalg.norm(points[:, i, :, None] - other, axis=3).min(axis=(1, 2))
-            tick = np.flatnonzero(apart <= gap[:, i] + gap[:, j] + near)
+        for i, j in couples(*points):
+            facing_points = points[1][:, j, None] if j < PALM else points[1][:, j, None, :1]
+            apart = np.linalg.norm(points[0][:, i, :, None] - facing_points, axis=3).min(axis=(1, 2))
+            tick = np.flatnonzero(apart <= gap[0][:, i] + gap[1][:, j] + near)
             rows.append(np.stack([tick, np.full(len(tick), i), np.full(len(tick), j)]))
         tick, first, second = np.concatenate(rows, axis=1)
-        axis, drop = (b - a)[tick, first], (radius_b - radius_a)[first]
-        facing = partial(axis_places, a[tick, second], b[tick, second], radius_a[second], radius_b[second])
+        (a, b), (c, d) = blocks
+        axis, drop = (b - a)[tick, first], (one.radius_b - one.radius_a)[first]
+        facing = partial(axis_places, c[tick, second], d[tick, second], other.radius_a[second], other.radius_b[second])
 
         def falls(share: FloatArray, own: Any = (a[tick, first], axis, drop, facing)) -> BoolArray:
             place = own[0] + share[:, None] * own[1]
@@ -98,8 +140,9 @@ def meetings(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Meetin
         across, radius = facing(place)
         length = np.linalg.norm(place - across, axis=1)
         normal = (place - across) / np.where(length > 0.0, length, 1.0)[:, None]
-        distance = length - radius_a[first] - share * drop - radius
-        pairs = Meetings(tick + start, first, np.minimum(second, PALM), distance, place, across, normal)
+        distance = length - one.radius_a[first] - share * drop - radius
+        parts = np.minimum(first, PALM), np.minimum(second, PALM)
+        pairs = Meetings(tick + start, *parts, distance, place, across, normal)
         found.append(pairs.at(distance <= near))
     every = Meetings(*(np.concatenate(values) for values in zip(*found)))
     return every.at(np.lexsort((every.second, every.first, every.tick)))

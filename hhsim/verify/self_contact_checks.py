@@ -1,10 +1,11 @@
-"""Claims of a hand whose own parts keep out of each other, and of the depths of both hands in themselves."""
+"""Claims of a hand whose own parts, or that and the other hand, keep out of each other, and of depths in itself."""
 
 import numpy as np
 
-from hhsim.verify.claim import Claim, as_number, judged
+from hhsim.result.schema import HANDS_APART
+from hhsim.verify.claim import NOT_JUDGED, Claim, as_number, judged
 from hhsim.verify.own_parts import meetings, parts_that_may_meet
-from hhsim.verify.tick_data import LENGTH, WHY_LENGTH, JudgedTicks
+from hhsim.verify.tick_data import LENGTH, NO_OTHER, WHY_LENGTH, JudgedTicks
 
 
 def self_contact_claims(judge: JudgedTicks) -> list[Claim]:
@@ -25,3 +26,16 @@ def self_contact_claims(judge: JudgedTicks) -> list[Claim]:
         says = "user's and shown hand are as deep in themselves as the summary says"
         claims.append(judged("depth in itself", says, off, LENGTH, "m", WHY_LENGTH))
     return claims
+
+
+def hands_apart_claims(judge: JudgedTicks) -> list[Claim]:
+    """Judge the shown hand of a run of two that keep out of each other, at every tick."""
+    if not judge.result.scene.get(HANDS_APART):
+        return []
+    name, says = "hands apart", "no part of the shown hand is in the other hand"
+    if judge.other is None:
+        return [Claim(name, says, NOT_JUDGED, note=NO_OTHER)]
+    nearest = judge.of_other_hand(judge.numbers, 0.0).nearest(len(judge.numbers)).min(axis=1)
+    known = np.isfinite(judge.shown_posed.joints).all(axis=(1, 2, 3))
+    depth = np.where(known, np.maximum(0.0, -nearest), np.inf)
+    return [judged(name, says, depth, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)]

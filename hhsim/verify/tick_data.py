@@ -7,7 +7,8 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.replay.stored_scene import stored_mesh
-from hhsim.result.reader import Result
+from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import HANDS_APART, SIDES, is_one_of_two
 from hhsim.solver.method import never_penetrates
 from hhsim.verify.contacts import (
     PALM,
@@ -23,7 +24,8 @@ from hhsim.verify.contacts import (
 )
 from hhsim.verify.file_checks import follows, leaves, usable
 from hhsim.verify.kinematics import configurations, own_hand, pose, turn_between
-from hhsim.verify.own_parts import Meetings, meetings, parts_that_may_meet
+from hhsim.verify.object_frame import seen_by_referee
+from hhsim.verify.own_parts import Meetings, meetings, meetings_of_two, parts_that_may_meet
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD, NO_PLACE = 1, 2, 4, 8, 16, 32, 64
@@ -37,7 +39,16 @@ ON_THE_WAY = 20.0
 """Distance of bearing pairs in a tick that lags, as a multiple of `offset`."""
 NEAR_CONE = 0.03
 """Sine of the largest angle between a contact at a border and the normal that the solver pushes along."""
+NO_OTHER = "the other hand's result is not in the file, or has other ticks"
 WHY_LENGTH = "a thousandth of the smallest length that a table shows"
+
+
+def other_hand(result: Result) -> Result | None:
+    """Return the result of the other of two hands that keep apart, as the object sees it; None where there is none."""
+    if not (result.scene.get(HANDS_APART) and is_one_of_two(result.path)):
+        return None
+    other = load_result(result.path.with_name(SIDES[result.side == SIDES[0]]))
+    return other.seen_by(seen_by_referee) if other.ticks == result.ticks else None
 
 
 class Nearness(NamedTuple):
@@ -70,6 +81,7 @@ class JudgedTicks:
         scale: Factors of the same 21 rows, to N.
         safe: True if the method promises that nothing penetrates.
         self_contact: True if it promises that the hand's own parts keep out of each other.
+        other: Result of the other hand, as the object sees it, of two that keep out of each other; None without one.
         on_mesh: True if the hand touched the triangles of the mesh, not spheres.
         touch, margin: Largest distances of a touching and of a candidate pair [m].
         bearing: Largest distance of a pair that bears a force in a tick that lags [m]: its last step was not the last.
@@ -95,6 +107,7 @@ class JudgedTicks:
         self.scale = np.sqrt(g["translation"] / self.diagonal)
         self.safe, self.on_mesh = never_penetrates(self.options["method"]), result.surface == "mesh"
         self.self_contact = bool(self.options.get("self_contact", False))
+        self.other = other_hand(result)
         self.touch, self.margin = float(self.options["touch"]), float(self.options["margin"])
         self.bearing = max(self.touch, ON_THE_WAY * float(self.options["offset"]))
         self.surely = min(self.margin, 2.0 * float(self.options["step_tolerance"])) if self.on_mesh else self.margin
@@ -159,8 +172,28 @@ class JudgedTicks:
         within = self.bearing_within[i]
         return found.at(found.distance <= np.maximum(within[found.first], within[found.second]))
 
+    def of_other_hand(self, ticks: IntArray, near: float) -> Meetings:
+        """Pairs with the other hand's bodies that are within `near` [m] at some ticks."""
+        assert self.other is not None
+        theirs = own_hand(self.other), configurations(self.other, "graphic").at(ticks)
+        return meetings_of_two((self.hand, theirs[0]), (self.shown_posed.at(ticks), pose(*theirs)), near)
+
+    @cached_property
+    def against_other_hand(self) -> Pairs:
+        """Pairs with the other hand at the chosen ticks that touch, or nearly so; none where it is not seen."""
+        if self.other is None:
+            return self.pairs.at(np.zeros(0, np.int64))
+        found = self.of_other_hand(self.chosen, 2.0 * self.bearing)
+        return Pairs(found.tick, found.first, np.full(len(found.tick), -1), found.distance, found.place, found.normal)
+
     def bearing_at(self, i: int) -> Pairs:
-        """Pairs that can bear a force at the chosen tick of index i.
+        """Pairs that can bear a force at the chosen tick of index i, with the object or the other hand."""
+        others = self.against_other_hand.of(i)
+        within = self.bearing_within[i, others.body]
+        return joined([self._bearing_on_object(i), others.at(np.flatnonzero(others.distance <= within))])
+
+    def _bearing_on_object(self, i: int) -> Pairs:
+        """Pairs with the object that can bear a force at the chosen tick of index i.
 
         On a mesh, those of a tick that lags and lean little from the normal of the triangle whose border they are at
         are there along that normal too: the program pushes along it, and the contact slides on over the border.

@@ -32,7 +32,7 @@ from hhsim.verify.object_frame import object_motion_claims, seen_by_referee
 from hhsim.verify.origin_checks import origin_claims
 from hhsim.verify.part_checks import part_claims
 from hhsim.verify.posture_checks import posture_claims
-from hhsim.verify.self_contact_checks import self_contact_claims
+from hhsim.verify.self_contact_checks import hands_apart_claims, self_contact_claims
 from hhsim.verify.session_checks import session_claims
 from hhsim.verify.tick_data import JudgedTicks
 
@@ -138,7 +138,7 @@ def verify(
         spheres = float("nan") if judge.on_mesh else deepest["deepest"]
         looked = result.ticks, len(sampled), every
         return Verification(tuple(claims), *looked, spheres, deepest["mesh"], float("nan"))
-    claims += [*depth_claims(judge), *self_contact_claims(judge)]
+    claims += [*depth_claims(judge), *self_contact_claims(judge), *hands_apart_claims(judge)]
     report("forces", 3, 4)
     claims += force_claims(judge)
     mesh, depth = _mesh_claim(judge, claims, report)

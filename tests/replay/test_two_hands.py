@@ -164,6 +164,45 @@ def test_scenes_that_do_not_belong_together_are_refused(scenes: list[Scene], tmp
 
 
 @pytest.fixture(scope="module")
+def meeting(scenes: list[Scene], tmp_path_factory: pytest.TempPathFactory) -> TwoHandedReplay:
+    """Both hands at the cylinder, the left one's motion shifted into the right hand."""
+    right, left = scenes
+    way = 0.4 * (right.ticks.position.mean(axis=0) - left.ticks.position.mean(axis=0))
+    given = replace(left.ticks, position=left.ticks.position + way)
+    path = tmp_path_factory.mktemp("meeting") / "both.h5"
+    return replay_two_hands([right, replace(left, ticks=given)], SolverOptions(), path)
+
+
+def test_haptic_hands_that_enter_each_other_are_shown_apart(meeting: TwoHandedReplay) -> None:
+    assert meeting.haptic_distance < -5e-3 and meeting.graphic_distance >= 0.0 and meeting.keeps_apart
+    assert "enter each other by" in meeting.note and "the graphic ones by 0 mm" in meeting.note
+    right, left = (load_result(path) for path in hand_paths(meeting.path))
+    for result in (right, left):
+        assert result.summary["penetration_max"] == 0.0 and result.scene["hands_apart"] is True
+
+
+def test_the_referee_knows_that_hands_keep_apart_and_a_second_run_is_the_same(
+    meeting: TwoHandedReplay, tmp_path: Path
+) -> None:
+    for path in hand_paths(meeting.path):
+        found = verify(load_result(path))
+        assert found.passed, [(claim.name, claim.worst, claim.tick) for claim in found.claims if claim.failed]
+        assert "hands apart" in {claim.name for claim in found.claims if claim.verdict == "holds"}
+    assert run_again(load_result(meeting.path / "left")).identical
+    faulty = tmp_path / "both.h5"
+    faulty.write_bytes(meeting.path.read_bytes())
+    with h5py.File(faulty, "r+") as file:
+        # One hand 2 mm nearer to the other one in the last tick.
+        way = file["hands/right/tick/graphic/position"][-1] - file["hands/left/tick/graphic/position"][-1]
+        shift = 2e-3 * way / np.linalg.norm(way)
+        for name in ("position", "joints"):
+            file[f"hands/left/tick/graphic/{name}"][-1] += shift
+    seal_file(faulty, faulty.stat().st_size)
+    failed = {claim.name for claim in verify(load_result(faulty / "left")).claims if claim.failed}
+    assert "hands apart" in failed
+
+
+@pytest.fixture(scope="module")
 def lifted(tmp_path_factory: pytest.TempPathFactory) -> TwoHandedReplay:
     """The cube, pressed from both sides and lifted by 100 mm."""
     placed = scenes_of("cube", replace(shortened(load_script("lift-both"), 1.2), name="short"))

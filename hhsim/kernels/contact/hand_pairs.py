@@ -131,14 +131,10 @@ def row_rest(offset: float, states: Any, row: int, rows: Record) -> float:
 
 
 @jit
-def _try_pair(hands: Any, states: Any, first: int, second: int, limit: float, offset: float, rows: Record) -> None:
-    """Take a pair into the distances, and note it where the step breaks its row more than those of the same parts."""
+def _try_pair(hands: Any, states: Any, first: int, second: int, offset: float, rows: Record) -> None:
+    """Note a pair where the step breaks its row, which the program lacks, more than those of the same parts."""
     one, other, row = part_of(first), part_of(second), HAND_ROWS
     write_hand_row(hands, states, first, second, row, rows)
-    if rows.distance[row] > limit:
-        return
-    rows.nearest[one, other] = min(rows.nearest[one, other], rows.distance[row])
-    rows.least = min(rows.least, rows.distance[row])
     short = row_rest(offset, states, row, rows)
     for h in range(2):
         for j in range(DOF):
@@ -167,8 +163,8 @@ def look_at_pairs(hands: Any, states: Any, extra: float, within: float, offset: 
 
     Args:
         extra: Parts that the step leaves farther apart than this [m] are passed over.
-        within: And those that are farther apart than this before it [m].
-        offset: Clearance [m].
+        within: Of pairs farther apart than this before it [m] no row is tried, and a lower bound is as good.
+        offset: Clearance [m]; infinite where no row is tried at all.
     """
     one, other, most = states[0][0].pose, states[1][0].pose, 0.0
     rows.least = np.inf
@@ -176,30 +172,43 @@ def look_at_pairs(hands: Any, states: Any, extra: float, within: float, offset: 
         most = max(most, rows.motion[1, i])
         for j in range(BODY_COUNT):
             rows.nearest[i, j], rows.worst[i, j] = np.inf, WORTH_A_ROW * offset
-    spheres, group, start = hands[0].palm_radius.shape[0], hands[1].palm_group, hands[1].palm_group_start
+    group, start, size = hands[1].palm_group, hands[1].palm_group_start, hands[1].palm_radius
     px, py, pz = other.position[0], other.position[1], other.position[2]
-    for i in range(PALM_BODY + spheres):
-        cone = _body(hands[0], one, i)
-        moves = rows.motion[0, part_of(i)] + extra
+    for i in range(PALM_BODY + hands[0].palm_radius.shape[0]):
+        cone, part = _body(hands[0], one, i), part_of(i)
+        nearest, moves = rows.nearest[part], rows.motion[0, part] + extra
         held = cone.length + cone.radius
         far = math.sqrt((cone.x - px) ** 2 + (cone.y - py) ** 2 + (cone.z - pz) ** 2) - held
-        if far - rows.reach[1] > min(moves + most, within):
+        if far - rows.reach[1] > moves + most:
             continue
         for j in range(PALM_BODY):
-            limit = min(moves + rows.motion[1, j], within)
-            joint, size = other.joints[j // PHALANX_COUNT, j % PHALANX_COUNT], hands[1].radius[j // PHALANX_COUNT, 0]
+            f, k, limit = j // PHALANX_COUNT, j % PHALANX_COUNT, moves + rows.motion[1, j]
+            joint = other.joints[f, k]
             x, y, z = cone.x - joint[0], cone.y - joint[1], cone.z - joint[2]
-            held = cone.length + cone.radius + hands[1].length[j // PHALANX_COUNT, j % PHALANX_COUNT] + size + limit
-            if x * x + y * y + z * z <= held * held:
-                _try_pair(hands, states, i, as_int64(j), limit, offset, rows)
-        seen, limit = in_palm_frame(other, cone), min(moves + rows.motion[1, PALM_BODY], within)
-        for g in range(group.shape[1]):
-            if sphere_distance(seen, group[0, g], group[1, g], group[2, g], group[3, g]) > limit:
+            sum_of_balls = held + hands[1].length[f, k] + hands[1].radius[f, 0] + limit
+            if x * x + y * y + z * z > sum_of_balls * sum_of_balls:
                 continue
-            for k in range(start[g], start[g + 1]):
-                x, y, z = hands[1].palm_x[k], hands[1].palm_y[k], hands[1].palm_z[k]
-                if sphere_distance(seen, x, y, z, hands[1].palm_radius[k]) <= limit:
-                    _try_pair(hands, states, i, PALM_BODY + k, limit, offset, rows)
+            distance = round_cone_pair(cone, _body(hands[1], other, as_int64(j)))[0]
+            if distance <= limit:
+                nearest[j] = min(nearest[j], distance)
+                if distance <= within and offset < np.inf:
+                    _try_pair(hands, states, i, as_int64(j), offset, rows)
+        seen, limit = in_palm_frame(other, cone), moves + rows.motion[1, PALM_BODY]
+        for g in range(group.shape[1]):
+            bound = sphere_distance(seen, group[0, g], group[1, g], group[2, g], group[3, g])
+            if bound > limit:
+                continue
+            if bound > within:
+                nearest[PALM_BODY] = min(nearest[PALM_BODY], bound)
+                continue
+            for s in range(start[g], start[g + 1]):
+                distance = sphere_distance(seen, hands[1].palm_x[s], hands[1].palm_y[s], hands[1].palm_z[s], size[s])
+                if distance <= limit:
+                    nearest[PALM_BODY] = min(nearest[PALM_BODY], distance)
+                    if distance <= within and offset < np.inf:
+                        _try_pair(hands, states, i, PALM_BODY + s, offset, rows)
+        for j in range(BODY_COUNT):
+            rows.least = min(rows.least, nearest[j])
 
 
 @jit
@@ -208,7 +217,7 @@ def hands_nearest(hands: Any, states: Any, extra: float, rows: Record) -> float:
     for h in range(2):
         for part in range(BODY_COUNT):
             rows.motion[h, part] = 0.0
-    look_at_pairs(hands, states, extra, np.inf, 0.0, rows)
+    look_at_pairs(hands, states, extra, np.inf, np.inf, rows)
     return float(rows.least)
 
 

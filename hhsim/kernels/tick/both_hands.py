@@ -51,7 +51,13 @@ from hhsim.kernels.tick.method import OVERFLOW, recover, tick
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.restoration import TRUST_DECAY, only_restores, take_back
 from hhsim.kernels.tick.settled_forces import ON_THE_WAY
-from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, STATUS_LAG, WORK_TOUCHING
+from hhsim.kernels.tick.state import (
+    STATUS_CAPACITY_EXCEEDED,
+    STATUS_INPUT_INVALID,
+    STATUS_LAG,
+    WORK_TOUCHING,
+    WORK_UNITS,
+)
 from hhsim.kernels.tick.step import (
     ACTIVE_CAPACITY,
     DURATION_DETECT,
@@ -67,6 +73,10 @@ from hhsim.kernels.tick.tick import MOST_FAILED_STEPS, accept, begin_tick, tick_
 
 BOTH_DOF = 2 * DOF
 BOTH_ROWS = 2 * (ROW_CAPACITY + SELF_ROWS) + HAND_ROWS
+ROUNDS = 12
+"""Most programs of a linearisation, each with the rows that the step of the one before would break."""
+UNITS_ROUND = 25_000
+"""Work units of one of these: of looking at the pairs, and of rows of both hands."""
 OTHER_HAND = 1 << 62
 """Key of a force of the other hand among a hand's active contacts: no contact has it, and no guess takes it for one."""
 
@@ -202,7 +212,7 @@ def _solve(
     Arguments as of `_aim`; only pairs nearer than `within` [m] get rows.
     """
     offset, began, status = options[0].offset, monotonic_ns(), as_int64(OPTIMAL)
-    for _ in range(HAND_ROWS):
+    for _ in range(ROUNDS):
         _aim(hands, options, share, stands, states)
         _pack(offset, states, both)
         status = _solve_once(options[0], states, both, qp)
@@ -211,6 +221,7 @@ def _solve(
         bound_motions(hands, states, both.pairs)
         look_at_pairs(hands, states, offset, within, offset, both.pairs)
         added = add_broken_pairs(hands, states, offset, both.pairs)
+        states[0][0].work[WORK_UNITS] += UNITS_ROUND
         for h in range(2):
             if not stands:
                 added = _add_own(hands[h], options[h], states[h][0]) or added
@@ -275,7 +286,7 @@ def _solve_linearisation(
     full_motion = WHOLE_TARGET
     if not _prepare(hands, options, surface, states, both):
         return as_int64(OVERFLOW), full_motion
-    status = _solve(hands, options, 1.0, np.inf, as_bool(False), states, both, qp)
+    status = _solve(hands, options, 1.0, options[0].margin, as_bool(False), states, both, qp)
     if status != OPTIMAL:
         return status, full_motion
     fraction, least = _allowed(hands, options, states, both), both.pairs.least
@@ -286,7 +297,7 @@ def _solve_linearisation(
     elif fraction >= (LEAST_SHARE if least >= CLEAR * options[0].offset else 0.5):
         return status, full_motion
     full_motion = max(both.longest[0], both.longest[1])
-    return _solve(hands, options, fraction, np.inf, as_bool(False), states, both, qp), full_motion
+    return _solve(hands, options, fraction, options[0].margin, as_bool(False), states, both, qp), full_motion
 
 
 @jit
@@ -478,7 +489,7 @@ def _may_have_met(hands: Any, offset: float, states: Any, both: Record) -> bool:
         delta, abduction = state.step.delta[:], state.problem.abduction_step[:]
         _step_between(state.prediction.start, state.pose, delta, abduction, state.scratch[:])
     bound_motions(hands, states, both.pairs)
-    look_at_pairs(hands, states, offset, np.inf, offset, both.pairs)
+    look_at_pairs(hands, states, offset, np.inf, np.inf, both.pairs)
     return bool(both.pairs.least < np.inf)
 
 
