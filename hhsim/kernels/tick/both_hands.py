@@ -453,8 +453,9 @@ def tick_of_both(methods: Any, hands: Any, options: Any, surface: Any, states: A
         begin_tick(options[h], state)
         state.prediction.is_predicted = False
     for done in range(options[0].linearisations):
+        # Where nothing is accepted yet the rows that were found would have to be found again: it goes on.
         spent = max(spent_units(states[0][0]), spent_units(states[1][0]))
-        if done > 0 and spent >= options[0].budget:
+        if spent >= options[0].budget and states[0][0].progress.is_accepted:
             break
         solved, full_motion = _solve_linearisation(hands, options, surface, done, states, both, qp)
         if solved == OVERFLOW:
