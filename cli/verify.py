@@ -61,7 +61,7 @@ def command(result: Path, every: int | None, again: bool, why: bool, as_json: bo
     from hhsim.verify.verify import verify
 
     begin = time.perf_counter()
-    results = [load_result(path, jointed=True) for path in hand_paths(result)]
+    results = [load_result(path) for path in hand_paths(result)]
     with progress(quiet=quiet) as report:
         all_found = [verify(one, every=every, again=again, progress=report) for one in results]
     if as_json:

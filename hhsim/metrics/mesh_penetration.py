@@ -18,6 +18,7 @@ from hhsim.kernels.jit import as_argument
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import find_contact_points
+from hhsim.metrics.metrics import Penetration, penetration
 
 RESOLUTION = 1e-4
 """Length of the pieces of a phalanx's axis where it is nearest [m]."""
@@ -66,6 +67,10 @@ class TouchedObject:
     shape: HandShape  # sizes of the hand
     fingers: BoolArray  # True for modelled fingers, shape (5,)
     touch: float  # largest distance of a touching pair [m]
+
+    def penetration(self, placed: PlacedHand, ticks: slice = slice(None)) -> Penetration:
+        """Depths of the hand at some ticks in the surface, as `hhsim.metrics.metrics.penetration`."""
+        return penetration(self.surface, *self.shape, *placed, self.fingers)
 
     def contact_error(self, placed: PlacedHand, contact: BoolArray) -> FloatArray:
         """Largest distance of a contact point of each tick from the mesh [m], shape (T,).

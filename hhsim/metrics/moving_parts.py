@@ -14,6 +14,9 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import TouchedObject
 from hhsim.metrics.metrics import Penetration, penetration
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
+from hhsim.result.reader import Result
+from hhsim.result.schema import PART_STATIC_COLUMNS
+from hhsim.result.stored_hand import TREE_ARRAYS
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.jointed_surface import jointed_surface
 from hhsim.trees.sphere_tree import SphereTree
@@ -27,16 +30,30 @@ class MovingParts:
         name: Of the thing.
         names: Of the parts.
         meshes, trees: Each part's own, in its frame [m].
-        path: Position [m] and orientation (w, x, y, z) of each part at each tick, in the scene's frame, (T, P, 7).
+        world: Position [m] and orientation (w, x, y, z) of each part at each tick, world, (T, P, 7).
         values: Of each joint at each tick [rad] or [m], (T,), by the name of its part.
+        carried: Motion of the whole thing since the first tick; None where its joints alone move.
     """
 
     name: str
     names: tuple[str, ...]
     meshes: tuple[Mesh, ...]
     trees: tuple[SphereTree, ...]
-    path: FloatArray
+    world: FloatArray
     values: Mapping[str, FloatArray]
+    carried: RigidMotion | None = None
+
+    @cached_property
+    def path(self) -> FloatArray:
+        """Poses as `world` in the scene's frame, which moves with the whole thing; the same wherever the joints are."""
+        if self.carried is None:
+            return self.world
+        moved, joints = self.carried, np.stack([*self.values.values(), np.zeros(len(self.world))], axis=1)
+        seen = [
+            np.concatenate([moved.seen_points(pose[:, :3]), moved.seen_orientations(pose[:, 3:])], axis=1)
+            for pose in self.world.swapaxes(0, 1)
+        ]
+        return np.ascontiguousarray(np.stack(seen, axis=1)[held_rows(joints)])
 
     def pose(self, p: int) -> ObjectMotion:
         """Return the poses of a part in the scene's frame."""
@@ -84,6 +101,10 @@ class TouchedParts(TouchedObject):
     parts: MovingParts
     kind: str  # surface that is touched
 
+    def penetration(self, placed: PlacedHand, ticks: slice = slice(None)) -> Penetration:
+        """See `TouchedObject.penetration`: depths in the part that the hand is deepest in."""
+        return self.parts.penetration(self.kind, self.shape, placed, self.fingers, ticks)
+
     def contact_error(self, placed: PlacedHand, contact: BoolArray) -> FloatArray:
         """See `TouchedObject.contact_error`: the largest of any part."""
         errors = [
@@ -102,3 +123,18 @@ def held_rows(values: FloatArray) -> IntArray:
     changed = np.ones(len(flat), bool)
     changed[1:] = (flat[1:] != flat[:-1]).any(axis=1)
     return np.maximum.accumulate(np.where(changed, np.arange(len(flat)), 0))
+
+
+def result_parts(result: Result) -> MovingParts | None:
+    """Return the parts of a thing as a result holds them; None for one object. InputError for arrays of no tree."""
+    if not result.parts:
+        return None
+    static = [{column.name: result[f"{part}/{column.name}"] for column in PART_STATIC_COLUMNS} for part in result.parts]
+    names = tuple(part.rpartition("/")[2] for part in result.parts)
+    meshes = (Mesh(of["vertices"], of["faces"], name, str(result.path)) for of, name in zip(static, names))
+    trees = (SphereTree(*(of[f"tree/{array}"] for array in TREE_ARRAYS)) for of in static)
+    poses = [np.concatenate([result[f"{part}/position"], result[f"{part}/orientation"]], axis=1) for part in result.parts]
+    joints = {name: result[f"{part}/joint"] for name, part in zip(names, result.parts) if f"{part}/joint" in result}
+    carried = result.moved_since_first() if result.driven else None
+    thing = result.parts[0].split("/")[1]
+    return MovingParts(thing, names, tuple(meshes), tuple(trees), np.stack(poses, axis=1), joints, carried)

@@ -18,10 +18,11 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.free_run import Datasets, FreeRun, result_free_run
 from hhsim.metrics.input_hand import InputHand, input_hand, object_depths
 from hhsim.metrics.mesh_penetration import TouchedObject
+from hhsim.metrics.moving_parts import TouchedParts, result_parts
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
-from hhsim.result.stored_hand import result_hand
+from hhsim.result.stored_hand import TREE_ARRAYS, result_hand
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -104,18 +105,21 @@ class RunTicks:
 
 def result_ticks(result: Result, columns: Datasets | None = None) -> RunTicks:
     """Build the ticks of a result; `columns` replaces the file's, in a moving object's frame."""
-    static = result.static
-    center, radius, levels, parent = (static[f"object/tree/{name}"] for name in ("center", "radius", "level", "parent"))
-    tree = SphereTree(center, radius, levels, parent)
+    found = replace(ticks_alone(result, columns), touched=touched_object(result))
+    # The user's own depth is that in one object.
+    return replace(found, hand=None) if result.parts else found
+
+
+def touched_object(result: Result) -> TouchedObject:
+    """Return the object of a result, or the parts of its thing, as the hand touched it; InputError for invalid arrays."""
+    static, parts = result.static, result_parts(result)
+    tree = SphereTree(*(static[f"object/tree/{name}"] for name in TREE_ARRAYS))
     mesh = Mesh(static["object/vertices"], static["object/faces"])
-    touched = TouchedObject(
-        mesh,
-        contact_surface(result.surface, mesh, tree).arrays,
-        HandShape(*(static[f"hand/{name}"] for name in HandShape._fields)),
-        np.array([finger in result.fingers for finger in FINGERS]),
-        float(result.scene["solver"]["touch"]),
-    )
-    return replace(ticks_alone(result, columns), touched=touched)
+    surface = (contact_surface(result.surface, mesh, tree) if parts is None else parts.surface(result.surface)).arrays
+    shape = HandShape(*(static[f"hand/{name}"] for name in HandShape._fields))
+    fingers = np.array([finger in result.fingers for finger in FINGERS])
+    touched = mesh, surface, shape, fingers, float(result.scene["solver"]["touch"])
+    return TouchedObject(*touched) if parts is None else TouchedParts(*touched, parts, result.surface)
 
 
 def ticks_alone(result: Result, columns: Datasets | None = None) -> RunTicks:

@@ -9,6 +9,7 @@ from hhsim.arrays import AnyArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion_product
 from hhsim.kernels.free.record import STICKS, ObjectRecord
+from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.result.object_frame import in_the_world
 from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS, THINGS
@@ -98,16 +99,12 @@ def scene_frames(scene: "Scene", object_ticks: Callable[[], ObjectRecord]) -> Ca
     return lambda part: MovingFrame(given.at(part), motion.at(part).since(*first), motion.at(part))
 
 
-def part_rows(scene: "Scene", ticks: slice) -> dict[str, dict[str, AnyArray]]:
+def part_rows(parts: MovingParts | None, ticks: slice) -> dict[str, dict[str, AnyArray]]:
     """Return the rows of a thing's parts at some ticks by their groups, poses in the world; none for one object."""
-    parts, motion = scene.parts, None if scene.driven is None else scene.driven.object_motion
     rows: dict[str, dict[str, AnyArray]] = {}
     for p, name in enumerate(() if parts is None else parts.names):
         assert parts is not None
-        pose = parts.pose(p).at(ticks)
-        if motion is not None:
-            moved = motion.at(ticks).since(motion.position[0], motion.orientation[0])
-            pose = ObjectMotion(moved.points(pose.position), moved.orientations(pose.orientation))
+        pose = ObjectMotion(parts.world[ticks, p, :3], parts.world[ticks, p, 3:])
         joint = {"joint": parts.values[name][ticks]} if name in parts.values else {}
         rows[f"{THINGS}/{parts.name}/{name}"] = {**pose._asdict(), **joint}
     return rows

@@ -14,6 +14,7 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.metrics.moving_parts import result_parts
 from hhsim.replay.moving_object import FreeFrame, MovingFrame, StillFrame
 from hhsim.replay.stored_scene import require_whole, stored_hand, stored_options, stored_surface
 from hhsim.replay.tick_columns import TickColumns
@@ -211,13 +212,14 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     if result.ticks == 0:
         raise InputError(f"{result.path} holds no ticks: there is nothing to run again")
     hand, options = stored_hand(result), stored_options(result)
-    surface, free = stored_surface(result), FreeObject.from_json(result.scene["free"]) if result.free else None
+    parts, free = result_parts(result), FreeObject.from_json(result.scene["free"]) if result.free else None
+    surface = stored_surface(result) if parts is None else parts.surface(result.surface)
     other = _other_hand(result)
     alone = free if other is None else None
-    warm_up(hand, options, alone)
+    warm_up(hand, options, alone, jointed=parts is not None)
     solver = HandSolver(hand, surface, options, alone)
     both = None if other is None else _of_both(result, solver, other, surface, options, free)
-    columns = TickColumns(surface.arrays, hand, options)
+    columns = TickColumns(surface.arrays, hand, options, parts)
     total, notes = _runnable(result)
     moving = [] if free is None else list(COMPARED_IF_FREE)
     ticks_arrays = [ArrayComparison(column) for column in (*COMPARED, *moving)]

@@ -105,6 +105,8 @@ class Replay:
         self._static = static_arrays(
             scene.mesh, scene.tree, scene.hand, motion.object_position, motion.object_orientation
         )
+        self._parts = part_arrays(parts)
+        of_parts = {f"{part}/{name}": array for part, its in self._parts.items() for name, array in its.items()}
         self._described = {
             **scene.description,
             **(description or {}),
@@ -112,7 +114,7 @@ class Replay:
             "motion": motion.name,
             "motion_source": motion.source,
             **_of_outside_method(self._options.method, self.solver.method),
-            **describe_scene(scene.mesh, scene.tree, scene.hand, self._options, self._static, free),
+            **describe_scene(scene.mesh, scene.tree, scene.hand, self._options, self._static | of_parts, free),
             **({} if parts is None else {"thing": {"name": parts.name, "parts": list(parts.names)}}),
         }
         self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
@@ -125,7 +127,7 @@ class Replay:
         """Return the writer of the run's file, to be entered before the first tick."""
         moves: dict[str, Any] = {"driven": self.scene.driven is not None, "free": self.scene.free is not None}
         if self.scene.parts is not None:
-            moves |= {"tables": part_tables(self.scene.parts), "parts": part_arrays(self.scene.parts)}
+            moves |= {"tables": part_tables(self.scene.parts), "parts": self._parts}
         about: dict[str, Any] = {"scene": self._described, "static": self._static, "phases": self.scene.ticks.phases}
         self._writer = ResultWriter(path, **about, command=command, **moves)
         return self._writer
@@ -151,7 +153,7 @@ class Replay:
         ticks, frame = self.scene.ticks, self._frame_of(part)
         block = self._columns.block(ticks.time[part], ticks.input_seq[part], frame.haptic, record)
         whole, contacts = frame.world(block), frame.contacts(part.start)
-        self._writer.append(whole, {CONTACT: contacts, **part_rows(self.scene, part)})
+        self._writer.append(whole, {CONTACT: contacts, **part_rows(self.scene.parts, part)})
         self._kept.keep(whole | {f"{CONTACT}/{name}": rows for name, rows in contacts.items()})
         self._series.keep(block)
         return whole

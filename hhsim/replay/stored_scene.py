@@ -14,7 +14,7 @@ from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.result.reader import Result
-from hhsim.result.schema import JOINT_COLUMN, PART_COLUMNS, THINGS, Column
+from hhsim.result.schema import JOINT_COLUMN, PART_COLUMNS, PART_STATIC_COLUMNS, THINGS, Column
 from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS, result_hand
 from hhsim.scene.free_object import LAW, FreeObject
 from hhsim.scene.scene import all_pairs
@@ -22,8 +22,11 @@ from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
-PARTS = {"object": "the object's mesh", "tree": "the object's sphere tree", "hand": "the hand"}
-"""Groups of datasets with a checksum, and their names in messages."""
+PARTS = {
+    **{"object": "the object's mesh", "tree": "the object's sphere tree", "hand": "the hand"},
+    THINGS: "a part of the thing",
+}
+"""Groups of datasets with a checksum, and their names in messages; the last are of a thing of several parts."""
 
 
 def static_arrays(
@@ -60,9 +63,9 @@ def part_tables(parts: MovingParts) -> dict[str, tuple[Column, ...]]:
     }
 
 
-def part_arrays(parts: MovingParts) -> dict[str, dict[str, AnyArray]]:
-    """Return the arrays of `PART_STATIC_COLUMNS` of each part, by its group."""
-    return {
+def part_arrays(parts: MovingParts | None) -> dict[str, dict[str, AnyArray]]:
+    """Return the arrays of `PART_STATIC_COLUMNS` of each part, by its group; none for one object."""
+    return {} if parts is None else {
         group: {
             "vertices": mesh.vertices,
             "faces": mesh.faces,
@@ -109,11 +112,12 @@ def describe_scene(
 
 
 def checksums(static: Mapping[str, AnyArray]) -> dict[str, str]:
-    """Return the SHA-256 of each of `PARTS`: of its datasets' little-endian bytes, by name."""
-    digests = {part: hashlib.sha256() for part in PARTS}
+    """Return the SHA-256 of each of `PARTS` that there is: of its datasets' little-endian bytes, by name."""
+    digests: dict[str, Any] = {}
     for name in sorted(static):
         part = "tree" if name.startswith("object/tree/") else name.split("/")[0]
         array = np.ascontiguousarray(static[name])
+        digests.setdefault(part, hashlib.sha256())
         digests[part].update(f"{name} {array.shape} ".encode())
         digests[part].update(array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes())
     return {part: digest.hexdigest() for part, digest in digests.items()}
@@ -121,11 +125,17 @@ def checksums(static: Mapping[str, AnyArray]) -> dict[str, str]:
 
 def require_whole(result: Result) -> None:
     """Raise InputError if the object, the tree or the hand of a result is not the one of its run."""
-    found = checksums(result.static)
+    found = checksums(stored_arrays(result))
     stated = result.scene.get("checksums", {})
-    for part, what in PARTS.items():
-        if found[part] != stated.get(part):
-            raise InputError(f"{result.path} cannot be run again: {what} in the file is another one (checksum)")
+    for part, digest in found.items():
+        if digest != stated.get(part):
+            raise InputError(f"{result.path} cannot be run again: {PARTS[part]} in the file is another one (checksum)")
+
+
+def stored_arrays(result: Result) -> dict[str, AnyArray]:
+    """Return the arrays with a checksum: of object, tree and hand, and of a thing's parts."""
+    of_parts = (f"{part}/{column.name}" for part in result.parts for column in PART_STATIC_COLUMNS)
+    return {**result.static, **{name: result[name] for name in of_parts}}
 
 
 def stored_mesh(result: Result) -> Mesh:
@@ -141,7 +151,7 @@ def stored_tree(result: Result) -> SphereTree:
 
 
 def stored_surface(result: Result) -> ContactSurface:
-    """Return the surface that the hand touched, world [m]; InputError if hhsim has no such surface."""
+    """Return the surface of one object that the hand touched, world [m]; InputError if hhsim has no such surface."""
     return contact_surface(result.surface, stored_mesh(result), stored_tree(result))
 
 

@@ -174,6 +174,20 @@ class Result:
         """Motion of the object from its place of /object to that at the ticks."""
         return self.object_motion(rows).since(self.static["object/position"], self.static["object/orientation"])
 
+    def meshes_moved(self, rows: slice | int = slice(None)) -> tuple[RigidMotion, ...]:
+        """Motion of each mesh from its stored place to that at the ticks, in the view's frame: of each part or the object.
+
+        Empty where the object stands still in that frame.
+        """
+        if not self.parts:
+            return (self.moved_since_first(rows),) if self.driven and self.view is None else ()
+        ticks = slice(rows, rows + 1) if isinstance(rows, int) else rows
+        poses = [RigidMotion(self[f"{part}/orientation"][ticks], self[f"{part}/position"][ticks]) for part in self.parts]
+        if self.driven and self.view is not None:
+            carrier = self.moved_since_first(rows)
+            poses = [RigidMotion(carrier.seen_orientations(one.turn), carrier.seen_points(one.shift)) for one in poses]
+        return tuple(poses)
+
     def _object_motion(self, file: h5py.File, rows: slice | int) -> ObjectMotion:
         part = slice(*rows.indices(self.ticks)) if isinstance(rows, slice) else slice(rows, rows + 1)
         return ObjectMotion(*(_finite_numbers(file["tick"][column.name], part) for column in OBJECT_COLUMNS))
@@ -311,23 +325,18 @@ def hand_paths(path: Path) -> list[Path]:
         return [path / side for side in SIDES] if HANDS in file else [path]
 
 
-def load_result(path: str | Path, *, jointed: bool = False) -> Result:
+def load_result(path: str | Path) -> Result:
     """Open a result file, complete or not; one hand of a file of two is `FILE.h5/right` or `FILE.h5/left`.
 
-    Args:
-        jointed: True where a thing of several parts is looked at part by part, and not as one that stands still.
-
     Raises:
-        InputError: No such file, no HDF5, no result, another schema, datasets that are missing or misshapen, a file of
-            two hands, or a thing of several parts where one object is wanted.
+        InputError: No such file, no HDF5, no result, another schema, datasets that are missing or misshapen, or a file
+            of two hands.
     """
     path = Path(path)
     with _opened(path) as file:
         _check_format(file, path)
         tick = file.get("tick", {})
         parts = _parts(file, path)
-        if parts and not jointed:
-            raise InputError(f"{path} is of a thing whose parts move: expected one object; hhsim verify takes it")
         driven = bool(file.attrs["schema_version"] == DRIVEN_SCHEMA_VERSION) or "object/position" in tick
         columns = (*TICK_COLUMNS, *(OBJECT_COLUMNS if driven else ()), *(FREE_COLUMNS if CONTACT in file else ()))
         for column in columns:

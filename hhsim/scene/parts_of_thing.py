@@ -15,7 +15,7 @@ from hhsim.mesh.catalogue import THINGS, names_a_file, object_names, resolve_obj
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts, held_rows
 from hhsim.motion.object_motion import RigidMotion
-from hhsim.motion.trajectory import Trajectory
+from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.reproducible import norm
 from hhsim.scene.jointed_thing import JointedThing, Keyframe, Part, read_jointed_thing
 from hhsim.trees.contact_surface import encloses
@@ -109,8 +109,9 @@ class ThingParts:
         made = {mesh.sha256: make(mesh) for mesh in self.meshes}
         return tuple(made[mesh.sha256] for mesh in self.meshes)
 
-    def moving(self, trees: Sequence[SphereTree], time: FloatArray, where: Trajectory) -> MovingParts:
-        """Return the parts at these times [s], (T,), of a thing that is where a motion begins."""
+    def moving(self, trees: Sequence[SphereTree], ticks: TickInput, where: Trajectory) -> MovingParts:
+        """Return the parts at the ticks of a motion, of a thing that is where it begins, or goes where it is moved."""
+        time, motion = ticks.time, ticks.object_motion
         path = self.path(time)
         rows = held_rows(path)
         turn = np.broadcast_to(where.object_orientation, (len(path), 4))
@@ -120,8 +121,12 @@ class ThingParts:
             for p in range(path.shape[1])
         ]
         names = tuple(part.name for part in self.thing.part)
-        path = np.ascontiguousarray(np.stack(placed, axis=1)[rows])
-        return MovingParts(self.name, names, self.meshes, tuple(trees), path, self.thing.joint_values(time))
+        path, carried = np.ascontiguousarray(np.stack(placed, axis=1)[rows]), None
+        if motion is not None:
+            carried = motion.since(motion.position[0], motion.orientation[0])
+            for p in range(path.shape[1]):
+                path[:, p, :3], path[:, p, 3:] = carried.points(path[:, p, :3]), carried.orientations(path[:, p, 3:])
+        return MovingParts(self.name, names, self.meshes, tuple(trees), path, self.thing.joint_values(time), carried)
 
 
 def _points_on(mesh: Mesh) -> FloatArray:

@@ -138,7 +138,7 @@ def make_scene(
         ticks=ticks.seen_from_object(),
         description=description or {},
         driven=None if ticks.object_motion is None else ticks,
-        parts=None if thing is None else thing[0].moving(thing[1], ticks.time, motion),
+        parts=None if thing is None else thing[0].moving(thing[1], ticks, motion),
     )
 
 

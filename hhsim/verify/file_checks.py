@@ -18,7 +18,7 @@ from hhsim.kernels.tick.state import (
     UNITS_ROW,
 )
 from hhsim.mesh.mesh import LARGEST_NUMBER, require_usable_arrays
-from hhsim.replay.stored_scene import PARTS, checksums
+from hhsim.replay.stored_scene import PARTS, checksums, stored_arrays
 from hhsim.result.reader import Result
 from hhsim.result.schema import HANDS_APART
 from hhsim.scene.motion_catalogue import load_script, script_names
@@ -74,8 +74,8 @@ def _complete(result: Result) -> Claim:
 
 
 def _checksums(result: Result) -> Claim:
-    found, stated = checksums(result.static), result.scene["checksums"]
-    wrong = {what: found[part] != stated.get(part) for part, what in PARTS.items()}
+    found, stated = checksums(stored_arrays(result)), result.scene["checksums"]
+    wrong = {PARTS[part]: digest != stated.get(part) for part, digest in found.items()}
     names = ", ".join(what for what, differs in wrong.items() if differs)
     note = f"not those of the run: {names}" if names else ""
     return all_true("checksums", "object, tree and hand are those of the run", list(wrong.values()), note=note)
