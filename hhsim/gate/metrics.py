@@ -11,12 +11,12 @@ import numpy as np
 
 from hhsim.arrays import AnyArray
 from hhsim.gate.input_hash import RunInputs, run_inputs
-from hhsim.hand.fingers import FINGERS
+from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import judged_metrics, known_figures, run_metrics, tick_figures
 from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
 from hhsim.metrics.run_metric import Figure
-from hhsim.metrics.run_ticks import result_ticks
+from hhsim.metrics.run_ticks import PLACED, result_ticks, touched_object
 from hhsim.metrics.session_faults import (
     SESSION_FAULTS,
     SESSION_TIMES,
@@ -25,7 +25,6 @@ from hhsim.metrics.session_faults import (
     recorded_faults,
 )
 from hhsim.replay.limits import default_limits, stored_promises
-from hhsim.replay.stored_scene import stored_surface
 from hhsim.result.digest import tick_digest
 from hhsim.result.reader import Result
 from hhsim.result.schema import TICK_COLUMNS
@@ -152,8 +151,4 @@ class _ComputedAnew:
 
 def _depth(result: Result) -> AnyArray:
     """Penetration [m] of the stored graphic hand in the surface that it touched, shape (T,)."""
-    static = result.static
-    shape = static["hand/phalanx_radius"], static["hand/palm_center"], static["hand/palm_radius"]
-    placed = result["graphic/joints"], result["graphic/position"], result["graphic/orientation"]
-    fingers = [finger in result.fingers for finger in FINGERS]
-    return metrics.penetration(stored_surface(result).arrays, *shape, *placed, fingers).depth
+    return touched_object(result).penetration(PlacedHand(*(result[name] for name in PLACED))).depth

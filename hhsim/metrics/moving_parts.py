@@ -1,6 +1,6 @@
 """Parts of a thing over time: their surfaces, where they are, and what of a hand is inside them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,8 +15,7 @@ from hhsim.metrics.mesh_penetration import TouchedObject
 from hhsim.metrics.metrics import Penetration, penetration
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.result.reader import Result
-from hhsim.result.schema import PART_STATIC_COLUMNS
-from hhsim.result.stored_hand import TREE_ARRAYS
+from hhsim.result.stored_hand import sphere_tree_of
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.jointed_surface import jointed_surface
 from hhsim.trees.sphere_tree import SphereTree
@@ -79,9 +78,7 @@ class MovingParts:
     def seen(self, p: int, hand: PlacedHand, ticks: slice = slice(None)) -> PlacedHand:
         """Return the hand at some ticks as a part sees it."""
         pose = self.pose(p).at(ticks)
-        moved = RigidMotion(pose.orientation, pose.position)
-        joints, position = moved.seen_points(hand.joints), moved.seen_points(hand.position)
-        return PlacedHand(joints, position, moved.seen_orientations(hand.orientation))
+        return RigidMotion(pose.orientation, pose.position).seen_hand(hand)
 
     def penetration(
         self, kind: str, shape: HandShape, hand: PlacedHand, fingers: BoolArray, ticks: slice
@@ -117,6 +114,14 @@ class TouchedParts(TouchedObject):
         return np.asarray(found)
 
 
+def placed_mesh(meshes: Sequence[Mesh], moved: Sequence[RigidMotion], name: str = "object") -> Mesh:
+    """Return meshes as one, each moved as at the first tick of its motion."""
+    vertices = [motion.points(mesh.vertices[None])[0] for motion, mesh in zip(moved, meshes)]
+    first = np.cumsum([0, *map(len, vertices)])
+    faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, first)])
+    return Mesh(np.concatenate(vertices), faces, name=name, source="parts")
+
+
 def held_rows(values: FloatArray) -> IntArray:
     """Return for each row, (T, ...), the first of those right before that it equals: poses of one value are one."""
     flat = values.reshape(len(values), -1)
@@ -129,11 +134,13 @@ def result_parts(result: Result) -> MovingParts | None:
     """Return the parts of a thing as a result holds them; None for one object. InputError for arrays of no tree."""
     if not result.parts:
         return None
-    static = [{column.name: result[f"{part}/{column.name}"] for column in PART_STATIC_COLUMNS} for part in result.parts]
-    names = tuple(part.rpartition("/")[2] for part in result.parts)
-    meshes = (Mesh(of["vertices"], of["faces"], name, str(result.path)) for of, name in zip(static, names))
-    trees = (SphereTree(*(of[f"tree/{array}"] for array in TREE_ARRAYS)) for of in static)
-    poses = [np.concatenate([result[f"{part}/position"], result[f"{part}/orientation"]], axis=1) for part in result.parts]
+    names, source = tuple(part.rpartition("/")[2] for part in result.parts), str(result.path)
+    given = zip(result.parts, names)
+    meshes = [Mesh(result[f"{part}/vertices"], result[f"{part}/faces"], name, source) for part, name in given]
+    trees = [sphere_tree_of(result, f"{part}/tree") for part in result.parts]
+    poses = [
+        np.concatenate([result[f"{part}/position"], result[f"{part}/orientation"]], axis=1) for part in result.parts
+    ]
     joints = {name: result[f"{part}/joint"] for name, part in zip(names, result.parts) if f"{part}/joint" in result}
     carried = result.moved_since_first() if result.driven else None
     thing = result.parts[0].split("/")[1]

@@ -22,9 +22,8 @@ from hhsim.metrics.moving_parts import TouchedParts, result_parts
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
-from hhsim.result.stored_hand import TREE_ARRAYS, result_hand
+from hhsim.result.stored_hand import result_hand, sphere_tree_of
 from hhsim.trees.contact_surface import contact_surface
-from hhsim.trees.sphere_tree import SphereTree
 
 HOLD = "hold"
 """Name of the phases in which the hand is held; in the others it moves."""
@@ -111,9 +110,9 @@ def result_ticks(result: Result, columns: Datasets | None = None) -> RunTicks:
 
 
 def touched_object(result: Result) -> TouchedObject:
-    """Return the object of a result, or the parts of its thing, as the hand touched it; InputError for invalid arrays."""
+    """Return the object of a result, or a thing's parts, as the hand touched it; InputError for invalid arrays."""
     static, parts = result.static, result_parts(result)
-    tree = SphereTree(*(static[f"object/tree/{name}"] for name in TREE_ARRAYS))
+    tree = sphere_tree_of(static, "object/tree")
     mesh = Mesh(static["object/vertices"], static["object/faces"])
     surface = (contact_surface(result.surface, mesh, tree) if parts is None else parts.surface(result.surface)).arrays
     shape = HandShape(*(static[f"hand/{name}"] for name in HandShape._fields))

@@ -9,6 +9,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
+from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_matrix
 
 
@@ -63,6 +64,12 @@ class RigidMotion(NamedTuple):
     def seen_vectors(self, world: FloatArray) -> FloatArray:
         """Transform vectors, shape (T, ..., 3), from the world to the object's frame."""
         return _turned(conjugate(self.turn), world)
+
+    def seen_hand(self, world: PlacedHand) -> PlacedHand:
+        """Transform placed hands from the world to the object's frame."""
+        return PlacedHand(
+            self.seen_points(world.joints), self.seen_points(world.position), self.seen_orientations(world.orientation)
+        )
 
     def seen_orientations(self, world: FloatArray) -> FloatArray:
         """Transform quaternions, shape (T, 4), from the world to the object's frame."""

@@ -15,7 +15,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.result.reader import Result
 from hhsim.result.schema import JOINT_COLUMN, PART_COLUMNS, PART_STATIC_COLUMNS, THINGS, Column
-from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS, result_hand
+from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS, result_hand, sphere_tree_of
 from hhsim.scene.free_object import LAW, FreeObject
 from hhsim.scene.scene import all_pairs
 from hhsim.solver.options import SolverOptions
@@ -23,7 +23,9 @@ from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 PARTS = {
-    **{"object": "the object's mesh", "tree": "the object's sphere tree", "hand": "the hand"},
+    "object": "the object's mesh",
+    "tree": "the object's sphere tree",
+    "hand": "the hand",
     THINGS: "a part of the thing",
 }
 """Groups of datasets with a checksum, and their names in messages; the last are of a thing of several parts."""
@@ -65,14 +67,18 @@ def part_tables(parts: MovingParts) -> dict[str, tuple[Column, ...]]:
 
 def part_arrays(parts: MovingParts | None) -> dict[str, dict[str, AnyArray]]:
     """Return the arrays of `PART_STATIC_COLUMNS` of each part, by its group; none for one object."""
-    return {} if parts is None else {
-        group: {
-            "vertices": mesh.vertices,
-            "faces": mesh.faces,
-            **{f"tree/{name}": getattr(tree, name) for name in TREE_ARRAYS},
+    return (
+        {}
+        if parts is None
+        else {
+            group: {
+                "vertices": mesh.vertices,
+                "faces": mesh.faces,
+                **{f"tree/{name}": getattr(tree, name) for name in TREE_ARRAYS},
+            }
+            for group, mesh, tree in zip(part_tables(parts), parts.meshes, parts.trees)
         }
-        for group, mesh, tree in zip(part_tables(parts), parts.meshes, parts.trees)
-    }
+    )
 
 
 def describe_scene(
@@ -146,8 +152,7 @@ def stored_mesh(result: Result) -> Mesh:
 
 def stored_tree(result: Result) -> SphereTree:
     """Return the object's sphere tree, world [m]; InputError if the arrays are no tree."""
-    center, radius, level, parent = (result.static[f"object/tree/{name}"] for name in TREE_ARRAYS)
-    return SphereTree(center, radius, level, parent)
+    return sphere_tree_of(result.static, "object/tree")
 
 
 def stored_surface(result: Result) -> ContactSurface:

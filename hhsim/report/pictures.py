@@ -146,8 +146,9 @@ def hand_picture(
 def _shot(result: Result, tick: int, view: View | None, usual: View | None = None) -> Shot:
     scene = shown_scene(result)
     shown = moment(result, scene, tick)
-    near = near_hands(scene.mesh, np.concatenate([hand.points for hand in shown.hands]))
-    body, cut = mesh_surface(near, STONE), near is not scene.mesh
+    mesh = scene.placed(result.meshes_moved(tick))
+    near = near_hands(mesh, np.concatenate([hand.points for hand in shown.hands]))
+    body, cut = mesh_surface(near, STONE), near is not mesh
     if view is None:
         view = viewpoint(shown.graphic, body, shown.contacts.point, shown.arrows, usual)
     sentence = _alt_text(result, tick, shown)

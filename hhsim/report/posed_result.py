@@ -6,10 +6,9 @@ import numpy as np
 
 from hhsim.arrays import AnyArray
 from hhsim.hand.fingers import FINGERS
-from hhsim.metrics.metrics import penetration
+from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.metrics.run_ticks import result_ticks
-from hhsim.replay.stored_scene import stored_surface
+from hhsim.metrics.run_ticks import result_ticks, touched_object
 from hhsim.result.reader import Result
 
 DEPTH, PALM, FINGER = "penetration_depth", "penetration_palm", "penetration_finger"
@@ -48,17 +47,13 @@ def posed_result(result: Result) -> PosedResult:
         InputError: The file cannot be read, or its tree is damaged.
     """
     result = result.seen_from_object
-    sizes = ("phalanx_radius", "palm_center", "palm_radius")
-    phalanx, center, palm = (result.static[f"hand/{name}"] for name in sizes)
-    surface = stored_surface(result).arrays
-    used = [finger in result.fingers for finger in FINGERS]
+    touched = touched_object(result)
     depths = {name: np.empty(result.ticks) for name in (DEPTH, PALM)} | {FINGER: np.empty((result.ticks, len(FINGERS)))}
     stated, first = 0.0, 0
     for block in result.blocks([*POSES, DEPTH], BLOCK_TICKS):
         count = len(block[DEPTH])
-        joints, position, orientation = (block[name] for name in POSES)
-        found = penetration(surface, phalanx, center, palm, joints, position, orientation, used)
         part = slice(first, first + count)
+        found = touched.penetration(PlacedHand(*(block[name] for name in POSES)), part)
         finite = np.logical_and.reduce([np.isfinite(block[name]).reshape(count, -1).all(1) for name in POSES])
         for name, values in ((DEPTH, found.depth), (PALM, found.palm), (FINGER, found.finger)):
             values[~finite] = np.nan

@@ -11,7 +11,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.metrics.session_faults import how_it_ended
 from hhsim.replay.stored_scene import PARTS
 from hhsim.result.reader import Result
-from hhsim.result.schema import THINGS, is_one_of_two
+from hhsim.result.schema import is_one_of_two
 from hhsim.result.wording import commit, motion_name, object_name
 from hhsim.system.counted import counted
 from hhsim.system.input_file import open_input
@@ -90,7 +90,7 @@ def origin_facts(result: Result) -> dict[str, str]:
         "complete": "yes" if result.complete else "no: the run was stopped, its ticks so far are sound",
         "schema": f"{result.schema_version}",
         "object's mesh as it was read": str(result.scene.get("object_mesh") or NONE),
-        **{f"SHA-256 of {what}": str(stated.get(part) or NONE) for part, what in PARTS.items() if part != THINGS or result.parts},
+        **{f"SHA-256 of {what}": str(stated[part]) for part, what in PARTS.items() if part in stated},
     }
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.mesh_penetration import contact_error, mesh_clearance
 from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import result_ticks
+from hhsim.motion.object_motion import RigidMotion
 from hhsim.report.figure import ReportFigure, drawn_figure, run_style, time_text
 from hhsim.report.trade_off import MARKS, Mark, TradeOff, trade_off_drawing
 from hhsim.result.reader import Result
@@ -95,7 +97,7 @@ def _off_the_mesh(result: Result, contact: IntArray) -> float:
     """Return `SpeedError.mesh` at sampled ticks in contact; NaN without one, or where the scene is not known."""
     try:
         scene = shown_scene(result)
-        bvh = build_mesh_bvh(scene.mesh.vertices, scene.mesh.faces)
+        trees = [build_mesh_bvh(mesh.vertices, mesh.faces) for mesh, _ in scene.bodies.values()]
     except HhsimError:
         # The hand, tree or mesh is not that of the run.
         return np.nan
@@ -104,9 +106,13 @@ def _off_the_mesh(result: Result, contact: IntArray) -> float:
     if not ticks:
         return np.nan
     placed = PlacedHand(*(np.array([tick[name] for tick in ticks]) for name in ticks[0]))
-    off = contact_error(bvh, find_contact_points(scene.surface_arrays, scene.shape, placed, scene.touch).point)
-    deepest = float(np.max(np.maximum(0.0, -mesh_clearance(bvh, scene.shape, placed))))
-    return float(np.maximum(deepest, off.max())) if len(off) else np.nan
+    touching, farthest = 0, 0.0
+    for bvh, surface, moved in zip_longest(trees, scene.surface_arrays, result.meshes_moved()):
+        seen = placed if moved is None else RigidMotion(moved.turn[chosen], moved.shift[chosen]).seen_hand(placed)
+        off = contact_error(bvh, find_contact_points(surface, scene.shape, seen, scene.touch).point)
+        farthest = max(farthest, off.max(initial=0.0), -mesh_clearance(bvh, scene.shape, seen).min())
+        touching += len(off)
+    return float(farthest) if touching else np.nan
 
 
 def _caption(points: Sequence[SpeedError]) -> str:

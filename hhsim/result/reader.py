@@ -175,18 +175,19 @@ class Result:
         return self.object_motion(rows).since(self.static["object/position"], self.static["object/orientation"])
 
     def meshes_moved(self, rows: slice | int = slice(None)) -> tuple[RigidMotion, ...]:
-        """Motion of each mesh from its stored place to that at the ticks, in the view's frame: of each part or the object.
+        """Motion of the object, or of each part, from where its mesh is stored to its place at the ticks.
 
-        Empty where the object stands still in that frame.
+        It is in the view's frame, and empty where the object stands still there.
         """
         if not self.parts:
             return (self.moved_since_first(rows),) if self.driven and self.view is None else ()
         ticks = slice(rows, rows + 1) if isinstance(rows, int) else rows
-        poses = [RigidMotion(self[f"{part}/orientation"][ticks], self[f"{part}/position"][ticks]) for part in self.parts]
-        if self.driven and self.view is not None:
-            carrier = self.moved_since_first(rows)
-            poses = [RigidMotion(carrier.seen_orientations(one.turn), carrier.seen_points(one.shift)) for one in poses]
-        return tuple(poses)
+        columns = "orientation", "position"
+        poses = (RigidMotion(*(self[f"{part}/{column}"][ticks] for column in columns)) for part in self.parts)
+        if not self.driven or self.view is None:
+            return tuple(poses)
+        now = self.moved_since_first(rows)
+        return tuple(RigidMotion(now.seen_orientations(one.turn), now.seen_points(one.shift)) for one in poses)
 
     def _object_motion(self, file: h5py.File, rows: slice | int) -> ObjectMotion:
         part = slice(*rows.indices(self.ticks)) if isinstance(rows, slice) else slice(rows, rows + 1)

@@ -1,7 +1,10 @@
 """Hand stored in a result file."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from hhsim.arrays import AnyArray
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
@@ -22,6 +25,12 @@ HAND_ARRAYS = {
 """Fields of `HandModel`, and their datasets under /hand."""
 
 
+def sphere_tree_of(arrays: Mapping[str, AnyArray] | Result, group: str) -> SphereTree:
+    """Return the sphere tree in the datasets of a group; InputError if they are no tree."""
+    center, radius, level, parent = (arrays[f"{group}/{name}"] for name in TREE_ARRAYS)
+    return SphereTree(center, radius, level, parent)
+
+
 def result_hand(result: Result) -> HandModel:
     """Build the stored hand, unchecked (`hhsim.replay.stored_scene.stored_hand` checks it against the run).
 
@@ -29,7 +38,6 @@ def result_hand(result: Result) -> HandModel:
         InputError: Arrays that are no hand.
     """
     sizes, static = result.scene["hand"], result.static
-    center, radius, level, parent = (static[f"hand/palm_tree/{name}"] for name in TREE_ARRAYS)
     return HandModel(
         side=sizes["side"],
         hand_length=sizes["length"],
@@ -37,6 +45,6 @@ def result_hand(result: Result) -> HandModel:
         palm_mesh=Mesh(
             static["hand/palm_mesh/vertices"], static["hand/palm_mesh/faces"], name="palm", source=str(result.path)
         ),
-        palm_tree=SphereTree(center, radius, level, parent),
+        palm_tree=sphere_tree_of(static, "hand/palm_tree"),
         **{name: np.array(static[f"hand/{stored}"]) for name, stored in HAND_ARRAYS.items()},
     )

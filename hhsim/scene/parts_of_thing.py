@@ -13,7 +13,7 @@ from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.catalogue import THINGS, names_a_file, object_names, resolve_object, thing_names
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.moving_parts import MovingParts, held_rows
+from hhsim.metrics.moving_parts import MovingParts, held_rows, placed_mesh
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.reproducible import norm
@@ -71,10 +71,7 @@ class ThingParts:
     @cached_property
     def mesh(self) -> Mesh:
         """All parts where they are at the first tick, as one mesh."""
-        vertices = [moved.points(part.vertices[None])[0] for moved, part in zip(self._begin, self.meshes)]
-        first = np.cumsum([0, *map(len, vertices)])
-        faces = np.concatenate([part.faces + start for part, start in zip(self.meshes, first)])
-        return Mesh(np.concatenate(vertices), faces, name=self.name, source="parts")
+        return placed_mesh(self.meshes, self._begin, self.name)
 
     def tree(self, trees: Sequence[SphereTree]) -> SphereTree:
         """Return the tree over the leaves of all parts where they are at the first tick."""

@@ -22,7 +22,7 @@ from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.render.hand_meshes import piece_surfaces
 from hhsim.render.hand_picture import arrow_surfaces, transparent
 from hhsim.render.rasterizer import OVERSAMPLING, composed, frame, look_from, shade
-from hhsim.render.triangle_soup import STONE, Surface, mesh_surface, moved, near_hands
+from hhsim.render.triangle_soup import STONE, Surface, joined, mesh_surface, moved, near_hands
 from hhsim.render.viewpoint import viewpoint
 from hhsim.result.reader import Result
 from hhsim.system.atomic_write import write_atomically
@@ -123,13 +123,13 @@ def video_frames(result: Result, ticks: IntArray, width: int, other: Result | No
     some = ticks[:: max(1, len(ticks) // FRAMED)].tolist()
     points = np.concatenate([surface.points for tick in some for surface in at(tick).hands])
     usual = overview_tick(result)
-    if result.driven:
-        whole = mesh_surface(scene.mesh, STONE)
-        body = _at_tick(whole, result, usual)
-        moves = (result.moved_since_first(tick) for tick in some)
-        points = np.concatenate([points, *(motion.points(scene.mesh.box_corners[None])[0] for motion in moves)])
+    moves = bool(result.meshes_moved(usual))
+    if moves:
+        bodies = [mesh_surface(mesh, STONE) for mesh, _ in scene.bodies.values()]
+        body = _at_tick(bodies, result, usual)
+        points = np.concatenate([points, *(scene.placed(result.meshes_moved(tick)).box_corners for tick in some)])
     else:
-        whole = body = mesh_surface(near_hands(scene.mesh, points), STONE)
+        body = mesh_surface(near_hands(scene.mesh, points), STONE)
     shown = at(usual)
     rows, columns = (round(FINENESS / OVERSAMPLING * side) for side in frame_shape(width))
     view = viewpoint(shown.graphic, body, shown.contacts.point, shown.arrows)
@@ -137,16 +137,16 @@ def video_frames(result: Result, ticks: IntArray, width: int, other: Result | No
     stone = shade(body, camera)
     for tick in ticks.tolist():
         # An object that stands still is rendered once.
-        if result.driven:
-            stone = shade(_at_tick(whole, result, tick), camera)
+        if moves:
+            stone = shade(_at_tick(bodies, result, tick), camera)
         now = at(tick)
         layers = transparent(*now.hands, stone, arrow_surfaces(now.forces), camera)
         yield _written_on(composed(layers), results, tick, width)
 
 
-def _at_tick(surface: Surface, result: Result, tick: int) -> Surface:
-    motion = result.moved_since_first(tick)
-    return moved(surface, rotation_matrix(motion.turn[0]), motion.shift[0])
+def _at_tick(bodies: Sequence[Surface], result: Result, tick: int) -> Surface:
+    now = zip(bodies, result.meshes_moved(tick), strict=True)
+    return joined([moved(body, rotation_matrix(motion.turn[0]), motion.shift[0]) for body, motion in now])
 
 
 def _written_on(picture: FloatArray, results: Sequence[Result], tick: int, width: int) -> Picture:

@@ -161,7 +161,7 @@ def _of_both(one: Result, other: Result) -> bool:
         return False
     if not all(np.array_equal(one.static[name], other.static[name]) for name in ("object/vertices", "object/faces")):
         return False
-    return all(np.array_equal(a, b) for a, b in zip(one.object_motion(), other.object_motion()))
+    return all(np.array_equal(a, b) for a, b in zip(one.meshes_moved(), other.meshes_moved(), strict=True))
 
 
 def _bounds(points: FloatArray) -> FloatArray:

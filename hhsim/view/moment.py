@@ -42,8 +42,7 @@ class Moment:
 def moment(result: Result, scene: ShownScene, tick: int, pieces: Sequence[Surface] = ()) -> Moment:
     """Return what a picture shows of a tick; `pieces` as of `hand_surface`. InputError if there is no such tick."""
     values = result.at(tick, SHOWN_COLUMNS)
-    moved = result.moved_since_first(tick) if result.driven and result.view is None else None
-    ticks = shown_ticks(lambda name: values[name][None], [tick], [0], [0], moved=moved)
+    ticks = shown_ticks(lambda name: values[name][None], [tick], [0], [0], moved=result.meshes_moved(tick))
     graphic, haptic = (
         hand_surface(scene.hand, (part[0] for part in pose), pieces) for pose in (ticks.graphic, ticks.haptic)
     )

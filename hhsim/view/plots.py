@@ -120,7 +120,7 @@ class ShownTicks:
         total: Sum of all contact forces [N], shape (T, 3).
         touching: Ticks in which something may touch, indices from 0.
         plots: Values of each plot, shape (T, its series).
-        moved: Motion of the object since the first tick; None where it stands still.
+        moved: Motion of the object since the first tick, or of each part from its own frame; empty without motion.
     """
 
     tick: IntArray
@@ -132,7 +132,7 @@ class ShownTicks:
     total: FloatArray
     touching: IntArray
     plots: Mapping[Plot, FloatArray]
-    moved: RigidMotion | None = None
+    moved: tuple[RigidMotion, ...] = ()
 
 
 def shown_ticks(
@@ -141,7 +141,7 @@ def shown_ticks(
     shown: ArrayLike,
     starts: ArrayLike,
     more: Mapping[Plot, FloatArray] | None = None,
-    moved: RigidMotion | None = None,
+    moved: Sequence[RigidMotion] = (),
 ) -> ShownTicks:
     """Return what a viewer gets of N ticks, of which `column` returns any of `SHOWN_COLUMNS` by its name.
 
@@ -178,5 +178,5 @@ def shown_ticks(
         total=total[kept],
         touching=np.flatnonzero(touching[kept]),
         plots={plot: plot.thinned(values, kept, begins) for plot, values in plots.items()},
-        moved=moved and RigidMotion(moved.turn[kept], moved.shift[kept]),
+        moved=tuple(RigidMotion(one.turn[kept], one.shift[kept]) for one in moved),
     )

@@ -5,6 +5,7 @@ World in metres, z up. Each rigid piece of a hand is a mesh that is sent once, m
 | entity | what |
 |---|---|
 | world/object | the object's mesh; where it moves, with a transform a tick since the first one, as its spheres |
+| world/object/… | in its place, the mesh of each part of a thing of several, with a pose a tick, as its spheres |
 | world/spheres | the leaf spheres of its tree, where they are asked for |
 | world/graphic/… | the graphic hand: each phalanx, and the palm |
 | world/haptic/… | the haptic hand |
@@ -22,6 +23,7 @@ Timelines: `tick`, and `time` [s].
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,6 +37,7 @@ from hhsim.kernels.tick import state
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
+from hhsim.metrics.moving_parts import MovingParts, placed_mesh
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
 from hhsim.render.triangle_soup import SKIN, STONE, Surface, mesh_surface
@@ -92,7 +95,7 @@ class ShownScene:
     """A scene without what changes with time.
 
     Attributes:
-        mesh, tree: The object and its sphere tree [m], world.
+        mesh, tree: The object and its sphere tree [m], world; a thing of several parts where it begins.
         fingers: True for each finger that the scene uses, shape (5,); the others go through the object.
         touch: Distance [m] below which pairs touch.
         surface: Name of the surface that the hand touches.
@@ -108,11 +111,24 @@ class ShownScene:
     surface: str = "spheres"
     spheres: bool = False
     text: str = ""
+    parts: MovingParts | None = None
+
+    @property
+    def bodies(self) -> dict[str, tuple[Mesh, SphereTree]]:
+        """Mesh and tree of the object, or of each part in its own frame, by the end of its entity's name."""
+        if self.parts is None:
+            return {"": (self.mesh, self.tree)}
+        bodies = zip(self.parts.meshes, self.parts.trees)
+        return {f"/{name}": body for name, body in zip(self.parts.names, bodies)}
 
     @cached_property
-    def surface_arrays(self) -> Any:
-        """Arrays of the touched surface as the kernels read them."""
-        return contact_surface(self.surface, self.mesh, self.tree).arrays
+    def surface_arrays(self) -> tuple[Any, ...]:
+        """Arrays of the touched surface of each body as the kernels read them."""
+        return tuple(contact_surface(self.surface, *body).arrays for body in self.bodies.values())
+
+    def placed(self, moved: Sequence[RigidMotion]) -> Mesh:
+        """Return the object's mesh at a tick, or all parts' as one; `moved` is that of `Result.meshes_moved`."""
+        return placed_mesh([mesh for mesh, _ in self.bodies.values()], moved) if moved else self.mesh
 
     @cached_property
     def shape(self) -> HandShape:
@@ -133,9 +149,10 @@ class RerunScene:
 
         scene = self.scene
         self._fixed("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        self._fixed(OBJECT, rerun_mesh(mesh_surface(scene.mesh, STONE), STONE_COLOR))
-        if scene.spheres:
-            self._fixed(SPHERES, rerun_spheres(scene.tree))
+        for name, (mesh, tree) in scene.bodies.items():
+            self._fixed(f"{OBJECT}{name}", rerun_mesh(mesh_surface(mesh, STONE), STONE_COLOR))
+            if scene.spheres:
+                self._fixed(f"{SPHERES}{name}", rerun_spheres(tree))
         for name, surface in zip(PIECES, piece_surfaces(scene.hand)):
             self._fixed(f"world/graphic/{name}", rerun_mesh(surface))
             inner = replace(surface, points=surface.points - INNER * surface.normals)
@@ -164,10 +181,9 @@ class RerunScene:
             for k, name in enumerate(PIECES):
                 columns = rerun_poses(poses.translation[:, k], poses.quaternion[:, k])
                 self._columns(f"world/{whose}/{name}", times, columns)
-        if ticks.moved is not None:
-            columns = rerun_poses(ticks.moved.shift, ticks.moved.turn)
+        for name, moved in zip(self.scene.bodies, ticks.moved):
             for entity in (OBJECT, *([SPHERES] if self.scene.spheres else [])):
-                self._columns(entity, times, columns)
+                self._columns(f"{entity}{name}", times, rerun_poses(moved.shift, moved.turn))
         contacts = contact_points(self.scene, ticks)
         lengths, places = np.bincount(contacts.tick, minlength=len(ticks.tick)), contacts.point.astype(np.float32)
         self._columns("world/contacts/points", times, rr.Points3D.columns(positions=places).partition(lengths))
@@ -224,13 +240,19 @@ class RerunScene:
 
 def contact_points(scene: ShownScene, ticks: ShownTicks) -> ContactPoints:
     """Return the touching pairs of ticks, world."""
-    placed, moved = PlacedHand(ticks.joints, ticks.graphic.position, ticks.graphic.orientation), ticks.moved
-    if moved is not None:
-        # Contacts are looked for where the object stands still.
-        joints, position = (moved.seen_points(values) for values in placed[:2])
-        placed = PlacedHand(joints, position, moved.seen_orientations(placed.orientation))
+    found = [_of_body(scene, ticks, *body) for body in zip_longest(scene.surface_arrays, ticks.moved)]
+    if len(found) == 1:
+        return found[0]
+    order = np.argsort(np.concatenate([of.tick for of in found]), kind="stable")
+    return ContactPoints._make(np.concatenate(columns)[order] for columns in zip(*found))
+
+
+def _of_body(scene: ShownScene, ticks: ShownTicks, surface: Any, moved: RigidMotion | None) -> ContactPoints:
+    placed = PlacedHand(ticks.joints, ticks.graphic.position, ticks.graphic.orientation)
+    # Contacts are looked for where the object stands still.
+    placed = placed if moved is None else moved.seen_hand(placed)
     contacts = find_contact_points(
-        scene.surface_arrays,
+        surface,
         scene.shape,
         PlacedHand(*(np.ascontiguousarray(values, np.float64) for values in placed)),
         scene.touch,

@@ -15,13 +15,14 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import find_contact_points
+from hhsim.metrics.moving_parts import result_parts
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result
 from hhsim.result.safety import why_free_or_held
 from hhsim.result.schema import LIVE_EVENT, LIVE_TICK
+from hhsim.result.stored_hand import sphere_tree_of
 from hhsim.solver.options import TOUCH
 from hhsim.system.progress import Progress, silent
-from hhsim.trees.sphere_tree import SphereTree
 from hhsim.view.blueprint import blueprint
 from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, RESULT_PLOTS, SHOWN_COLUMNS, TIME, Plot, loop_values, shown_ticks
 from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, OBJECT, RerunScene, ShownScene, status_words
@@ -111,7 +112,7 @@ def send_ticks(viewer: RerunScene, result: Result, every: int, progress: Progres
         if result.live is not None:
             stiffness, wakeup, latency = (block[name] for name in LIVE_COLUMNS)
             more = {GLOVE: stiffness, LOOP: loop_values(wakeup, latency)}
-        moved = result.moved_since_first(slice(first, first + count)) if result.driven else None
+        moved = result.meshes_moved(slice(first, first + count))
         kept = np.arange(0, count, every)
         numbers = np.arange(first, first + count)
         ticks = shown_ticks(block.__getitem__, numbers, kept, kept, more, moved)
@@ -135,16 +136,16 @@ def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:
     """Return what does not change with time; raise InputError for an unknown hand or a damaged mesh or tree."""
     static, solver = result.static, result.scene.get("solver", {})
     used = solver.get("fingers", FINGERS)
-    center, radius, level, parent = (static[f"object/tree/{name}"] for name in ("center", "radius", "level", "parent"))
     return ShownScene(
         mesh=Mesh(static["object/vertices"], static["object/faces"], "object", str(result.path)),
-        tree=SphereTree(center=center, radius=radius, level=level, parent=parent),
+        tree=sphere_tree_of(static, "object/tree"),
         hand=stored_hand(result),
         fingers=np.array([finger in used for finger in FINGERS]),
         touch=float(solver.get("touch", TOUCH)),
         surface=str(solver.get("surface", "spheres")),
         spheres=spheres,
         text=description(result),
+        parts=result_parts(result),
     )
 
 
@@ -159,11 +160,7 @@ def arranged(result: Result, scene: ShownScene) -> "rrb.Blueprint":
     some = touching[:: max(1, len(touching) // MOST_FRAMED)] if len(touching) else np.arange(1)
     joints = (result.at(int(tick), ("graphic/joints",))["graphic/joints"] for tick in some)
     hand = np.concatenate([placed.reshape(-1, 3) for placed in joints])
-    bounds = scene.mesh.bounds
-    if result.driven:
-        moved, corners = [result.moved_since_first(int(tick)) for tick in some], scene.mesh.box_corners
-        bounds = np.concatenate([motion.points(corners[None])[0] for motion in moved])
-    points = np.concatenate([bounds, hand])
+    points = np.concatenate([hand, *(scene.placed(result.meshes_moved(int(tick))).bounds for tick in some)])
     low, high = points.min(axis=0), points.max(axis=0)
     duration = 1e-3 * result["duration/total"]
     # A pause of the machine is a thousand ticks long: it would flatten all that the plot is for.

@@ -45,10 +45,10 @@ class SessionColumns:
         """Build the rows of /contact of these ticks; `first` is the number of their first row in /tick."""
         return contact_rows(object_ticks(records), first) if self._free else {}
 
-    def moved(self, records: Records) -> RigidMotion | None:
-        """Return the motion of a free object since before the first tick, at the end of each; None of a fixed one."""
+    def moved(self, records: Records) -> tuple[RigidMotion, ...]:
+        """Return the motion of a free object since before the first tick, at the end of each; none of a fixed one."""
         ticks = object_ticks(records) if self._free else None
-        return None if ticks is None else RigidMotion(ticks.turn, ticks.shift)
+        return () if ticks is None else (RigidMotion(ticks.turn, ticks.shift),)
 
 
 def object_ticks(records: Records) -> ObjectRecord:
