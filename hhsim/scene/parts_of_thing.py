@@ -80,8 +80,9 @@ class ThingParts:
         level = max(tree.depth for tree in trees)
         while BRANCHING**level < len(radii):
             level += 1
+        covers = {"cover": "outer"} if all(one.options.get("cover") == "outer" for one in trees) else {}
         tree = build_hierarchy(np.concatenate(centers), radii, level, BRANCHING)
-        return replace(tree, mesh_sha256=self.mesh.sha256, options={"thing": self.name})
+        return replace(tree, mesh_sha256=self.mesh.sha256, options={"thing": self.name, **covers})
 
     def require_apart(self) -> None:
         """Raise InputError for parts that begin inside each other."""

@@ -4,6 +4,7 @@ import numpy as np
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.metrics.moving_parts import MovingParts, result_parts
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.trajectory import TickInput, Trajectory
@@ -14,6 +15,7 @@ from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import SIDES, TWO_HANDED, is_one_of_two
 from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.motion_catalogue import resolve_trajectory, trajectory_names
+from hhsim.scene.parts_of_thing import load_thing
 from hhsim.scene.recorded_grasp_pose import place_at_grasp
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import Script
@@ -33,16 +35,16 @@ def again_claims(result: Result, progress: Progress) -> list[Claim]:
     """Judge the motion, the ticks and the figures of a replay or a session by a second run."""
     claims = [_motion(result)]
     try:
-        hand, options, surface = stored_hand(result), stored_options(result), stored_surface(result)
+        hand, options = stored_hand(result), stored_options(result)
         again = run_again(result, progress=progress)
     except HhsimError as error:
         return [*claims, Claim("again: ticks", _TICKS, NOT_JUDGED, note=str(error))]
     claims.append(_ticks(again))
-    # A free object's summary has none of them.
-    if result.complete and result.live is None and not result.free:
+    # The summary of a free object, or of parts that move, has none of them.
+    if result.complete and result.live is None and not (result.free or result.parts):
         seen = result.seen_from_object
         haptic = HandConfiguration(*(np.array(seen[f"haptic/{name}"]) for name in HandConfiguration._fields))
-        own = figures_of_own_runs(hand, surface, options, haptic, result_ticks(result))
+        own = figures_of_own_runs(hand, stored_surface(result), options, haptic, result_ticks(result))
         claims.append(_figures(result, own, again))
     return claims
 
@@ -82,7 +84,7 @@ def _motion(result: Result) -> Claim:
     if result.live is not None:
         return Claim(name, says, NOT_JUDGED, note="it came from a glove")
     try:
-        ticks = _made_again(result)
+        ticks, parts = _made_again(result)
         if result.scene.get("ticks") is not None:
             ticks = ticks.first(int(result.scene["ticks"]))
     except HhsimError as error:
@@ -98,6 +100,10 @@ def _motion(result: Result) -> Claim:
     if (result.driven and not result.free) or carrier is not None:
         poses = result.object_motion(), carrier or still.at(np.zeros(ticks.tick_count, np.int64))
         off[:count] = np.max([difference(a[:count], b[:count]).max(axis=1) for a, b in zip(*poses)], axis=0)
+    for p, part in enumerate(result.parts if parts is not None else ()):
+        assert parts is not None
+        stored = np.concatenate([result[f"{part}/position"], result[f"{part}/orientation"]], axis=1)[:count]
+        off[:count] = np.maximum(off[:count], difference(stored, parts.world[:count, p]).max(axis=1))
     for part, values in made_of.items():
         stored = np.asarray(result[part])[:count].reshape(count, -1)
         made = np.asarray(values)[:count].reshape(count, -1)
@@ -112,8 +118,8 @@ def _motion(result: Result) -> Claim:
     return judged(name, says, off, SAME_MOTION, "m, rad", why, ticks=np.arange(result.ticks), note=note)
 
 
-def _made_again(result: Result) -> TickInput:
-    """Make the input of the ticks as the command of the file did; raise HhsimError if motion or tree are missing."""
+def _made_again(result: Result) -> tuple[TickInput, MovingParts | None]:
+    """Make the input of the ticks, and parts, as the file's command did; HhsimError if motion or tree are missing."""
     scene = result.scene
     if not scene.get("trajectory"):
         raise InputError("the file does not say which motion it was")
@@ -123,10 +129,17 @@ def _made_again(result: Result) -> TickInput:
         motion = motion.shaken(scene["tremor_mm_deg"])
     if scene.get("object_pose") == "fixed" and isinstance(motion, Trajectory):
         motion = motion.placed(motion.object_position, motion.object_orientation)
-    hand, mesh = stored_hand(result), own_object(result, True)
+    hand, seed = stored_hand(result), int(scene.get("seed") or 0)
+    parts = result_parts(result)
+    if parts is not None:
+        thing = load_thing(str(scene["object"]), motion, solid=result.surface != "mesh")
+        given = thing.mesh, thing.tree(parts.trees), hand, motion
+        made = make_scene(*given, rate=result.rate, mode=mode, seed=seed, thing=(thing, parts.trees))
+        return made.driven or made.ticks, made.parts
+    mesh = own_object(result, True)
     tree = None if mesh is None else own_tree(result, mesh, True)
     if isinstance(motion, Trajectory) and scene.get("place_object") != "auto":
-        return motion.resampled(result.rate, mode)
+        return motion.resampled(result.rate, mode), None
     if mesh is None or tree is None:
         raise InputError("the motion was made for an object and a tree that are not to be had")
     if isinstance(motion, Trajectory):
@@ -136,6 +149,5 @@ def _made_again(result: Result) -> TickInput:
         # The left hand found its place beside the right one.
         first = stored_hand(load_result(result.path.with_name(SIDES[0])))
         other = OtherHand(first, planned(motion, first, tree))
-    seed = int(scene.get("seed") or 0)
     made = make_scene(mesh, tree, hand, motion, rate=result.rate, mode=mode, seed=seed, other=other)
-    return made.driven or made.ticks
+    return made.driven or made.ticks, None

@@ -4,12 +4,11 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.metrics.mesh_penetration import ticks_looked_at
-from hhsim.replay.stored_scene import stored_mesh
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_CLAIMED, NOT_JUDGED, Claim, all_true, as_number, difference, judged
 from hhsim.verify.coal_distance import EXACT, coal_distance, sphere_shapes, triangle_shapes
 from hhsim.verify.contacts import PALM
-from hhsim.verify.file_checks import follows, leaves
+from hhsim.verify.file_checks import follows
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LENGTH, WHY_LENGTH, JudgedTicks
 from hhsim.verify.tree_checks import TrueSurface, nearest_on
 
@@ -48,7 +47,10 @@ def _inside(judge: JudgedTicks, most: FloatArray) -> Claim:
     what = "a triangle is inside of the hand" if judge.on_mesh else "the hand is inside of a sphere"
     says, why = f"nothing of {what}", "rounding of a distance"
     if judge.safe:
-        return judged("non-penetration", says, most, NEVER_IN, "m", why, ticks=chosen)
+        out, squeezed = np.where(judge.squeezed, 0.0, most), most[judge.squeezed]
+        deepest = f"{1e6 * squeezed.max(initial=0.0):.3g} µm inside"
+        note = f"{counted(len(squeezed), 'tick')} had no place, the deepest {deepest}" if len(squeezed) else ""
+        return judged("non-penetration", says, out, NEVER_IN, "m", why, ticks=chosen, note=note)
     note = f"method {method} does not promise it; its deepest is {1e6 * most.max():.3g} µm"
     tick = int(chosen[most.argmax()]) if most.any() else None
     return Claim("non-penetration", says, NOT_CLAIMED, float(most.max()), NEVER_IN, "m", tick, len(chosen), why, note)
@@ -76,6 +78,7 @@ def _candidates(judge: JudgedTicks) -> list[Claim]:
     steps = np.asarray(result["work/linearisations"])[after]
     full = judge.status & CAPACITY_EXCEEDED > 0
     rests = result.free | (judge.last_step[chosen] <= RESTS * float(judge.options["step_tolerance"]))
+    rests &= ~judge.carried[after]
     looked = rests & (after > chosen) & follows(result)[after] & ~full[after] & ~full[chosen] & (steps > 0)
     wrong = np.zeros(len(after), bool)
     counts, bodies = (near.fewest, near.most), (near.fewest_bodies, near.most_bodies)
@@ -89,7 +92,8 @@ def _candidates(judge: JudgedTicks) -> list[Claim]:
 
 
 def _by_library(judge: JudgedTicks) -> Claim:
-    pieces = triangle_shapes(stored_mesh(judge.result)) if judge.on_mesh else sphere_shapes(*leaves(judge.result))
+    shapes = [triangle_shapes(of.mesh) if judge.on_mesh else sphere_shapes(of.center, of.radius) for of in judge.bodies]
+    starts = [of.first for of in judge.bodies]
     hand, pairs, posed, off, ticks = judge.hand, judge.pairs, judge.chosen_posed, [], []
     # Sorted by tick, then distance: the first of each tick is its nearest pair.
     pairs = pairs.at(np.flatnonzero(np.isin(pairs.tick, judge.asked)))
@@ -105,7 +109,9 @@ def _by_library(judge: JudgedTicks) -> Claim:
             f, k = divmod(body, 3)
             a, b = posed.joints[i, f, k], posed.joints[i, f, k + 1]
             first, last = (float(size) for size in hand.radius[f, k : k + 2])
-        found = coal_distance(a, b, first, last, *pieces(leaf))
+        which = int(np.searchsorted(starts, leaf, side="right")) - 1
+        a, b = judge.bodies[which].seen_points(np.stack([a, b])[None], np.array([i]))[0]
+        found = coal_distance(a, b, first, last, *shapes[which](leaf - starts[which]))
         off.append(abs(found - float(pairs.distance[n])))
         ticks.append(int(judge.chosen[i]))
     says, why = (
@@ -121,14 +127,17 @@ def contact_error_claim(judge: JudgedTicks) -> Claim:
     result = judge.result
     if CONTACT_ERROR not in result.summary:
         return Claim(*_OFF_MESH, NOT_JUDGED, checked=0, note="the file does not state it")
-    surface = TrueSurface(stored_mesh(result), open_too=True)
     # The figure of a long run covers some ticks only.
     stated_of = np.isin(judge.chosen, ticks_looked_at(np.asarray(result["contacts/candidates"]) > 0))
     stated_of &= np.isin(np.arange(len(judge.chosen)), judge.asked)
     touching = judge.touching.at(np.flatnonzero(stated_of[judge.touching.tick]))
-    # Equal contact points of a hand at rest are measured once.
-    points, place = np.unique(np.round(touching.point, 12), axis=0, return_inverse=True)
-    away = nearest_on(surface.model, points)[0][place.ravel()]
+    away = np.empty(len(touching.tick))
+    for body in judge.bodies:
+        of = body.of(touching)
+        # Equal contact points of a hand at rest are measured once.
+        seen = np.round(body.seen_points(touching.point[of], touching.tick[of]), 12)
+        points, place = np.unique(seen, axis=0, return_inverse=True)
+        away[of] = nearest_on(TrueSurface(body.mesh, open_too=True).model, points)[0][place.ravel()]
     stated = as_number(result.summary[CONTACT_ERROR])
     over = np.maximum(0.0, away - stated) if np.isfinite(stated) else away
     if len(judge.asked) == len(judge.chosen) == result.ticks and np.isfinite(stated):

@@ -190,13 +190,14 @@ def _work(result: Result) -> list[Claim]:
     return [all_true("work", says, outside, ticks=np.arange(result.ticks))]
 
 
-def _tree(result: Result) -> tuple[Any, ...]:
-    return tuple(np.array(result.static[f"object/tree/{name}"]) for name in ("center", "radius", "level", "parent"))
+def _tree(result: Result, group: str = "object") -> tuple[Any, ...]:
+    arrays = result if group in result.parts else result.static
+    return tuple(np.array(arrays[f"{group}/tree/{name}"]) for name in ("center", "radius", "level", "parent"))
 
 
-def leaves(result: Result) -> tuple[FloatArray, FloatArray]:
-    """Centres (L, 3) and radii (L,) of the object's leaf spheres [m], world."""
-    center, radius, level, _ = _tree(result)
+def leaves(result: Result, group: str = "object") -> tuple[FloatArray, FloatArray]:
+    """Centres (L, 3) and radii (L,) of the leaf spheres [m], world; of a part, by its group, in its own frame."""
+    center, radius, level, _ = _tree(result, group)
     last = level == level.max(initial=0)
     return center[last], radius[last]
 

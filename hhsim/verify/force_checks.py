@@ -24,7 +24,7 @@ from hhsim.verify.forces import (
 )
 from hhsim.verify.kinematics import turn_between
 from hhsim.verify.own_parts import with_meetings
-from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_OTHER, STUCK, JudgedTicks
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_OTHER, NO_PLACE, STUCK, JudgedTicks
 
 FORCE = 1e-6
 """Relative tolerance of forces, and absolute one [N]: a ten-thousandth of the least force that has a rate."""
@@ -91,7 +91,7 @@ def force_slack(judge: JudgedTicks, size: FloatArray, ticks: IntArray) -> FloatA
 
 def _judgeable(judge: JudgedTicks, without: int) -> IntArray:
     """Places in `chosen` of the ticks without some status flags."""
-    return np.flatnonzero(judge.status[judge.chosen] & (without | CAPACITY_EXCEEDED) == 0)
+    return np.flatnonzero(judge.status[judge.chosen] & (without | CAPACITY_EXCEEDED | NO_PLACE) == 0)
 
 
 def _moment(judge: JudgedTicks, i: int) -> Moment:
@@ -110,7 +110,7 @@ def _stationarity(judge: JudgedTicks, moment_at: Callable[[int], Moment]) -> Cla
 
 
 def _palm_balance(judge: JudgedTicks) -> Claim:
-    settled = np.flatnonzero(judge.status & (STUCK | LAG | CAPACITY_EXCEEDED) == 0)
+    settled = np.flatnonzero(judge.status & (STUCK | LAG | CAPACITY_EXCEEDED | NO_PLACE) == 0)
     total = np.asarray(judge.result["force/total"])[settled]
     size = np.linalg.norm(total, axis=1)
     off = np.linalg.norm(judge.pull[settled, :3] - total, axis=1)

@@ -22,8 +22,8 @@ BETWEEN = 1e-8
 
 
 def input_hand_claims(judge: JudgedTicks) -> list[Claim]:
-    """Judge the summary's figures of the user's hand; none of a session, or of a run that was stopped."""
-    if judge.result.live is not None or not judge.result.complete:
+    """Judge the summary's figures of the user's hand; none of a session, a stopped run, or parts."""
+    if judge.result.live is not None or not judge.result.complete or judge.result.parts:
         return []
     return [_depth(judge), _correction(judge)]
 
@@ -76,7 +76,7 @@ def _depth(judge: JudgedTicks) -> Claim:
     moved = np.maximum(joints, np.linalg.norm(np.diff(posed.palm, axis=0), axis=2).max(axis=1))
 
     def depths(ticks: IntArray) -> FloatArray:
-        pairs = near_pairs(judge.hand, posed.at(ticks), judge.pieces, judge.fingers, 0.0)
+        pairs = near_pairs(judge.hand, posed.at(ticks), judge.bodies[0].pieces, judge.fingers, 0.0)
         return np.asarray(np.maximum(0.0, -pairs.nearest(len(ticks)).min(axis=1, keepdims=True)))
 
     off = abs(search_deepest(moved[:, None], depths) - as_number(judge.result.summary.get(DEPTH)))

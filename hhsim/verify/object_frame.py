@@ -48,9 +48,9 @@ def _first_step(result: Result) -> float:
 
 
 def object_motion_claims(result: Result) -> list[Claim]:
-    """Judge a moving object's poses: valid, from the object's place on, and the script's."""
+    """Judge a moving object's poses: valid, from the object's place on, and the script's; and those of parts."""
     if not result.driven:
-        return []
+        return _poses_of_parts(result)
     poses, static = result.object_motion(), result.static
     off = np.abs(np.linalg.norm(poses.orientation, axis=1) - 1.0)
     off = np.where(np.isfinite(poses.position).all(axis=1) & np.isfinite(off), off, np.inf)
@@ -70,7 +70,18 @@ def object_motion_claims(result: Result) -> list[Claim]:
     why = "its first step, and what it may be raised by to stand on its table" if result.free else "the same numbers"
     poses_claim = judged("object poses", says, off, 1e-9, "m, 1", "rounding", ticks=np.arange(result.ticks), note=note)
     says = "the object's mesh and tree lie where its first pose has them"
-    return [poses_claim, judged("object at first", says, [first], tolerance, "m, 1", why)]
+    at_first = judged("object at first", says, [first], tolerance, "m, 1", why)
+    return [poses_claim, at_first, *_poses_of_parts(result)]
+
+
+def _poses_of_parts(result: Result) -> list[Claim]:
+    off = []
+    for part in result.parts:
+        unit = np.abs(np.linalg.norm(result[f"{part}/orientation"], axis=1) - 1.0)
+        off.append(np.where(np.isfinite(result[f"{part}/position"]).all(axis=1) & np.isfinite(unit), unit, np.inf))
+    says = "every part has a pose at every tick, with a unit quaternion"
+    ticks = np.arange(result.ticks)
+    return [judged("poses of parts", says, np.max(off, axis=0), 1e-9, "1", "rounding", ticks=ticks)] if off else []
 
 
 def _of_the_script(result: Result) -> ObjectMotion | None:

@@ -10,19 +10,9 @@ from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import HANDS_APART, SIDES, is_one_of_two
 from hhsim.solver.method import never_penetrates
-from hhsim.verify.contacts import (
-    PALM,
-    Pairs,
-    Places,
-    ReadyTriangles,
-    ball_places,
-    joined,
-    near_pairs,
-    near_triangle_pairs,
-    ready_triangles,
-    triangle_places,
-)
+from hhsim.verify.contacts import PALM, Pairs, joined, near_pairs, near_triangle_pairs
 from hhsim.verify.file_checks import follows, leaves, usable
+from hhsim.verify.judged_body import JudgedBody, judged_bodies
 from hhsim.verify.kinematics import configurations, own_hand, pose, turn_between
 from hhsim.verify.object_frame import seen_by_referee
 from hhsim.verify.own_parts import Meetings, meetings, meetings_of_two, parts_that_may_meet
@@ -202,32 +192,54 @@ class JudgedTicks:
         pairs = pairs.at(np.flatnonzero(pairs.distance <= self.bearing_within[i, pairs.body]))
         if not self.on_mesh or not self.status[self.chosen[i]] & LAG:
             return pairs
-        across = self._triangles.normal.T[pairs.leaf]
+        across = self._across(pairs, i)
         side = np.sign((across * pairs.normal).sum(axis=1))
         lean = np.linalg.norm(np.cross(across, pairs.normal), axis=1)
         leaning = np.flatnonzero((lean > 0.0) & (lean <= NEAR_CONE))
         return joined([pairs, pairs.at(leaning)._replace(normal=(side[:, None] * across)[leaning])])
 
-    @cached_property
-    def _triangles(self) -> ReadyTriangles:
-        return ready_triangles(stored_mesh(self.result).triangles)
+    def _across(self, pairs: Pairs, i: int) -> FloatArray:
+        """Normals of the triangles of pairs of the chosen tick of index i, shape (N, 3)."""
+        found = np.empty((len(pairs.leaf), 3))
+        for body in self.bodies:
+            of = body.of(pairs)
+            normal = body.triangles.normal.T[pairs.leaf[of] - body.first]
+            found[of] = normal if body.turn is None else normal @ body.turn[i].T
+        return found
 
     @cached_property
-    def pieces(self) -> Places:
-        """Spheres or triangles, whichever the hand touches."""
+    def bodies(self) -> tuple[JudgedBody, ...]:
+        """Object, or parts of a thing, where they are at the chosen ticks."""
+        return judged_bodies(self.result, self.chosen)
+
+    @property
+    def squeezed(self) -> BoolArray:
+        """Chosen ticks that say that moving parts left the hand no place."""
+        return np.asarray(self.status[self.chosen] & NO_PLACE > 0)
+
+    @cached_property
+    def carried(self) -> BoolArray:
+        """Ticks in which a part moved since the tick before, shape (T,)."""
+        moved = np.zeros(self.result.ticks, bool)
+        for motion in self.result.meshes_moved() if self.result.parts else ():
+            moved[1:] |= np.diff(np.concatenate(motion, axis=1), axis=0).any(axis=1)
+        return moved
+
+    def _near(self, body: JudgedBody, places: IntArray, reach: float) -> Pairs:
+        """Find the pairs with one body within `reach` [m] at some chosen ticks, which are counted from 0."""
+        posed = body.seen(self.chosen_posed, places)
         if self.on_mesh:
-            return triangle_places(stored_mesh(self.result).triangles)
-        return ball_places(*leaves(self.result))
+            found = near_triangle_pairs(self.hand, posed, body.triangles, body.pieces, self.fingers, reach)
+        else:
+            found = near_pairs(self.hand, posed, body.pieces, self.fingers, reach)
+        return body.placed(found, places)
 
     def _nearness(self, places: IntArray, reach: float) -> Nearness:
         """Find what is within `reach` [m] at some chosen ticks; distant pairs, which are many, are only counted."""
         found_blocks = []
         for block in np.array_split(places, range(BLOCK, len(places), BLOCK)):
-            posed, size = self.chosen_posed.at(block), len(block)
-            if self.on_mesh:
-                found = near_triangle_pairs(self.hand, posed, self._triangles, self.pieces, self.fingers, reach)
-            else:
-                found = near_pairs(self.hand, posed, self.pieces, self.fingers, reach)
+            size = len(block)
+            found = joined([self._near(body, block, reach) for body in self.bodies])
             pairs = found.within(2.0 * self.bearing)
             counts = self.pair_counts(found, self.surely, size)[0], self.pair_counts(found, self.margin, size)[1]
             bodies = (found.within(limit).bodies(size) for limit in (self.surely - LENGTH, self.margin + LENGTH))

@@ -11,10 +11,8 @@ import numpy as np
 
 from hhsim.arrays import IntArray
 from hhsim.errors import InputError, MeshError
-from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.solidify import ASSUMED_SOLID
-from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import Result
 from hhsim.system.counted import counted
 from hhsim.system.progress import Progress
@@ -30,7 +28,6 @@ from hhsim.verify.mesh_distance import EXACT, HandReferee
 from hhsim.verify.metric_checks import metric_claims
 from hhsim.verify.object_frame import object_motion_claims, seen_by_referee
 from hhsim.verify.origin_checks import origin_claims
-from hhsim.verify.part_checks import part_claims
 from hhsim.verify.posture_checks import posture_claims
 from hhsim.verify.self_contact_checks import hands_apart_claims, self_contact_claims
 from hhsim.verify.session_checks import session_claims
@@ -131,13 +128,6 @@ def verify(
     judge = JudgedTicks(seen, numbers, sampled)
     claims += posture_claims(judge)
     report("spheres", 2, 4)
-    if result.parts:
-        claims += part_claims(JudgedTicks(result, sampled))
-        claims += metric_claims(result)
-        deepest = {claim.name: claim.worst for claim in claims}
-        spheres = float("nan") if judge.on_mesh else deepest["deepest"]
-        looked = result.ticks, len(sampled), every
-        return Verification(tuple(claims), *looked, spheres, deepest["mesh"], float("nan"))
     claims += [*depth_claims(judge), *self_contact_claims(judge), *hands_apart_claims(judge)]
     report("forces", 3, 4)
     claims += force_claims(judge)
@@ -183,22 +173,25 @@ def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tu
     name, says = "mesh", "the graphic hand stays out of the true mesh"
     why = "the bounds of the referee's own distance"
     try:
-        referee = HandReferee(stored_mesh(judge.result), open_too=judge.on_mesh)
+        referees = [HandReferee(body.mesh, open_too=judge.on_mesh) for body in judge.bodies]
     except MeshError as error:
         return Claim(name, says, NOT_JUDGED, unit="m", why=why, note=str(error)), float("nan")
     hand, posed, at, sampled = judge.hand, judge.chosen_posed, judge.chosen_shown, judge.asked
     shape = HandShape(hand.radius, hand.palm_center, hand.palm_radius)
-    # Equal postures are measured once; a posture that is not finite fails other claims.
-    rounded = np.round(posed.joints[sampled].reshape(len(sampled), -1), 10)
-    different = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
-    different = sampled[different[np.isfinite(rounded[different]).all(axis=1)]]
-    least = np.full(len(judge.chosen), np.inf)
+    least, checked = np.full(len(judge.chosen), np.inf), 0
     used = np.append(np.repeat(judge.fingers, 3), True)
-    for first in range(0, len(different), MESH_TICKS):
-        report("mesh", first, len(different))
-        rows = different[first : first + MESH_TICKS]
-        placed = PlacedHand(posed.joints[rows], at.position[rows], at.orientation[rows])
-        least[rows] = referee.clearances(shape, placed, MESH_LIMIT)[:, used].min(axis=1)
+    for body, referee in zip(judge.bodies, referees):
+        # Equal postures are measured once; a posture that is not finite fails other claims.
+        rounded = np.round(body.seen_points(posed.joints[sampled], sampled).reshape(len(sampled), -1), 10)
+        different = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
+        different = sampled[different[np.isfinite(rounded[different]).all(axis=1)]]
+        for first in range(0, len(different), MESH_TICKS):
+            report("mesh", first, len(different))
+            rows = different[first : first + MESH_TICKS]
+            away = referee.clearances(shape, body.seen_hand(posed, at.orientation, rows), MESH_LIMIT)
+            least[rows] = np.minimum(least[rows], away[:, used].min(axis=1))
+        checked = max(checked, len(different))
+    least[judge.squeezed] = np.inf
     worst = int(least.argmin())
     depth = max(0.0, -float(least[worst]))
     covers = judge.on_mesh or any(claim.name == "cover" and claim.verdict in (HOLDS, FAILS) for claim in claims)
@@ -208,4 +201,4 @@ def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tu
     assumed = [text for text in judge.result.scene.get("object_repairs") or [] if text.startswith(ASSUMED_SOLID)]
     note = "; ".join([*([note] if note else []), *assumed])
     tick = int(judge.chosen[worst]) if depth > 0.0 else None
-    return Claim(name, says, verdict, depth, EXACT, "m", tick, len(different), why, note), depth
+    return Claim(name, says, verdict, depth, EXACT, "m", tick, checked, why, note), depth

@@ -37,7 +37,7 @@ def still_laptop(surface: str, angle: float, ticks: int) -> Scene:
     moved = replace(motion, joints=(("lid", ((0.0, angle),)),))
     scene = open_scene("laptop", moved, solid=surface == "spheres", level=3)
     assert scene.parts is not None
-    parts = replace(scene.parts, world=scene.parts.path[:ticks])
+    parts = replace(scene.parts, world=scene.parts.world[:ticks])
     return replace(scene, ticks=scene.ticks.first(ticks), parts=parts)
 
 
