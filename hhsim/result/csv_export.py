@@ -11,7 +11,15 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import OutputError, UnknownNameError
 from hhsim.result.reader import CHUNK_TICKS, Result
-from hhsim.result.schema import LIVE_TICK, LIVE_TICK_COLUMNS, OBJECT_COLUMNS, TICK_COLUMNS, Column
+from hhsim.result.schema import (
+    JOINT_COLUMN,
+    LIVE_TICK,
+    LIVE_TICK_COLUMNS,
+    OBJECT_COLUMNS,
+    PART_COLUMNS,
+    TICK_COLUMNS,
+    Column,
+)
 from hhsim.system.input_file import open_input
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
@@ -40,8 +48,8 @@ def export_ticks(
     Args:
         result: Complete or not.
         path: The table; an existing one is replaced when the new one is complete.
-        columns: Names of datasets of /tick, of `SIZES` or, of a session, of live/tick; or `all`. None for the usual
-            ones.
+        columns: Names of datasets of /tick, of `SIZES`, of live/tick of a session, of poses of parts; or `all`. None
+            for the usual ones.
 
     Raises:
         UnknownNameError: No such dataset.
@@ -58,6 +66,9 @@ def export_ticks(
     if result.live is not None:
         of_loop = (replace(column, name=f"{LIVE_TICK}/{column.name}") for column in LIVE_TICK_COLUMNS)
         known |= {column.name: column for column in of_loop}
+    for part in result.parts:
+        of_part = (replace(column, name=f"{part}/{column.name}") for column in (*PART_COLUMNS, JOINT_COLUMN))
+        known |= {column.name: column for column in of_part if column.name in result}
     wanted = tuple(known) if columns and ALL in columns else tuple(columns or USUAL)
     for name in wanted:
         if name not in known:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.errors import TrajectoryError
+from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
@@ -31,10 +31,15 @@ def load_result_motion(path: Path) -> Trajectory:
     """Read the motion of a result or a session, complete or not, and the object's place.
 
     Raises:
-        InputError: As `load_result`.
+        InputError: As `load_result`, or a thing of several parts.
         TrajectoryError: No tick or no good sample, or a hand that is not finite.
     """
     result = load_result(path)
+    if result.parts:
+        raise InputError(
+            f"{path}: its hand moves beside parts that a motion does not carry; expected a result of one object "
+            f"(hhsim replay {path} runs its ticks again)"
+        )
     try:
         return _replay(result) if result.live is None else _session(result)
     except TrajectoryError as error:

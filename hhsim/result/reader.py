@@ -241,12 +241,15 @@ class Result:
         return InputError(f"{self.path}: {UnknownNameError('dataset', name, self.keys())}")
 
     def blocks(self, names: Sequence[str], size: int = CHUNK_TICKS) -> Iterator[dict[str, AnyArray]]:
-        """Yield datasets of /tick or `live/tick` by name, `size` ticks at a time: sessions may exceed the memory."""
+        """Yield datasets of /tick, `live/tick` or a part by name, `size` ticks at a time: all may exceed the memory."""
         with _opened(self.path) as file:
             for first in range(0, self.ticks, size):
                 rows = slice(first, min(first + size, self.ticks))
-                live = {name: read_numbers(file[name], rows) for name in names if name.startswith(f"{LIVE}/")}
-                yield {name: live[name] if name in live else self._rows(file, name, rows) for name in names}
+                beside = tuple(name for name in names if name.startswith((f"{LIVE}/", f"{THINGS}/")))
+                yield {
+                    name: read_numbers(file[name], rows) if name in beside else self._rows(file, name, rows)
+                    for name in names
+                }
 
     def at(self, tick: int, names: Sequence[str]) -> dict[str, AnyArray]:
         """Read one tick of datasets of /tick.

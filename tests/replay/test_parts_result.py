@@ -1,44 +1,164 @@
-"""Result of a thing of several parts: what its file holds, its second run, and what the referee says of it."""
+"""Result of a thing of several parts: what its file holds, its second run, and what all that reads it makes of it."""
 
+import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from driven_scenes import carried, swing
+from rerun_files import Recording
+from scipy.spatial.transform import Rotation
+from sealed_change import changed as opened
 
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError
+from hhsim.gate.gate import gate_result
 from hhsim.kernels.tick.state import STATUS_NO_PLACE
+from hhsim.metrics.moving_parts import MovingParts
+from hhsim.motion.object_motion import RigidMotion
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
-from hhsim.result.reader import load_result
-from hhsim.scene.scene import open_scene
+from hhsim.report.posed_result import posed_result
+from hhsim.result.csv_export import export_ticks
+from hhsim.result.motion import load_result_motion
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.options import SolverOptions
+from hhsim.view.film import video_frames
+from hhsim.view.sink import parse_target
+from hhsim.view.viewer import view_result
+
+FIRST, TICKS = 1900, 400
+LID = "things/laptop/lid"
 
 
-def test_a_result_holds_the_parts_and_is_judged_part_by_part(tmp_path: Path) -> None:
+def parts_at(scene: Scene, ticks: slice) -> MovingParts:
+    parts = scene.parts
+    assert parts is not None
+    values = {name: values[ticks] for name, values in parts.values.items()}
+    whole = None if parts.carried is None else RigidMotion(parts.carried.turn[ticks], parts.carried.shift[ticks])
+    return replace(parts, world=parts.world[ticks], values=values, carried=whole)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """Return a scene in which the hand comes down onto the base while the lid closes."""
+    scene = open_scene("laptop", "close", solid=False, level=2)
+    return replace(scene, ticks=scene.ticks.first(TICKS), parts=parts_at(scene, slice(FIRST, FIRST + TICKS)))
+
+
+@pytest.fixture(scope="module")
+def result(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Result:
+    path = tmp_path_factory.mktemp("parts") / "close.h5"
+    replay_scene(scene, SolverOptions(surface="mesh"), path)
+    return load_result(path)
+
+
+def changed(result: Result, folder: Path, dataset: str, row: int, add: float) -> Result:
+    path = folder / "changed.h5"
+    shutil.copy(result.path, path)
+    with opened(path) as file:
+        file[dataset][row] += add
+    return load_result(path)
+
+
+def box_distance(result: Result, part: str, tick: int, points: FloatArray) -> FloatArray:
+    turn = Rotation.from_quat(np.roll(result[f"{part}/orientation"][tick], -1))
+    corners = np.asarray(result[f"{part}/vertices"])
+    half = 0.5 * np.ptp(corners, axis=0)
+    beyond = np.abs(turn.inv().apply(points - result[f"{part}/position"][tick])) - half
+    return np.asarray(np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0))
+
+
+def test_a_result_holds_the_parts_and_runs_again_to_the_bit(scene: Scene, result: Result, tmp_path: Path) -> None:
+    parts = scene.parts
+    assert parts is not None and result.ticks == TICKS
+    assert result.parts == ("things/laptop/base", LID)
+    assert np.array_equal(result[f"{LID}/joint"], parts.values["lid"])
+    assert np.array_equal(result[f"{LID}/position"], parts.path[:, 1, :3])
+    assert np.array_equal(result["things/laptop/base/orientation"], parts.path[:, 0, 3:])
+    assert not (np.asarray(result["status"]) & STATUS_NO_PLACE).any()
+    assert run_again(result).identical
+    with pytest.raises(InputError, match=r"a part of the thing in the file is another one \(checksum\)"):
+        run_again(changed(result, tmp_path, f"{LID}/vertices", 3, 1e-4))
+    otherwise = run_again(changed(result, tmp_path, f"{LID}/position", 200, 2e-3))
+    assert not otherwise.same and min(array.first_tick for array in otherwise.arrays if not array.identical) == 200
+
+
+def test_a_thing_that_is_carried_runs_again_to_the_bit(tmp_path: Path) -> None:
+    still = open_scene("laptop", "close", solid=False, level=2)
+    scene = open_scene("laptop", carried(still.trajectory, swing(still.trajectory.time)), solid=False, level=2)
+    assert scene.driven is not None
+    first = slice(0, 60)
+    cut = replace(scene, ticks=scene.ticks.first(60), driven=scene.driven.first(60), parts=parts_at(scene, first))
+    assert cut.parts is not None and still.parts is not None
+    np.testing.assert_allclose(cut.parts.path[:, 0], np.tile(still.parts.path[0, 0], (60, 1)), atol=1e-12)
+    assert np.ptp(cut.parts.world[:, 0], axis=0).max() > 1e-4
+    assert len(np.unique(cut.parts.path[:, 0], axis=0)) == 1
+    path = tmp_path / "carried.h5"
+    replay_scene(cut, SolverOptions(surface="mesh"), path)
+    result = load_result(path)
+    assert run_again(result).identical
+    seen = result.seen_from_object.meshes_moved()
+    np.testing.assert_allclose(seen[1].shift, cut.parts.path[:, 1, :3], atol=1e-12)
+
+
+def test_the_referee_judges_contacts_and_forces_of_each_part(result: Result, tmp_path: Path) -> None:
     pytest.importorskip("coal")
     from hhsim.verify.verify import verify
 
-    scene = open_scene("laptop", "close", solid=False, level=2)
-    assert scene.parts is not None
-    first, ticks = 1900, 400
-    parts = replace(
-        scene.parts,
-        world=scene.parts.world[first : first + ticks],
-        values={name: values[first : first + ticks] for name, values in scene.parts.values.items()},
-    )
-    path = tmp_path / "close.h5"
-    # The hand comes down onto the base while the lid closes.
-    summary = replay_scene(
-        replace(scene, ticks=scene.ticks.first(ticks), parts=parts), SolverOptions(surface="mesh"), path
-    )
-    assert summary.ticks == ticks
-    result = load_result(path)
-    assert result.parts == ("things/laptop/base", "things/laptop/lid")
-    assert np.array_equal(result["things/laptop/lid/joint"], parts.values["lid"])
-    assert np.array_equal(result["things/laptop/lid/position"], parts.world[:, 1, :3])
-    assert np.array_equal(result["things/laptop/base/orientation"], parts.world[:, 0, 3:])
-    assert not (np.asarray(result["status"]) & STATUS_NO_PLACE).any()
-    assert run_again(result).identical
-    found = verify(result, every=5)
+    found = verify(result, every=20)
     assert found.passed, [claim for claim in found.claims if claim.failed]
-    assert {claim.name for claim in found.claims} >= {"poses of parts", "depth", "non-penetration", "mesh"}
+    held = {claim.name: claim for claim in found.claims if claim.verdict == "holds"}
+    assert held.keys() >= {"poses of parts", "depth", "non-penetration", "mesh", "touching pairs", "distance by coal"}
+    assert held.keys() >= {"stationarity", "complementarity", "force balance", "contacts off the mesh"}
+    pressed = int(np.argmax(np.linalg.norm(result["force/total"], axis=1)))
+    assert np.linalg.norm(result["force/total"][pressed]) > 1.0
+
+    def failing(dataset: str, row: int, add: float) -> set[str]:
+        return {
+            claim.name
+            for claim in verify(changed(result, tmp_path, dataset, row, add), every=20).claims
+            if claim.failed
+        }
+
+    assert "force balance" in failing("tick/force/total", pressed, 10.0)
+    # The part that bears on the hand is elsewhere in that tick.
+    assert {"touching pairs", "force balance"} <= failing(f"{LID}/position", pressed, 2e-3)
+
+
+def test_the_viewer_moves_each_part_and_finds_the_contacts_on_it(result: Result, tmp_path: Path) -> None:
+    path = tmp_path / "parts.rrd"
+    view_result(result, parse_target(str(path)))
+    recording = Recording(path)
+    for part in result.parts:
+        entity = f"/world/object/{part.rpartition('/')[2]}"
+        places = recording.array(entity, "Transform3D:translation")[:, 0]
+        np.testing.assert_allclose(places, result[f"{part}/position"], atol=1e-6)
+    points = recording.rows("/world/contacts/points", "Points3D:positions")
+    # On a mesh the viewer marks the features of each triangle, the solver shared ones once.
+    assert all(len(row or []) >= count for row, count in zip(points, result["contacts/touching"], strict=True))
+    for tick in np.flatnonzero(result["contacts/touching"])[::20]:
+        off = [box_distance(result, part, tick, np.array(points[tick])) for part in result.parts]
+        assert np.abs(off).min(axis=0).max() < 1.1e-5
+        assert (np.abs(off[1]) < 1.1e-5).any(), "the lid has come down onto the hand"
+
+
+def test_a_film_shows_the_lid_where_it_is(result: Result) -> None:
+    first, last = video_frames(result, np.array([0, TICKS - 1]), 160)
+    assert (np.abs(first.astype(int) - last).max(axis=2) > 30).mean() > 0.02
+
+
+def test_gate_report_and_table_measure_in_the_parts(result: Result, tmp_path: Path) -> None:
+    report = gate_result(result, base=result)
+    assert {row.verdict for row in report.rows} <= {"same", "limit only"} and len(report.rows) > 5
+    posed = posed_result(result)
+    assert posed.contradiction() == "" and posed.deepest == 0.0
+    export_ticks(result, tmp_path / "ticks.csv", ["time", f"{LID}/joint", f"{LID}/position"])
+    table = np.loadtxt(tmp_path / "ticks.csv", delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(table[:, 2], result[f"{LID}/joint"])
+    with pytest.raises(InputError, match="beside parts that a motion does not carry"):
+        load_result_motion(result.path)
+    assert json.loads(json.dumps(run_again(result).to_json()))["identical"]
