@@ -1,7 +1,7 @@
 """Parts of a thing over time: their surfaces, where they are, and what of a hand is inside them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -53,6 +53,12 @@ class MovingParts:
             for pose in self.world.swapaxes(0, 1)
         ]
         return np.ascontiguousarray(np.stack(seen, axis=1)[held_rows(joints)])
+
+    def at(self, ticks: slice) -> "MovingParts":
+        """Return the parts at some ticks."""
+        values = {name: values[ticks] for name, values in self.values.items()}
+        carried = None if self.carried is None else RigidMotion(*(of[ticks] for of in self.carried))
+        return replace(self, world=self.world[ticks], values=values, carried=carried)
 
     def pose(self, p: int) -> ObjectMotion:
         """Return the poses of a part in the scene's frame."""

@@ -123,7 +123,8 @@ def described_scene(
     if words.ticks is not None:
         # Cut last: where the object is placed does not depend on how much of the motion is run.
         driven = None if scene.driven is None else scene.driven.first(words.ticks)
-        scene = replace(scene, ticks=scene.ticks.first(words.ticks), driven=driven)
+        parts = None if scene.parts is None else scene.parts.at(slice(words.ticks))
+        scene = replace(scene, ticks=scene.ticks.first(words.ticks), driven=driven, parts=parts)
     as_given = ("object", "trajectory", "unit", "size_mm", "thickness_mm", "max_error", "tree", "samples", "hand_file")
     description = {
         **{name: getattr(words, name) for name in (*as_given, "tremor_mm_deg", "seed")},
