@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import HANDS_APART, SIDES, is_one_of_two
 from hhsim.solver.method import never_penetrates
