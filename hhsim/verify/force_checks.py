@@ -146,10 +146,11 @@ def _balance(judge: JudgedTicks, moment_at: Callable[[int], Moment]) -> Claim:
         off[n] = min((explained(at, judge.scale, force, pull, apart) for pull, apart in explanations), default=np.inf)
         # On its way, or where the palm of `progressive` yields to a finger, contacts bear what they can.
         yields = late or (progressive and off[n] > slack[i])
-        if yields and judge.on_mesh:
-            # The solver chooses which features are rows of the program; all must be pushes, wherever they act.
+        if yields and (judge.on_mesh or judge.against_other_hand.of(int(i)).body.size):
+            # Where the other hand goes meanwhile is not known here; the features of a mesh that are rows are the
+            # solver's choice. All must be pushes, wherever they act.
             alone = residual(at.bodies.T, force)
-            if late and alone < off[n]:
+            if late and judge.on_mesh and alone < off[n]:
                 slack[i] += LEAN * size[i]
             off[n] = min(off[n], alone)
         elif yields:

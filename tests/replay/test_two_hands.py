@@ -164,9 +164,9 @@ def test_scenes_that_do_not_belong_together_are_refused(scenes: list[Scene], tmp
 
 
 @pytest.fixture(scope="module")
-def meeting(scenes: list[Scene], tmp_path_factory: pytest.TempPathFactory) -> TwoHandedReplay:
+def meeting(tmp_path_factory: pytest.TempPathFactory) -> TwoHandedReplay:
     """Both hands at the cylinder, the left one's motion shifted into the right hand."""
-    right, left = scenes
+    right, left = scenes_of(script=replace(SCRIPT, name="short"))
     way = 0.4 * (right.ticks.position.mean(axis=0) - left.ticks.position.mean(axis=0))
     given = replace(left.ticks, position=left.ticks.position + way)
     path = tmp_path_factory.mktemp("meeting") / "both.h5"
@@ -192,11 +192,11 @@ def test_the_referee_knows_that_hands_keep_apart_and_a_second_run_is_the_same(
     faulty = tmp_path / "both.h5"
     faulty.write_bytes(meeting.path.read_bytes())
     with h5py.File(faulty, "r+") as file:
-        # One hand 2 mm nearer to the other one in the last tick.
-        way = file["hands/right/tick/graphic/position"][-1] - file["hands/left/tick/graphic/position"][-1]
-        shift = 2e-3 * way / np.linalg.norm(way)
+        # One hand 10 mm nearer to the other one in the tick in which they are nearest.
+        at = int(np.argmin(file["between/graphic_distance"]))
+        way = file["hands/right/tick/graphic/position"][at] - file["hands/left/tick/graphic/position"][at]
         for name in ("position", "joints"):
-            file[f"hands/left/tick/graphic/{name}"][-1] += shift
+            file[f"hands/left/tick/graphic/{name}"][at] += 0.01 * way / np.linalg.norm(way)
     seal_file(faulty, faulty.stat().st_size)
     failed = {claim.name for claim in verify(load_result(faulty / "left")).claims if claim.failed}
     assert "hands apart" in failed

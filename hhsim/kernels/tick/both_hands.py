@@ -55,6 +55,7 @@ from hhsim.kernels.tick.state import (
     STATUS_CAPACITY_EXCEEDED,
     STATUS_INPUT_INVALID,
     STATUS_LAG,
+    WORK_ROWS,
     WORK_TOUCHING,
     WORK_UNITS,
 )
@@ -157,7 +158,7 @@ def _pack(offset: float, states: Any, both: Record) -> None:
 
 
 @jit
-def _guess(states: Any, both: Record) -> int:
+def _guess_active(states: Any, both: Record) -> int:
     """Guess the rows that a solution of before had active; returns their number."""
     pairs, guess, filled = both.pairs, both.guess, as_int64(0)
     for h in range(2):
@@ -173,13 +174,13 @@ def _guess(states: Any, both: Record) -> int:
 
 
 @jit_noinline
-def _solve_once(options: TickOptions, states: Any, both: Record, qp: QpWork) -> int:
+def _solve_both(options: TickOptions, states: Any, both: Record, qp: QpWork) -> int:
     """Solve the program at hand into each hand's step and the multipliers of the pairs; returns a status."""
     pairs = both.pairs
     rows = WideRows(
         as_int64(BOTH_DOF), both.common[:], both.block[:], both.rhs[:], both.start[:], both.stop[:], both.group[:]
     )
-    target, guess, guessed = both.target[:], both.guess[:], _guess(states, both)
+    target, guess, guessed = both.target[:], both.guess[:], _guess_active(states, both)
     status = solve(as_int64(BOTH_DOF), rows, target, options.tolerance, options.relaxation, guess, guessed, qp)
     states[0][0].step.iterations += qp.counts[1]
     if status != OPTIMAL:
@@ -215,13 +216,17 @@ def _solve(
     for _ in range(ROUNDS):
         _aim(hands, options, share, stands, states)
         _pack(offset, states, both)
-        status = _solve_once(options[0], states, both, qp)
+        status = _solve_both(options[0], states, both, qp)
         if status != OPTIMAL:
             break
         bound_motions(hands, states, both.pairs)
         look_at_pairs(hands, states, offset, within, offset, both.pairs)
         added = add_broken_pairs(hands, states, offset, both.pairs)
-        states[0][0].work[WORK_UNITS] += UNITS_ROUND
+        for h in range(2):
+            work, own = states[h][0].work, states[h][0].self_contact.count
+            rows = states[h][0].contacts.start[FINGER_COUNT + 1] + own + both.pairs.count
+            work[WORK_UNITS] += UNITS_ROUND
+            work[WORK_ROWS] = max(work[WORK_ROWS], rows)
         for h in range(2):
             if not stands:
                 added = _add_own(hands[h], options[h], states[h][0]) or added
@@ -240,7 +245,7 @@ def _add_own(hand: HandArrays, options: TickOptions, state: Record) -> bool:
 
 
 @jit_noinline
-def _prepare(hands: Any, options: Any, surface: Any, states: Any, both: Record) -> bool:
+def _find_rows(hands: Any, options: Any, surface: Any, states: Any, both: Record) -> bool:
     """Find each hand's contacts, and foresee what was active in the last program; False where they do not fit."""
     pairs, began = both.pairs, monotonic_ns()
     for h in range(2):
@@ -284,7 +289,7 @@ def _solve_linearisation(
 ) -> tuple[int, float]:
     """Build and solve a program, with a nearer target if it is cut short; returns as `kernels.tick.method` says."""
     full_motion = WHOLE_TARGET
-    if not _prepare(hands, options, surface, states, both):
+    if not _find_rows(hands, options, surface, states, both):
         return as_int64(OVERFLOW), full_motion
     status = _solve(hands, options, 1.0, options[0].margin, as_bool(False), states, both, qp)
     if status != OPTIMAL:
@@ -322,7 +327,7 @@ def _store(hands: Any, options: Any, states: Any, both: Record) -> None:
 
 
 @jit
-def _evaluate(hands: Any, options: Any, surface: Any, states: Any) -> bool:
+def _measure_hands(hands: Any, options: Any, surface: Any, states: Any) -> bool:
     """Compute the distances of each hand to the object; False where its pairs do not fit into the arrays."""
     fits = True
     for h in range(2):
@@ -337,7 +342,7 @@ def _return_to_safe(hands: Any, options: Any, surface: Any, states: Any, both: R
         take_back(states[h][0])
         states[h][0].progress.failed_steps = 0
     both.failed = 0
-    return _evaluate(hands, options, surface, states)
+    return _measure_hands(hands, options, surface, states)
 
 
 @jit
@@ -364,7 +369,7 @@ def _advance(hands: Any, options: Any, surface: Any, full_motion: float, states:
         move(state.pose, state.step.delta, state.problem.abduction_step, fraction)
         foreseen = REACH_FLOOR * max(tolerance, motion)
         update_reach(options[h], fraction, motion, full_motion, foreseen, state)
-    fits, done = _evaluate(hands, options, surface, states), True
+    fits, done = _measure_hands(hands, options, surface, states), True
     apart = hands_nearest(hands, states, options[0].margin, both.pairs)
     if fits and min(apart, least_distance(states[0][0]), least_distance(states[1][0])) >= 0.0:
         both.failed, both.is_near = 0, apart < np.inf
@@ -423,7 +428,7 @@ def _finish(hands: Any, options: Any, surface: Any, states: Any, both: Record, q
         if overflow:
             both.status[h] |= STATUS_CAPACITY_EXCEEDED
         lags = lags or both.status[h] & STATUS_LAG != 0
-    detected, relaxed = monotonic_ns(), first.program.is_relaxed
+    detected, relaxed, palm = monotonic_ns(), first.program.is_relaxed, first.step.duration[DURATION_PALM]
     if lags and not overflow and options[0].force_model != FORCE_PAPER:
         _settle_forces(hands, options, surface, states, both, qp)
     for h in range(2):
@@ -435,6 +440,8 @@ def _finish(hands: Any, options: Any, surface: Any, states: Any, both: Record, q
         hand_forces(options[h], state)
     first.step.duration[DURATION_DETECT] += detected - began
     first.step.duration[DURATION_FORCE] += monotonic_ns() - detected
+    # The programs that settle the forces count as these.
+    first.step.duration[DURATION_PALM] = palm
     second.step.iterations = first.step.iterations
     for i in range(second.step.duration.shape[0]):
         second.step.duration[i] = first.step.duration[i]
@@ -554,7 +561,7 @@ def run_hands_apart(
             for h in range(2):
                 copy_configuration(states[h][0].prediction.start, states[h][0].pose)
                 record[h].status[i] &= STATUS_INPUT_INVALID
-            _evaluate(hands, options, surface, states)
+            _measure_hands(hands, options, surface, states)
             both.pairs.count = 0
         tick_of_both(methods, hands, options, surface, states, both, both_qp)
         wall, cpu = monotonic_ns() - began, thread_cpu_ns() - cpu
