@@ -6,11 +6,10 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.mesh.bvh import MeshBvh, closest_points
+from hhsim.kernels.mesh.bvh import closest_points
 from hhsim.metrics.field.hands import object_bvh
 from hhsim.metrics.mesh_penetration import mesh_clearance
-from hhsim.metrics.metrics import hand_clearance
-from hhsim.trees.contact_surface import ContactSurface, encloses
+from hhsim.trees.contact_surface import ContactSurface
 
 CLEAR = 2e-6
 """Clearance that a hand needs which the solver did not make [m]: above the error of the measure."""
@@ -21,18 +20,12 @@ class HandJudge:
 
     Args:
         hand: Hand model.
-        surface: Object's surface. A closed mesh has an inside; of other triangles, and of spheres without a mesh, the
-            distance is that of their own surface.
-
-    Attributes:
-        bvh: Hierarchy of the closed mesh; None without one.
+        surface: Object's surface, of a closed mesh.
     """
 
     def __init__(self, hand: HandModel, surface: ContactSurface) -> None:
-        self.hand, self.shape, self.surface = hand, hand_shape(hand), surface
-        self.bvh: MeshBvh | None = None
-        if surface.mesh is not None and encloses(surface.mesh):
-            self.bvh = object_bvh(surface.mesh)
+        assert surface.mesh is not None
+        self.hand, self.shape, self.bvh = hand, hand_shape(hand), object_bvh(surface.mesh)
 
     def clearance(self, frames: HandConfiguration, limit: float = CLEAR) -> FloatArray:
         """Return the least signed distance of each hand [m], shape (T,), at most `limit`; NaN for a hand of NaN."""
@@ -40,14 +33,10 @@ class HandJudge:
 
     def placed_clearance(self, placed: PlacedHand, limit: float = CLEAR) -> FloatArray:
         """Return the same for any joints and palms."""
-        if self.bvh is not None:
-            return mesh_clearance(self.bvh, self.shape, placed, limit)
-        palm, finger = hand_clearance(self.surface.arrays, *self.shape, *placed, limit=limit)
-        return np.asarray(np.minimum(palm, finger.min(axis=1)))
+        return mesh_clearance(self.bvh, self.shape, placed, limit)
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return signed distances of points from the closed mesh [m], shape (n,), and their gradients, (n, 3)."""
-        assert self.bvh is not None
         closest, distance = np.empty_like(points), np.empty(len(points))
         closest_points(self.bvh, points, closest, distance)
         # On the surface no direction is known.

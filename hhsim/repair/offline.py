@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -24,8 +24,6 @@ from hhsim.repair.written_hand import WrittenHand
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import ContactSurface
 
-AS_RECORDED, FORWARD, BACKWARD, RESTARTED = 0, 1, 2, 3
-"""Origins of a frame: the recorded hand itself, a pass, and from 3 on the restarts in the order in which they began."""
 USUAL_CORRECTION = 2e-3
 """A correction up to this plus 1.5 times the depth is that of a hand on its own side of the object [m]."""
 TRACKS_A_RESTART = 2
@@ -40,61 +38,34 @@ MOST_DEARER = 30
 """Frames in a row that a restarted track is followed on while another one is nearer to the recorded hand."""
 
 
-class RepairedFrames(NamedTuple):
-    """Repaired hand of each of T frames.
-
-    Attributes:
-        posture: Hands without penetration; the recorded hand in a frame for which none was found.
-        depth_before, depth: Penetration of the recorded and of the returned hand [m], 0 outside, shape (T,).
-        correction: Largest move of a joint, tip or the palm's origin [m], shape (T,).
-        marked: True where no hand without penetration was found, or the correction exceeds the limit, shape (T,).
-        origin: Track of each frame, see `AS_RECORDED`, shape (T,).
-    """
-
-    posture: HandConfiguration
-    depth_before: FloatArray
-    depth: FloatArray
-    correction: FloatArray
-    marked: BoolArray
-    origin: IntArray
-
-
 def repair_frames(
     hand: HandModel,
     surface: ContactSurface,
     frames: HandConfiguration,
     max_correction: float = 0.015,
     progress: Progress = silent,
-) -> RepairedFrames:
-    """Compute hands without penetration near the recorded ones.
+) -> HandConfiguration:
+    """Compute hands without penetration near the recorded ones; a frame for which none is found keeps its own.
 
     Args:
         hand: Hand model.
         surface: Closed mesh, in the frame of the hands.
-        frames: Recorded hands as seen from the object; those that are not finite are marked and returned.
-        max_correction: Largest accepted move of a joint [m]; frames that need more are marked.
+        frames: Recorded hands as seen from the object; those that are not finite are returned.
+        max_correction: Move of a joint [m] beyond which another way out is looked for.
         progress: Called with the stage, the frames done and their number.
     """
-    count = frames.ticks
     posture = frames.copy()
-    depth_before, depth, correction = (np.full(count, np.nan) for _ in range(3))
-    marked, origin = np.ones(count, bool), np.zeros(count, dtype=np.int64)
     known = np.flatnonzero(finite_frames(frames))
     if known.size:
         own = frames.at(known)
         own.orientation[:] /= np.linalg.norm(own.orientation, axis=1, keepdims=True)
         search = _Search(_with_recorded_angles(hand, own), surface, own, max_correction, progress)
         search.restart()
-        found, chosen = search.result()
+        found = search.result()
         changed = (change_between(own, found) != 0.0).any(axis=1)
         for values, repaired in zip(posture, found, strict=True):
             values[known[changed]] = repaired[changed]
-        origin[known] = chosen
-        depth_before[known] = _depth(search.recorded_clearance)
-        depth[known] = _depth(search.judge.clearance(found))
-        correction[known] = farthest(search.judge.points(found), search.points)
-        marked[known] = ~(depth[known] == 0.0) | (correction[known] > max_correction)
-    return RepairedFrames(posture, depth_before, depth, correction, marked, origin)
+    return posture
 
 
 def _with_recorded_angles(hand: HandModel, frames: HandConfiguration) -> HandModel:
@@ -105,14 +76,9 @@ def _with_recorded_angles(hand: HandModel, frames: HandConfiguration) -> HandMod
     )
 
 
-def _depth(clearance: FloatArray) -> FloatArray:
-    return np.maximum(0.0, 0.0 - clearance)
-
-
 class _Track(NamedTuple):
     """Hands of consecutive frames, their displacement from the recorded ones, and whether they do not penetrate."""
 
-    origin: int
     first: int
     hands: HandConfiguration
     off: FloatArray
@@ -141,16 +107,15 @@ class _Search:
         self.points = self.judge.points(frames)
         self.written = WrittenHand(np.roll(self.points, 1, axis=1), hand, frames, tip_on_surface=False)
         self.projection = Projection(self.written, self.judge)
-        self.recorded_clearance = self.judge.clearance(frames)
         self.tracks: list[_Track] = []
         self.nearest = np.full(frames.ticks, np.inf)
         self.least_move = np.full(frames.ticks, np.inf)
-        self._add(AS_RECORDED, frames)
+        self._add(frames)
         if np.isinf(self.nearest).any():
-            self._add(FORWARD, self.follower.follow(range(frames.ticks), self._reporter("forward")))
-            self._add(BACKWARD, self.follower.follow(range(frames.ticks)[::-1], self._reporter("backward")))
+            self._add(self.follower.follow(range(frames.ticks), self._reporter("forward")))
+            self._add(self.follower.follow(range(frames.ticks)[::-1], self._reporter("backward")))
 
-    def _add(self, origin: int, hands: HandConfiguration) -> None:
+    def _add(self, hands: HandConfiguration) -> None:
         """Add the part of a track that has hands, and note where it is the nearest."""
         there = np.flatnonzero(finite_frames(hands))
         if not there.size:
@@ -158,17 +123,14 @@ class _Search:
         part = slice(int(there[0]), int(there[-1]) + 1)
         own = hands.at(part)
         off, valid = self.judge.points(own) - self.points[part], self.judge.clearance(own) >= 0.0
-        self.tracks.append(_Track(origin, part.start, own, off, valid))
+        self.tracks.append(_Track(part.start, own, off, valid))
         square = np.where(valid, (off**2).sum(axis=-1).mean(axis=-1), np.inf)
         move = np.where(valid, np.linalg.norm(off, axis=-1).max(axis=-1), np.inf)
         self.nearest[part] = np.minimum(self.nearest[part], square)
         self.least_move[part] = np.minimum(self.least_move[part], move)
 
-    def result(self) -> tuple[HandConfiguration, IntArray]:
-        """Return the chosen hand of each frame, and its origin.
-
-        A frame without a hand that does not penetrate keeps the recorded one.
-        """
+    def result(self) -> HandConfiguration:
+        """Return the chosen hand of each frame; one without a hand that does not penetrate keeps the recorded one."""
         first = [track.first for track in self.tracks]
         off, valid = [track.off for track in self.tracks], [track.valid for track in self.tracks]
         choice = choose_tracks(first, off, valid, CHANGE_WEIGHT)
@@ -177,13 +139,14 @@ class _Search:
             frames = np.flatnonzero(choice == k)
             for values, own in zip(found, self.tracks[k].hands, strict=True):
                 values[frames] = own[frames - first[k]]
-        return found, np.array([track.origin for track in self.tracks])[choice]
+        return found
 
     def restart(self) -> None:
         """Begin further tracks at the frames whose correction is largest beyond what their depth explains."""
-        usual = np.minimum(self.max_correction, USUAL_CORRECTION + 1.5 * _depth(self.recorded_clearance))
+        depth = np.maximum(0.0, 0.0 - self.judge.clearance(self.frames))
+        usual = np.minimum(self.max_correction, USUAL_CORRECTION + 1.5 * depth)
         open_frames = np.ones(self.frames.ticks, bool)
-        for number in range(self.frames.ticks):
+        for _ in range(self.frames.ticks):
             excess = np.where(open_frames, self.least_move - usual, -np.inf)
             worst = int(excess.argmax())
             if not excess[worst] > 0.0:
@@ -194,7 +157,7 @@ class _Search:
             seed = self.projection.free_near(one, one.fitted)
             for start in self.follower.starts(self.judge, worst, seed)[:TRACKS_A_RESTART]:
                 if start.correction**2 < self.nearest[worst] - SAME_HAND**2:
-                    self._add(RESTARTED + number, self._followed_on(worst, start.reached))
+                    self._add(self._followed_on(worst, start.reached))
 
     def _followed_on(self, frame: int, reached: HandConfiguration) -> HandConfiguration:
         """Return the track through a hand at a frame, forward and backward while it may still be the nearest."""

@@ -5,7 +5,6 @@ neighbours' corrections. Then all frames are solved at once, so that the correct
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
@@ -39,24 +38,6 @@ LONGEST_SHIFT = 0.05
 """Farthest shift by which a hand is freed where the programs find no way [m]."""
 
 
-class WrittenFrames(NamedTuple):
-    """Corrected joints of T frames, and the penetration of the written hands.
-
-    Attributes:
-        correction: In the frame of the joints that were given; frames without a need are returned as they were.
-        depth_before, depth: Penetration of the recorded and of the written hand [m], 0 outside, NaN without a hand,
-            shape (T,).
-        moved: Largest move of a recorded joint [m], 0 without one, shape (T,).
-        marked: True where the written hand penetrates, or a joint moves by more than the limit, shape (T,).
-    """
-
-    correction: Correction
-    depth_before: FloatArray
-    depth: FloatArray
-    moved: FloatArray
-    marked: BoolArray
-
-
 def correct(
     joints: FloatArray,
     hand: HandModel,
@@ -68,7 +49,7 @@ def correct(
     object_moved: RigidMotion | None = None,
     max_correction: float = 0.015,
     progress: Progress = silent,
-) -> WrittenFrames:
+) -> tuple[Correction, BoolArray]:
     """Move recorded joints with the bones of our hand, and on until the written hand does not penetrate.
 
     Args:
@@ -82,13 +63,16 @@ def correct(
             still.
         max_correction: Largest move of a joint [m] of a frame that is not marked.
         progress: Called with the stage, the frames done and their number.
+
+    Returns:
+        The correction, in the frame of `joints`; frames without a need are as they were. A mask of the frames whose
+        written hand penetrates or whose joints move by more than the limit, shape (T,).
     """
     count = len(joints)
     known = np.flatnonzero(finite_frames(fitted) & finite_frames(posture))
     rotation = np.tile(np.eye(3), (count, BONES, 1, 1))
     moved, corrected = joints.copy(), fitted.copy()
-    depth_before, depth = np.full(count, np.nan), np.full(count, np.nan)
-    changed = np.zeros(count, bool)
+    changed, inside = np.zeros((2, count), bool)
     if known.size:
         written = WrittenHand(joints[known], hand, fitted.at(known), tip_on_surface)
         projection = Projection(written, HandJudge(hand, surface))
@@ -103,13 +87,10 @@ def correct(
         moved[known[touched]] = written.moved(joints[known], found)[touched]
         for values, own in zip(corrected, found, strict=True):
             values[known] = own
-        depth_before[known] = np.maximum(0.0, 0.0 - recorded)
-        depth[known] = np.maximum(0.0, 0.0 - np.where(touched, projection.clearance(found), recorded))
+        inside[known] = np.where(touched, projection.clearance(found), recorded) < 0.0
     gone = np.where(np.isfinite(moved - joints), moved - joints, 0.0)
-    farthest_move = farthest(gone, np.zeros_like(gone))
-    marked = (depth > 0.0) | (farthest_move > max_correction)
-    correction = Correction(fitted, corrected, rotation, moved, changed)
-    return WrittenFrames(correction, depth_before, depth, farthest_move, marked)
+    marked = inside | (farthest(gone, np.zeros_like(gone)) > max_correction)
+    return Correction(fitted, corrected, rotation, moved, changed), marked
 
 
 class Projection:

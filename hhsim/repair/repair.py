@@ -145,18 +145,16 @@ def _corrected(
 ) -> tuple[Correction, BoolArray]:
     """Return the correction as the object sees it, and a mask of the frames to be marked, shape (F,)."""
     hand, haptic, limit = recorded.scene.hand, recorded.haptic, request.max_correction
-    found = repair_frames(hand, surface, haptic, limit, progress)
+    free = repair_frames(hand, surface, haptic, limit, progress)
     on_surface = recorded.tip_on_surface
-    written = correct(
-        recorded.joints, hand, haptic, found.posture, surface, tip_on_surface=on_surface, object_moved=recorded.moved,
+    first, marked = correct(
+        recorded.joints, hand, haptic, free, surface, tip_on_surface=on_surface, object_moved=recorded.moved,
         max_correction=limit, progress=progress,
     )  # fmt: skip
-    mesh = recorded.scene.mesh
     if skin is None:
-        return written.correction, written.marked
+        return first, marked
     progress("skin", 0, 1)
-    first = written.correction
-    pushed = push_out(mesh, hand, skin, recorded.joints, haptic, first.posture)
+    pushed = push_out(recorded.scene.mesh, hand, skin, recorded.joints, haptic, first.posture)
     moved = ~np.logical_and.reduce(
         [np.equal(a, b).reshape(len(a), -1).all(axis=1) for a, b in zip(first.posture, pushed.posture, strict=True)]
     )

@@ -1,5 +1,7 @@
 """Written hands: bones against our kinematics, derivatives against differences, and clearances by coal."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 import trimesh
@@ -8,16 +10,16 @@ from hypothesis import strategies as st
 from repair_scenes import HAND, Case, held, scene_case, shape_case
 from sphere_scenes import random_hand
 
-from hhsim.arrays import FloatArray
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.motion.object_motion import RigidMotion
-from hhsim.recordings.correction import moved_joints
+from hhsim.recordings.correction import Correction, moved_joints
 from hhsim.repair.hand_change import NUMBERS, change_between, changed_hand, mean_acceleration
 from hhsim.repair.hand_judge import HandJudge
 from hhsim.repair.offline import repair_frames
-from hhsim.repair.projection import Projection, WrittenFrames, correct
+from hhsim.repair.projection import Projection, correct
 from hhsim.repair.written_hand import WrittenHand, bone_frames
 
 LEFT = HandModel.default("left")
@@ -71,10 +73,25 @@ def test_tips_on_the_skin_are_drawn_in_by_their_radius() -> None:
     np.testing.assert_allclose(WrittenHand(skin, HAND, frames, tip_on_surface=True).axes, joints, atol=1e-15)
 
 
-def corrected(case: Case, joints: FloatArray, tip_on_surface: bool = False, limit: float = 0.03) -> WrittenFrames:
-    found = repair_frames(case.hand, case.surface, case.frames, limit)
-    arguments = (joints, case.hand, case.frames, found.posture, case.surface)
-    return correct(*arguments, tip_on_surface=tip_on_surface, max_correction=limit)
+class Corrected(NamedTuple):
+    """What `correct` returns, and the depth of the hands as written before and after [m]."""
+
+    correction: Correction
+    marked: BoolArray
+    depth_before: FloatArray
+    depth: FloatArray
+
+
+def depth(case: Case, written: WrittenHand, hands: HandConfiguration) -> FloatArray:
+    return np.maximum(0.0, 0.0 - HandJudge(case.hand, case.surface).placed_clearance(written.placed(hands)))
+
+
+def corrected(case: Case, joints: FloatArray, tip_on_surface: bool = False, limit: float = 0.03) -> Corrected:
+    free = repair_frames(case.hand, case.surface, case.frames, limit)
+    arguments = (joints, case.hand, case.frames, free, case.surface)
+    found = correct(*arguments, tip_on_surface=tip_on_surface, max_correction=limit)
+    written = WrittenHand(joints, case.hand, case.frames, tip_on_surface)
+    return Corrected(*found, *(depth(case, written, hands) for hands in (case.frames, found[0].posture)))
 
 
 @pytest.mark.parametrize("size", [0.0, pytest.param(1e-3, marks=pytest.mark.soak), 3e-3])
@@ -115,10 +132,10 @@ def test_frames_that_need_nothing_stay_unless_the_motion_would_jump(speed: float
     swing[:, 2] = np.where(dips, 3.1e-3, 0.0)
     moved = RigidMotion(np.tile([1.0, 0.0, 0.0, 0.0], (30, 1)), swing)
     settled = (keypoints(HAND, frames), HAND, frames, frames, case.surface)
-    found = correct(*settled, tip_on_surface=False, object_moved=moved)
-    np.testing.assert_array_equal(found.depth_before > 0.0, dips)
-    assert not found.depth.any()
-    changed = found.correction.changed
+    found, _ = correct(*settled, tip_on_surface=False, object_moved=moved)
+    np.testing.assert_array_equal(depth(case, WrittenHand(settled[0], HAND, frames, False), frames) > 0.0, dips)
+    assert not depth(case, WrittenHand(settled[0], HAND, frames, False), found.posture).any()
+    changed = found.changed
     assert changed[dips].all()
     assert (changed & ~dips).any() == beside
     assert not changed[np.abs(np.arange(30) - 15) > 8].any()
@@ -132,11 +149,11 @@ def test_a_recorded_hand_that_is_outside_stays_whatever_our_repair_would_change(
     fitted.position[:, 2] = 0.3
     joints = keypoints(HAND, fitted)
     repaired = fitted._replace(position=fitted.position + 0.01)
-    kept = correct(joints, HAND, fitted, repaired, case.surface, tip_on_surface=False)
-    assert not kept.correction.changed.any()
-    for before, after in zip(fitted, kept.correction.posture):
+    kept, _ = correct(joints, HAND, fitted, repaired, case.surface, tip_on_surface=False)
+    assert not kept.changed.any()
+    for before, after in zip(fitted, kept.posture):
         np.testing.assert_array_equal(before, after)
-    np.testing.assert_array_equal(kept.correction.joints, joints)
+    np.testing.assert_array_equal(kept.joints, joints)
 
 
 def test_missing_joints_and_hands_stay_missing() -> None:

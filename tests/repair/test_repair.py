@@ -175,7 +175,7 @@ def test_a_recording_pushed_into_the_object_comes_back_towards_the_known_hand(tm
     """The truth is a hand without penetration; the recording is it, 8 mm towards the object and with noise."""
     hand, frames = grasp()
     surface = contact_surface("mesh", load_object("sphere").mesh, None)
-    free = repair_frames(hand, surface, frames, 0.05).posture
+    free = repair_frames(hand, surface, frames, 0.05)
     truth = model_joints(hand, free)
     toward = load_object("sphere").mesh.vertices.mean(axis=0) - truth[:, 4::4].mean(axis=1)
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
