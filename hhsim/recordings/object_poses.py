@@ -44,19 +44,8 @@ from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, LENGTH_UNITS, TI
 OBJECT_WORDS = {"object", "obj"}
 POSITIONS = {"t", "pos", "position", "positions", "trans", "transl", "translation", "translations", "location"}
 VECTORS = {"rotvec", "axisangle"}
-TURNS = {
-    "q",
-    "quat",
-    "quaternion",
-    "quaternions",
-    "rot",
-    "rotation",
-    "rotations",
-    "orient",
-    "orientation",
-    "orientations",
-}
-TURNS |= {"r", "globalorient", "rotmat", *VECTORS}
+TURNS = {"q", "quat", "quaternion", "quaternions", "rot", "rotation", "rotations", "orient", "orientation"}
+TURNS |= {"orientations", "r", "globalorient", "rotmat", *VECTORS}
 POSES = {"pose", "poses", "transform", "transforms", "transformation", "matrix", "matrices"}
 ORDERS = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}
 """Places of w, x, y, z in a quaternion of each order."""
