@@ -9,7 +9,7 @@ from sphere_scenes import PALM, cloud, random_hand, set_pose
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import evaluate, find_contacts
+from hhsim.kernels.contact.detection import Reach, evaluate, find_contacts
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.solver.options import Stiffness
 from hhsim.solver.surface import surface_of
@@ -36,7 +36,7 @@ def in_contact(hand: HandModel, surface: Any, at: HandConfiguration, reach: floa
     """The state of a tick at a place, its contacts within a reach [m] of any surface found."""
     state, arrays = tick_state(ROOT**2, surface=surface_of(surface))[0], hand.arrays()
     set_pose(hand, state.pose, at)
-    assert evaluate(arrays, state.pose, surface, reach, reach, skin, state.candidates, state.work) == 0
+    assert evaluate(arrays, state.pose, surface, Reach(reach, reach, skin), state.candidates, state.work) == 0
     assert find_contacts(surface, arrays, state.pose, state.candidates, reach, state.contacts) == 0
     return state
 

@@ -17,7 +17,7 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import evaluate
+from hhsim.kernels.contact.detection import Reach, evaluate
 from hhsim.kernels.hand.pose import update_kinematics
 from hhsim.kernels.round_cone_distance import Spheres
 from hhsim.kernels.tick.block import TickRecord
@@ -155,7 +155,9 @@ def prepared(solver: HandSolver, motion: HandConfiguration, tick: int, relaxed: 
     hand, surface = solver.workspace.hand, solver.workspace.surface
     # Whole lists, as a tick has them made where its step goes beyond those that wait.
     state.candidates.allowed_deficit = 0.0
-    evaluate(hand, state.pose, surface, options.margin, options.margin, options.skin, state.candidates, state.work)
+    evaluate(
+        hand, state.pose, surface, Reach(options.margin, options.margin, options.skin), state.candidates, state.work
+    )
     return int(build_program(hand, surface, options, state))
 
 

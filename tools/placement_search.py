@@ -149,7 +149,7 @@ class PlacementSearch:
         far = closure.position + self.script.start_distance * back
         gap = np.full(BODY_COUNT, 0.0005)
         travel, body = kernel.advance_hand(
-            *(self.closer.hand, self.closer.tree, far, closure.rotation, closure.open, closure.abduction, -back),
+            *(far, closure.rotation, closure.open, closure.abduction, -back),
             *(gap, self.script.start_distance, self.closer.work),
         )
         if body >= 0:
@@ -308,9 +308,7 @@ class PlacementSearch:
     def _body_distances(
         self, position: FloatArray, rotation: FloatArray, flexion: FloatArray, abduction: FloatArray
     ) -> FloatArray:
-        closer = self.closer
-        spread = np.ascontiguousarray(abduction)
-        return body_distances(closer.hand, closer.tree, position, rotation, flexion, spread, closer.work)
+        return body_distances(position, rotation, flexion, np.ascontiguousarray(abduction), self.closer.work)
 
 
 def table_of(placement: Placement) -> str:

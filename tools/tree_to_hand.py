@@ -114,7 +114,7 @@ def end_to_end(
     arrays, shape, ticks = scene.tree.arrays(), hand_shape(hand), scene.ticks
     record = HandSolver(hand, arrays, options).run(ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)
     placed = placed_of(record)
-    palm, finger = hand_clearance(arrays, *shape, *placed, limit=2.0 * TOUCH)
+    palm, finger = hand_clearance(arrays, shape, placed, limit=2.0 * TOUCH)
     clearance = np.minimum(palm, finger.min(axis=1))
     contact = np.flatnonzero(clearance <= TOUCH)
     if contact.size == 0:

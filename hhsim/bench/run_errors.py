@@ -270,7 +270,7 @@ def digest_of(record: TickRecord) -> str:
 
 def hand_clearance(hand: HandModel, surface: Any, placed: PlacedHand, limit: float) -> FloatArray:
     """Return the least signed distance [m] of hand and surface at each tick, shape (T,), at most `limit`."""
-    palm, finger = metrics.hand_clearance(surface, *hand_shape(hand), *placed, limit=limit)
+    palm, finger = metrics.hand_clearance(surface, hand_shape(hand), placed, limit)
     return np.asarray(np.minimum(palm, finger.min(axis=1)))
 
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.kernels.hand.hand_shape import HandShape, StoredHands
 from hhsim.kernels.hand.kinematics import place_hands
 from hhsim.kernels.jit import as_argument
 
@@ -40,6 +40,12 @@ def hand_shape(hand: HandModel) -> HandShape:
     """Return the sizes of a hand model in the kernels' form."""
     palm = hand.palm_tree
     return HandShape(as_argument(hand.radius), as_argument(palm.leaf_center), as_argument(palm.leaf_radius))
+
+
+def stored_hands(shape: HandShape, placed: PlacedHand) -> StoredHands:
+    """Return a placed hand of these sizes in the kernels' form."""
+    sizes, joints = HandShape._make(map(as_argument, shape)), as_argument(placed.joints)
+    return StoredHands(sizes, joints, as_argument(placed.position), rotation_matrix(placed.orientation))
 
 
 def forward_kinematics(

@@ -96,7 +96,7 @@ def object_depths(surface: Any, mesh: Mesh, shape: HandShape, fingers: BoolArray
     if not isinstance(surface, MeshFeatures) or surface.multiplicity.shape[0] == 0:
         # Spheres, or triangles that enclose nothing and count as pierced.
         def in_pieces(placed: PlacedHand) -> FloatArray:
-            found = penetration(surface, *shape, *placed, fingers)
+            found = penetration(surface, shape, placed, fingers)
             return np.concatenate([np.nan_to_num(found.finger), found.palm[:, None]], axis=1)
 
         return in_pieces

@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.hand.forward_kinematics import PlacedHand
-from hhsim.hand.quaternion import rotation_matrix
+from hhsim.hand.forward_kinematics import PlacedHand, stored_hands
 from hhsim.kernels.contact.mesh_distance import hand_mesh_distances
 from hhsim.kernels.hand.hand_shape import HandShape
-from hhsim.kernels.jit import as_argument
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import find_contact_points
@@ -38,10 +36,7 @@ def mesh_clearance(bvh: MeshBvh, shape: HandShape, placed: PlacedHand, limit: fl
     outside, by at most 0.05 mm where one is inside. `bvh` is that of the object's closed mesh, world.
     """
     distance = np.empty(len(placed.joints))
-    radius, palm_center, palm_radius = map(as_argument, shape)
-    hand = radius, palm_center, palm_radius
-    place = placed.joints, placed.position, rotation_matrix(placed.orientation)
-    hand_mesh_distances(*hand, bvh, *place, float(limit), RESOLUTION, distance)
+    hand_mesh_distances(stored_hands(shape, placed), bvh, float(limit), RESOLUTION, distance)
     return distance
 
 

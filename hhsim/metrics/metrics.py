@@ -15,13 +15,11 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape, stored_hands
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.contact.penetration import clearances
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.hand.hands_apart import hands_apart
-from hhsim.kernels.jit import as_argument
 
 FORCE_FLOOR = 0.01
 """Smallest force with a meaningful rate of change [N]."""
@@ -85,16 +83,7 @@ def statistics(values: ArrayLike, mask: BoolArray | None = None) -> Statistics:
     return Statistics(float(defined.mean()), float(defined.std()), float(defined.max()), defined.size)
 
 
-def penetration(
-    surface: Any,
-    phalanx_radius: ArrayLike,
-    palm_center: ArrayLike,
-    palm_radius: ArrayLike,
-    joints: ArrayLike,
-    position: ArrayLike,
-    orientation: ArrayLike,
-    fingers: ArrayLike | None = None,
-) -> Penetration:
+def penetration(surface: Any, shape: HandShape, placed: PlacedHand, fingers: ArrayLike | None = None) -> Penetration:
     """Penetration depths [m] of the stored graphic hand in the object's surface at each tick.
 
     The paper's measure: "the biggest penetration distance between the graphic finger and object spheres during one
@@ -102,15 +91,11 @@ def penetration(
 
     Args:
         surface: Arrays of the object's surface, such as its leaf spheres, world.
-        phalanx_radius: [m], shape (5, 4).
-        palm_center, palm_radius: Spheres of the palm [m], palm frame, shapes (P, 3) and (P,).
-        joints: Joints and tips of the graphic hand [m], world, shape (T, 5, 4, 3).
-        position, orientation: Palm of the graphic hand [m], world, shape (T, 3), and unit quaternions w x y z (T, 4).
+        shape: Sizes of the hand, as of `hhsim.hand.forward_kinematics.hand_shape`.
+        placed: Graphic hand.
         fingers: Fingers that count, shape (5,), None for all; the others, which may pass through the object, are NaN.
     """
-    palm, finger = hand_clearance(
-        surface, phalanx_radius, palm_center, palm_radius, joints, position, orientation, limit=0.0
-    )
+    palm, finger = hand_clearance(surface, shape, placed, limit=0.0)
     # 0 - x and not -x: a free body has depth 0, not minus 0.
     palm, finger = 0.0 - palm, 0.0 - finger
     counts = np.ones(finger.shape[1], bool) if fingers is None else np.asarray(fingers, dtype=bool)
@@ -118,38 +103,22 @@ def penetration(
     return Penetration(np.maximum(palm, finger[:, counts].max(axis=1, initial=0.0)), palm, finger)
 
 
-def hand_clearance(
-    surface: Any,
-    phalanx_radius: ArrayLike,
-    palm_center: ArrayLike,
-    palm_radius: ArrayLike,
-    joints: ArrayLike,
-    position: ArrayLike,
-    orientation: ArrayLike,
-    limit: float,
-) -> tuple[FloatArray, FloatArray]:
+def hand_clearance(surface: Any, shape: HandShape, placed: PlacedHand, limit: float) -> tuple[FloatArray, FloatArray]:
     """Least signed distance [m] of the palm (T,) and of each finger (T, 5) to the object's surface, at most `limit`.
 
     Negative inside. The other arguments are those of `penetration`.
     """
-    joint_array = as_argument(joints)
-    ticks = joint_array.shape[0]
+    ticks = len(placed.joints)
     palm, finger = np.empty(ticks), np.empty((ticks, 5))
-    center = as_argument(np.asarray(palm_center, dtype=np.float64).reshape(-1, 3))
-    shape = HandShape(as_argument(phalanx_radius), center, as_argument(palm_radius))
-    placed = (joint_array, as_argument(position), rotation_matrix(orientation))
-    clearances(surface, shape, *placed, float(limit), palm, finger)
+    clearances(surface, stored_hands(shape, placed), float(limit), palm, finger)
     return palm, finger
 
 
 def distance_of_hands(hands: Sequence[HandModel], placed: Sequence[PlacedHand]) -> FloatArray:
     """Least signed distance [m] of two placed hands at each tick, shape (T,), negative where one is in the other."""
-    sides = [
-        (hand_shape(hand), as_argument(at.joints), as_argument(at.position), rotation_matrix(at.orientation))
-        for hand, at in zip(hands, placed)
-    ]
-    found = np.empty(len(sides[0][1]))
-    hands_apart(*sides[0], *sides[1], found)
+    found = np.empty(len(placed[0].joints))
+    one, other = (stored_hands(hand_shape(hand), at) for hand, at in zip(hands, placed))
+    hands_apart(one, other, found)
     return found
 
 

@@ -91,7 +91,7 @@ class MovingParts:
     ) -> Penetration:
         """Compute depths in the part that a hand is deepest in, as `hhsim.metrics.metrics.penetration`."""
         depths = [
-            penetration(part.arrays, *shape, *self.seen(p, hand, ticks), fingers)
+            penetration(part.arrays, shape, self.seen(p, hand, ticks), fingers)
             for p, part in enumerate(self.surfaces(kind))
         ]
         return Penetration(*(np.max(values, axis=0) for values in zip(*depths)))

@@ -131,7 +131,7 @@ def _rest(record: TickRecord) -> Finding:
 
 def _depth(scene: Scene, surface: ContactSurface, record: TickRecord, *, promised: bool) -> Finding:
     placed = PlacedHand(record.joints, record.position, record.orientation)
-    found = penetration(surface.arrays, *hand_shape(scene.hand), *placed)
+    found = penetration(surface.arrays, hand_shape(scene.hand), placed)
     deepest = float(np.nanmax(found.depth))
     if deepest <= 1e-12:
         return Finding("depth", OK, "no tick penetrates")

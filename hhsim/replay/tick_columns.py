@@ -63,7 +63,7 @@ class TickColumns:
         ticks = slice(self._ticks, self._ticks + len(time))
         self._ticks = ticks.stop
         if self._parts is None:
-            depth = penetration(self._surface, *self._shape, *placed, self._fingers)
+            depth = penetration(self._surface, self._shape, placed, self._fingers)
         else:
             depth = self._parts.penetration(self._kind, self._shape, placed, self._fingers, ticks)
         total = np.concatenate([self._total, record.total])

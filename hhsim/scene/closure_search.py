@@ -216,7 +216,7 @@ class _Search(Closer):
             return replace(best, slide=self._pressing(best))
         if self.script.way("slide") == 0.0:
             return best
-        slides = [best_slide(self.script, leader.closure, self.hand, self.tree) for leader in leaders]
+        slides = [best_slide(self.script, leader.closure, self.hand, self.work.tree) for leader in leaders]
         best_score = -math.inf
         for leader, (direction, share) in zip(leaders, slides):
             if leader.score + SLIDE_WEIGHT * share > best_score + 1e-6:
@@ -244,7 +244,7 @@ class _Search(Closer):
         return [middle + scale * np.array([side * x, y, 0.0]) for x, y in offsets]
 
     def _distances(self, position: FloatArray, rotation: FloatArray, flexion: FloatArray) -> FloatArray:
-        return body_distances(self.hand, self.tree, position, rotation, flexion, self.abduction, self.work)
+        return body_distances(position, rotation, flexion, self.abduction, self.work)
 
     def _evaluate(self, rotation: FloatArray, aim: FloatArray) -> _Candidate:
         """Advance the open hand along the palm's normal, close the fingers, command them deeper."""
@@ -259,7 +259,7 @@ class _Search(Closer):
         for stage in stages:
             posture = self.open + stage * (self.fist - self.open)
             distance, body = kernel.advance_hand(
-                self.hand, self.tree, start, rotation, posture, self.abduction, -back, self.gap, travel, self.work
+                start, rotation, posture, self.abduction, -back, self.gap, travel, self.work
             )
             if body >= 0:
                 travel, blocking = distance, body
@@ -313,7 +313,7 @@ class _Search(Closer):
             centers = np.column_stack([self.hand.palm_x, self.hand.palm_y, self.hand.palm_z])
             places = [closure.position + matmul(closure.rotation, center) for center in centers]
             near = [
-                kernel.sphere_distance(self.tree, place, radius, BEARING, self.work) < BEARING
+                kernel.sphere_distance(place, radius, BEARING, self.work) < BEARING
                 for place, radius in zip(places, self.hand.palm_radius)
             ]
             score += 6.0 * float(np.mean(near))
@@ -330,7 +330,7 @@ class _Search(Closer):
         for f in self.fingers:
             for k in np.flatnonzero(closure.touching[f]).tolist():
                 normal = np.empty(3)
-                kernel.contact_normal(self.hand, self.tree, f, k, self.work, normal)
+                kernel.contact_normal(f, k, self.work, normal)
                 normals.append((f, k, normal))
         if not normals:
             return score
@@ -379,7 +379,7 @@ def best_slide(script: Script, closure: FingerClosure, hand: HandArrays, tree: T
 
     The score is 1 where nothing changes on the way, lower the more it does; `closure` is the hand before the slide.
     """
-    work = make_work()
+    work = make_work(hand, tree)
     reached = [FINGERS.index(name) for name in closure.reached]
     if not reached:
         return closure.rotation[:, 0].copy(), 0.0
@@ -392,7 +392,7 @@ def best_slide(script: Script, closure: FingerClosure, hand: HandArrays, tree: T
         score = 0.0
         for station in STATIONS:
             place = start + station * script.way("slide") * direction
-            near = body_distances(hand, tree, place, closure.rotation, closure.command, closure.abduction, work)
+            near = body_distances(place, closure.rotation, closure.command, closure.abduction, work)
             depth = _finger_depth(near)[reached]
             change = np.abs(depth - before) / max(script.depth, HOLDING_DEPTH)
             score += float(np.mean(np.clip(depth / HOLDING_DEPTH, -1.0, 1.0) - 0.5 * np.minimum(change, 2.0)))

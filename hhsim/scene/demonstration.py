@@ -167,7 +167,7 @@ def _stroke(tips: FloatArray, motion: Trajectory) -> tuple[FloatArray, int]:
 def _search(
     motion: Trajectory, hand: HandModel, tree: SphereTree, finger: int, stroke: FloatArray, moment: int, depth: float
 ) -> _Best | None:
-    arrays, nodes, work = hand.arrays(), tree.arrays(), make_work()
+    work = make_work(hand.arrays(), tree.arrays())
     looks = np.unique(np.concatenate([np.linspace(0, motion.sample_count - 1, LOOKS).round().astype(int), [moment]]))
     here = int(np.flatnonzero(looks == moment)[0])
     flexion = [np.ascontiguousarray(values) for values in motion.flexion[looks]]
@@ -191,9 +191,8 @@ def _search(
         for a, b in product(ACROSS, ACROSS):
             goal = middle + matmul(np.array([a, b]) * matmul(np.abs(side), high - low), side)
             start = positions[here] - tip + goal - size * direction
-            travel, body = kernel.advance_hand(
-                arrays, nodes, start, rotations[here], flexion[here], abduction[here], direction, gap, 2.0 * size, work
-            )
+            posture = rotations[here], flexion[here], abduction[here]
+            travel, body = kernel.advance_hand(start, *posture, direction, gap, 2.0 * size, work)
             if body != tip_body:
                 continue
             shift = goal - tip + (travel + depth - size) * direction
@@ -202,10 +201,10 @@ def _search(
                 for p, r, f, b in zip(positions, rotations, flexion, abduction)
             ]
             # Most places fail at one of these two moments.
-            first, pressed = (body_distances(arrays, nodes, *poses[i], work) for i in (0, here))
+            first, pressed = (body_distances(*poses[i], work) for i in (0, here))
             if first.min() < START_GAP or pressed[tip_body] > -PRESSED * depth:
                 continue
-            distance = np.stack([body_distances(arrays, nodes, *pose, work) for pose in poses])
+            distance = np.stack([body_distances(*pose, work) for pose in poses])
             score = float(np.minimum(distance[:, others], WANTED_GAP).mean())
             if best is None or score > best.score + 1e-12:
                 best = _Best(shift, turn, score)

@@ -191,8 +191,7 @@ def depth_at_start(scene: Scene, fingers: Sequence[str] = FINGERS) -> float:
 
 def _nearest(scene: Scene, haptic: HandConfiguration, fingers: Sequence[str], limit: float) -> float:
     """Least signed distance of a hand to the leaf spheres over some ticks [m], at most `limit`."""
-    joints = forward_kinematics(scene.hand, *haptic).joints
-    shape = hand_shape(scene.hand)
-    palm, finger = hand_clearance(scene.tree.arrays(), *shape, joints, haptic.position, haptic.orientation, limit=limit)
+    placed = forward_kinematics(scene.hand, *haptic)
+    palm, finger = hand_clearance(scene.tree.arrays(), hand_shape(scene.hand), placed, limit=limit)
     modelled = finger[:, [name in fingers for name in FINGERS]]
     return float(min(np.nanmin(palm, initial=limit), np.nanmin(modelled, initial=limit)))

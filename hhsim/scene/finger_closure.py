@@ -75,9 +75,8 @@ class Closer:
 
     def __init__(self, script: Script, hand: HandModel, tree: SphereTree) -> None:
         self.script = script
-        self.hand: HandArrays = hand.arrays()
-        self.tree: TreeArrays = tree.arrays()
-        self.work = make_work()
+        self.work = make_work(hand.arrays(), tree.arrays())
+        self.hand = self.work.hand
         self.rates = closure_rates(script.curl)
         self.fingers = [FINGERS.index(name) for name in script.fingers] if script.contact else []
 
@@ -101,15 +100,13 @@ class Closer:
         (position, rotation, back), work = place, self.work
         contact, touching = opened.copy(), np.zeros((len(FINGERS), 3))
         for f in fingers:
-            kernel.close_finger(
-                self.hand, self.tree, position, rotation, f, self.rates[f], abduction, contact, work, touching
-            )
+            kernel.close_finger(position, rotation, f, self.rates[f], abduction, contact, work, touching)
         command = contact.copy() if unclosed is None else unclosed
         for f in fingers:
             if touching[f].any():
-                kernel.deepen_finger(self.hand, f, self.rates[f], abduction, self.script.depth, command, work)
+                kernel.deepen_finger(f, self.rates[f], abduction, self.script.depth, command, work)
         pressed = position - self.script.palm_depth * back
-        distances = body_distances(self.hand, self.tree, pressed, rotation, command, abduction, work)
+        distances = body_distances(pressed, rotation, command, abduction, work)
         reached = [f for f in self.fingers if distances[3 * f : 3 * f + 3].min() < -REACH_DEPTH]
         return FingerClosure(
             rotation=rotation,
@@ -134,9 +131,11 @@ def closure_rates(curl: float) -> FloatArray:
     return rates
 
 
-def make_work() -> kernel.ClosureWork:
-    """Allocate the workspace of the kernels."""
+def make_work(hand: HandArrays, tree: TreeArrays) -> kernel.ClosureWork:
+    """Return a hand and an object to the kernels, with the workspace that they need."""
     return kernel.ClosureWork(
+        hand=hand,
+        tree=tree,
         joints=np.zeros((5, 4, 3)),
         direction=np.zeros((5, 3, 3)),
         axis=np.zeros((5, 3)),
@@ -146,20 +145,14 @@ def make_work() -> kernel.ClosureWork:
 
 
 def body_distances(
-    hand: HandArrays,
-    tree: TreeArrays,
-    position: FloatArray,
-    rotation: FloatArray,
-    flexion: FloatArray,
-    abduction: FloatArray,
-    work: kernel.ClosureWork,
+    position: FloatArray, rotation: FloatArray, flexion: FloatArray, abduction: FloatArray, work: kernel.ClosureWork
 ) -> FloatArray:
     """Compute the signed distance of the 15 phalanges and the palm to the leaf spheres [m], shape (16,).
 
     `work` then holds the kinematics of that pose.
     """
     distance = np.empty(BODY_COUNT)
-    kernel.body_distances(hand, tree, position, rotation, flexion, abduction, np.inf, work, distance)
+    kernel.body_distances(position, rotation, flexion, abduction, work, distance)
     return distance
 
 
@@ -221,10 +214,8 @@ class PlacedCloser(Closer):
         opened, abduction = self.opened(placement), np.ascontiguousarray(placement.abduction)
         if self.script.palm_depth > 0.0:
             start = position + PALM_WAY * back
-            travel, _ = kernel.advance_hand(
-                *(self.hand, self.tree, start, rotation, opened, abduction, -back),
-                *(np.zeros(BODY_COUNT), 2.0 * PALM_WAY, self.work),
-            )
+            gap, limit = np.zeros(BODY_COUNT), 2.0 * PALM_WAY
+            travel, _ = kernel.advance_hand(start, rotation, opened, abduction, -back, gap, limit, self.work)
             position = start - travel * back
         fingers = self.fingers if clear is None or clear(position, rotation, opened) else []
         return self.closed((position, rotation, back), opened, abduction, matmul(turn, placement.slide), fingers)

@@ -177,7 +177,7 @@ class _Approach(NamedTuple):
 class _Search:
     def __init__(self, motion: Trajectory, hand: HandModel, tree: SphereTree, grasp: Grasp) -> None:
         self.motion, self.grasp = motion, grasp
-        self.hand, self.nodes, self.work = hand.arrays(), tree.arrays(), make_work()
+        self.work = make_work(hand.arrays(), tree.arrays())
         self.low, self.high = tree.bounds
         self.rotation = rotation_matrix(motion.orientation)
         still = (np.zeros_like(motion.position), np.tile([1.0, 0.0, 0.0, 0.0], (motion.sample_count, 1)))
@@ -199,7 +199,7 @@ class _Search:
             position = matmul(back, motion.position[sample]) + candidate.shift
             rotation = matmul(back, self.rotation[sample])
             flexion, abduction = motion.flexion[sample].copy(), motion.abduction[sample].copy()
-            found.append(body_distances(self.hand, self.nodes, position, rotation, flexion, abduction, self.work))
+            found.append(body_distances(position, rotation, flexion, abduction, self.work))
         return np.stack(found)
 
     def _candidates(self) -> Iterator[_Candidate]:
@@ -222,10 +222,8 @@ class _Search:
                 aim = matmul(back, approach.aim)
                 for offset in OFFSETS:
                     here = middle + matmul(np.array(offset) * width, side) - aim - far * direction
-                    travel, body = kernel.advance_hand(
-                        *(self.hand, self.nodes, palm + here, rotation, flexion, abduction),
-                        *(direction, gap, 2.0 * far, self.work),
-                    )
+                    posture = palm + here, rotation, flexion, abduction
+                    travel, body = kernel.advance_hand(*posture, direction, gap, 2.0 * far, self.work)
                     if body >= 0:
                         yield _Candidate(turn, here + (travel + approach.push) * direction, 0.0)
 

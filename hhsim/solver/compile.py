@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.callee import collector_at_rest
 from hhsim.kernels.jit import JIT_ENABLED
@@ -57,9 +58,7 @@ def warm_up(
     )
     orientation = np.array([[1.0, 0.0, 0.0, 0.0]])
     block = solver.run(np.zeros((1, 3)), orientation, np.zeros((1, 5, 3)), np.zeros((1, 5)))
-    arrays = hand.arrays()
-    palm = np.stack([arrays.palm_x, arrays.palm_y, arrays.palm_z], axis=1)
-    penetration(one, hand.radius, palm, arrays.palm_radius, block.joints, block.position, block.orientation)
+    penetration(one, hand_shape(hand), PlacedHand(block.joints, block.position, block.orientation))
     if not method.compiled:
         look_at(solver.workspace.hand, surface, solver.workspace.tick_options, solver.workspace.states)
     return WarmUp(time.perf_counter() - began, JIT_ENABLED and compiled_kernels() > before)

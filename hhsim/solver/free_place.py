@@ -9,6 +9,7 @@ from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.self_pairs import self_clearance
 from hhsim.kernels.contact.penetration import clearances
 from hhsim.kernels.contact.self_pairs import NoPairs
+from hhsim.kernels.hand.hand_shape import StoredHands
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.reproducible import norm
@@ -28,8 +29,8 @@ def clearance(workspace: TickWorkspace) -> float:
     rotation = np.empty((3, 3))
     quaternion_to_matrix(np.array(pose.orientation), rotation)
     palm, finger, shape = np.empty(1), np.empty((1, FINGER_COUNT)), hand_shape(workspace.model)
-    placed = (np.ascontiguousarray(joints)[None], np.array(pose.position)[None], rotation[None])
-    clearances(workspace.surface, shape, *placed, 10.0 * options.margin, palm, finger)
+    placed = StoredHands(shape, np.ascontiguousarray(joints)[None], np.array(pose.position)[None], rotation[None])
+    clearances(workspace.surface, placed, 10.0 * options.margin, palm, finger)
     used = options.modelled()[:PALM_BODY:PHALANX_COUNT]
     return float(min(palm[0], finger[0, used].min(initial=np.inf)))
 

@@ -63,7 +63,7 @@ class PoseErrors(NamedTuple):
 def _mesh_depth(scene: Scene, placed: PlacedHand) -> float:
     if not encloses(scene.mesh):
         return np.nan
-    palm, finger = hand_clearance(scene.tree.arrays(), *hand_shape(scene.hand), *placed, limit=NEAR)
+    palm, finger = hand_clearance(scene.tree.arrays(), hand_shape(scene.hand), placed, limit=NEAR)
     # The spheres cover the mesh: a hand outside of them is outside of the mesh.
     inside = ticks_looked_at(np.minimum(palm, finger.min(axis=1)) < 0.0)
     if inside.size == 0:
@@ -76,7 +76,7 @@ def _off_best(scene: Scene, options: SolverOptions, placed: PlacedHand) -> tuple
     haptic = HandConfiguration.of(scene.ticks)
     surface = contact_surface("mesh", scene.mesh, scene.tree).arrays
     users = forward_kinematics(scene.hand, *haptic)
-    palm, finger = hand_clearance(surface, *hand_shape(scene.hand), *users, limit=NEAR)
+    palm, finger = hand_clearance(surface, hand_shape(scene.hand), users, limit=NEAR)
     contact = np.minimum(palm, finger.min(axis=1)) < NEAR
     if not contact.any():
         return np.nan, np.nan

@@ -120,7 +120,7 @@ def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
 def _free(scene: Scene) -> BoolArray:
     """Return True for ticks in which the user's hand is far from the object."""
     placed = forward_kinematics(scene.hand, *HandConfiguration.of(scene.ticks))
-    palm, finger = hand_clearance(scene.tree.arrays(), *hand_shape(scene.hand), *placed, limit=FREE_DISTANCE)
+    palm, finger = hand_clearance(scene.tree.arrays(), hand_shape(scene.hand), placed, limit=FREE_DISTANCE)
     free = np.asarray(np.minimum(palm, finger.min(axis=1)) >= FREE_DISTANCE)
     return free if free.sum() >= LEAST_FREE_TICKS else np.ones(len(free), bool)
 

@@ -34,6 +34,7 @@ SCRIPT = textwrap.dedent(
     import numpy as np
     from sphere_scenes import bumpy_ball, random_targets
     import hhsim.kernels
+    from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
     from hhsim.kernels.callee import Kernel
     from hhsim.metrics.metrics import penetration
     from hhsim.motion.analytic_motion import still
@@ -57,9 +58,8 @@ SCRIPT = textwrap.dedent(
         for name, values in record._asdict().items():
             if not name.startswith("duration"):
                 results[f"{{method}} {{force}} {{name}}"] = values
-    palm = hand.palm_tree
-    depth = penetration(tree.arrays(), hand.radius, palm.leaf_center, palm.leaf_radius,
-                        record.joints, record.position, record.orientation)
+    shown = PlacedHand(record.joints, record.position, record.orientation)
+    depth = penetration(tree.arrays(), hand_shape(hand), shown)
     results.update(depth._asdict())
     np.savez(folder / f"{{mode}}.npz", **results)
 

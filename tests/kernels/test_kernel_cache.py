@@ -129,11 +129,11 @@ def test_what_is_compiled_for_a_foreign_type_lies_apart(tmp_path: Path) -> None:
     script = (
         "import numpy as np, surface; from hhsim.kernels.contact.surface import cone_distance\n"
         "from hhsim.kernels.contact.penetration import clearances\n"
-        "from hhsim.kernels.hand.hand_shape import HandShape\n"
+        "from hhsim.kernels.hand.hand_shape import HandShape, StoredHands\n"
         "shape = HandShape(np.zeros((5, 4)), np.zeros((1, 3)), np.zeros(1))\n"
         "placed = (np.zeros((1, 5, 4, 3)), np.zeros((1, 3)), np.eye(3)[None])\n"
         "palm, finger = np.empty(1), np.empty((1, 5))\n"
-        "clearances(surface.Level(0.5), shape, *placed, 9.0, palm, finger)\n"
+        "clearances(surface.Level(0.5), StoredHands(shape, *placed), 9.0, palm, finger)\n"
         "print(palm[0], sum(clearances.stats.cache_hits.values()))"
     )
     source = (

@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 from sphere_scenes import brute_clearance, bumpy_ball, cloud
 
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
+from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
+from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.metrics.metrics import hand_clearance
 from tools.tree_to_hand import palm_centers
@@ -42,7 +44,7 @@ def test_two_ways_to_the_same_clearance(seed: int) -> None:
         shown = HAND.joints(*sample)[None], sample[0][None], sample[1][None]
         sizes = HAND.radius, palm.leaf_center, palm.leaf_radius
         brute = brute_clearance(tree.leaf_center, tree.leaf_radius, *sizes, *shown).min()
-        by_tree = hand_clearance(tree.arrays(), *sizes, *shown, 1.0)
+        by_tree = hand_clearance(tree.arrays(), HandShape(*sizes), PlacedHand(*shown), 1.0)
         assert brute == pytest.approx(min(by_tree[0][0], by_tree[1].min()), abs=1e-15)
 
 

@@ -176,7 +176,7 @@ def test_what_is_read_only_is_measured_by_the_same_kernels(
 ) -> None:
     def measured(shape: HandShape, stored: PlacedHand) -> tuple[bytes, int]:
         points = find_contact_points(tree.arrays(), shape, stored, TOUCH)
-        depth = penetration(tree.arrays(), *shape, *stored)
+        depth = penetration(tree.arrays(), shape, stored)
         signatures = find_contact_pairs.signatures, clearances.signatures  # type: ignore[attr-defined]
         return points.point.tobytes() + depth.depth.tobytes(), sum(map(len, signatures))
 

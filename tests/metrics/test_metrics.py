@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.metrics import metrics
 
@@ -298,7 +300,9 @@ class TestPenetration:
         half_turn = np.array([0.0, 0.0, 0.0, 1.0])
         position = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.0, 0.0]])
         palm = np.array([[-0.038, 0.0, 0.0]]), np.array([0.01])
-        result = metrics.penetration(tree, self.RADIUS, *palm, joints, position, np.tile(half_turn, (3, 1)))
+        result = metrics.penetration(
+            tree, HandShape(self.RADIUS, *palm), PlacedHand(joints, position, np.tile(half_turn, (3, 1)))
+        )
         np.testing.assert_allclose(result.palm, [0.002, 0.0, 0.002], atol=1e-12)
         np.testing.assert_allclose(result.finger[:, 2], [0.0005, 0.0, 0.003], atol=1e-12)
         assert not result.finger[:, [0, 1, 3, 4]].any()
@@ -309,7 +313,9 @@ class TestPenetration:
         joints = np.zeros((1, 5, 4, 3))
         joints[0, :, :, 2] = np.array([0.95, 0.96, 0.97, 0.99, 0.0])[:, None]
         pose = joints, np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
-        palm, finger = metrics.hand_clearance(tree, self.RADIUS, np.zeros((0, 3)), np.zeros(0), *pose, limit=0.01)
+        palm, finger = metrics.hand_clearance(
+            tree, HandShape(self.RADIUS, np.zeros((0, 3)), np.zeros(0)), PlacedHand(*pose), 0.01
+        )
         np.testing.assert_allclose(finger, [[0.01, 0.005, -0.005, -0.025, 0.01]], atol=1e-12)
         np.testing.assert_array_equal(palm, [0.01])
 
@@ -317,6 +323,6 @@ class TestPenetration:
         joints = np.full((1, 5, 4, 3), 1.0)
         joints[0, 4, 3, 0] = np.nan
         palm, pose = (np.ones((1, 3)), np.array([0.01])), (np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]))
-        result = metrics.penetration(ball(np.zeros(3), 0.03), self.RADIUS, *palm, joints, *pose)
+        result = metrics.penetration(ball(np.zeros(3), 0.03), HandShape(self.RADIUS, *palm), PlacedHand(joints, *pose))
         assert np.isnan(result.depth[0])
         np.testing.assert_array_equal(np.isnan(result.finger[0]), [False, False, False, False, True])

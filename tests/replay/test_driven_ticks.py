@@ -16,7 +16,9 @@ from short_grasp import shortened
 from sphere_scenes import bumpy_ball
 
 from hhsim.gate.input_hash import run_inputs
+from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
+from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.metrics.metrics import penetration
 from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import result_ticks
@@ -94,8 +96,9 @@ def test_nothing_penetrates_where_the_input_is_deep(runs: tuple[Result, Result])
         one = type(moved)(moved.turn[part], moved.shift[part])
         tree = replace(TREE, center=one.points(static["object/tree/center"][None])[0])
         depth = penetration(
-            *(tree.arrays(), static["hand/phalanx_radius"], static["hand/palm_center"], static["hand/palm_radius"]),
-            *(result[f"graphic/{name}"][part] for name in ("joints", "position", "orientation")),
+            tree.arrays(),
+            HandShape._make(static[f"hand/{name}"] for name in HandShape._fields),
+            PlacedHand._make(result[f"graphic/{name}"][part] for name in PlacedHand._fields),
         ).depth
         # There and back a coordinate of a metre loses its last digits.
         assert depth.max() < 1e-12

@@ -8,6 +8,7 @@ from sphere_scenes import bumpy_ball, random_targets, record_clearance
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
 from hhsim.kernels.tick.state import STATUS_LAG, WORK_BODIES, WORK_LINEARISATIONS, WORK_UNITS
@@ -50,17 +51,8 @@ def test_fingers_that_a_scene_does_not_use_follow_the_users_hand(method: str, fi
     assert clearance[:, ~used].min() < -1e-3, "the others go through"
     unused = [f for f, finger in enumerate(FINGERS) if finger not in fingers]
     np.testing.assert_allclose(record.flexion[:, unused], motion.flexion[:, unused], atol=1e-12)
-    palm = HAND.palm_tree
-    depth = penetration(
-        BALL.arrays(),
-        HAND.radius,
-        palm.leaf_center,
-        palm.leaf_radius,
-        record.joints,
-        record.position,
-        record.orientation,
-        [finger in fingers for finger in FINGERS],
-    )
+    shown = PlacedHand(record.joints, record.position, record.orientation)
+    depth = penetration(BALL.arrays(), hand_shape(HAND), shown, [finger in fingers for finger in FINGERS])
     assert depth.depth.max() == 0.0
     assert np.isnan(depth.finger[:, unused]).all()
     assert not np.isnan(depth.finger[:, [f for f in range(5) if f not in unused]]).any()

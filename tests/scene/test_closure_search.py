@@ -52,7 +52,7 @@ def box(size: tuple[float, float, float] = (0.06, 0.045, 0.09), step: float = 0.
 def near(
     hand: HandModel, tree: SphereTree, at: FloatArray, rotation: FloatArray, flexion: FloatArray, abduction: FloatArray
 ) -> FloatArray:
-    return body_distances(hand.arrays(), tree.arrays(), at, rotation, flexion, abduction, make_work())
+    return body_distances(at, rotation, flexion, abduction, make_work(hand.arrays(), tree.arrays()))
 
 
 def brute_distances(
@@ -90,9 +90,8 @@ def test_the_hand_advances_to_its_gaps_and_through_nothing(seed: int) -> None:
     posture = rotation, flexion, abduction
     direction = -position / np.linalg.norm(position)
     gap = rng.uniform(0.0, 0.01, size=16)
-    travel, body = kernel.advance_hand(
-        RIGHT.arrays(), tree.arrays(), position, *posture, direction, gap, 1.0, make_work()
-    )
+    work = make_work(RIGHT.arrays(), tree.arrays())
+    travel, body = kernel.advance_hand(position, *posture, direction, gap, 1.0, work)
     for share in np.linspace(0.0, 1.0, 200):
         left = near(RIGHT, tree, position + share * travel * direction, *posture) - gap
         assert (left >= -1e-12).all()
@@ -107,9 +106,8 @@ def close(
     hand: HandArrays, tree: SphereTree, finger: int, position: FloatArray, rotation: FloatArray, rate: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     flexion, touching = np.zeros((5, 3)), np.full((5, 3), np.nan)
-    kernel.close_finger(
-        hand, tree.arrays(), position, rotation, finger, rate, np.zeros(5), flexion, make_work(), touching
-    )
+    work = make_work(hand, tree.arrays())
+    kernel.close_finger(position, rotation, finger, rate, np.zeros(5), flexion, work, touching)
     return flexion, touching[finger]
 
 
@@ -152,7 +150,7 @@ def test_deepening_moves_the_tip_by_the_depth_or_to_the_limits(finger: int, dept
     before = np.tile([start, start, 0.5 * start], (5, 1))
     after = before.copy()
     rate = closure_rates(1.0)[finger]
-    moved = kernel.deepen_finger(hand, finger, rate, np.zeros(5), depth, after, make_work())
+    moved = kernel.deepen_finger(finger, rate, np.zeros(5), depth, after, make_work(hand, ball(0.01).arrays()))
     at_limit = after[finger] >= np.maximum(hand.flexion_max[finger], before[finger]) - 1e-12
     upright = [1.0, 0.0, 0.0, 0.0]
     tips = [RIGHT.joints(np.zeros(3), upright, flexion, np.zeros(5))[finger, 3] for flexion in (before, after)]
@@ -163,15 +161,15 @@ def test_deepening_moves_the_tip_by_the_depth_or_to_the_limits(finger: int, dept
 
 def test_the_contact_normal_points_from_the_object_to_the_finger() -> None:
     hand = RIGHT.arrays()
-    work = make_work()
     tree = ball(0.02, (-0.02, 0.07, -0.06))
-    body_distances(hand, tree.arrays(), np.zeros(3), np.eye(3), np.zeros((5, 3)), np.zeros(5), work)
+    work = make_work(hand, tree.arrays())
+    body_distances(np.zeros(3), np.eye(3), np.zeros((5, 3)), np.zeros(5), work)
     normal = np.empty(3)
-    distance = kernel.contact_normal(hand, tree.arrays(), 1, 0, work, normal)
+    distance = kernel.contact_normal(1, 0, work, normal)
     # The distance grows by exactly the step along the normal.
     step = 1e-6
     moved = tree.transformed(np.eye(3), -step * normal)
-    farther = kernel.contact_normal(hand, moved.arrays(), 1, 0, work, np.empty(3))
+    farther = kernel.contact_normal(1, 0, work._replace(tree=moved.arrays()), np.empty(3))
     assert np.linalg.norm(normal) == pytest.approx(1.0)
     assert farther - distance == pytest.approx(step, rel=1e-4)
 

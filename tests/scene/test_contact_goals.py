@@ -92,8 +92,8 @@ def pose(seed: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     random = np.random.default_rng(seed)
     rotation = np.ascontiguousarray(Rotation.random(rng=random).as_matrix())
     position, flexion = random.uniform(-0.1, 0.1, 3), random.uniform(0.0, 1.0, (5, 3))
-    work = make_work()
-    distance = body_distances(HAND.arrays(), TREE.arrays(), position, rotation, flexion, np.zeros(5), work)
+    work = make_work(HAND.arrays(), TREE.arrays())
+    distance = body_distances(position, rotation, flexion, np.zeros(5), work)
     return position, rotation, work.joints.copy(), distance
 
 

@@ -183,8 +183,6 @@ def test_what_moves_an_object_reaches_it_with_all_fingers_and_stays_over_the_tab
     held = distance[(time >= first.start_time) & (time < first.end_time), :PALM_BODY].reshape(-1, 5, 3).min(axis=(0, 2))
     assert {finger for f, finger in enumerate(FINGERS) if held[f] < 0.0} == set(script.fingers)
     closure = plan_finger_closure(script, HAND, tree)
-    work = make_work()
-    body_distances(
-        HAND.arrays(), tree.arrays(), closure.position, closure.rotation, closure.contact, closure.abduction, work
-    )
+    work = make_work(HAND.arrays(), tree.arrays())
+    body_distances(closure.position, closure.rotation, closure.contact, closure.abduction, work)
     assert float((work.joints[..., 2] - HAND.radius).min()) > tree.bounds[0, 2]

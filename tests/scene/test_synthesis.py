@@ -184,8 +184,8 @@ def test_a_slip_eases_the_fingers_until_they_would_just_touch() -> None:
 
 
 def fingertips(position: FloatArray, rotation: FloatArray, flexion: FloatArray) -> FloatArray:
-    work = make_work()
-    body_distances(HAND.arrays(), ball(0.035).arrays(), position, rotation, flexion, np.zeros(5), work)
+    work = make_work(HAND.arrays(), ball(0.035).arrays())
+    body_distances(position, rotation, flexion, np.zeros(5), work)
     return work.joints[:, 3].copy()
 
 

@@ -56,7 +56,7 @@ CANDIDATES = np.dtype(
 
 @gather_pairs.of(PlaneArrays)
 @jit
-def _gather(plane, hand, pose, body, reach, candidates, walk, work):
+def _gather(plane, hand, pose, body, reach, candidates, walk):
     # Every sphere of the body, always: there is no list that could grow old.
     candidates.count[body] = 2 if body < PALM_BODY else hand.palm_radius.shape[0]
     candidates.slack[body] = np.inf

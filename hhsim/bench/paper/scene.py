@@ -215,7 +215,5 @@ def _places(scenario: Scenario, script: Script, hand: HandModel, tree: SphereTre
 
 def _clear(closer: PlacedCloser, closure: FingerClosure) -> bool:
     """True if the open hand is free of the object at the place where the fingers close."""
-    near = body_distances(
-        *(closer.hand, closer.tree, closure.position, closure.rotation, closure.open, closure.abduction, closer.work)
-    )
+    near = body_distances(closure.position, closure.rotation, closure.open, closure.abduction, closer.work)
     return bool(near.min() >= 0.0)

@@ -17,6 +17,7 @@ import numpy as np
 from hhsim.arrays import BoolArray
 from hhsim.bench.robustness.local_optimality import stuck_with_way_out
 from hhsim.bench.robustness.pieces import Pieces
+from hhsim.bench.run_errors import placed_of
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.forward_kinematics import hand_shape
@@ -169,7 +170,7 @@ MADE_BY = "hhsim failure "
 
 def recorded_penetration(hand: HandModel, surface: Any, record: TickRecord) -> Penetration:
     """Return the depths [m] of the recorded hand, computed by `hhsim.metrics.metrics` and not by the solver."""
-    return penetration(surface, *hand_shape(hand), record.joints, record.position, record.orientation)
+    return penetration(surface, hand_shape(hand), placed_of(record))
 
 
 def not_finite(record: TickRecord) -> BoolArray:

@@ -36,7 +36,7 @@ def find_contact_pairs(
     was farther than `touch` from every piece is tested again after its ends have moved by the excess: no point of the
     hull of two spheres moves further. Returns the number of pairs, -1 if they or the walk do not fit.
     """
-    walk = Walk(np.empty(STACK_SIZE, np.int64), np.empty(pairs_out.tick.shape[0], np.int64))
+    walk = Walk(np.empty(STACK_SIZE, np.int64), np.empty(pairs_out.tick.shape[0], np.int64), np.empty(0, np.int64))
     rotation = np.empty((3, 3))
     count = 0
     phalanges = FINGER_COUNT * PHALANX_COUNT

@@ -11,7 +11,7 @@ gathers it first, or is cut short.
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -99,6 +99,14 @@ def _set_anchor(hand: HandArrays, pose: Record, body: int, candidates: Record) -
         anchor[0], anchor[1], anchor[2] = x, y, z
 
 
+class Reach(NamedTuple):
+    """Distances up to which pairs are to be known [m]."""
+
+    needed: float  # now, less the allowed deficit
+    margin: float  # the most that is ever needed
+    skin: float  # added to the margin, so that lists last for several ticks
+
+
 AHEAD = 0.5
 """A body may be gathered ahead once slack - needed is below this share of the skin, and of its slack when gathered."""
 LONG = 128.0
@@ -109,12 +117,13 @@ it takes more than LASTS evaluations to move as far again: a fresh list has fewe
 
 
 @jit_inline
-def choose_gathers(needed: float, margin: float, skin: float, candidates: Record, work: Indices) -> None:
+def choose_gathers(reach: Reach, candidates: Record, work: Indices) -> None:
     """Mark the bodies to gather: those that must be; if none must, at most one ahead of need, due soonest or slow.
 
     Otherwise bodies that move together would be gathered in one tick, which would take many times as long as others. A
     tick that has gathered already gathers nothing ahead of need.
     """
+    needed, margin, skin = reach
     candidates.needed = needed
     must = needed - candidates.allowed_deficit
     soonest, least = -1, np.inf
@@ -141,14 +150,7 @@ def choose_gathers(needed: float, margin: float, skin: float, candidates: Record
 
 @generic
 def evaluate_pairs(
-    surface: Any,
-    hand: HandArrays,
-    pose: Record,
-    needed: float,
-    margin: float,
-    skin: float,
-    candidates: Record,
-    work: Indices,
+    surface: Any, hand: HandArrays, pose: Record, reach: Reach, candidates: Record, work: Indices
 ) -> int:
     """Do what `evaluate` says for a kind of surface; those that declare nothing are one rigid piece."""
 
@@ -156,28 +158,21 @@ def evaluate_pairs(
 @evaluate_pairs.of(object)
 @jit_inline
 def evaluate_rigid(
-    surface: Any,
-    hand: HandArrays,
-    pose: Record,
-    needed: float,
-    margin: float,
-    skin: float,
-    candidates: Record,
-    work: Indices,
+    surface: Any, hand: HandArrays, pose: Record, reach: Reach, candidates: Record, work: Indices
 ) -> int:
     """Do what `evaluate` says for a surface that is rigid."""
     follow_motion(hand, pose, candidates)
-    choose_gathers(needed, margin, skin, candidates, work[:])
-    walk, counted = Walk(candidates.stack[:], candidates.scratch[:]), work[:]
+    choose_gathers(reach, candidates, work[:])
+    walk, counted = Walk(candidates.stack[:], candidates.scratch[:], work[:]), work[:]
     status = 0
     for body in range(BODY_COUNT):
         if candidates.due[body] == 0:
             continue
         counted[COUNT_GATHERS] += 1
         gathered = False
-        for reach in (margin + skin, margin):
+        for far in (reach.margin + reach.skin, reach.margin):
             if not gathered:
-                gathered = gather_pairs(surface, hand, pose, body, reach, candidates, walk, counted)
+                gathered = gather_pairs(surface, hand, pose, body, far, candidates, walk)
         if gathered:
             _set_anchor(hand, pose, body, candidates)
         else:
@@ -194,23 +189,12 @@ def evaluate_rigid(
 
 
 @jit_inline
-def evaluate(
-    hand: HandArrays,
-    pose: Record,
-    surface: Any,
-    needed: float,
-    margin: float,
-    skin: float,
-    candidates: Record,
-    work: Indices,
-) -> int:
+def evaluate(hand: HandArrays, pose: Record, surface: Any, reach: Reach, candidates: Record, work: Indices) -> int:
     """Compute the distances of all near pairs at `pose`, whose kinematics are up to date; return 0, or FULL.
 
-    Bodies whose slack is used up are gathered. Every pair up to `needed` - `allowed_deficit` [m] is known; `margin` is
-    the most that is ever needed [m], and `skin` [m] is added to it so that lists last for several ticks. Node tests,
-    pair tests and gathers are counted in `work`.
+    Bodies whose slack is used up are gathered. Node tests, pair tests and gathers are counted in `work`.
     """
-    return int(evaluate_pairs(surface, hand, pose, needed, margin, skin, candidates, work))
+    return int(evaluate_pairs(surface, hand, pose, reach, candidates, work))
 
 
 @jit_inline

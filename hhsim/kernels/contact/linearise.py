@@ -170,16 +170,8 @@ def build_rows(hand: HandArrays, pose: Record, contacts: Record, offset: float, 
             step = problem.abduction_step[f]
             if step != 0.0:
                 follow_abduction(first, last, point, normal, pose.joints[f, 0], pose.abduction_axis[f], step, rhs)
-        limit_rows(
-            total + 2 * PHALANX_COUNT * f,
-            pose.flexion[f],
-            hand.flexion_min[f],
-            hand.flexion_max[f],
-            scale,
-            common,
-            block,
-            rhs,
-        )
+        row, low, high = total + 2 * PHALANX_COUNT * f, hand.flexion_min[f], hand.flexion_max[f]
+        limit_rows(row, pose.flexion[f], low, high, scale, common, block, rhs)
 
 
 @jit_inline

@@ -6,9 +6,11 @@ object's medial axis, -f is the depth of its deepest point; beyond it, what the 
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from hhsim.kernels.hand.hand_shape import StoredHands
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, placed_sphere
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.kd_tree import STACK
@@ -20,28 +22,28 @@ FINEST = 2.0**-52
 """Share of an axis that is not halved: the middles of its halves coincide in double precision."""
 
 
+class AxisSearch(NamedTuple):
+    """Workspace of a search along an axis."""
+
+    stack: Indices  # (STACK,)
+    stack_distance2: Array  # (STACK,)
+    interval: Array  # (2, DEEPEST_INTERVAL)
+
+
 @jit
 def round_cone_mesh_distance(
-    bvh: MeshBvh,
-    a: Array,
-    b: Array,
-    radius_a: float,
-    radius_b: float,
-    limit: float,
-    resolution: float,
-    stack: Indices,
-    stack_distance2: Array,
-    interval: Array,
+    bvh: MeshBvh, a: Array, b: Array, radius_a: float, radius_b: float, limit: float, finest: float, work: AxisSearch
 ) -> float:
     """Compute the signed distance [m] of a round cone, of axis ab, to the mesh, `limit` if it is not below that.
 
     The axis is halved where the minimum may be: f changes by no more than its length and its drop of radius together.
-    Pieces of `resolution` [m] are not halved any more. Outside, d is the least of the distances to the triangles, each
+    Pieces of `finest` [m] are not halved any more. Outside, d is the least of the distances to the triangles, each
     convex along the axis and with no more curvature than 1/d; so the best midpoint is no more than
-    (resolution / 2)² / (2 d) above the minimum, where d is the axis's distance to the mesh: 0.3 µm for 0.1 mm at 4 mm.
-    Where the axis itself is inside, or nearer than that, it is no more than resolution / 2 by f's slope of at most
-    1 + drop / length. Workspace has the shapes (STACK,) and (2, DEEPEST_INTERVAL).
+    (finest / 2)² / (2 d) above the minimum, where d is the axis's distance to the mesh: 0.3 µm for 0.1 mm at 4 mm.
+    Where the axis itself is inside, or nearer than that, it is no more than finest / 2 by f's slope of at most
+    1 + drop / length.
     """
+    stack, stack_distance2, interval = work
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     length = math.sqrt(ux * ux + uy * uy + uz * uz)
     drop = radius_a - radius_b
@@ -60,7 +62,7 @@ def round_cone_mesh_distance(
         best = min(best, value)
         # With NaN, as of an axis too long for its square, no piece is halved.
         below = value - 0.5 * width * slope < best
-        if not below or width * length <= resolution or width <= FINEST:
+        if not below or width * length <= finest or width <= FINEST:
             continue
         for side in (-0.25, 0.25):
             interval[0, top], interval[1, top] = middle + side * width, 0.5 * width
@@ -69,26 +71,14 @@ def round_cone_mesh_distance(
 
 
 @jit_allocating
-def hand_mesh_distances(
-    phalanx_radius: Array,
-    palm_center: Array,
-    palm_radius: Array,
-    bvh: MeshBvh,
-    joints: Array,
-    position: Array,
-    rotation: Array,
-    limit: float,
-    resolution: float,
-    distance_out: Array,
-) -> None:
+def hand_mesh_distances(hand: StoredHands, bvh: MeshBvh, limit: float, resolution: float, distance_out: Array) -> None:
     """Compute the least signed distance [m] of the hand to the mesh at each tick, at most `limit`; NaN if its pose is.
 
-    The palm's spheres are in the palm frame; joints [m], shape (T, 5, 4, 3), and the palm's position and rotation are
-    in the world. `resolution` [m] is as in `round_cone_mesh_distance`.
+    `resolution` [m] is `finest` of `round_cone_mesh_distance`.
     """
-    stack = np.empty(STACK, np.int64)
-    stack_distance2 = np.empty(STACK)
-    interval = np.empty((2, DEEPEST_INTERVAL))
+    (phalanx_radius, palm_center, palm_radius), joints, position, rotation = hand
+    stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
+    work = AxisSearch(stack, stack_distance2, np.empty((2, DEEPEST_INTERVAL)))
     for tick in range(joints.shape[0]):
         p, r = position[tick], rotation[tick]
         best = limit
@@ -102,16 +92,7 @@ def hand_mesh_distances(
             best = min(best, distance - palm_radius[i])
         for f in range(FINGER_COUNT):
             for k in range(PHALANX_COUNT):
-                best = round_cone_mesh_distance(
-                    bvh,
-                    joints[tick, f, k],
-                    joints[tick, f, k + 1],
-                    phalanx_radius[f, k],
-                    phalanx_radius[f, k + 1],
-                    best,
-                    resolution,
-                    stack,
-                    stack_distance2,
-                    interval,
-                )
+                a, b = joints[tick, f, k], joints[tick, f, k + 1]
+                first, last = phalanx_radius[f, k], phalanx_radius[f, k + 1]
+                best = round_cone_mesh_distance(bvh, a, b, first, last, best, resolution, work)
         distance_out[tick] = best

@@ -10,28 +10,19 @@ from typing import Any
 import numpy as np
 
 from hhsim.kernels.contact.surface import cone_distance
-from hhsim.kernels.hand.hand_shape import HandShape, stored_phalanx
+from hhsim.kernels.hand.hand_shape import StoredHands, stored_phalanx
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, placed_sphere
 from hhsim.kernels.jit import Array, jit_allocating
 from hhsim.kernels.sphere_tree import STACK_SIZE
 
 
 @jit_allocating
-def clearances(
-    surface: Any,
-    shape: HandShape,
-    joints: Array,
-    position: Array,
-    rotation: Array,
-    limit: float,
-    palm_out: Array,
-    finger_out: Array,
-) -> None:
+def clearances(surface: Any, hand: StoredHands, limit: float, palm_out: Array, finger_out: Array) -> None:
     """Compute the least signed distance [m] of the palm, (T,), and of each finger, (T, 5), to the object's surface.
 
-    Negative inside, `limit` [m] from there on, NaN if the palm's pose or a joint is. Poses are joints [m], shape
-    (T, 5, 4, 3), and the palm's position [m], (T, 3), and rotation to the world, (T, 3, 3).
+    Negative inside, `limit` [m] from there on, NaN if the palm's pose or a joint is.
     """
+    shape, joints, position, rotation = hand
     stack = np.empty(STACK_SIZE, dtype=np.int64)
     for tick in range(joints.shape[0]):
         best = limit

@@ -33,6 +33,7 @@ class Walk(NamedTuple):
 
     stack: Indices
     scratch: Indices
+    work: Indices  # counters of the work
 
 
 class Surface(NamedTuple):
@@ -48,7 +49,7 @@ class Surface(NamedTuple):
 
 @generic
 def gather_pairs(
-    surface: Any, hand: HandArrays, pose: Record, body: int, reach: float, candidates: Record, walk: Walk, work: Indices
+    surface: Any, hand: HandArrays, pose: Record, body: int, reach: float, candidates: Record, walk: Walk
 ) -> bool:
     """List the pairs of one body up to `reach` [m], and set its count and slack; False if there is no room."""
 

@@ -29,8 +29,10 @@ STEP_LIMIT = 400
 
 
 class ClosureWork(NamedTuple):
-    """Workspace of the search: the kinematics of the hand, world, and the stack of the tree walk."""
+    """Hand and object of a search, and its workspace: the kinematics of the hand, world, and the tree walk's stack."""
 
+    hand: HandArrays
+    tree: TreeArrays
     joints: Array  # joint and tip centres [m], (5, 4, 3)
     direction: Array  # unit axis of each phalanx, (5, 3, 3)
     axis: Array  # unit flexion axes, (5, 3)
@@ -39,66 +41,50 @@ class ClosureWork(NamedTuple):
 
 
 @jit_inline
-def _place(
-    hand: HandArrays, position: Array, rotation: Array, flexion: Array, abduction: Array, work: ClosureWork
-) -> None:
-    joints, direction, axis, abduction_axis, _ = work
+def _place(position: Array, rotation: Array, flexion: Array, abduction: Array, work: ClosureWork) -> None:
+    hand, _, joints, direction, axis, abduction_axis, _ = work
     forward_kinematics(hand, position, rotation, flexion, abduction, joints, direction, axis, abduction_axis)
 
 
 @jit
-def phalanx_distance(
-    hand: HandArrays, tree: TreeArrays, finger: int, phalanx: int, limit: float, work: ClosureWork
-) -> tuple[float, int]:
+def phalanx_distance(finger: int, phalanx: int, limit: float, work: ClosureWork) -> tuple[float, int]:
     """Compute the least signed distance [m] of a phalanx to the leaves, and that leaf's node; (limit, -1) if none."""
-    cone = phalanx_cone(hand, work.joints, work.direction, finger, phalanx)
-    return nearest_leaf_round_cone(tree, cone, limit, work.stack)
+    cone = phalanx_cone(work.hand, work.joints, work.direction, finger, phalanx)
+    return nearest_leaf_round_cone(work.tree, cone, limit, work.stack)
 
 
 @jit
-def sphere_distance(tree: TreeArrays, center: Array, radius: float, limit: float, work: ClosureWork) -> float:
+def sphere_distance(center: Array, radius: float, limit: float, work: ClosureWork) -> float:
     """Compute the least signed distance [m] of a sphere to the leaves; `limit` if none is nearer."""
     cone = sphere_cone(center[0], center[1], center[2], radius)
-    return nearest_leaf_round_cone(tree, cone, limit, work.stack)[0]
+    return nearest_leaf_round_cone(work.tree, cone, limit, work.stack)[0]
 
 
 @jit
-def _body_distance(
-    hand: HandArrays, tree: TreeArrays, position: Array, rotation: Array, body: int, limit: float, work: ClosureWork
-) -> float:
+def _body_distance(position: Array, rotation: Array, body: int, limit: float, work: ClosureWork) -> float:
     """Compute the least signed distance [m] of a phalanx or of the palm's leaf spheres to the tree's leaves."""
     if body < PALM_BODY:
-        return phalanx_distance(hand, tree, body // PHALANX_COUNT, body % PHALANX_COUNT, limit, work)[0]
-    best = limit
+        return phalanx_distance(body // PHALANX_COUNT, body % PHALANX_COUNT, limit, work)[0]
+    best, hand = limit, work.hand
     for i in range(hand.palm_x.shape[0]):
         x, y, z, radius = hand.palm_x[i], hand.palm_y[i], hand.palm_z[i], hand.palm_radius[i]
         cone = placed_sphere(position, rotation, x, y, z, radius)
-        best = nearest_leaf_round_cone(tree, cone, best, work.stack)[0]
+        best = nearest_leaf_round_cone(work.tree, cone, best, work.stack)[0]
     return best
 
 
 @jit
 def body_distances(
-    hand: HandArrays,
-    tree: TreeArrays,
-    position: Array,
-    rotation: Array,
-    flexion: Array,
-    abduction: Array,
-    limit: float,
-    work: ClosureWork,
-    distance_out: Array,
+    position: Array, rotation: Array, flexion: Array, abduction: Array, work: ClosureWork, distance_out: Array
 ) -> None:
-    """Compute the signed distance [m] of every body to the tree's leaves, `limit` if it is farther; shape (16,)."""
-    _place(hand, position, rotation, flexion, abduction, work)
+    """Compute the signed distance [m] of every body to the tree's leaves; shape (16,)."""
+    _place(position, rotation, flexion, abduction, work)
     for body in range(BODY_COUNT):
-        distance_out[body] = _body_distance(hand, tree, position, rotation, body, limit, work)
+        distance_out[body] = _body_distance(position, rotation, body, np.inf, work)
 
 
 @jit_allocating
 def advance_hand(
-    hand: HandArrays,
-    tree: TreeArrays,
     position: Array,
     rotation: Array,
     flexion: Array,
@@ -119,14 +105,14 @@ def advance_hand(
     for _ in range(STEP_LIMIT):
         for i in range(3):
             here[i] = position[i] + travel * direction[i]
-        _place(hand, here, rotation, flexion, abduction, work)
+        _place(here, rotation, flexion, abduction, work)
         slack = np.inf
         # The body that was nearest bounds the search of all the others: start with it.
         first = blocking
         for k in range(BODY_COUNT):
             body = (first + k) % BODY_COUNT
             limit = slack + gap[body]
-            distance = _body_distance(hand, tree, here, rotation, body, limit, work)
+            distance = _body_distance(here, rotation, body, limit, work)
             if distance < limit:
                 slack = distance - gap[body]
                 blocking = body
@@ -140,8 +126,6 @@ def advance_hand(
 
 @jit_allocating
 def close_finger(
-    hand: HandArrays,
-    tree: TreeArrays,
     position: Array,
     rotation: Array,
     finger: int,
@@ -157,12 +141,12 @@ def close_finger(
     shape (5, 3), is closed in place up to contact or the joint limits; its row of `touching_out`, shape (5, 3), becomes
     1 for a phalanx in contact, else 0.
     """
-    speed = np.empty(PHALANX_COUNT)
+    hand, speed = work.hand, np.empty(PHALANX_COUNT)
     for k in range(PHALANX_COUNT):
         speed[k] = rate[k]
         touching_out[finger, k] = 0.0
     for _ in range(STEP_LIMIT):
-        _place(hand, position, rotation, flexion, abduction, work)
+        _place(position, rotation, flexion, abduction, work)
         step = np.inf
         for k in range(PHALANX_COUNT):
             if speed[k] > 0.0:
@@ -175,7 +159,7 @@ def close_finger(
             for i in range(k + 1):
                 motion += speed[i] * hand.lever[finger, k, i]
             limit = 2.0 * CONTACT if motion == 0.0 else step * motion + 2.0 * CONTACT
-            distance, _ = phalanx_distance(hand, tree, finger, k, limit, work)
+            distance, _ = phalanx_distance(finger, k, limit, work)
             if distance <= CONTACT:
                 touching_out[finger, k] = 1.0
                 for i in range(k + 1):
@@ -191,15 +175,12 @@ def close_finger(
 
 
 @jit_allocating
-def deepen_finger(
-    hand: HandArrays, finger: int, rate: Array, abduction: Array, depth: float, flexion: Array, work: ClosureWork
-) -> float:
+def deepen_finger(finger: int, rate: Array, abduction: Array, depth: float, flexion: Array, work: ClosureWork) -> float:
     """Flex a finger until its tip is `depth` [m] from where it was, or the joint limits end it; return that distance.
 
     `rate` is as in `close_finger`; the finger's row of `flexion` [rad], shape (5, 3), is changed in place.
     """
-    origin = np.zeros(3)
-    upright = np.eye(3)
+    hand, origin, upright = work.hand, np.zeros(3), np.eye(3)
     start = flexion[finger].copy()
     before = np.empty(3)
     low, high = 0.0, 0.0
@@ -212,7 +193,7 @@ def deepen_finger(
         amount = low if iteration == 0 else high if iteration == 1 else 0.5 * (low + high)
         for k in range(PHALANX_COUNT):
             flexion[finger, k] = min(start[k] + amount * rate[k], max(start[k], hand.flexion_max[finger, k]))
-        _place(hand, origin, upright, flexion, abduction, work)
+        _place(origin, upright, flexion, abduction, work)
         tip = work.joints[finger, PHALANX_COUNT]
         if iteration == 0:
             before[:] = tip
@@ -229,15 +210,13 @@ def deepen_finger(
 
 
 @jit
-def contact_normal(
-    hand: HandArrays, tree: TreeArrays, finger: int, phalanx: int, work: ClosureWork, normal_out: Array
-) -> float:
+def contact_normal(finger: int, phalanx: int, work: ClosureWork, normal_out: Array) -> float:
     """Compute the signed distance [m] of a phalanx to the nearest leaf, and the unit normal from it, world.
 
     `work` holds the kinematics.
     """
-    distance, leaf = phalanx_distance(hand, tree, finger, phalanx, np.inf, work)
-    cone = phalanx_cone(hand, work.joints, work.direction, finger, phalanx)
+    distance, leaf = phalanx_distance(finger, phalanx, np.inf, work)
+    tree, cone = work.tree, phalanx_cone(work.hand, work.joints, work.direction, finger, phalanx)
     dx, dy, dz = tree.x[leaf] - cone.x, tree.y[leaf] - cone.y, tree.z[leaf] - cone.z
     s = round_cone_parameter(dx, dy, dz, cone.ux, cone.uy, cone.uz, cone.tan_slope, cone.inverse_length)
     along = s * cone.length

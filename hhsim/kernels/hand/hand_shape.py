@@ -15,6 +15,15 @@ class HandShape(NamedTuple):
     palm_radius: Array
 
 
+class StoredHands(NamedTuple):
+    """A hand at T ticks, world: joints (T, 5, 4, 3) and the palm's position (T, 3) [m] and rotation (T, 3, 3)."""
+
+    shape: HandShape
+    joints: Array
+    position: Array
+    rotation: Array
+
+
 @jit
 def stored_phalanx(shape: HandShape, joints: Array, finger: int, phalanx: int) -> RoundCone:
     """Return a phalanx as a round cone, from joints [m], shape (5, 4, 3), world; not a number where they are not."""

@@ -34,17 +34,8 @@ HAND_POSE = np.dtype(
 def update_kinematics(hand: HandArrays, pose: Record) -> None:
     """Bring the derived fields up to date with position, orientation, flexion and abduction."""
     quaternion_to_matrix(pose.orientation[:], pose.rotation[:])
-    forward_kinematics(
-        hand,
-        pose.position[:],
-        pose.rotation[:],
-        pose.flexion[:],
-        pose.abduction[:],
-        pose.joints[:],
-        pose.direction[:],
-        pose.axis[:],
-        pose.abduction_axis[:],
-    )
+    given = pose.position[:], pose.rotation[:], pose.flexion[:], pose.abduction[:]
+    forward_kinematics(hand, *given, pose.joints[:], pose.direction[:], pose.axis[:], pose.abduction_axis[:])
 
 
 @jit_inline

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.contact.detection import evaluate_pairs, evaluate_rigid
+from hhsim.kernels.contact.detection import Reach, evaluate_pairs, evaluate_rigid
 from hhsim.kernels.contact.surface import (
     SHARED_CANDIDATES,
     ContactPoints,
@@ -130,17 +130,10 @@ def _see_hand(pose: Record, part: Record) -> None:
 @evaluate_pairs.of(JointedSurface)
 @jit_inline
 def _evaluate(
-    surface: JointedSurface,
-    hand: HandArrays,
-    pose: Record,
-    needed: float,
-    margin: float,
-    skin: float,
-    candidates: Record,
-    work: Indices,
+    surface: JointedSurface, hand: HandArrays, pose: Record, reach: Reach, candidates: Record, work: Indices
 ) -> int:
     status = 0
-    candidates.needed = needed
+    candidates.needed = reach.needed
     for body in range(BODY_COUNT):
         candidates.nearest[body] = candidates.slack[body] = np.inf
         candidates.count[body] = 0
@@ -155,7 +148,7 @@ def _evaluate(
         near.allowed_deficit = candidates.allowed_deficit
         _see_hand(pose, part)
         pieces = part_pieces(surface.pieces, surface.start[p], surface.start[p + 1])
-        status |= evaluate_rigid(pieces, hand, part.hand, needed, margin, skin, near, work)
+        status |= evaluate_rigid(pieces, hand, part.hand, reach, near, work)
         for body in range(BODY_COUNT):
             candidates.nearest[body] = min(candidates.nearest[body], near.nearest[body])
             candidates.slack[body] = min(candidates.slack[body], near.slack[body])
@@ -256,12 +249,11 @@ def _cone_distance(surface: JointedSurface, cone: RoundCone, limit: float, stack
 
 
 @jit_inline
-def passing(pose: Record, part: Record, goal: Array, point: Array) -> float:
+def passing(part: Record, goal: Array, point: Array) -> float:
     """Compute how far a point, shape (3,), moves past a part [m] that goes to a pose, shape (7,): its own motion."""
     w, x, y, z = goal[3], goal[4], goal[5], goal[6]
-    a = turned_back(
-        part.rotation, point[0] - part.position[0], point[1] - part.position[1], point[2] - part.position[2]
-    )
+    p = part.position
+    a = turned_back(part.rotation, point[0] - p[0], point[1] - p[1], point[2] - p[2])
     dx, dy, dz = point[0] - goal[0], point[1] - goal[1], point[2] - goal[2]
     # Turned back by the goal's quaternion: v - 2 w (u × v) + 2 u × (u × v).
     cx, cy, cz = y * dz - z * dy, z * dx - x * dz, x * dy - y * dx

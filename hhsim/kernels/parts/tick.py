@@ -118,12 +118,12 @@ def sub_steps(hand: HandArrays, pose: Record, margin: float, surface: JointedSur
             if body < PALM_BODY:
                 for k in range(2):
                     joint = pose.joints[body // PHALANX_COUNT, body % PHALANX_COUNT + k]
-                    passed = max(passed, passing(pose, part, goal, joint))
+                    passed = max(passed, passing(part, goal, joint))
             else:
                 for i in range(BOX_CORNERS):
                     x, y, z = turned(pose.rotation, hand.palm_box[i, 0], hand.palm_box[i, 1], hand.palm_box[i, 2])
                     point[0], point[1], point[2] = x + pose.position[0], y + pose.position[1], z + pose.position[2]
-                    passed = max(passed, passing(pose, part, goal, point))
+                    passed = max(passed, passing(part, goal, point))
             most = max(most, passed / max(margin, min(near.slack[body], near.nearest[body])))
     return max(1, math.ceil(most)) if moves else 0
 
@@ -208,15 +208,8 @@ def _squeezed_step(surface: JointedSurface, options: TickOptions, state: Record,
         for i in range(contacts.start[group], contacts.start[group + 1]):
             if surface.part[contacts.key[i] // KEY_STRIDE].yields == 1:
                 program.common[group, i] = 1.0 / math.sqrt(FIRM)
-    wide = WideRows(
-        as_int64(2 * DEPTHS),
-        program.common[:],
-        problem.block[:],
-        problem.rhs[:],
-        groups.group_start[:],
-        groups.group_stop[:],
-        groups.group_block[:],
-    )
+    start, stop, first = groups.group_start[:], groups.group_stop[:], groups.group_block[:]
+    wide = WideRows(as_int64(2 * DEPTHS), program.common[:], problem.block[:], problem.rhs[:], start, stop, first)
     target, guess, none = program.target[:], program.guess[:], as_int64(0)
     status = solve(as_int64(SQUEEZED_DOF), wide, target, options.tolerance, options.relaxation, guess, none, qp)
     step.iterations += qp.counts[1]

@@ -190,17 +190,10 @@ def _measured_count(candidates: Record, which: int) -> int:
 
 @jit_inline
 def _list_features(
-    mesh: MeshFeatures,
-    probe: Probe,
-    capacity: int,
-    most_faces: int,
-    reach: float,
-    candidates: Record,
-    walk: Walk,
-    work: Indices,
+    mesh: MeshFeatures, probe: Probe, capacity: int, most_faces: int, reach: float, candidates: Record, walk: Walk
 ) -> float:
     """List the features of a probe; return its slack [m], a negative infinity if they do not fit."""
-    which, cone, start = probe
+    (which, cone, start), work = probe, walk.work
     far = _pair_count(candidates, which) == 0 and candidates.own[which] > reach
     look_out = LOOK_OUT * reach if far else reach
     found = walk.scratch[: walk.scratch.shape[0] - 2 * OWNED]
@@ -310,14 +303,7 @@ def _put_in_order(
 
 @jit_inline
 def _gather_probe(
-    mesh: MeshFeatures,
-    hand: HandArrays,
-    pose: Record,
-    which: int,
-    reach: float,
-    candidates: Record,
-    walk: Walk,
-    work: Indices,
+    mesh: MeshFeatures, hand: HandArrays, pose: Record, which: int, reach: float, candidates: Record, walk: Walk
 ) -> float:
     """List the features of a probe as far as they fit; return its slack [m], a negative infinity if none do."""
     probe = _probe(hand, pose, which)
@@ -331,7 +317,7 @@ def _gather_probe(
         else:
             least = NEEDED_SHARES[k - len(SKIN_SHARES)] * needed
         most, most_faces = (min(LONG_LIST, capacity), MOST_FACES) if k < last else (capacity, FOUND_CAPACITY)
-        slack = _list_features(mesh, probe, most, most_faces, least, candidates, walk, work)
+        slack = _list_features(mesh, probe, most, most_faces, least, candidates, walk)
         if slack > -np.inf:
             # After a short list the reach may be longer the next time.
             few = 8 * _pair_count(candidates, which) < LONG_LIST
@@ -344,17 +330,10 @@ def _gather_probe(
 @gather_pairs.of(MeshFeatures)
 @jit_inline
 def _gather(
-    mesh: MeshFeatures,
-    hand: HandArrays,
-    pose: Record,
-    body: int,
-    reach: float,
-    candidates: Record,
-    walk: Walk,
-    work: Indices,
+    mesh: MeshFeatures, hand: HandArrays, pose: Record, body: int, reach: float, candidates: Record, walk: Walk
 ) -> bool:
     if body < PALM_BODY:
-        slack = _gather_probe(mesh, hand, pose, body, reach, candidates, walk, work)
+        slack = _gather_probe(mesh, hand, pose, body, reach, candidates, walk)
         if slack == -np.inf:
             return False
         candidates.count[body] = _pair_count(candidates, body)
@@ -384,7 +363,7 @@ def _gather(
             cone = placed_sphere(pose.position[:], pose.rotation[:], x, y, z, radius)
             near, none = candidates.near[PALM_BODY], walk.scratch[:0]
             count, clearance, tests = gather_faces(mesh.spheres, cone, reach, LOOK_OUT * reach, walk.stack, near, none)
-            work[COUNT_NODE_TESTS] += tests
+            walk.work[COUNT_NODE_TESTS] += tests
             if count == 0:
                 for which in range(first, last):
                     extra[which] = max(used + extra[which], clearance) - used
@@ -392,7 +371,7 @@ def _gather(
             own = used + extra[which]
             if not own > (soon if ahead > 0 else must):
                 ahead -= 1 if own > must else 0
-                own = _gather_probe(mesh, hand, pose, which, reach, candidates, walk, work)
+                own = _gather_probe(mesh, hand, pose, which, reach, candidates, walk)
                 if own == -np.inf:
                     # Slacks of spheres gathered anew and before are relative to different references.
                     candidates.slack[PALM_BODY] = -np.inf

@@ -145,15 +145,7 @@ def _list_slot(
 
 @jit_inline
 def _gather_slot(
-    tree: TreeArrays,
-    hand: HandArrays,
-    pose: Record,
-    slot: int,
-    reach: float,
-    capacity: int,
-    candidates: Record,
-    walk: Walk,
-    work: Indices,
+    tree: TreeArrays, hand: HandArrays, pose: Record, slot: int, reach: float, most: int, candidates: Record, walk: Walk
 ) -> float:
     """List the pairs of a slot; return its slack [m], a negative infinity if they do not fit."""
     spheres, start = hand.palm_radius.shape[0], slot * SLOT_PAIRS
@@ -163,9 +155,9 @@ def _gather_slot(
         hx, hy, hz = hand.palm_x[sphere], hand.palm_y[sphere], hand.palm_z[sphere]
         cone = placed_sphere(pose.position[:], pose.rotation[:], hx, hy, hz, hand.palm_radius[sphere])
         count, clearance, tests = gather_round_cone(tree, cone, reach, walk.stack, walk.scratch)
-        work[COUNT_NODE_TESTS] += tests
+        walk.work[COUNT_NODE_TESTS] += tests
         slack = min(slack, clearance)
-        if count < 0 or total + count > capacity:
+        if count < 0 or total + count > most:
             return -np.inf
         _leaf_distances(tree, cone, walk.scratch, count, near[total:])
         for i in range(count):
@@ -177,15 +169,11 @@ def _gather_slot(
 
 @jit_once
 def _gather_palm(
-    tree: TreeArrays, hand: HandArrays, pose: Record, reach: float, candidates: Record, walk: Walk, work: Indices
+    tree: TreeArrays, hand: HandArrays, pose: Record, reach: float, candidates: Record, walk: Walk
 ) -> bool:
     """Gather the slots that need it, or that soonest will; far from the object, where a walk is cheap, all."""
-    extra, used, needed = (
-        candidates.palm_extra_slack,
-        candidates.slack[PALM_BODY],
-        candidates.needed - candidates.allowed_deficit,
-    )
-    least, share = min(candidates.needed, reach), candidates.palm_skin_share
+    extra, used, share = candidates.palm_extra_slack, candidates.slack[PALM_BODY], candidates.palm_skin_share
+    needed, least = candidates.needed - candidates.allowed_deficit, min(candidates.needed, reach)
     soonest = as_int64(-1)
     if candidates.due[PALM_BODY] == 2:
         soonest = as_int64(0)
@@ -199,9 +187,9 @@ def _gather_palm(
         if every or slot == soonest or not own >= needed:
             own = -np.inf
             for k in range(share[slot], len(SKIN_SHARES)):
-                capacity = LONG_LIST if k < len(SKIN_SHARES) - 2 else SLOT_PAIRS
+                most = LONG_LIST if k < len(SKIN_SHARES) - 2 else SLOT_PAIRS
                 limit = least + SKIN_SHARES[k] * (reach - least)
-                own = _gather_slot(tree, hand, pose, slot, limit, capacity, candidates, walk, work)
+                own = _gather_slot(tree, hand, pose, slot, limit, most, candidates, walk)
                 if own > -np.inf:
                     share[slot] = max(k - 1, 0) if FEW * _listed(candidates, PALM_BODY + slot) <= LONG_LIST else k
                     candidates.palm_own[slot] = own
@@ -223,20 +211,13 @@ def _gather_palm(
 @gather_pairs.of(TreeArrays)
 @jit_inline
 def _gather(
-    tree: TreeArrays,
-    hand: HandArrays,
-    pose: Record,
-    body: int,
-    reach: float,
-    candidates: Record,
-    walk: Walk,
-    work: Indices,
+    tree: TreeArrays, hand: HandArrays, pose: Record, body: int, reach: float, candidates: Record, walk: Walk
 ) -> bool:
     if body >= PALM_BODY:
-        return _gather_palm(tree, hand, pose, reach, candidates, walk, work)
+        return _gather_palm(tree, hand, pose, reach, candidates, walk)
     cone = phalanx_cone(hand, pose.joints[:], pose.direction[:], body // PHALANX_COUNT, body % PHALANX_COUNT)
     count, clearance, tests = gather_round_cone(tree, cone, reach, walk.stack, walk.scratch)
-    work[COUNT_NODE_TESTS] += tests
+    walk.work[COUNT_NODE_TESTS] += tests
     if count < 0:
         return False
     near, depth, ends = candidates.distance[body], tier_depth(reach), candidates.tier_end[body]
@@ -326,9 +307,8 @@ def _within(tree: TreeArrays, hand: HandArrays, candidates: Record, body: int, l
     for slot in range(PALM_SLOTS):
         if candidates.palm_least[slot] <= limit:
             start = slot * SLOT_PAIRS
-            within += count_within(
-                candidates.palm_distance[:], start, start + candidates.measured[PALM_BODY + slot], limit
-            )
+            stop = start + candidates.measured[PALM_BODY + slot]
+            within += count_within(candidates.palm_distance[:], start, stop, limit)
     return within
 
 

@@ -84,15 +84,8 @@ def _solve_parts(own: Any, options: TickOptions, guessed: int, state: Record, qp
 @jit_inline
 def _solve_contacts(own: NoPairs, options: TickOptions, guessed: int, state: Record, qp: QpWork) -> int:
     problem, work = state.problem, state.coupled
-    rows = ProgramRows(
-        as_int64(6),
-        problem.common[:],
-        problem.block[:],
-        problem.rhs[:],
-        work.group_start[:GROUPS],
-        work.group_stop[:GROUPS],
-        work.group_block[:GROUPS],
-    )
+    start, stop, block = work.group_start[:GROUPS], work.group_stop[:GROUPS], work.group_block[:GROUPS]
+    rows = ProgramRows(as_int64(6), problem.common[:], problem.block[:], problem.rhs[:], start, stop, block)
     return _solve_rows(options, rows, work.guess[:], guessed, state, qp)
 
 

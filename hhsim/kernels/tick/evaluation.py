@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, evaluate
+from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, Reach, evaluate
 from hhsim.kernels.contact.self_pairs import measure_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
@@ -42,13 +42,13 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
     Returns False, and notes it in the state's progress, where the pairs do not fit into the arrays.
     """
     update_kinematics(hand, state.pose)
-    pose, candidates, margin, skin = state.pose, state.candidates, options.margin, options.skin
+    pose, candidates, margin = state.pose, state.candidates, options.margin
     # As far as the next program may reach, in this tick or in the next.
     needed = max(options.listed, max(state.trust.reach, usual_reach(options, state)))
     # A reach exceeds the step that is expected. Lists that vouch for that step may wait for a tick that makes no other;
     # where the step turns out longer, `complete_lists` gathers them.
     candidates.allowed_deficit = needed - max(options.listed, needed / REACH_PACE)
-    status = evaluate(hand, pose, surface, needed, margin, skin, candidates, state.work)
+    status = evaluate(hand, pose, surface, Reach(needed, margin, options.skin), candidates, state.work)
     measure_pairs(options.own, hand, pose, margin, state.self_contact)
     state.progress.pairs_overflow = status != 0
     return status == 0

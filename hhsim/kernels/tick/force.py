@@ -99,27 +99,18 @@ def _same_point(pose: Record, haptic: Record, contacts: Record, i: int, point_ou
 
 
 @jit_inline
-def proxy_forces(
-    pose: Record,
-    haptic: Record,
-    contacts: Record,
-    touch: float,
-    contact_stiffness: float,
-    scratch: Array,
-    forces: Record,
-) -> None:
-    """Add Eq. 14 over all contacts within `touch` [m]; contact_stiffness in N/m, scratch of shape (3,)."""
+def proxy_forces(options: TickOptions, state: Record) -> None:
+    """Add Eq. 14 over all contacts of the state that touch."""
+    contacts, scratch, normal = state.contacts, state.scratch, state.contacts.normal
     for i in range(contacts.start[FINGER_COUNT + 1]):
-        if contacts.distance[i] > touch:
+        if contacts.distance[i] > options.touch:
             continue
-        _same_point(pose, haptic, contacts, i, scratch)
+        _same_point(state.pose, state.haptic, contacts, i, scratch)
         dx = contacts.point[0, i] - scratch[0]
         dy = contacts.point[1, i] - scratch[1]
         dz = contacts.point[2, i] - scratch[2]
-        magnitude = contact_stiffness * math.sqrt(dx * dx + dy * dy + dz * dz)
-        add_force(
-            forces, contacts.body[i], contacts.normal[0, i], contacts.normal[1, i], contacts.normal[2, i], magnitude
-        )
+        magnitude = options.contact_stiffness * math.sqrt(dx * dx + dy * dy + dz * dz)
+        add_force(state.forces, contacts.body[i], normal[0, i], normal[1, i], normal[2, i], magnitude)
 
 
 @jit_inline
@@ -163,11 +154,17 @@ def palm_wrench(pose: Record, haptic: Record, stiffness: Array, scratch: Array, 
 @jit_inline
 def hand_forces(options: TickOptions, state: Record) -> None:
     """Compute all forces of a tick; for FORCE_PAPER the state's contacts must be those of the final configuration."""
-    pose, haptic, forces, contact_stiffness = state.pose, state.haptic, state.forces, options.contact_stiffness
-    clear_forces(forces)
+    clear_forces(state.forces)
     if options.force_model == FORCE_PAPER:
-        proxy_forces(pose, haptic, state.contacts, options.touch, contact_stiffness, state.scratch, forces)
+        proxy_forces(options, state)
     else:
-        multiplier_forces(state.active, forces)
-    fingertip_normal_forces(pose, haptic, contact_stiffness, forces)
+        multiplier_forces(state.active, state.forces)
+    finish_forces(options, state)
+
+
+@jit_inline
+def finish_forces(options: TickOptions, state: Record) -> None:
+    """Compute what both models share: the fingertips' normal forces and the palm's wrench."""
+    pose, haptic, forces = state.pose, state.haptic, state.forces
+    fingertip_normal_forces(pose, haptic, options.contact_stiffness, forces)
     palm_wrench(pose, haptic, state.stiffness, state.scratch, forces)

@@ -3,7 +3,7 @@
 from typing import Any
 
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.detection import evaluate, find_contacts, pairs_near
+from hhsim.kernels.contact.detection import Reach, evaluate, find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.contact.self_pairs import BROKEN, NoPairs, SelfPairs, add_rows, begin_rows, foresee_rows, scale_rows
@@ -159,8 +159,8 @@ def complete_lists(hand: HandArrays, surface: Any, options: TickOptions, state: 
     if not beyond:
         return False
     candidates.allowed_deficit = 0.0
-    skin, work = options.skin, state.work
-    if evaluate(hand, state.pose, surface, candidates.needed, options.margin, skin, candidates, work) != 0:
+    reached = Reach(candidates.needed, options.margin, options.skin)
+    if evaluate(hand, state.pose, surface, reached, candidates, state.work) != 0:
         state.progress.pairs_overflow = True
         return False
     return True

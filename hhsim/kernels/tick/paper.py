@@ -129,25 +129,15 @@ def _solve(
 def _solve_palm(
     hand: HandArrays, palm: TreeArrays, tree: TreeArrays, options: TickOptions, state: Record, paper: Record, qp: QpWork
 ) -> bool:
-    pose, haptic, problem = state.pose, state.haptic, state.problem
+    pose, haptic = state.pose, state.haptic
     nearest_euler(haptic.rotation, paper.euler, paper.haptic_euler)
     rows = state.candidates.count[PALM_BODY]
     free = rows == 0 and paper.full[0] == 0
     solved = free
     if not free and paper.full[0] == 0 and rows <= ROW_CAPACITY:
-        weight = problem.inverse_root
+        weight = state.problem.inverse_root
         euler_axes(paper.euler, paper.axes)
-        palm_rows(
-            state.candidates,
-            rows,
-            pose.position,
-            pose.rotation,
-            paper.axes,
-            weight,
-            problem.common,
-            problem.rhs,
-            paper.normal,
-        )
+        palm_rows(rows, state, paper)
         for i in range(rows):
             paper.body[i] = PALM_BODY
         for j in range(3):
@@ -190,7 +180,7 @@ def finger_program(finger: int, state: Record, paper: Record) -> int:
         if row < 0 or state.candidates.count[body] == 0:
             continue
         place_frustum(paper.shapes, pose, finger, k, paper.frustum)
-        row = phalanx_rows(state.candidates, body, pose.joints[finger], pose.axis[finger], weight, row, problem, paper)
+        row = phalanx_rows(body, row, state, paper)
     if row > 0:
         low, high = paper.lowest[finger], paper.highest[finger]
         limit_rows(row, pose.flexion[finger], low, high, weight, problem.common, problem.block, problem.rhs)
@@ -222,7 +212,7 @@ def _solve_finger(
         paper.tried[finger, k] = pose.flexion[finger, k]
     _take_haptic_flexion(state, finger, paper)
     update_kinematics(hand, pose)
-    free = finger_is_free(hand, tree, pose, finger, state, paper)
+    free = finger_is_free(tree, pose, finger, state, paper)
     if not free:
         for k in range(PHALANX_COUNT):
             pose.flexion[finger, k] = paper.tried[finger, k]
@@ -250,14 +240,14 @@ def _count_touching(touch: float, state: Record, paper: Record) -> None:
     # What Eq. 14 sums over: the pairs of this tick that are in contact at its end.
     pose, candidates, contacts = state.pose, state.candidates, state.contacts
     contacts.start[0] = 0
-    row = palm_contacts(candidates, pose.position, pose.rotation, touch, contacts)
+    row = palm_contacts(touch, state)
     contacts.start[1] = row
     for f in range(FINGER_COUNT):
         for k in range(PHALANX_COUNT):
             body = PHALANX_COUNT * f + k
             if candidates.count[body] > 0:
                 place_frustum(paper.shapes, pose, f, k, paper.frustum)
-                row = phalanx_contacts(candidates, paper.kind, body, paper.frustum, paper.closed, touch, row, contacts)
+                row = phalanx_contacts(body, touch, row, state, paper)
         contacts.start[f + 2] = row
     state.work[WORK_TOUCHING] = row
 

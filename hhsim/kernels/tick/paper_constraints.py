@@ -17,12 +17,11 @@ easier to turn the object's sphere the other way, which is the same to C.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.hand.frustum import foot, in_range, threshold
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, as_int64, jit_once
+from hhsim.kernels.jit import Record, as_int64, jit_once
 from hhsim.kernels.surfaces.spheres import write_contact
 from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE
 
@@ -31,21 +30,11 @@ LIMITS = 2 * PHALANX_COUNT
 
 
 @jit_once
-def palm_rows(
-    candidates: Record,
-    count: int,
-    position: Array,
-    rotation: Array,
-    axes: Array,
-    weight: Array,
-    common_out: Array,
-    rhs_out: Array,
-    normal_out: Array,
-) -> None:
-    """Rows of the palm's `count` pairs; axes (3, 3) of the Euler angles, weight 1 / √G of the 21 variables.
-
-    common_out has six columns, (6, rows), normal_out the unit vectors from object to hand, (3, rows).
-    """
+def palm_rows(count: int, state: Record, paper: Record) -> None:
+    """Write the rows of the palm's `count` pairs: columns, right-hand sides, normals from object to hand."""
+    candidates, position, rotation = state.candidates, state.pose.position, state.pose.rotation
+    axes, weight = paper.axes, state.problem.inverse_root
+    common_out, rhs_out, normal_out = state.problem.common, state.problem.rhs, paper.normal
     for i in range(count):
         hx, hy, hz = candidates.hand_x[i], candidates.hand_y[i], candidates.hand_z[i]
         rx = rotation[0, 0] * hx + rotation[0, 1] * hy + rotation[0, 2] * hz
@@ -69,24 +58,15 @@ def palm_rows(
 
 
 @jit_once
-def phalanx_rows(
-    candidates: Record, body: int, joints: Array, axis: Array, weight: Array, row: int, problem: Record, paper: Record
-) -> int:
-    """Append the rows of one phalanx's pairs; returns the next free row, -1 where there is no room.
+def phalanx_rows(body: int, row: int, state: Record, paper: Record) -> int:
+    """Append the rows of one phalanx's pairs, from `row` on; returns the next free row, -1 where there is no room.
 
-    Args:
-        candidates: The pairs, of row `body`.
-        body: 3 finger + phalanx.
-        joints: The finger's joints [m], world, shape (4, 3).
-        axis: Its flexion axis, world.
-        weight: 1 / √k_θ of its three joints.
-        row: First row to write.
-        problem: Its block and right-hand sides are written.
-        paper: Which part of the phalanx each pair is with, and the phalanx at the palm of t and the joint angles of
-            t - 1; the rows' normals and bodies are written.
+    The frustum is that of the phalanx at the palm of t and the joint angles of t - 1.
     """
-    kind, frustum = paper.kind, paper.frustum
-    phalanx = body % PHALANX_COUNT
+    candidates, problem, kind, frustum = state.candidates, state.problem, paper.kind, paper.frustum
+    finger, phalanx = body // PHALANX_COUNT, body % PHALANX_COUNT
+    joints, axis = state.pose.joints[finger], state.pose.axis[finger]
+    weight = problem.inverse_root[6 + PHALANX_COUNT * finger : 9 + PHALANX_COUNT * finger]
     ex, ey, ez = frustum.end[0], frustum.end[1], frustum.end[2]
     ux, uy, uz = frustum.axis[0], frustum.axis[1], frustum.axis[2]
     for i in range(candidates.count[body]):
@@ -130,8 +110,10 @@ def phalanx_rows(
 
 
 @jit_once
-def palm_contacts(candidates: Record, position: Array, rotation: Array, touch: float, contacts: Record) -> int:
-    """Contact records of the palm's pairs within `touch` [m]; returns how many."""
+def palm_contacts(touch: float, state: Record) -> int:
+    """Write contact records of the palm's pairs within `touch` [m]; returns how many."""
+    candidates, contacts = state.candidates, state.contacts
+    position, rotation = state.pose.position, state.pose.rotation
     row = as_int64(0)
     for i in range(candidates.count[PALM_BODY]):
         hx, hy, hz = candidates.hand_x[i], candidates.hand_y[i], candidates.hand_z[i]
@@ -152,21 +134,14 @@ def palm_contacts(candidates: Record, position: Array, rotation: Array, touch: f
 
 
 @jit_once
-def phalanx_contacts(
-    candidates: Record,
-    kind: NDArray[np.int8],
-    body: int,
-    frustum: Record,
-    closed: bool,
-    touch: float,
-    row: int,
-    contacts: Record,
-) -> int:
+def phalanx_contacts(body: int, touch: float, row: int, state: Record, paper: Record) -> int:
     """Append contact records of a phalanx's pairs within `touch` [m], each sphere once; returns the next free row.
 
     A sphere is in contact with the frustum where Eq. 7 or 13 says so of the graphic phalanx at t, else with its end
     sphere. The distance is that along the normal of the part.
     """
+    candidates, contacts = state.candidates, state.contacts
+    kind, frustum, closed = paper.kind, paper.frustum, paper.closed
     distal = body % PHALANX_COUNT == PHALANX_COUNT - 1
     ex, ey, ez = frustum.end[0], frustum.end[1], frustum.end[2]
     ux, uy, uz = frustum.axis[0], frustum.axis[1], frustum.axis[2]

@@ -10,13 +10,10 @@ Palm: its sphere tree against the object's, and the spheres of the five knuckles
 its cone frustum, and the sphere at its thin end: the joint's (Section III-B), or the fingertip's hemisphere.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS
 from hhsim.kernels.hand.frustum import foot, in_range, place_frustum, threshold
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Array, Indices, Record, as_bool, as_int64, jit, jit_once
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.round_cone_distance import sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
 from hhsim.kernels.surfaces.spheres import PALM_PAIRS, PHALANX_PAIRS, write_palm_pair
@@ -30,21 +27,15 @@ PALM_STACK = 2 * STACK_SIZE
 
 @jit
 def gather_palm(
-    palm: TreeArrays,
-    tree: TreeArrays,
-    position: Array,
-    rotation: Array,
-    growth: float,
-    capacity: int,
-    stack: Indices,
-    candidates: Record,
-    work: Indices,
+    palm: TreeArrays, tree: TreeArrays, pose: Record, growth: float, capacity: int, state: Record, paper: Record
 ) -> int:
     """Eq. 3: pairs of leaves of the palm's tree (palm frame) and the object's (world) within `growth` [m].
 
     Returns:
         How many; -1 where there are more than `capacity`, so that a capacity of 0 asks whether the palm is free.
     """
+    position, rotation, stack = pose.position, pose.rotation, paper.stack
+    candidates, work = state.candidates, state.work
     p0, p1, p2 = position[0], position[1], position[2]
     r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
     r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
@@ -95,26 +86,14 @@ def gather_palm(
 
 @jit
 def gather_knuckle(
-    hand: HandArrays,
-    tree: TreeArrays,
-    center: Array,
-    finger: int,
-    growth: float,
-    capacity: int,
-    count: int,
-    candidates: Record,
-    work: Indices,
+    hand: HandArrays, tree: TreeArrays, pose: Record, finger: int, growth: float, most: int, count: int, state: Record
 ) -> int:
     """Append the pairs of a finger's first joint sphere, which belongs to the palm; returns as `gather_palm`."""
-    found, _, tests = gather_round_cone(
-        tree,
-        sphere_cone(center[0], center[1], center[2], hand.radius[finger, 0]),
-        growth,
-        candidates.stack[:],
-        candidates.scratch[:],
-    )
-    work[COUNT_NODE_TESTS] += tests
-    if found < 0 or count + found > capacity:
+    candidates, center = state.candidates, pose.joints[finger, 0]
+    cone = sphere_cone(center[0], center[1], center[2], hand.radius[finger, 0])
+    found, _, tests = gather_round_cone(tree, cone, growth, candidates.stack[:], candidates.scratch[:])
+    state.work[COUNT_NODE_TESTS] += tests
+    if found < 0 or count + found > most:
         return -1
     for i in range(found):
         x, y, z = hand.base[finger, 0], hand.base[finger, 1], hand.base[finger, 2]
@@ -125,25 +104,16 @@ def gather_knuckle(
 
 @jit
 def gather_phalanx(
-    frustum: Record,
-    tree: TreeArrays,
-    distal: bool,
-    closed: bool,
-    growth: float,
-    capacity: int,
-    body: int,
-    kind_out: NDArray[np.int8],
-    candidates: Record,
-    work: Indices,
+    tree: TreeArrays, pose: Record, body: int, growth: float, capacity: int, state: Record, paper: Record
 ) -> int:
     """Leaves within `growth` [m] of a phalanx by Eq. 7 (its frustum) or Eq. 3 (its end sphere), into row `body`.
-
-    `closed` says that spheres close every frustum's ends, and not only the fingertip, see
-    `kernels.hand.frustum.in_range`.
 
     Returns:
         How many; -1 where there are more than `capacity`.
     """
+    place_frustum(paper.shapes, pose, body // PHALANX_COUNT, body % PHALANX_COUNT, paper.frustum)
+    frustum, closed, kind_out = paper.frustum, paper.closed, paper.kind
+    candidates, work, distal = state.candidates, state.work, body % PHALANX_COUNT == PHALANX_COUNT - 1
     ex, ey, ez = frustum.end[0], frustum.end[1], frustum.end[2]
     ux, uy, uz = frustum.axis[0], frustum.axis[1], frustum.axis[2]
     sx, sy, sz = frustum.sphere[0], frustum.sphere[1], frustum.sphere[2]
@@ -204,15 +174,11 @@ def detect(hand: HandArrays, palm: TreeArrays, tree: TreeArrays, growth: float, 
 
     paper.full says which parts have more than there is room for: the palm, then the fingers.
     """
-    pose, candidates, work = state.pose, state.candidates, state.work
-    count = gather_palm(
-        palm, tree, pose.position, pose.rotation, growth, as_int64(PALM_PAIRS), paper.stack, candidates, work
-    )
+    pose, candidates = state.pose, state.candidates
+    count = gather_palm(palm, tree, pose, growth, as_int64(PALM_PAIRS), state, paper)
     for f in range(FINGER_COUNT):
         if count >= 0 and state.modelled[PHALANX_COUNT * f] == 1:
-            count = gather_knuckle(
-                hand, tree, pose.joints[f, 0], f, growth, as_int64(PALM_PAIRS), count, candidates, work
-            )
+            count = gather_knuckle(hand, tree, pose, f, growth, as_int64(PALM_PAIRS), count, state)
     paper.full[0] = 1 if count < 0 else 0
     candidates.count[PALM_BODY] = max(count, 0)
     for f in range(FINGER_COUNT):
@@ -222,19 +188,7 @@ def detect(hand: HandArrays, palm: TreeArrays, tree: TreeArrays, growth: float, 
             candidates.count[body] = 0
             if state.modelled[body] == 0:
                 continue
-            place_frustum(paper.shapes, pose, f, k, paper.frustum)
-            count = gather_phalanx(
-                paper.frustum,
-                tree,
-                k == PHALANX_COUNT - 1,
-                paper.closed,
-                growth,
-                as_int64(PHALANX_PAIRS),
-                body,
-                paper.kind,
-                candidates,
-                work,
-            )
+            count = gather_phalanx(tree, pose, body, growth, as_int64(PHALANX_PAIRS), state, paper)
             if count < 0:
                 paper.full[f + 1] = 1
             candidates.count[body] = max(count, 0)
@@ -245,35 +199,17 @@ def palm_is_free(
     hand: HandArrays, palm: TreeArrays, tree: TreeArrays, pose: Record, state: Record, paper: Record
 ) -> bool:
     """Return True if the palm and the knuckles of `pose` touch nothing."""
-    count = gather_palm(
-        palm, tree, pose.position, pose.rotation, 0.0, as_int64(0), paper.stack, state.candidates, state.work
-    )
+    count = gather_palm(palm, tree, pose, 0.0, as_int64(0), state, paper)
     for f in range(FINGER_COUNT):
         if count == 0 and state.modelled[PHALANX_COUNT * f] == 1:
-            count = gather_knuckle(
-                hand, tree, pose.joints[f, 0], f, 0.0, as_int64(0), count, state.candidates, state.work
-            )
+            count = gather_knuckle(hand, tree, pose, f, 0.0, as_int64(0), count, state)
     return count == 0
 
 
 @jit_once
-def finger_is_free(hand: HandArrays, tree: TreeArrays, pose: Record, finger: int, state: Record, paper: Record) -> bool:
+def finger_is_free(tree: TreeArrays, pose: Record, finger: int, state: Record, paper: Record) -> bool:
     """Return True if the phalanges of a finger of `pose` touch nothing."""
     for k in range(PHALANX_COUNT):
-        place_frustum(paper.shapes, pose, finger, k, paper.frustum)
-        body = PHALANX_COUNT * finger + k
-        count = gather_phalanx(
-            paper.frustum,
-            tree,
-            k == PHALANX_COUNT - 1,
-            paper.closed,
-            0.0,
-            as_int64(0),
-            body,
-            paper.kind,
-            state.candidates,
-            state.work,
-        )
-        if count != 0:
+        if gather_phalanx(tree, pose, PHALANX_COUNT * finger + k, 0.0, as_int64(0), state, paper) != 0:
             return False
     return True

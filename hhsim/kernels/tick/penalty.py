@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.detection import CONTACT_ROWS, evaluate, find_contacts, pairs_near
+from hhsim.kernels.contact.detection import CONTACT_ROWS, Reach, evaluate, find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import build_rows
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
@@ -47,14 +47,7 @@ from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline, jit_once
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.cholesky import factorise, solve_factorised
 from hhsim.kernels.tick.evaluation import spent_units
-from hhsim.kernels.tick.force import (
-    FORCE_PAPER,
-    add_force,
-    clear_forces,
-    fingertip_normal_forces,
-    palm_wrench,
-    proxy_forces,
-)
+from hhsim.kernels.tick.force import FORCE_PAPER, add_force, clear_forces, finish_forces, proxy_forces
 from hhsim.kernels.tick.linearisation import step_to_haptic
 from hhsim.kernels.tick.method import tick
 from hhsim.kernels.tick.options import TickOptions
@@ -123,11 +116,11 @@ PENALTY_STATE = np.dtype(
 def _evaluate(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     # A hand deep inside has more pairs near than there is room for: then the deepest have to do.
     margin, candidates = options.margin, state.candidates
-    if evaluate(hand, state.pose, surface, margin, margin, options.skin, candidates, state.work) == 0:
+    if evaluate(hand, state.pose, surface, Reach(margin, margin, options.skin), candidates, state.work) == 0:
         return True
     reach = 0.0
     for _ in range(DEPTHS):
-        if evaluate(hand, state.pose, surface, reach, reach, 0.0, candidates, state.work) == 0:
+        if evaluate(hand, state.pose, surface, Reach(reach, reach, 0.0), candidates, state.work) == 0:
             return True
         reach = 2.0 * reach - margin
     return False
@@ -349,17 +342,14 @@ def _forces(options: TickOptions, hand: HandArrays, surface: Any, state: Record,
     clear_forces(forces)
     if options.force_model == FORCE_PAPER:
         find_contacts(surface, hand, state.pose, state.candidates, options.touch, contacts)
-        proxy_forces(
-            state.pose, state.haptic, contacts, options.touch, options.contact_stiffness, state.scratch, forces
-        )
+        proxy_forces(options, state)
     else:
         for i in range(contacts.start[FINGER_COUNT + 1]):
             if work.pushes[i] == 0 or work.short[i] <= 0.0:
                 continue
             push, normal = work.weight[i] * work.short[i], contacts.normal
             add_force(forces, contacts.body[i], normal[0, i], normal[1, i], normal[2, i], push)
-    fingertip_normal_forces(state.pose, state.haptic, options.contact_stiffness, forces)
-    palm_wrench(state.pose, state.haptic, state.stiffness, state.scratch, forces)
+    finish_forces(options, state)
 
 
 class Penalty(NamedTuple):

@@ -133,15 +133,8 @@ def _solve_palm(options: TickOptions, state: Record, qp: QpWork) -> int:
     for f in range(FINGER_COUNT):
         if work.yields[f] >= 0:
             guessed = guess_rows(contacts, active, f + 1, work.guess[:], guessed)
-    rows = ProgramRows(
-        as_int64(6),
-        problem.common[:],
-        work.block[:],
-        problem.rhs[:],
-        work.palm_start[:],
-        work.palm_stop[:],
-        work.palm_block[:],
-    )
+    start, stop, block = work.palm_start[:], work.palm_stop[:], work.palm_block[:]
+    rows = ProgramRows(as_int64(6), problem.common[:], work.block[:], problem.rhs[:], start, stop, block)
     # A joint's row is longer here by YIELD_SCALE; to the finger's own program the step must be as exact as its other
     # steps.
     scaled = tolerance / YIELD_SCALE if work.variables > 6 else tolerance

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.contact.detection import evaluate, pairs_near
+from hhsim.kernels.contact.detection import Reach, evaluate, pairs_near
 from hhsim.kernels.hand.kinematics import HandArrays
 from hhsim.kernels.hand.pose import update_kinematics
 from hhsim.kernels.jit import jit
@@ -24,7 +24,7 @@ def look_at(hand: HandArrays, surface: Any, options: TickOptions, states: NDArra
     state = states[0]
     pose, candidates, work = state.pose, state.candidates, state.work
     update_kinematics(hand, pose)
-    status = evaluate(hand, pose, surface, options.margin, options.margin, options.skin, candidates, work)
+    status = evaluate(hand, pose, surface, Reach(options.margin, options.margin, options.skin), candidates, work)
     work[:] = 0
     work[WORK_BODIES], work[WORK_CANDIDATES] = pairs_near(surface, hand, candidates, options.margin)
     _, work[WORK_TOUCHING] = pairs_near(surface, hand, candidates, options.touch)

@@ -105,7 +105,7 @@ def test_a_placed_hand_comes_free_and_its_idle_fingers_stay_free(object_name: st
     time = trajectory.time[chosen]
     approach = time < script.phases[0].duration
     placed = forward_kinematics(HAND, *HandConfiguration.of(trajectory).at(chosen))
-    palm, fingers = hand_clearance(tree.arrays(), *hand_shape(HAND), *placed, limit=0.1)
+    palm, fingers = hand_clearance(tree.arrays(), hand_shape(HAND), placed, limit=0.1)
     assert min(palm[approach].min(), fingers[approach].min()) > 0.0
     idle = [f for f, finger in enumerate(FINGERS) if finger not in script.fingers]
     held = time < sum(phase.duration for phase in script.phases[:3])

@@ -20,6 +20,7 @@ from hhsim.kernels.contact.detection import (
     COUNT_NODE_TESTS,
     COUNT_PAIR_TESTS,
     FULL,
+    Reach,
     evaluate,
     find_contacts,
     follow_motion,
@@ -69,7 +70,7 @@ def assert_exactly_the_near_pairs(state: Any, hand: HandModel, tree: SphereTree,
 
 def detect(state: Any, hand: HandModel, tree: SphereTree, margin: float, skin: float) -> None:
     arrays, nodes = hand.arrays(), tree.arrays()
-    assert evaluate(arrays, state.pose, nodes, margin, margin, skin, state.candidates, state.work) == 0
+    assert evaluate(arrays, state.pose, nodes, Reach(margin, margin, skin), state.candidates, state.work) == 0
     assert find_contacts(nodes, arrays, state.pose, state.candidates, margin, state.contacts) == 0
 
 
@@ -211,14 +212,14 @@ def test_more_pairs_than_there_is_room_for_are_reported() -> None:
     state = at_origin()
     arrays = RIGHT.arrays()
     near = sphere_tree(*crowd_under_the_index_tip(PHALANX_PAIRS + 1, 5e-4))
-    assert evaluate(arrays, state.pose, near.arrays(), 1e-3, 1e-3, 3e-3, state.candidates, state.work) == FULL
+    assert evaluate(arrays, state.pose, near.arrays(), Reach(1e-3, 1e-3, 3e-3), state.candidates, state.work) == FULL
     # Two bodies with room for their own pairs, but not together among the contacts.
     half = CONTACT_ROWS // 2 + 1
     below = np.array([0.0, 0.0, 1e-3 + 5e-4])
     places = [JOINTS[f, 3] - below - [0.0, 0.0, RIGHT.radius[f, 3]] for f in (1, 3)]
     two = sphere_tree(np.repeat(places, half, axis=0), np.full(2 * half, 1e-3))
     state.candidates.gathered_slack[:] = -np.inf
-    assert evaluate(arrays, state.pose, two.arrays(), 1e-3, 1e-3, 0.0, state.candidates, state.work) == 0
+    assert evaluate(arrays, state.pose, two.arrays(), Reach(1e-3, 1e-3, 0.0), state.candidates, state.work) == 0
     assert find_contacts(two.arrays(), arrays, state.pose, state.candidates, 1e-3, state.contacts) == FULL
 
 

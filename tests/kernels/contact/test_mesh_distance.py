@@ -8,8 +8,15 @@ from hypothesis import strategies as st
 from sampled import sampled
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.mesh_distance import DEEPEST_INTERVAL, hand_mesh_distances, round_cone_mesh_distance
+from hhsim.kernels.contact.mesh_distance import (
+    DEEPEST_INTERVAL,
+    AxisSearch,
+    hand_mesh_distances,
+    round_cone_mesh_distance,
+)
+from hhsim.kernels.hand.hand_shape import StoredHands
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
@@ -29,8 +36,8 @@ CUBE_BVH = bvh_of(CUBE)
 def distance(
     bvh: MeshBvh, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, limit: float = np.inf
 ) -> float:
-    work = np.empty(STACK, np.int64), np.empty(STACK), np.empty((2, DEEPEST_INTERVAL))
-    return round_cone_mesh_distance(bvh, a, b, radius_a, radius_b, limit, RESOLUTION, *work)
+    work = AxisSearch(np.empty(STACK, np.int64), np.empty(STACK), np.empty((2, DEEPEST_INTERVAL)))
+    return round_cone_mesh_distance(bvh, a, b, radius_a, radius_b, limit, RESOLUTION, work)
 
 
 def cube_distance(points: FloatArray) -> FloatArray:
@@ -108,11 +115,6 @@ def test_trimesh_agrees_on_real_objects(name: str) -> None:
     assert signs == {True, False}
 
 
-def hand_arrays(hand: HandModel) -> tuple[FloatArray, FloatArray, FloatArray]:
-    palm = hand.palm_tree
-    return hand.radius.copy(), np.ascontiguousarray(palm.leaf_center), np.ascontiguousarray(palm.leaf_radius)
-
-
 def placed(hand: HandModel, height: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Joints (1, 5, 4, 3), position (1, 3) and rotation (1, 3, 3) of an open hand over the origin."""
     position = np.array([[0.0, -0.05, height]])
@@ -125,8 +127,8 @@ def test_the_hand_is_as_near_as_its_nearest_part(height: float) -> None:
     hand = HandModel.default()
     joints, position, rotation = placed(hand, height)
     found = np.empty(1)
-    radius, center, palm_radius = hand_arrays(hand)
-    hand_mesh_distances(radius, center, palm_radius, CUBE_BVH, joints, position, rotation, np.inf, RESOLUTION, found)
+    shape = radius, center, palm_radius = hand_shape(hand)
+    hand_mesh_distances(StoredHands(shape, joints, position, rotation), CUBE_BVH, np.inf, RESOLUTION, found)
     parts = [cube_distance(center + position[0]) - palm_radius]
     share = np.linspace(0.0, 1.0, 2001)[:, None]
     for f in range(5):
@@ -143,7 +145,7 @@ def test_a_pose_that_is_not_finite_has_no_distance() -> None:
     joints[0, 3, 2, 1] = np.nan
     found = np.empty(2)
     two = np.repeat(position, 2, axis=0), np.repeat(rotation, 2, axis=0)
-    hand_mesh_distances(*hand_arrays(hand), CUBE_BVH, joints, *two, 0.05, RESOLUTION, found)
+    hand_mesh_distances(StoredHands(hand_shape(hand), joints, *two), CUBE_BVH, 0.05, RESOLUTION, found)
     assert np.isnan(found[0])
     assert np.isfinite(found[1])
 

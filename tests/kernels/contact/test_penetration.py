@@ -13,7 +13,7 @@ from sphere_scenes import sphere_tree
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.penetration import clearances
-from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.kernels.hand.hand_shape import HandShape, StoredHands
 from hhsim.kernels.sphere_tree import TreeArrays
 
 FREE = 1.0
@@ -31,7 +31,7 @@ class PlacedHands(NamedTuple):
 
 def run(shape: HandShape, tree: TreeArrays, hands: PlacedHands, limit: float) -> tuple[FloatArray, FloatArray]:
     palm, finger = np.full(len(hands.joints), np.nan), np.full((len(hands.joints), 5), np.nan)
-    clearances(tree, shape, *hands, limit, palm, finger)
+    clearances(tree, StoredHands(shape, *hands), limit, palm, finger)
     return palm, finger
 
 

@@ -22,7 +22,7 @@ from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import COUNT_GATHERS, evaluate, find_contacts
+from hhsim.kernels.contact.detection import COUNT_GATHERS, Reach, evaluate, find_contacts
 from hhsim.kernels.contact.surface import cone_distance
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
@@ -185,7 +185,7 @@ def test_more_triangles_than_there_is_room_for_make_the_steps_short_and_no_error
     state, straight, middle = new_state(), still(np.zeros(3)), INDEX_MIDDLE
     set_pose(HAND, state.pose, straight)
     found = state.candidates
-    assert evaluate(ARRAYS, state.pose, mesh, needed, MARGIN, SKIN, found, state.work) == 0
+    assert evaluate(ARRAYS, state.pose, mesh, Reach(needed, MARGIN, SKIN), found, state.work) == 0
     least = least_of_features(mesh, bodies(straight).kernel(middle))
     assert found.nearest[middle] == pytest.approx(least, abs=FREE_OF_ROUNDING)
     assert found.skin_share[middle] >= len(SKIN_SHARES)
@@ -290,7 +290,7 @@ def test_lists_hold_the_nearest_feature_of_every_body_wherever_the_hand_goes(nam
                 independent = float(least_by_search(target, vertices[faces]).min())
             at = target
             set_pose(HAND, state.pose, at)
-            assert evaluate(ARRAYS, state.pose, mesh, MARGIN, MARGIN, SKIN, state.candidates, state.work) == 0
+            assert evaluate(ARRAYS, state.pose, mesh, Reach(MARGIN, MARGIN, SKIN), state.candidates, state.work) == 0
             cones = bodies(at)
             brute = np.array([least_of_features(mesh, cones.kernel(i)) for i in range(len(cones.a))])
             least = np.append(brute[:PALM], brute[PALM:].min())

@@ -17,7 +17,7 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import CONTACT_ROWS
-from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_rows
+from hhsim.kernels.contact.linearise import limit_rows
 from hhsim.kernels.euler import euler_axes
 from hhsim.kernels.hand.frustum import frustum_shapes, place_frustum
 from hhsim.kernels.tick.paper import PAPER_STATE, finger_program
@@ -156,7 +156,7 @@ def test_freedom_is_what_the_ungrown_hand_has(seed: int) -> None:
     hand, tree, _, state, paper = scene(seed)
     arrays, palm, leaves = hand.arrays(), hand.palm_tree.arrays(), tree.arrays()
     free = palm_is_free(arrays, palm, leaves, state.pose, state, paper)
-    fingers = [finger_is_free(arrays, leaves, state.pose, f, state, paper) for f in range(5)]
+    fingers = [finger_is_free(leaves, state.pose, f, state, paper) for f in range(5)]
     detected(hand, tree, 0.0, state, paper)
     assert free == (state.candidates.count[15] == 0)
     assert fingers == [not state.candidates.count[3 * f : 3 * f + 3].any() for f in range(5)]
@@ -165,12 +165,11 @@ def test_freedom_is_what_the_ungrown_hand_has(seed: int) -> None:
 @given(SEEDS, ANGLES)
 @settings(max_examples=15)
 def test_palm_rows_are_the_first_order_of_eq_8_in_position_and_euler_angles(seed: int, angles: FloatArray) -> None:
-    _, _, at, state, _ = scene(seed, angles=angles)
+    _, _, at, state, paper = scene(seed, angles=angles)
     candidates, count = state.candidates, int(state.candidates.count[15])
-    axes = np.empty((3, 3))
-    euler_axes(angles, axes)
-    common, rhs, normal = np.empty((6, ROW_CAPACITY)), np.empty(ROW_CAPACITY), np.empty((3, ROW_CAPACITY))
-    palm_rows(candidates, count, state.pose.position, state.pose.rotation, axes, 1.0 / ROOT, common, rhs, normal)
+    euler_axes(angles, paper.axes)
+    palm_rows(count, state, paper)
+    common, rhs, normal = state.problem.common, state.problem.rhs, paper.normal
     hand_center = np.stack([candidates.hand_x, candidates.hand_y, candidates.hand_z], axis=1)[:count]
     object_center = np.stack([candidates.object_x, candidates.object_y, candidates.object_z], axis=1)[:count]
     total = candidates.hand_radius[:count] + candidates.object_radius[:count]
@@ -255,13 +254,13 @@ def test_contacts_are_points_on_both_surfaces_with_the_round_cones_distance(seed
     # Within their ranges frustum and spheres are the round cone, whose distance is the least over the axis.
     hand, _, at, state, paper = scene(seed, angles=angles)
     candidates, contacts = state.candidates, state.contacts
-    count = palm_contacts(candidates, state.pose.position, state.pose.rotation, GROWTH, contacts)
+    count = palm_contacts(GROWTH, state)
     assert count == candidates.count[15] <= CONTACT_ROWS
     joints = hand.joints(*at.at(0))
     for body in range(15):
         f, k = divmod(body, 3)
         place_frustum(paper.shapes, state.pose, f, k, paper.frustum)
-        last = phalanx_contacts(candidates, paper.kind, body, paper.frustum, True, GROWTH, 0, contacts)
+        last = phalanx_contacts(body, GROWTH, 0, state, paper)
         s = np.linspace(0.0, 1.0, 20001)
         axis = joints[f, k] + s[:, None] * (joints[f, k + 1] - joints[f, k])
         size = hand.radius[f, k] + s * (hand.radius[f, k + 1] - hand.radius[f, k])
