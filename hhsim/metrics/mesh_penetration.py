@@ -65,7 +65,7 @@ class TouchedObject:
 
     def penetration(self, placed: PlacedHand, ticks: slice = slice(None)) -> Penetration:
         """Depths of the hand at some ticks in the surface, as `hhsim.metrics.metrics.penetration`."""
-        return penetration(self.surface, *self.shape, *placed, self.fingers)
+        return penetration(self.surface, self.shape, placed, self.fingers)
 
     def contact_error(self, placed: PlacedHand, contact: BoolArray) -> FloatArray:
         """Largest distance of a contact point of each tick from the mesh [m], shape (T,).
