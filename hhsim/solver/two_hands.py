@@ -15,6 +15,7 @@ from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.both_hands import BOTH_DOF, BOTH_HANDS, BOTH_ROWS, find_meeting, run_hands_apart
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
+from hhsim.reproducible import norm
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.free_engine import FreeEngine
 from hhsim.solver.free_place import clearance, shift_until
@@ -90,9 +91,15 @@ class SideBySideSolver:
 
     def _have_met(self, kept: Sequence[dict[str, Any]], records: Pair[TickRecord]) -> bool:
         """Return whether the hands might have met in ticks of each alone, which began as `kept`."""
+        offset = self.hands[0].options.offset
+        # Balls around the palms that hold the hands are looked at first.
+        way = [np.vstack([fields["pose"][0].position, record.position]) for fields, record in zip(kept, records)]
+        moved = sum(norm(np.diff(places, axis=0)) for places in way)
+        between = norm((way[0] - way[1])[1:]) - moved
+        if (between > self._both[0].pairs.reach.sum() + offset).all():
+            return False
         for states, fields in zip(self._states, kept):
             copy_configuration(fields["pose"][0], states[0].pose)
-        offset = self.hands[0].options.offset
         count = len(records[0].position)
         return bool(find_meeting(self._arrays, offset, records, self._states, self._both[0]) < count)
 
