@@ -53,8 +53,7 @@ RANGES = {
 def check_range(name: str, value: Any) -> Any:
     """Return a number as int or float, like the range of that name in `RANGES`.
 
-    Raises:
-        InputError: No number, a fraction where a whole number is expected, or one outside of the range.
+    InputError for no number, a fraction where a whole number is expected, or one outside of the range.
     """
     least, greatest, unit, reason = RANGES[name]
     kind: Any = Integral if isinstance(greatest, int) else Real

@@ -129,8 +129,7 @@ class _Size:
 def measure(options: MeshSizeOptions, progress: Progress = silent) -> list[Row]:
     """Measure every size with both methods; return a row each, by the names of `COLUMNS`.
 
-    Raises:
-        TrajectoryError: The object cannot be grasped.
+    TrajectoryError if the object cannot be grasped.
     """
     hand = HandModel.default()
     for method in METHODS:

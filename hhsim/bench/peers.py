@@ -193,11 +193,7 @@ def installed(options: PeersOptions) -> tuple[list[Peer], list[str]]:
 
 
 def measure(options: PeersOptions, progress: Progress = silent) -> list[PeerRun]:
-    """Return the runs of all that is installed, scene by scene, method by method.
-
-    Raises:
-        InputError: coal, which measures against the mesh, or every method is missing.
-    """
+    """Return the runs of all that is installed, scene by scene, method by method; InputError without coal."""
     require_coal()
     peers, notes = installed(options)
     if not peers:

@@ -207,9 +207,7 @@ def backend_configurations(options: SpeedErrorOptions) -> list[Configuration]:
 def measure(options: SpeedErrorOptions, progress: Progress = silent) -> list[Run]:
     """Return the runs, scene by scene, configuration by configuration.
 
-    Raises:
-        TrajectoryError: A motion that cannot be done on an object.
-        InputError: coal is not installed, which measures against the mesh.
+    TrajectoryError for a motion that cannot be done on an object, InputError without coal, which measures the errors.
     """
     require_coal()
     hand = HandModel.default()

@@ -41,12 +41,9 @@ def metric_column(metric: str, name: str = "", of: str | Callable[[Any], Any] = 
 
 @dataclass(frozen=True)
 class BenchTable(Table):
-    """A table that was read back; each row is a dictionary by column name, of str, bool, int or float.
+    """A table that was read back: suite, options, and other attributes (versions, machine, revision, time).
 
-    Attributes:
-        suite: Name of the suite that wrote it.
-        options: Options of the run.
-        attributes: Other attributes of the file: versions, machine, revision, time.
+    Each row is a dictionary by column name, of str, bool, int or float.
     """
 
     suite: str = ""
@@ -140,11 +137,7 @@ def is_table(path: Path) -> bool:
 
 
 def load_table(path: Path) -> BenchTable:
-    """Read a table back from its HDF5 file.
-
-    Raises:
-        InputError: No such file, no HDF5, no table of hhsim bench, a newer schema, or a damaged file.
-    """
+    """Read a table from its HDF5 file; InputError: there is none, it is another file, of a newer schema, or damaged."""
     if not path.is_file():
         raise InputError(f"{path}: no such file; expected a table of hhsim bench (.h5)")
     try:
@@ -158,11 +151,7 @@ def load_table(path: Path) -> BenchTable:
 
 
 def rows_of(path: Path, suite: str) -> list[dict[str, Cell]]:
-    """Return the rows of a table of one suite.
-
-    Raises:
-        InputError: As `load_table`; or it is another suite's.
-    """
+    """Return the rows of a table of one suite; InputError as `load_table`, or for another suite's."""
     table = load_table(path)
     if table.suite != suite:
         raise InputError(f"{path} is a table of hhsim bench {table.suite}: expected one of hhsim bench {suite}")
@@ -225,13 +214,7 @@ def worst(values: ArrayLike) -> float:
 
 
 def figure(says: str, unit: str = "", total: Total | None = None, default: Any = MISSING) -> Any:
-    """Return a dataclass field that is a column.
-
-    Args:
-        says: What it is.
-        unit: SI unit.
-        total: Makes one value of those of several runs; None for a figure that does not sum up.
-    """
+    """Return a dataclass field that is a column: what it says, its SI unit, and what sums it up over runs, or None."""
     return field(default=default, metadata={"columns": lambda name: [Column(name, says, unit)], "total": total})
 
 

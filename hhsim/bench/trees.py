@@ -78,11 +78,7 @@ COLUMNS = (
 
 
 def comparison_object(name: str, size: float) -> Mesh:
-    """Return the shape of the references, or the object of the catalogue, with a longest extent of `size` [m].
-
-    Raises:
-        UnknownNameError: No such object.
-    """
+    """Return a reference's shape, or an object of the catalogue, of a longest extent [m]; else UnknownNameError."""
     if name in _REFERENCE_SHAPES:
         file = f"reference-{name}.ply"
         mesh = Mesh(*read_own_ply((files("hhsim.objects") / file).read_bytes(), file))
@@ -94,8 +90,7 @@ def comparison_object(name: str, size: float) -> Mesh:
 def measure(options: TreesOptions, progress: Progress = silent) -> list[Row]:
     """Build and measure every tree; return rows in the order of objects and sizes, references last of each object.
 
-    Raises:
-        HhsimError: An object that the builder cannot do, or coal is not installed.
+    HhsimError for an object that the builder cannot do, or without coal.
     """
     require_coal()
     # Compiles or loads every kernel, so that no tree is timed with it.

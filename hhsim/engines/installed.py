@@ -16,11 +16,7 @@ def lack_of(extra: str, *modules: str) -> str:
 
 
 def object_mesh(method: str, scene: MethodScene) -> Mesh:
-    """Return the mesh of a scene's object.
-
-    Raises:
-        InputError: The object is spheres alone.
-    """
+    """Return the mesh of a scene's object; InputError if it is spheres alone."""
     if scene.mesh is None:
         raise InputError(f"method {method} needs the object's mesh, and it is spheres alone")
     return scene.mesh

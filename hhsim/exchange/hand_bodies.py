@@ -23,12 +23,9 @@ DENSITY = 1000.0
 
 @dataclass(frozen=True)
 class HandJoint:
-    """Hinge of a body.
+    """Hinge of a body, named as the column of a submission without its unit: `index_abd`, `index_flex1`.
 
-    Attributes:
-        name: Column of a submission without its unit: `index_abd`, `index_flex1`.
-        axis: Unit vector about which a positive angle turns, shape (3,), frame of the body.
-        lower, upper: Limits [rad].
+    A positive angle turns about `axis`, unit, shape (3,), frame of the body; the limits are in rad.
     """
 
     name: str

@@ -215,12 +215,7 @@ class HandModel:
     ) -> "HandModel":
         """Return the hand of the published shares and these sizes [m], in x the mirror of a right one if it is left.
 
-        Args:
-            hand_breadth: None: in proportion to the length.
-            palm_level: Level of the palm's sphere tree.
-
-        Raises:
-            InputError: A size that no hand has, or an unknown side.
+        The default breadth is in proportion to the length. InputError for a size that no hand has, or an unknown side.
         """
         given = {"hand_length": hand_length, "hand_breadth": hand_breadth, "palm_level": palm_level}
         # Numbers of numpy count as numbers too.
@@ -310,10 +305,7 @@ class HandModel:
     ) -> FloatArray:
         """Compute the three joints and the tip sphere's centre of each finger [m], world, shape (5, 4, 3).
 
-        Arguments as a single `hhsim.hand.configuration.HandConfiguration`.
-
-        Raises:
-            InputError: An array of another shape.
+        Arguments as a single `hhsim.hand.configuration.HandConfiguration`; InputError for another shape.
         """
         joints = np.empty((5, 4, 3))
         forward_kinematics(

@@ -33,9 +33,7 @@ def self_pairs(hand: HandModel, fingers: Sequence[str] = FINGERS) -> SelfPairs:
 def self_clearance(hand: HandModel, pairs: SelfPairs, flexion: FloatArray, abduction: FloatArray) -> FloatArray:
     """Compute the least signed distance of a hand's own parts [m], shape (T,), or a lower bound that is not negative.
 
-    Args:
-        pairs: Of `self_pairs`.
-        flexion, abduction: Angles [rad], (T, 5, 3) and (T, 5); not finite gives NaN.
+    Angles [rad] of shapes (T, 5, 3) and (T, 5); not finite gives NaN.
     """
     poses, contacts = np.zeros(1, HAND_POSE), np.zeros(1, SELF_CONTACT)
     poses["orientation"][:, 0] = 1.0

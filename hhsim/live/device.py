@@ -258,12 +258,9 @@ class GloveDevice(FingerRelease):
     def _write_sample(
         self, row: np.void, now: int, good: bool, channels: ArrayLike, angles: tuple[ArrayLike, ArrayLike], **more: int
     ) -> None:
-        """Write the next sample into a row of `GLOVE_SAMPLE`, and count it.
+        """Write the next sample, flexion (5, 3) and abduction (5,) [rad], into a row of `GLOVE_SAMPLE`, and count it.
 
-        Args:
-            now: CLOCK_MONOTONIC when its bytes were read [ns].
-            angles: Flexion, shape (5, 3), and abduction, shape (5,) [rad].
-            more: device_time_ns, device_seq and battery, as far as they are known.
+        Its bytes were read at `now`; `more` has device_time_ns, device_seq and battery, as far as they are known.
         """
         row["seq"], row["time_ns"], row["good"] = self._seq, now, good
         for name in ("device_time_ns", "device_seq", "battery"):

@@ -83,12 +83,7 @@ def _ring_type(dtype: np.dtype[Any], capacity: int) -> np.dtype[Any]:
 
 
 class RingReader:
-    """Position of one reader in a ring, at first that of the oldest record.
-
-    Attributes:
-        next: Number of the next record, counted from the ring's beginning.
-        lost: Number of records that were overwritten before they were read.
-    """
+    """Position of one reader in a ring: its next record, at first the oldest, and how many were overwritten unread."""
 
     def __init__(self, ring: SharedRing) -> None:
         self._ring = ring

@@ -86,9 +86,7 @@ def usual_level(word: str) -> int | None:
 def load_object(name: str) -> CatalogueObject:
     """Load an object of the catalogue; its content hash shows that its mesh is the checked one.
 
-    Raises:
-        UnknownNameError: No such object; the message lists the near names.
-        MeshError: The shipped mesh is not the one that its description states.
+    UnknownNameError lists the near names; MeshError if the shipped mesh is not the one that its description states.
     """
     # Shell completion asks for names alone and must not wait for numpy.
     from hhsim.mesh.file import read_own_ply

@@ -112,11 +112,8 @@ class TetGrid:
     def surface(self, inside: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
         """Extract the surface between vertices inside, True in (V,), and outside, by marching tetrahedra.
 
-        It is closed, manifold, and wound outward.
-
-        Returns:
-            The edges that it cuts, as (vertex inside, vertex outside), shape (n, 2); its triangles, as indices of those
-            edges, shape (m, 3); and the tetrahedron of each triangle, shape (m,).
+        It is closed, manifold, and wound outward: the edges that it cuts, as (inside, outside), shape (n, 2), its
+        triangles, as indices of those edges, shape (m, 3), and the tetrahedron of each triangle, shape (m,).
         """
         leaves = self.leaves
         tet = self._tets.tet[leaves]

@@ -10,8 +10,7 @@ from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
 def distinct_rows(rows: AnyArray) -> tuple[IntArray, IntArray]:
     """Find equal rows of a table without NaN, shape (N, M); as `numpy.unique` along an axis, in a third of its time.
 
-    Returns:
-        The first row of each kind, in the order of their values, and the kind of each row, shape (N,).
+    Returns the first row of each kind, in the order of their values, and the kind of each row, shape (N,).
     """
     order = np.lexsort(rows.T[::-1])
     new = np.ones(len(rows), dtype=bool)
@@ -236,8 +235,7 @@ def face_samples(
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Sample points on faces (F, 3) of vertices (V, 3), about `count` by area, and one more on each face with an area.
 
-    Returns:
-        Points, shape (n, 3); the face of each, shape (n,), in order; and the area that each stands for, shape (n,).
+    Returns points, shape (n, 3), the face of each, shape (n,), in order, and the area that each stands for, shape (n,).
     """
     area = face_areas(vertices, faces)
     each = np.where(area > 0.0, 1 + np.floor(count * area / max(area.sum(), np.finfo(np.float64).tiny)), 0)

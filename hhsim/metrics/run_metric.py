@@ -81,11 +81,7 @@ def placed(first: int, *metrics: RunMetric, **also: Any) -> tuple[RunMetric, ...
 
 
 def declared_figures(package: ModuleType) -> dict[str, Any]:
-    """Return the `METRICS` of each module of a package by their names, in the order of their places.
-
-    Raises:
-        ValueError: Two figures have one name.
-    """
+    """Return the `METRICS` of each module of a package by name, in the order of places; ValueError for a name twice."""
     found: list[Any] = []
     for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
         found += getattr(importlib.import_module(module.name), "METRICS", ())

@@ -82,8 +82,7 @@ def npz_of(arrays: Mapping[str, Any]) -> bytes:
 def npy_with(data: bytes, values: FloatArray) -> bytes:
     """Return an `.npy` file with other values in the same header, of the same size and type.
 
-    Raises:
-        InputError: Numbers that are whole, or a header of a version that is not written.
+    InputError for whole numbers, or a header of a version that is not written.
     """
     stream = io.BytesIO(data)
     version = np.lib.format.read_magic(stream)
@@ -98,11 +97,7 @@ def npy_with(data: bytes, values: FloatArray) -> bytes:
 
 
 def npz_with(data: bytes, arrays: Mapping[str, FloatArray]) -> bytes:
-    """Return an archive with other values in some arrays; its other members, and the order of all, stay.
-
-    Raises:
-        InputError: As of `npy_with`, with the array's name.
-    """
+    """Return an archive with other values in some arrays, all else and the order as they are; errors as `npy_with`."""
     out = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(data)) as given, zipfile.ZipFile(out, "w") as made:
         for entry in given.infolist():

@@ -14,12 +14,7 @@ from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_matrix
 
 
 class ObjectMotion(NamedTuple):
-    """Frame of the object over time.
-
-    Attributes:
-        position: Origin [m], shape (T, 3), world.
-        orientation: Object to world, unit (w, x, y, z), shape (T, 4).
-    """
+    """Frame of the object over time: origin [m], (T, 3), and orientation to the world, unit (w, x, y, z), (T, 4)."""
 
     position: FloatArray
     orientation: FloatArray
@@ -37,9 +32,7 @@ class ObjectMotion(NamedTuple):
 class RigidMotion(NamedTuple):
     """Transformation at each tick from the frame that moves with the object to the world: x ↦ turn · x + shift.
 
-    Attributes:
-        turn: Unit quaternions (w, x, y, z), shape (T, 4).
-        shift: Translation [m], shape (T, 3).
+    Unit quaternions (w, x, y, z), shape (T, 4), and translations [m], shape (T, 3).
     """
 
     turn: FloatArray

@@ -68,12 +68,9 @@ def phase_names(phases: Iterable[Phase | TickPhase]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class RawChannel:
-    """Readings of the device before calibration, stored and never replayed.
+    """Readings of the device before calibration, shape (T, …), stored and never replayed.
 
-    Attributes:
-        name: A word without slashes.
-        values: Readings, shape (T, …).
-        unit: Unit; "" for plain numbers.
+    The name is a word without slashes, the unit "" for plain numbers.
     """
 
     name: str

@@ -59,11 +59,7 @@ def check_magnitude(label: str, values: FloatArray, limit: float, unit: str, que
 
 
 def continuous_orientation(quaternions: FloatArray, time: FloatArray, label: str = "orientation") -> FloatArray:
-    """Return unit quaternions without sign flips between neighbours, shape (T, 4).
-
-    Raises:
-        TrajectoryError: A quaternion of length zero or infinity.
-    """
+    """Return unit quaternions without sign flips, shape (T, 4); TrajectoryError for one of length zero or infinity."""
     with np.errstate(over="ignore"):
         norm = np.linalg.norm(quaternions, axis=1)
     faults = {"zero quaternion": norm < MIN_QUATERNION_NORM, "infinitely long quaternion": norm == np.inf}

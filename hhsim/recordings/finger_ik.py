@@ -60,10 +60,7 @@ def usual_fingers(side: HandSide = "right") -> dict[str, FloatArray]:
 class FingerAxes(NamedTuple):
     """Unit axes of a hand's fingers at zero abduction, palm frame, shape (5, 3) each.
 
-    Attributes:
-        distal: Direction of the straight finger.
-        dorsal: Direction out of its back, about which it abducts.
-        across: Direction of a positive abduction, to the thumb's side.
+    Along the straight finger, out of its back, about which it abducts, and of a positive abduction, to the thumb.
     """
 
     distal: FloatArray

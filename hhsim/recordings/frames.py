@@ -130,9 +130,7 @@ def posed_tree(parents: Sequence[int], rest: FloatArray, turns: FloatArray) -> t
 class FileFrame(NamedTuple):
     """Coordinates of a file: x_world = metre · turn · x_file.
 
-    Attributes:
-        turn: Axes of the file in our world, shape (3, 3); orthogonal, with determinant -1 for a left-handed world.
-        metre: Unit of its lengths [m].
+    `turn`, shape (3, 3), is orthogonal, with determinant -1 for a left-handed world; `metre` is the unit [m].
     """
 
     turn: FloatArray = np.eye(3)

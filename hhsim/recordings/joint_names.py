@@ -78,11 +78,7 @@ def joint_name(text: str) -> JointName:
 
 
 def recognised(joints: Collection[str], side: HandSide = "") -> str:
-    """Describe joints by number and convention for messages, such as "26 OpenXR joints of the right hand named".
-
-    Raises:
-        TrajectoryError: One of the 21 is missing.
-    """
+    """Describe joints, such as "26 OpenXR joints of the right hand named"; TrajectoryError without one of the 21."""
     known = set(joints) & set(OPENXR_JOINTS)
     sets = {"OpenXR joints": OPENXR_JOINTS, "WebXR joints": WEBXR_JOINTS, "joints in MediaPipe's set": KEYPOINTS}
     convention = next((text for text, names in sets.items() if known == set(names)), "")

@@ -72,11 +72,7 @@ class _Decimal(float):
 
 
 class PlacedJson:
-    """JSON whose numbers can be replaced in its text.
-
-    Attributes:
-        document: As of `read_json`; its numbers are known by `edits`.
-    """
+    """JSON `document`, as of `read_json`, whose numbers can be replaced in its text."""
 
     def __init__(self, text: str) -> None:
         self._spans = [found.span() for found in _TOKEN.finditer(text) if found[0][0] != '"']

@@ -372,11 +372,7 @@ def _distance_read_back(
 
 
 def exported(form: str, suffix: str, motion: HandMotion) -> bytes:
-    """Return the content of a new file of a format, whose suffix is one that it takes.
-
-    Raises:
-        InputError: A format in which no file is made, or another suffix.
-    """
+    """Return the content of a new file of a format; InputError if none is made, or for another suffix."""
     formats = {name: each for name, each in recording_formats().items() if each.make is not None}
     if form not in formats:
         raise UnknownNameError("format", form, formats)

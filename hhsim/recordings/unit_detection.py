@@ -67,8 +67,7 @@ _OWN_CLOCK = {"device", "sample", "capture", "tracking", "sensor"}
 def clean_units(recording: Recording) -> Recording:
     """Convert stamps to s, positions to m, angles to rad.
 
-    Raises:
-        TrajectoryError: A unit is wrong, and several others are possible or the unit was stated.
+    TrajectoryError if a unit is wrong, and several others are possible or the unit was stated.
     """
     return _angles(_lengths(_from_zero(_stamps(recording))))
 
@@ -202,12 +201,7 @@ def _converted(recording: Recording, text: str) -> Recording:
 
 
 class TimeColumn(NamedTuple):
-    """Column of stamps.
-
-    Attributes:
-        unit: Unit: s, ms, us or ns; None if the name does not say.
-        others: Other columns of stamps in the file.
-    """
+    """Column of stamps, its unit (s, ms, us, ns; None if the name does not say), and other such columns of the file."""
 
     name: str
     unit: str | None

@@ -58,13 +58,10 @@ class BothRepaired:
 def repair_both_hands(
     request: RepairRequest, *, command: Sequence[str] = (), progress: Progress = silent
 ) -> BothRepaired:
-    """Repair the right hand of a recording, and then the left one of what that wrote.
+    """Repair the right hand of a recording, and then the left one of what that wrote; errors as `repair_recording`.
 
     Report, result and picture of each lie beside `request.out`, with its side in their names; the results are joined
     where the hands are in the same frames. Each hand is kept out of the object, not of the other hand.
-
-    Raises:
-        HhsimError: As `repair_recording`.
     """
     out, given = request.out, request.recording
     check_output_path(out)

@@ -16,12 +16,7 @@ CLEAR = 2e-6
 
 
 class HandJudge:
-    """Clearance of hands by closest points, with nothing of the solver.
-
-    Args:
-        hand: Hand model.
-        surface: Object's surface, of a closed mesh.
-    """
+    """Clearance of hands from a closed mesh by closest points, with nothing of the solver."""
 
     def __init__(self, hand: HandModel, surface: ContactSurface) -> None:
         assert surface.mesh is not None

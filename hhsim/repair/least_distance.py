@@ -13,12 +13,7 @@ INFEASIBLE = 1e-10
 
 
 def nearest_to_origin(rows: FloatArray, bounds: FloatArray) -> FloatArray | None:
-    """Compute the shortest x with rows · x ≥ bounds; None if there is none.
-
-    Args:
-        rows: Shape (m, n), of the order of 1.
-        bounds: Shape (m,).
-    """
+    """Compute the shortest x with rows · x ≥ bounds, of shapes (m, n) and (m,); None if there is none."""
     from scipy.optimize import nnls
 
     matrix, target = np.vstack([rows.T, bounds]), np.append(np.zeros(rows.shape[1]), 1.0)

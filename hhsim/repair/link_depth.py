@@ -18,13 +18,7 @@ DEPTH_FRAMES = 500
 
 
 class LinkDepth(NamedTuple):
-    """Depth of a robot's links in an object at some frames.
-
-    Attributes:
-        frames: Numbers of the frames, shape (K,).
-        depth: Of the deepest link [m], 0 outside, shape (K,).
-        link: Names of the deepest links, "" outside.
-    """
+    """Depth of a robot's deepest link in an object at some frames [m], 0 outside, and its name, else "", shape (K,)."""
 
     frames: IntArray
     depth: FloatArray

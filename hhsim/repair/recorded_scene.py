@@ -101,12 +101,9 @@ class RecordedScene:
         return replace(skin, vertices=vertices if self.moved is None else self.moved.seen_points(vertices))
 
     def judged(self, joints: FloatArray, posture: HandConfiguration, skin: Skin | None) -> FieldHands:
-        """Return a hand as it is judged: by its skin, or else by cones around its joints and the palm.
+        """Return a hand as it is judged: by its skin, or else by cones around its joints and the palm of our hand.
 
-        Args:
-            joints: In the order of `KEYPOINTS`, as the object sees them [m], shape (F, 21, 3).
-            posture: Our hand in each frame, which tells the palm.
-            skin: Skin as the object sees it.
+        All are as the object sees them, joints [m] in the order of `KEYPOINTS`, shape (F, 21, 3).
         """
         hand, mesh, time = self.scene.hand, self.scene.mesh, self.scene.ticks.time
         world = joints if self.moved is None else self.moved.points(joints)

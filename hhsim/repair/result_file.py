@@ -36,15 +36,9 @@ def write_result(
     command: Sequence[str] = (),
     progress: Progress = silent,
 ) -> ReplaySummary:
-    """Write the result file of repaired frames.
+    """Write the result file of repaired frames, as the object sees them; OutputError if it cannot be written.
 
-    Args:
-        scene: Object and recorded hand; its ticks are the frames.
-        surface: Surface of the object that bears the forces.
-        posture: Repaired hand of each frame, as the object sees it.
-
-    Raises:
-        OutputError: The file cannot be written.
+    Ticks of the scene are the frames; `surface` bears the forces.
     """
     forces = equilibrium_forces(scene, surface, posture)
     submission = Submission(METHOD, "", scene.ticks.time, posture, *forces)
@@ -62,8 +56,7 @@ def equilibrium_forces(
 ) -> tuple[FloatArray, FloatArray]:
     """Compute the contact forces that balance the coupling where a hand comes to rest from a posture [N].
 
-    Returns:
-        Forces on the phalanges, shape (T, 5, 3, 3), and on the palm, shape (T, 3), as the object sees them.
+    They are on the phalanges, shape (T, 5, 3, 3), and on the palm, shape (T, 3), as the object sees them.
     """
     options = SolverOptions(surface="mesh", linearisations=LINEARISATIONS, budget=UNLIMITED)
     solver = HandSolver(scene.hand, surface, options)

@@ -59,11 +59,9 @@ class LinkShape(NamedTuple):
 
 
 class RobotPoints(NamedTuple):
-    """Points of a robot's hand in the frame of its root [m], and their derivatives by the joints.
+    """Points of a robot's hand in the frame of its root [m], and their derivatives by the joints, (F, 3, J).
 
-    Attributes:
-        tips, bases: Fingertips and first joints of the fingers, shape (F, 3).
-        tips_by_joint, bases_by_joint: Derivatives, shape (F, 3, J).
+    Fingertips and first joints of the fingers have shape (F, 3).
     """
 
     tips: FloatArray
@@ -250,11 +248,7 @@ class RobotHand:
 
 
 def find_robot(word: str, side: str = "right") -> Path:
-    """Return the file of a robot's hand: a path, or a name of `NAMED` by the package robot_descriptions.
-
-    Raises:
-        InputError: No such file, or the package is missing, or cannot get the description.
-    """
+    """Return the file of a robot's hand: a path, or a name of `NAMED`; InputError if there is none."""
     if word not in NAMED:
         path = Path(word)
         if not path.is_file():

@@ -43,8 +43,7 @@ class RobotMotion:
 def robot_motion(result: Result, robot: RobotHand, progress: Progress = silent) -> RobotMotion:
     """Compute the motion of a robot's hand by the shown hand of a result, tick by tick.
 
-    Raises:
-        InputError: A result without ticks, or whose mesh cannot be read.
+    InputError for a result without ticks, or whose mesh cannot be read.
     """
     seen = result.seen_from_object
     fingers = [FINGERS.index(finger) for finger in robot.fingers]

@@ -66,11 +66,7 @@ def mano_skin(
     betas: FloatArray,
     frame: FileFrame | None = None,
 ) -> Skin:
-    """Compute the skin of a MANO hand; arguments as of `ManoModel.keypoints`, in the coordinates of a file's `frame`.
-
-    Raises:
-        TrajectoryError: The model has no faces.
-    """
+    """Compute the skin of a MANO hand, as `ManoModel.keypoints`, in a file's `frame`; TrajectoryError without faces."""
     if not len(model.faces):
         raise TrajectoryError("the MANO model has no triangles; expected its array 'f'")
     frame = FileFrame() if frame is None else frame
@@ -123,10 +119,7 @@ def _outward(faces: IntArray, frame: FileFrame) -> IntArray:
 def nearest_bone(hand: HandModel, fitted: HandConfiguration, vertices: FloatArray) -> IntArray:
     """Return the bone of each vertex, shape (V,): least mean distance of the hand's bodies over the frames.
 
-    Args:
-        hand: Hand model; the palm's body is its spheres.
-        fitted: Configurations of the hand, T frames.
-        vertices: [m], world, shape (T, V, 3).
+    Vertices [m], world, have shape (T, V, 3); the palm's body is its spheres.
     """
     looks = np.unique(np.linspace(0, len(vertices) - 1, LOOKS).astype(np.int64))
     placed = forward_kinematics(hand, *fitted.at(looks))
@@ -155,12 +148,7 @@ def palm_distance(hand: HandModel, points: FloatArray) -> FloatArray:
 def cone_coordinates(joints: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Compute the place of points along each phalanx of a finger, from its first joint, and across its axis.
 
-    Args:
-        joints: Joints and tip of the finger [m], shape (T, 4, 3).
-        points: [m], shape (T, V, 3).
-
-    Returns:
-        Both coordinates [m], shapes (T, V, 3): one column a phalanx.
+    Of joints and tip [m], shape (T, 4, 3), and points [m], shape (T, V, 3); both [m], (T, V, 3): one column a phalanx.
     """
     axis = np.diff(joints, axis=1)
     axis /= np.linalg.norm(axis, axis=2, keepdims=True)

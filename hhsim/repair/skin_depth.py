@@ -41,14 +41,9 @@ DOF = 26
 
 
 def skin_depth(mesh: Mesh, vertices: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Compute how deep the deepest vertex of each frame lies inside a mesh.
+    """Compute how deep the deepest vertex of each frame lies inside a watertight mesh [m], shape (T,), 0 outside.
 
-    Args:
-        mesh: Watertight and wound outward [m].
-        vertices: In the frame of the mesh [m], shape (T, V, 3); NaN counts as outside.
-
-    Returns:
-        Depth [m], shape (T,), 0 outside, and the deepest vertex, shape (T,), -1 for a frame without one inside.
+    Vertices [m] have shape (T, V, 3); NaN counts as outside. Returns also the deepest vertex, (T,), -1 for none inside.
     """
     bvh = object_bvh(mesh)
     depth, deepest = np.zeros(len(vertices)), np.full(len(vertices), -1)

@@ -19,13 +19,9 @@ TOLERANCE = 1e-6
 
 
 class FrameProgram(NamedTuple):
-    """Program of a frame: least x·H·x / 2 − p·x with rows · x ≥ bounds.
+    """Program of a frame: least x·H·x / 2 − p·x with rows · x ≥ bounds; H is `hessian`, p is `pull`.
 
     The first 26 of the n variables are the next change of the hand; others are slacks of rows that may give way.
-
-    Attributes:
-        hessian, pull: H, shape (n, n), and p, shape (n,).
-        rows, bounds: Shapes (m, n) and (m,).
     """
 
     hessian: FloatArray

@@ -47,13 +47,7 @@ class Start(NamedTuple):
 
 
 class FrameFollower:
-    """Follows the frames of one recording.
-
-    Args:
-        hand: Hand model.
-        surface: Closed mesh.
-        frames: Recorded hands, finite, T of them.
-    """
+    """Follows the recorded frames of one hand, finite, on a closed mesh."""
 
     def __init__(self, hand: HandModel, surface: ContactSurface, frames: HandConfiguration) -> None:
         self.hand, self.surface, self.frames = hand, surface, frames
@@ -92,8 +86,7 @@ class FrameFollower:
     def arrive(self, origin: HandConfiguration, goal: HandConfiguration) -> HandConfiguration:
         """Return the graphic hand at rest after the haptic hand has moved from an origin to a goal, T = 1 each.
 
-        Raises:
-            HhsimError: More pairs were near than the solver holds.
+        HhsimError if more pairs were near than the solver holds.
         """
         moved = float(farthest(self._points(origin), self._points(goal))[0])
         steps = min(MOST_SUBSTEPS, int(np.ceil(moved / SUBSTEP)))

@@ -19,11 +19,7 @@ if TYPE_CHECKING:
 
 
 class StillFrame:
-    """Frame of an object that stands still in some ticks, which is the world's.
-
-    Attributes:
-        haptic: Haptic hand as the object sees it at the end of each tick.
-    """
+    """Frame of an object that stands still, which is the world's; the haptic hand is that at the end of each tick."""
 
     def __init__(self, haptic: HandConfiguration) -> None:
         self.haptic = haptic
@@ -56,14 +52,7 @@ class MovingFrame(StillFrame):
 
 
 class FreeFrame(MovingFrame):
-    """Frame of a free object.
-
-    Args:
-        haptic: Haptic hand, world.
-        ticks: Record of the object.
-        position, orientation: Origin (3,) [m] and orientation (4,) of the object's own frame before the first tick,
-            world.
-    """
+    """Frame of a free object, whose own one is at `position` [m] and `orientation` before the first tick, world."""
 
     def __init__(
         self, haptic: HandConfiguration, ticks: ObjectRecord, position: AnyArray, orientation: AnyArray

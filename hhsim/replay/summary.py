@@ -116,13 +116,9 @@ def summarise(
     *,
     of_paper: bool = False,
 ) -> ReplaySummary:
-    """Compute the table of a run that has just ended.
+    """Compute the table of a run that has just ended, of datasets of /tick as the object sees them.
 
-    Args:
-        surface: Object's surface as it was touched.
-        series: Datasets of /tick, as the object sees them.
-        free: Datasets of /tick and /contact of a free object, world; unused for another object.
-        of_paper: True to show the paper's figures.
+    Of a free object `free` has those of /tick and /contact, world. `of_paper` shows the paper's figures.
     """
     ticks, motion, parts = scene.ticks, scene.trajectory, scene.parts
     fingers = np.array([finger in options.fingers for finger in FINGERS])

@@ -62,8 +62,7 @@ def bench_trade_off(suite: str, rows: Sequence[Row]) -> ReportFigure | None:
 def draw_trade_off(path: Path, suite: str, rows: Sequence[Row], peers: Sequence[Row] = ()) -> None:
     """Write the picture of a table; engines of `peers`, rows of a table of `hhsim bench peers`, are drawn in grey.
 
-    Raises:
-        InputError, OutputError: As `check_picture` and `save_figure`.
+    Errors as `check_picture` and `save_figure`.
     """
     check_picture(path)
     drawing, _ = _drawing(suite, rows, peers)

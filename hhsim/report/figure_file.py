@@ -67,11 +67,7 @@ def make_figure(paths: Sequence[Path], name: str) -> ReportFigure:
 
 
 def write_figure(figure: ReportFigure, output_path: Path, width: float) -> None:
-    """Write a figure `width` inches wide in the format of the file's ending; letters stay letters, lines stay lines.
-
-    Raises:
-        OutputError: The file cannot be written, as on a full disk.
-    """
+    """Write a figure `width` inches wide in the format of the ending; OutputError as on a full disk."""
     assert figure.drawing is not None
     narrow = width < NARROW
     with new_figure(width, figure.drawing.height(width, narrow)) as drawn:

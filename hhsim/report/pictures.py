@@ -53,11 +53,7 @@ class Shot:
 
 
 def overview_picture(result: Result) -> ReportFigure:
-    """Draw the hand on the object at `overview_tick`.
-
-    Raises:
-        InputError: The result holds no tick, or its hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
-    """
+    """Draw the hand on the object at `overview_tick`; InputError without a tick, or as `stored_hand`."""
     tick = overview_tick(result)
     shot = _shot(result, tick, None)
     camera = _camera(shot, OVERVIEW)

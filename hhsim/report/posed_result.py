@@ -43,8 +43,7 @@ class PosedResult(Result):
 def posed_result(result: Result) -> PosedResult:
     """Compute the depths of a result from its poses, seen from its object, in its columns and in its summary.
 
-    Raises:
-        InputError: The file cannot be read, or its tree is damaged.
+    InputError if the file cannot be read, or its tree is damaged.
     """
     result = result.seen_from_object
     touched = touched_object(result)

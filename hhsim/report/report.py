@@ -99,11 +99,7 @@ class ReportFiles:
 
 
 def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report:
-    """Make the page of results and tables of `hhsim bench`, in the order of the files.
-
-    Raises:
-        InputError: A file that is neither a result nor a table of hhsim bench.
-    """
+    """Make the page of results and tables of `hhsim bench`, in the order of the files; InputError for another file."""
     tables = {path: bench_file.load_table(path) for path in paths if bench_file.is_table(path)}
     results = [load_result(hand) for path in paths if path not in tables for hand in hand_paths(path)]
     steps = itertools.count()

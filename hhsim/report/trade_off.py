@@ -100,11 +100,9 @@ class TradeOff:
 def trade_off_drawing(
     panels: Sequence[TradeOff], names: Mapping[str, tuple[str, str]], size: tuple[float, float]
 ) -> Drawing:
-    """Return the drawing of panels.
+    """Return the drawing of panels, whose least width with labels, and height, are `size` [inches].
 
-    Args:
-        names: Colour and mark by label in the legend.
-        size: Least width of a panel with its labels, and its height [inches].
+    `names` has colour and mark by label in the legend.
     """
 
     def across_of(width: float, narrow: bool) -> int:

@@ -252,11 +252,7 @@ class Result:
                 }
 
     def at(self, tick: int, names: Sequence[str]) -> dict[str, AnyArray]:
-        """Read one tick of datasets of /tick.
-
-        Raises:
-            InputError: There is no such tick.
-        """
+        """Read one tick of datasets of /tick; InputError if there is no such tick."""
         if not isinstance(tick, SupportsIndex) or not 0 <= int(tick) < self.ticks:
             raise InputError(f"{self.path} has no tick {tick}: it has {self.ticks:,}, counted from 0")
         with _opened(self.path) as file:
@@ -305,11 +301,7 @@ class Result:
         return next((phase.name for phase in self.phases if phase.first_tick <= tick <= phase.last_tick), "")
 
     def phase(self, name: str) -> slice:
-        """Ticks of the first phase of that name.
-
-        Raises:
-            InputError: The result has no such phase.
-        """
+        """Ticks of the first phase of that name; InputError if there is none."""
         for phase in self.phases:
             if phase.name == name:
                 return slice(phase.first_tick, min(phase.last_tick + 1, self.ticks))
@@ -318,11 +310,7 @@ class Result:
 
 
 def hand_paths(path: Path) -> list[Path]:
-    """Return the paths of the results in a file: its own, or `FILE/right` and `FILE/left` where it holds two hands.
-
-    Raises:
-        InputError: As `load_result`.
-    """
+    """Return the results in a file: its path, or `FILE/right` and `FILE/left` of two hands; errors as `load_result`."""
     if is_one_of_two(path):
         return [path]
     with _opened(path) as file:

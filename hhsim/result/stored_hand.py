@@ -32,11 +32,7 @@ def sphere_tree_of(arrays: Mapping[str, AnyArray] | Result, group: str) -> Spher
 
 
 def result_hand(result: Result) -> HandModel:
-    """Build the stored hand, unchecked (`hhsim.replay.stored_scene.stored_hand` checks it against the run).
-
-    Raises:
-        InputError: Arrays that are no hand.
-    """
+    """Build the stored hand, unchecked (`hhsim.replay.stored_scene.stored_hand` checks it); InputError for no hand."""
     sizes, static = result.scene["hand"], result.static
     return HandModel(
         side=sizes["side"],

@@ -281,13 +281,7 @@ def state(path: Path, name: str, document: Mapping[str, Any]) -> None:
 def add_skin(path: Path, vertices: AnyArray, faces: AnyArray) -> None:
     """Add the skin of the shown hand to a complete result, or replace it, and seal it anew.
 
-    Args:
-        path: The result.
-        vertices: Vertices at each tick [m], world, shape (T, V, 3).
-        faces: Triangles, shape (F, 3).
-
-    Raises:
-        OutputError: The file cannot be written, and stays as it was.
+    Vertices [m], world, have shape (T, V, 3), triangles (F, 3). OutputError leaves the file as it was.
     """
     arrays = _checked({"vertices": vertices, "faces": faces}, SKIN_COLUMNS, lambda column: column.shape)
     partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")

@@ -69,12 +69,9 @@ class Wanted(Settings, frozen=True):
 
 @dataclass(frozen=True)
 class Demonstration:
-    """A recorded motion that touches any object.
+    """A recorded motion that touches any object; the recording's own object pose is ignored.
 
-    Attributes:
-        motion: Recording; its object pose is ignored.
-        touch: Finger that touches, and how deep.
-        title, stresses: What the hand does, and what that demands of a method.
+    It has a title, what it stresses, and the finger that touches, with its depth.
     """
 
     motion: Trajectory
@@ -114,8 +111,7 @@ def is_demonstration(table: dict[str, Any]) -> bool:
 def parse_demonstration(text: str, *, name: str, folder: Path | Traversable, where: str) -> Demonstration:
     """Read a demonstration from TOML text; `folder` has the recording, `where` names the text in messages.
 
-    Raises:
-        TrajectoryError: Not TOML, an unknown value, or no recording.
+    TrajectoryError if it is not TOML, has an unknown value, or no recording.
     """
     table = parse_settings(text, _DemonstrationTable, where, TrajectoryError)
     entry = folder / table.recording

@@ -194,8 +194,7 @@ class JointedThing(Settings, frozen=True):
     def poses(self, values: Mapping[str, FloatArray]) -> dict[str, tuple[FloatArray, FloatArray]]:
         """Return position [m] (T, 3) and orientation (T, 4) of each part in the thing's frame, by its name.
 
-        Args:
-            values: Of each joint [rad] or [m], (T,), by the name of its part.
+        `values` has those of each joint [rad] or [m], (T,), by the name of its part.
         """
         steps = len(next(iter(values.values()))) if values else 1
         known: dict[str, tuple[FloatArray, FloatArray]] = {}

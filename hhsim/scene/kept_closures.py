@@ -103,11 +103,7 @@ def encoded(closure: FingerClosure) -> Fields:
 
 
 def decoded(fields: Fields) -> FingerClosure:
-    """Return the closure of such fields.
-
-    Raises:
-        KeyError, TypeError, ValueError: They are none of a closure.
-    """
+    """Return the closure of such fields; KeyError, TypeError or ValueError if they are none of a closure."""
     parts: dict[str, Any] = {name: tuple(fields[name]) for name in _FINGERS}
     parts |= {name: np.array(fields[name], np.float64).reshape(shape) for name, shape in _SHAPES.items()}
     return FingerClosure(**parts)

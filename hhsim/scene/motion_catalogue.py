@@ -180,11 +180,7 @@ def import_remarks(motion: Any, word: str) -> list[str]:
 
 
 def read_imported(path: Path, hand: HandSide = "") -> "Recording":
-    """Read a recording as `hhsim import` does without options, but for the hand.
-
-    Raises:
-        InputError, TrajectoryError: As `hhsim.recordings.registry.read_recording`.
-    """
+    """Read a recording as `hhsim import` does without options, but for the hand; errors as `read_recording`."""
     from hhsim.recordings.registry import ReadOptions, read_recording
 
     try:

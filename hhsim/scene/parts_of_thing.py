@@ -44,13 +44,7 @@ def box_mesh(edges: Sequence[float], name: str = "") -> Mesh:
 
 @dataclass(frozen=True, eq=False)
 class ThingParts:
-    """A thing with the meshes of its parts, in their frames [m].
-
-    Attributes:
-        name: Of the thing.
-        thing: Its joints and where parts are.
-        meshes: In the order of the parts.
-    """
+    """A thing with the meshes of its parts, in their frames [m] and in the order of the parts."""
 
     name: str
     thing: JointedThing

@@ -35,8 +35,7 @@ def holds_two_hands(word: str) -> bool:
 def two_handed_motions(word: str) -> tuple[Motion, Motion]:
     """Return the motions of the right and of the left hand that a word on the command line means, over the same time.
 
-    Raises:
-        UnknownNameError, TrajectoryError: As `resolve_trajectory`; a motion of one hand, or hands never seen together.
+    Errors as `resolve_trajectory`; also for a motion of one hand, or hands never seen together.
     """
     path = Path(word)
     if is_imported(path):

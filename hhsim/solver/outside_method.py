@@ -37,13 +37,9 @@ UNIT = 1e-6
 
 @dataclass(frozen=True)
 class MethodScene:
-    """Scene of a method before the first tick: copies, which it may change.
+    """Scene of a method before the first tick: copies, which it may change, of hand, options, mesh and sphere tree.
 
-    Attributes:
-        hand: Sizes, joint limits, and the spheres of the palm.
-        mesh: Object [m], world; None where it is spheres alone.
-        tree: Its sphere tree [m], world; None where it is triangles alone.
-        options: Stiffness of the coupling, tick period, margin, and the surface that is judged.
+    Mesh and tree are in the world [m], None where the object is only the other of them.
     """
 
     hand: HandModel

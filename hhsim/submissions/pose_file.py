@@ -46,12 +46,7 @@ LOOSE_UNIT = 1e-3
 
 @dataclass(frozen=True)
 class Part:
-    """Array of a submission.
-
-    Attributes:
-        shape: Shape of a tick's value.
-        columns: Columns of the CSV table.
-    """
+    """Shape of a tick's value, and its columns of the CSV table."""
 
     shape: tuple[int, ...]
     unit: str

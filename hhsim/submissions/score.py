@@ -91,13 +91,7 @@ def _off_best(scene: Scene, options: SolverOptions, placed: PlacedHand) -> tuple
 
 @dataclass(frozen=True)
 class Score:
-    """Measures of a submission.
-
-    Attributes:
-        summary: Table of the run, as `hhsim replay` has it.
-        suspicions: Probable mistakes, a line each.
-        scene: Digest of the scene.
-    """
+    """Table of a run as `hhsim replay` has it, its probable mistakes, a line each, and the digest of its scene."""
 
     summary: ReplaySummary
     errors: PoseErrors

@@ -34,12 +34,9 @@ USUAL_SCENE = {"rate": 1000.0, "samples": "interpolate", "seed": 0}
 
 
 class SweptObject(Settings, frozen=True, rename={"word": "file"}):
-    """Object of a plan.
+    """An object by a name of the catalogue, or a mesh file, relative to the plan's folder, and its name in tables.
 
-    Attributes:
-        word: A name of the catalogue, or a mesh file, relative to the plan's folder.
-        name: Name in tables.
-        unit, size_mm, thickness_mm: As `hhsim.scene.described_scene.SceneWords`.
+    Its sizes are as of `hhsim.scene.described_scene.SceneWords`.
     """
 
     word: str

@@ -38,11 +38,7 @@ CONFIGURATIONS = {
 
 
 def mujoco_pinch(pinch: Pinch, options: EngineOptions) -> PinchOutcome:
-    """Pinch, lift and hold in MuJoCo.
-
-    Raises:
-        ImportError: It is not installed.
-    """
+    """Pinch, lift and hold in MuJoCo; ImportError where it is not installed."""
     import mujoco
 
     model = mujoco.MjModel.from_xml_string(_scene(pinch, options))
@@ -63,11 +59,7 @@ def mujoco_pinch(pinch: Pinch, options: EngineOptions) -> PinchOutcome:
 
 
 def mujoco_rest(rest: Rest, options: EngineOptions) -> tuple[float, float]:
-    """Return the creep of a cube on a table after `QUIET` ticks, and its largest depth [m].
-
-    Raises:
-        ImportError: It is not installed.
-    """
+    """Return the creep of a cube on a table after `QUIET` ticks, and its largest depth [m]; ImportError without it."""
     import mujoco
 
     model = mujoco.MjModel.from_xml_string(_scene(rest, options))

@@ -170,12 +170,9 @@ LIFTED = 0.9
 
 @dataclass(frozen=True)
 class PinchOutcome:
-    """Outcome of a pinch; figures of the hold are those after its first `QUIET` ticks.
+    """Whether a block was lifted, its creep [m] (NaN if not), and the largest depth of a fingertip in it [m].
 
-    Attributes:
-        lifted: True if the block was lifted.
-        creep: Change of the block's height in the hold [m]; NaN if it was not lifted.
-        depth: Largest depth of a fingertip in the block [m].
+    Figures are of the hold after its first `QUIET` ticks.
     """
 
     lifted: bool
@@ -274,11 +271,9 @@ class Rest:
     gravity: float = 9.81
 
     def creep(self, center: FloatArray, orientation: FloatArray) -> float:
-        """Return the largest way of a corner [m].
+        """Return the largest way of a corner [m], from the cube's centres [m], shape (ticks, 3).
 
-        Args:
-            center: Of the cube at every tick [m], shape (ticks, 3).
-            orientation: Of the first and the last of them, (w, x, y, z), shape (2, 4).
+        `orientation` has the first and the last one, (w, x, y, z), shape (2, 4).
         """
         moved = float(np.linalg.norm(center - center[0], axis=1).max())
         return moved + 0.5 * self.side * math.sqrt(3.0) * turned_by(orientation[0], orientation[1])
@@ -330,12 +325,7 @@ def gripper_options(stiffness: float = 1000.0) -> SolverOptions:
 
 
 def closed(inward: FloatArray, position: FloatArray) -> HandConfiguration:
-    """Return the haptic hand whose fingertips have moved inward.
-
-    Args:
-        inward: Way of either tip along its arc about the first joint [m], shape (T,).
-        position: Of the palm [m], world, shape (T, 3).
-    """
+    """Return the haptic hand whose tips have moved inward along their arcs [m], (T,); palm [m], world, (T, 3)."""
     ticks = len(inward)
     flexion = np.zeros((ticks, 5, 3))
     flexion[:, THUMB, 0] = flexion[:, INDEX, 0] = np.asarray(inward) / REACH

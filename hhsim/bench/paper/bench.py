@@ -96,12 +96,7 @@ class PaperRuns:
 
 
 def measure(options: PaperOptions, progress: Progress = silent) -> PaperRuns:
-    """Play everything.
-
-    Raises:
-        TrajectoryError: A motion that cannot be done on an object.
-        HhsimError: A scene that a method cannot play, or not twice alike.
-    """
+    """Play everything; errors as `make_stages` and `play_in_turns`."""
     hand = HandModel.default()
     for method in options.methods:
         warm_up(hand, SolverOptions(method=method))

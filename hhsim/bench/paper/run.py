@@ -151,11 +151,7 @@ class SceneRun:
 
 
 def play(stage: Stage, options: SolverOptions) -> SceneRun:
-    """Play a scene for the first time and measure everything.
-
-    Raises:
-        HhsimError: The solver cannot hold the scene's contacts.
-    """
+    """Play a scene for the first time and measure everything; HhsimError if the solver cannot hold its contacts."""
     records = _run(stage, options)
     record = joined_record(records)
     names = {phase.name for motion in stage.motions for phase in motion.phases} - {"approach", "release"}
@@ -193,11 +189,7 @@ def play(stage: Stage, options: SolverOptions) -> SceneRun:
 
 
 def play_again(run: SceneRun) -> None:
-    """Play a scene once more, for its times.
-
-    Raises:
-        HhsimError: The poses are not those of the first time.
-    """
+    """Play a scene once more, for its times; HhsimError if the poses are not those of the first time."""
     record = joined_record(_run(run.stage, run.options))
     if digest_of(record) != run.digest:
         raise HhsimError(

@@ -50,14 +50,7 @@ RUN, RUNS = 25, 5
 
 @dataclass(frozen=True, kw_only=True)
 class QpBenchOptions:
-    """Options of the suite.
-
-    Attributes:
-        problems: Number of programs to harvest.
-        objects: Objects of the catalogue.
-        motions: Motions of the catalogue, or `RANDOM`.
-        seed: Seed of the motions.
-    """
+    """Number of programs to harvest, objects and motions of the catalogue (or `RANDOM`), and seed of the motions."""
 
     problems: int = 100_000
     objects: tuple[str, ...] = OBJECTS
@@ -72,14 +65,7 @@ class QpBenchOptions:
 
 @dataclass(frozen=True)
 class TickProgram:
-    """One program of a tick.
-
-    Attributes:
-        kind: `coupled`, `palm`, `palm+fingers` or `finger`.
-        source: Scene that it is from.
-        tick: Tick of the scene's motion.
-        step: Linearisation of that tick, from 0.
-    """
+    """Program of a step, from 0 on, in a tick of a scene's motion; `kind` is coupled, palm, palm+fingers or finger."""
 
     kind: str
     problem: QpProblem

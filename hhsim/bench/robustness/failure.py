@@ -48,13 +48,9 @@ Trial = Callable[[HandConfiguration], Trace]
 
 @dataclass(frozen=True, eq=False)
 class Shrunk:
-    """A motion that fails.
+    """A motion that fails, whose first sample is where the graphic hand starts, and its trace.
 
-    Attributes:
-        motion: Its first sample is where the graphic hand starts.
-        trace: Of its run.
-        ticks_before: Length of the motion before shrinking.
-        runs: Number of candidates that were tried.
+    The motion was longer, `ticks_before`; `runs` candidates were tried.
     """
 
     motion: HandConfiguration
@@ -246,11 +242,7 @@ class Provenance:
 
 
 def keep_failure(path: Path, shrunk: Shrunk, provenance: Provenance) -> str:
-    """Write a shrunk failure as a trajectory; return the command that replays it.
-
-    Raises:
-        OutputError: The file cannot be written.
-    """
+    """Write a shrunk failure as a trajectory; return the command that replays it. OutputError if it is not written."""
     command = provenance.command(path)
     document = {**asdict(provenance), "ticks_before": shrunk.ticks_before, "replay": command}
     trajectory = trajectory_of(shrunk.motion, name=path.stem, source=MADE_BY + json.dumps(document, sort_keys=True))

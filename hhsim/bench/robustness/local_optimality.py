@@ -33,13 +33,7 @@ MOST_CHECKS = 40
 def stuck_with_way_out(
     hand: HandModel, pieces: Pieces, options: SolverOptions, haptic: HandConfiguration, record: TickRecord
 ) -> BoolArray:
-    """Return the stuck ticks for which `way_out` finds a step, shape (T,).
-
-    Args:
-        pieces: Pieces of the object, world.
-        haptic: Readings of the same ticks, see `hold_readings`.
-        record: Ticks of the run.
-    """
+    """Return the stuck ticks of a run for which `way_out` finds a step, shape (T,); readings as of `hold_readings`."""
     found = np.zeros(len(record.status), bool)
     shown = HandConfiguration.of(record)
     verdicts: dict[bytes, bool] = {}

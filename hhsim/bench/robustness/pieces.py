@@ -41,11 +41,7 @@ class Pieces(NamedTuple):
 
 
 def pieces_of(surface: str, mesh: Mesh | None, tree: SphereTree | None) -> Pieces:
-    """Return the pieces of a surface by its name, in the frame of mesh and tree.
-
-    Raises:
-        InputError: The object has no such surface.
-    """
+    """Return the pieces of a surface by its name, in the frame of mesh and tree; InputError if there is no such one."""
     if surface == "spheres" and tree is not None:
         return Pieces(ball_places(np.asarray(tree.leaf_center), np.asarray(tree.leaf_radius)), None)
     if surface == "mesh" and mesh is not None:

@@ -225,14 +225,9 @@ def _scene(motion: Trajectory, hand: HandModel, at: BenchObject, options: Record
 def run_scene(
     scene: Scene, solver: SolverOptions, known: RecordedFigures, check: Callable[[], None]
 ) -> RecordedFigures:
-    """Run one scene by one method and measure every tick.
+    """Run one scene by one method and measure every tick; `known` figures do not come from the run.
 
-    Args:
-        known: Figures that do not come from the run.
-        check: Called between blocks.
-
-    Raises:
-        HhsimError: More candidate pairs than the solver holds.
+    `check` is called between blocks. HhsimError for more candidate pairs than the solver holds.
     """
     solver = solver.at_rate(scene.ticks.rate)
     warm_up(scene.hand, solver)

@@ -66,11 +66,7 @@ class SafetyFigures(CpuTimes):
 
 
 class SafetyMeasure:
-    """Measures a run, block by block.
-
-    Args:
-        pieces: Pieces of the surface that the hand touches, world.
-    """
+    """Measures a run, block by block, beside the pieces of the surface that the hand touches, world."""
 
     def __init__(self, hand: HandModel, pieces: Pieces, options: SolverOptions) -> None:
         self._hand, self._pieces, self._options = hand, pieces, options
@@ -88,12 +84,7 @@ class SafetyMeasure:
         return held
 
     def add(self, haptic: HandConfiguration, record: TickRecord, depth: FloatArray) -> dict[str, BoolArray]:
-        """Measure a block; return its failed ticks, shape (T,), by the name of the failure.
-
-        Args:
-            haptic: Readings of the block.
-            depth: Penetration of each tick [m], shape (T,).
-        """
+        """Measure a block of known depths [m]; return its failed ticks, shape (T,), by the name of the failure."""
         penetrating, lost = ~(depth <= SAFE_DEPTH), not_finite(record)
         unexplained = stuck_with_way_out(self._hand, self._pieces, self._options, haptic, record)
         stuck = (record.status & STATUS_STUCK) > 0

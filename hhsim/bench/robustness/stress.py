@@ -206,8 +206,7 @@ STRETCH_BLOCKS = 4
 def run_case(case: StressCase, check: Callable[[], None] = lambda: None) -> StressFigures:
     """Run one case, with a check between its blocks.
 
-    Raises:
-        HhsimError: More pairs were near than the solver holds, or a failure could not be written.
+    HhsimError if more pairs were near than the solver holds, or a failure could not be written.
     """
     warm_up(case.hand, case.solver)
     measure = StressMeasure(case)
@@ -230,11 +229,7 @@ def run_case(case: StressCase, check: Callable[[], None] = lambda: None) -> Stre
 
 
 def run_stress(cases: Sequence[StressCase], *, jobs: int = 1, progress: Progress = silent) -> Iterator[StressFigures]:
-    """Run cases, `jobs` of them at a time in processes of their own; yield their figures in order.
-
-    Raises:
-        HhsimError: As `run_case`.
-    """
+    """Run cases, `jobs` of them at a time in own processes; yield their figures in order. HhsimError as `run_case`."""
     with interruptible_between() as check:
         for done, figures in enumerate(_run_all(cases, jobs, check)):
             progress("cases", done + 1, len(cases))

@@ -103,9 +103,7 @@ def configure(
 ) -> GloveConfig:
     """Configure a glove by its settings' names, and read its calibration; arguments as in `GloveConfig`.
 
-    Raises:
-        UnknownNameError: No such glove, or no such setting of it.
-        InputError: No such hand, or a calibration that cannot be read.
+    UnknownNameError for a glove or a setting, InputError for a hand or a calibration that cannot be read.
     """
     glove = GLOVES[kind]
     if hand not in ("right", "left"):

@@ -26,12 +26,7 @@ class FrameError(PacketError):
 
 
 class Encoders(NamedTuple):
-    """Reading of the main board.
-
-    Attributes:
-        degrees: Angles of the encoders in the board's order [deg], shape (16,).
-        milliseconds: Clock of the board, modulo 65,536; -1 in a datagram.
-    """
+    """Angles of the encoders in the board's order [deg], (16,), and its clock modulo 65,536 [ms], -1 in a datagram."""
 
     degrees: FloatArray
     milliseconds: int = -1
@@ -69,9 +64,7 @@ def _floats(data: bytes, count: int) -> FloatArray:
 class FrameStream:
     """Finds frames in the bytes of a serial line, which may begin and end anywhere.
 
-    Attributes:
-        malformed: Number of frames with a wrong sum.
-        skipped: Number of runs of bytes that belong to no frame.
+    It counts frames with a wrong sum (`malformed`), and runs of bytes that belong to none (`skipped`).
     """
 
     def __init__(self) -> None:

@@ -132,12 +132,7 @@ class UdpPort:
 
 
 class PacketOrder:
-    """Order of datagrams by `seq`, per session.
-
-    Attributes:
-        lost: Number of datagrams that were sent and have not come.
-        sessions: Number of sessions.
-    """
+    """Order of datagrams by `seq`, per session; `lost` counts those that have not come."""
 
     def __init__(self) -> None:
         self.lost = self.sessions = 0

@@ -22,9 +22,7 @@ takes eight times as long, less than two periods of the ten or more that are mis
 class MissAccounts:
     """Accounts of the loop's thread since the tick before, by `DEADLINES`, shape (1,), and the loop's clock [ns].
 
-    Attributes:
-        state: Record of `MISSES`, shape (1,).
-        steal_unread: True if reading the steal is too slow here.
+    `state` is a record of `MISSES`, shape (1,); `steal_unread` is True if reading the steal is too slow here.
     """
 
     def __init__(self, deadlines: Any, now: Callable[[], int] = time.monotonic_ns) -> None:

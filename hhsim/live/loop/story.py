@@ -49,11 +49,7 @@ _IN_SAMPLE = (codes.JUMPED, codes.JUMPED_BACK, codes.JUMP_FOLLOWED, codes.MOVES_
 
 
 class SafetyLog:
-    """Log lines for changes of the safety bits; a bit that flickers has one line in `QUIET_NS`.
-
-    Attributes:
-        detail: Further words on the reason for a bit, for its next line.
-    """
+    """Log lines for changes of the safety bits, with `detail`; a bit that flickers has one line in `QUIET_NS`."""
 
     def __init__(self) -> None:
         self.detail: dict[Safety, str] = {}

@@ -76,12 +76,7 @@ class LiveViewer:
         self._stop = True
 
     def run(self) -> None:
-        """Show the session until it has ended.
-
-        Raises:
-            ViewerGoneError: The viewer was closed.
-            InputError, OutputError: As `hhsim.view.sink.rerun_stream`.
-        """
+        """Show the session until it has ended; ViewerGoneError if it was closed, others as `rerun_stream`."""
         setup = self._setup
         scene = ShownScene(
             mesh=setup.mesh,

@@ -38,11 +38,8 @@ RINGS = ("ticks", "samples", "events")
 class SessionWriter:
     """Takes records as they come out of the rings, and writes them block by block; OutputError without a file.
 
-    `options` are those that the loop solves with, `facts` the `SessionMemory.facts` before the session ran.
-
-    Attributes:
-        lost: Lost records by ring; kept up to date by the reader of the rings.
-        empty: True if neither a tick nor a sample has come.
+    `options` are those that the loop solves with, `facts` the `SessionMemory.facts` before the session ran. `lost` is
+    kept up to date by the reader of the rings; `empty` is True if neither a tick nor a sample has come.
     """
 
     def __init__(self, path: Path, setup: LiveSetup, options: SolverOptions, facts: Mapping[str, Any]) -> None:

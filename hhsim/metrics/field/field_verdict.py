@@ -20,13 +20,7 @@ DEPTHS = ("depth_joints_max", "depth_skin_max", "depth_cones_max")
 
 @dataclass(frozen=True)
 class FieldVerdict:
-    """Verdict on one repair.
-
-    Attributes:
-        word: One of the words.
-        missed: Names of the figures beyond their limits.
-        line: Word, and the missed limits or the figures that hold theirs, in one line.
-    """
+    """Verdict on one repair: its word, the figures beyond their limits, and both, or those that hold, in one line."""
 
     word: str
     missed: tuple[str, ...]

@@ -9,9 +9,5 @@ from hhsim.metrics.run_metric import declared_figures
 
 @cache
 def field_metrics() -> dict[str, FieldMetric]:
-    """Return every figure by its name, in the order of the table.
-
-    Raises:
-        ValueError: Two figures have one name.
-    """
+    """Return every figure by its name, in the order of the table; ValueError if two have one name."""
     return declared_figures(hhsim.metrics.field)

@@ -24,12 +24,7 @@ SEGMENTS = 32
 def closed_skin(skin: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """Close each open border of a skin with a fan around its mean, as at the wrist of a MANO hand.
 
-    Args:
-        skin: Vertices [m], shape (T, V, 3).
-        faces: Triangles, shape (F, 3).
-
-    Returns:
-        Vertices with one more a border, and triangles, wound outward if those of the skin are.
+    Vertices [m], (T, V, 3), get one more a border, and triangles, (F, 3), are wound outward if those of the skin are.
     """
     edges = {(int(a), int(b)) for face in faces for a, b in zip(face, np.roll(face, -1))}
     following = {b: a for a, b in edges if (b, a) not in edges}

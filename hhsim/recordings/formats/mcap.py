@@ -232,11 +232,7 @@ def _stamps(stamps: list[tuple[int, ...]], findings: list[Finding]) -> FloatArra
 
 
 def _records(data: bytes) -> tuple[list[tuple[int, bytes]], bool]:
-    """Return every record with its code, those in chunks too, and whether checksums prove all messages.
-
-    Raises:
-        TrajectoryError: A damaged file.
-    """
+    """Return every record with its code, also of chunks, and if checksums prove all; TrajectoryError if damaged."""
     if not data.startswith(MAGIC) or not data.endswith(MAGIC):
         raise TrajectoryError("a damaged MCAP file: it does not begin and end as one; was it cut short?")
     records: list[tuple[int, bytes]] = []
