@@ -160,13 +160,14 @@ def _many(manifest: Path, out: Path, jobs: int, scheduler: str, *, as_json: bool
     """Repair the recordings of a manifest; returns the exit code."""
     from hhsim.repair.repair import repair_recording
     from hhsim.sweep.repair_batch import run_manifest
+    from hhsim.sweep.repair_page import brief_table
 
     with progress(quiet=quiet, lines=True) as report:
         found = run_manifest(manifest, out, repair_recording, workers=jobs, scheduler=scheduler, progress=report)
     if as_json:
         print_json({"recordings": found.table.records, "failed": dict(found.failed), "page": str(found.page)})
     elif not quiet:
-        print_table(found.table)
+        print_table(brief_table(found.table.rows))
         print_line(f"{len(found.failed)} without a repair within the limits; all of it is in {found.page}")
     return 1 if found.failed else 0
 

@@ -31,6 +31,16 @@ RANKINGS = (
     ("contacts_kept_5mm_after", "Most contacts lost", -1.0),
 )
 """Figure of each list of the worst, its heading, and 1 if large values are bad, -1 if small ones are."""
+BRIEF = {
+    "PD before": ("depth_skin_max_before", "depth_cones_max_before"),
+    "PD after": ("depth_skin_max_after", "depth_cones_max_after"),
+    "kept, 5 mm": ("contacts_kept_5mm_after",),
+    "ACC ratio": ("acceleration_ratio_after",),
+    "MPJPE": ("mpjpe_after",),
+    "correction": ("correction_max_after",),
+    "a frame": ("time_per_frame",),
+}
+"""Columns of the table in a terminal: each has the first of these figures that a row has."""
 STATES = {
     "repaired": "within all limits",
     "missed": "repaired, but a limit is missed",
@@ -85,6 +95,25 @@ def repair_table(rows: Sequence[RepairedRow]) -> Table:
             *(_column(name, name) for name in _figure_names(rows)),
             words("reason", "outcome.reason"),
         ],
+        rows,
+        "All recordings",
+    )
+
+
+def brief_table(rows: Sequence[RepairedRow]) -> Table:
+    """Return the table of all rows that a terminal has room for."""
+    known = _figure_names(rows)
+
+    def column(called: str, names: tuple[str, ...]) -> Column:
+        def value(row: RepairedRow) -> float | None:
+            return next((found for name in names if (found := row.outcome.figures.get(name)) is not None), None)
+
+        return replace(_column(names[0], called), of=value)
+
+    figures = [column(called, names) for called, names in BRIEF.items() if any(name in known for name in names)]
+    counts = number("frames", "outcome.frames"), number("marked", lambda row: len(row.outcome.marked))
+    return Table(
+        [words("name"), words("state", "outcome.state"), *counts, *figures, words("reason", "outcome.reason")],
         rows,
         "All recordings",
     )

@@ -12,7 +12,7 @@ from report_reader import read_page
 
 from hhsim.repair.request import PICTURE, REPORT, RepairRequest
 from hhsim.sweep.repair_manifest import PlannedRepair
-from hhsim.sweep.repair_page import RepairedRow, repair_page, repair_table
+from hhsim.sweep.repair_page import RepairedRow, brief_table, repair_page, repair_table
 from hhsim.sweep.repair_row import RowOutcome, State
 
 
@@ -58,6 +58,15 @@ def test_it_counts_and_ranks(rows: list[RepairedRow]) -> None:
     assert re.findall(r"(missed|r\d+)\s+[\d.]+", deepest)[:3] == ["missed", "r11", "r10"]
     assert re.findall(r"(missed|r\d+)\s+[\d.]+", contacts) == [f"r{i}" for i in range(11, 1, -1)]
     assert [cells[0] for cells in found.rows("All recordings")[1:]] == [one.name for one in rows]
+
+
+def test_a_terminal_has_a_few_figures_of_the_skin_where_there_is_one(rows: list[RepairedRow], tmp_path: Path) -> None:
+    skinned = row(tmp_path, "skin", 1e-3, depth_skin_max_after=2e-3, jerk_after=3.0)
+    cells = {record["name"]: record for record in brief_table([*rows, skinned]).records}
+    assert list(cells["skin"]) == ["name", "state", "frames", "marked", "PD before", "PD after", "kept, 5 mm", "reason"]
+    assert cells["skin"]["PD after"] == 2e-3 and cells["skin"]["PD before"] == 1e-2
+    assert cells["r3"]["PD after"] == pytest.approx(3e-4)
+    assert cells["r3"]["kept, 5 mm"] == pytest.approx(0.97) and cells["failed"]["reason"] == "why"
 
 
 def test_names_lead_to_reports_and_pictures_are_in_the_page(rows: list[RepairedRow], tmp_path: Path) -> None:
