@@ -170,7 +170,7 @@ LIFTED = 0.9
 
 @dataclass(frozen=True)
 class PinchOutcome:
-    """Whether a block was lifted, its creep [m] (NaN if not), and the largest depth of a fingertip in it [m].
+    """Outcome of a pinch: if the block was lifted, its creep [m], else NaN, and a fingertip's largest depth in it [m].
 
     Figures are of the hold after its first `QUIET` ticks.
     """
