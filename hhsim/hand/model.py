@@ -35,7 +35,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -168,6 +168,27 @@ class HandTable(Settings, frozen=True):
             )
 
 
+def palm_arrays(tree: SphereTree, length: FloatArray) -> dict[str, Any]:
+    """Return the fields of `HandArrays` that depend on the palm's tree; `length` is that of the phalanges [m]."""
+    center = np.ascontiguousarray(tree.leaf_center, dtype=np.float64)
+    # Two points that move by d at most move by 2 d at most against each other. The palm's rotation is that of two sides
+    # of the box around its centres: its square is at most the sum of theirs.
+    palm = 1.0 / np.sqrt(np.sum(1.0 / np.maximum(np.sort(np.ptp(center, axis=0))[1:], 1e-9) ** 2))
+    # The spheres above the leaves, as rows x, y, z, radius, and the first leaf of each, and the end.
+    leaves = np.flatnonzero(tree.level == tree.depth)
+    parent, first = np.unique(tree.parent[leaves], return_index=True)
+    nodes = np.maximum(parent, 0)
+    return {
+        **{f"palm_{axis}": np.ascontiguousarray(column) for axis, column in zip("xyz", center.T)},
+        "palm_radius": np.ascontiguousarray(tree.leaf_radius, dtype=np.float64),
+        "palm_group": np.ascontiguousarray(np.concatenate([tree.center[nodes].T, tree.radius[None, nodes]])),
+        "palm_group_start": np.append(first, len(leaves)).astype(np.int64),
+        "palm_box": np.array(list(product(*np.stack([center.min(axis=0), center.max(axis=0)]).T))),
+        "palm_reach": np.array([np.linalg.norm(center, axis=1).max()]),
+        "turning_lever": np.maximum(0.5 * np.append(length.ravel(), palm), 1e-9),
+    }
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class HandModel:
     """Sizes and limits of one hand, palm frame; fingers in the order of `FINGERS`.
@@ -270,15 +291,6 @@ class HandModel:
         for k in range(3):
             for i in range(k + 1):
                 lever[:, k, i] = self.length[:, i : k + 1].sum(axis=1)
-        tree = self.palm_tree
-        center = np.ascontiguousarray(tree.leaf_center, dtype=np.float64)
-        # Two points that move by d at most move by 2 d at most against each other. The palm's rotation is that of two
-        # sides of the box around its centres: its square is at most the sum of theirs.
-        palm = 1.0 / np.sqrt(np.sum(1.0 / np.maximum(np.sort(np.ptp(center, axis=0))[1:], 1e-9) ** 2))
-        # The spheres above the leaves, as rows x, y, z, radius, and the first leaf of each, and the end.
-        leaves = np.flatnonzero(tree.level == tree.depth)
-        parent, first = np.unique(tree.parent[leaves], return_index=True)
-        nodes = np.maximum(parent, 0)
         own = ("base", "distal", "dorsal", "length", "radius", "flexion_min", "flexion_max")
         return HandArrays(
             **{name: getattr(self, name).copy() for name in own},
@@ -287,13 +299,7 @@ class HandModel:
             inverse_length=np.ascontiguousarray(slope[:, :, 1]),
             reach=np.linalg.norm(self.base, axis=1)[:, None] + np.cumsum(self.length, axis=1),
             lever=lever,
-            turning_lever=np.maximum(0.5 * np.append(self.length.ravel(), palm), 1e-9),
-            **{f"palm_{axis}": np.ascontiguousarray(column) for axis, column in zip("xyz", center.T)},
-            palm_radius=np.ascontiguousarray(tree.leaf_radius, dtype=np.float64),
-            palm_group=np.ascontiguousarray(np.concatenate([tree.center[nodes].T, tree.radius[None, nodes]])),
-            palm_group_start=np.append(first, len(leaves)).astype(np.int64),
-            palm_box=np.array(list(product(*np.stack([center.min(axis=0), center.max(axis=0)]).T))),
-            palm_reach=np.array([np.linalg.norm(center, axis=1).max()]),
+            **palm_arrays(self.palm_tree, self.length),
         )
 
     @cached_property

@@ -1,28 +1,42 @@
-"""Engine of `coupled` with a free object: one or two hands and object in one program, with friction and a table."""
+"""Engine of `coupled` with free objects: hands and things in one program, with friction and a table."""
 
+import math
+from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
+from hhsim.hand.model import palm_arrays
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import Support
-from hhsim.kernels.free.record import ObjectRecord
+from hhsim.kernels.free.edges import Edges
+from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
+from hhsim.kernels.free.rows import pair_count
 from hhsim.kernels.free.state import free_state_dtype
-from hhsim.kernels.free.tick import Free, FreeOfTwo, rebuild, run_two_hands
-from hhsim.kernels.hand.kinematics import BODY_COUNT
+from hhsim.kernels.free.tick import Free, FreeOfMany, rebuild, run_many
+from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
+from hhsim.mesh.mesh import Mesh
 from hhsim.reproducible import matmul, principal_axes
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import surface_of
 from hhsim.solver.workspace import TickWorkspace, fresh_state
+from hhsim.trees.contact_surface import ContactSurface
+from hhsim.trees.hierarchy import build_hierarchy
 
+MOST_POINTS = 1024
+"""Most corners or spheres by which a thing meets another one: as many as a palm may have."""
+FLAT = 1e-9
+"""Faces that turn by less than this at an edge go on in one plane, or are a groove."""
+BRANCHING = 8
 BELOW = 1e-6
 """Largest depth [m] of an object in the table at the start: rounding."""
 
@@ -40,9 +54,20 @@ def require_free(options: SolverOptions) -> None:
             raise InputError(message)
 
 
-def support_of(workspace: TickWorkspace) -> Support:
+class Thing(NamedTuple):
+    """Object of a scene of several: its surface, in the world before the first tick, and its physical properties.
+
+    One that is fixed stays where it is; of its properties only friction counts.
+    """
+
+    surface: ContactSurface
+    free: FreeObject
+    fixed: bool = False
+    name: str = ""
+
+
+def support_of(surface: Any, mesh: Mesh | None) -> Support:
     """Return the points that can stand on a plane: the corners of the mesh's convex hull; spheres without a mesh."""
-    surface, mesh = workspace.surface, workspace.mesh
     if mesh is not None:
         from scipy.spatial import ConvexHull, QhullError
 
@@ -59,58 +84,115 @@ def support_of(workspace: TickWorkspace) -> Support:
     return Support(np.ascontiguousarray(points), np.zeros(len(points)))
 
 
-class FreeEngine:
-    """Runs the ticks of a hand, or of a hand and a second one, and a free object.
+def _as_palm(hand: HandArrays, surface: Any, center: FloatArray) -> HandArrays:
+    """Return a thing as a palm about its centre: its leaf spheres, or the corners of its mesh."""
+    points, radius = support_of(surface, None)
+    if len(points) > MOST_POINTS:
+        raise InputError(f"a thing beside others has {len(points):,} corners or spheres; expected up to {MOST_POINTS}")
+    level = max(1, math.ceil(math.log(len(points), BRANCHING) - 1e-9))
+    return hand._replace(**palm_arrays(build_hierarchy(points - center, radius, level, BRANCHING), hand.length))
 
-    `ticks` is the record of the object in the last block.
+
+def _edges_of(surface: Any, center: FloatArray) -> Edges:
+    """Return the convex edges of a mesh between two faces; none of spheres."""
+    none: Any = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3))
+    if isinstance(surface, TreeArrays):
+        return Edges(*none)
+    first = surface.wing_start[:-1]
+    whole = np.flatnonzero(np.diff(surface.wing_start) == 2)
+    one, two = first[whole], first[whole] + 1
+    normal = np.stack([surface.face[surface.wing_face[which], :3] for which in (one, two)], axis=1)
+    convex = (surface.wing[one] * normal[:, 1]).sum(axis=1) < -FLAT
+    edge = surface.edge[whole[convex]]
+    parts = edge[:, :3] - center, edge[:, 3:6], edge[:, 6], normal[convex]
+    return Edges(*(np.ascontiguousarray(part) for part in parts))
+
+
+class FreeEngine:
+    """Runs the ticks of a hand, or of a hand and a second one, and free objects.
+
+    `ticks` is the record of the first object in the last block; `things` is that of all where there are several.
     """
 
-    def __init__(self, workspace: TickWorkspace, free: FreeObject, second: TickWorkspace | None = None) -> None:
+    def __init__(
+        self,
+        workspace: TickWorkspace,
+        free: FreeObject,
+        second: TickWorkspace | None = None,
+        others: Sequence[Thing] = (),
+    ) -> None:
         require_free(workspace.options)
         self.workspace = workspace
-        self.free = free
+        first = ContactSurface(workspace.surface, (), workspace.mesh, workspace.tree)
+        self.things = (Thing(first, free), *others)
         self.hands = (workspace,) if second is None else (workspace, second)
-        dtype = free_state_dtype(surface_of(workspace.surface).candidates, len(self.hands))
-        self.qp = new_work(dtype["free_problem"]["delta"].shape[0], dtype["free_problem"]["rhs"].shape[0])
+        surfaces = tuple(thing.surface.arrays for thing in self.things)
+        hands, things = len(self.hands), len(self.things)
+        dtype = free_state_dtype(surface_of(surfaces[0]).candidates, hands, things)
+        problem = dtype["free_problem"]
+        self.qp = new_work(problem["delta"].shape[0], problem["rhs"].shape[0])
         springs, modelled = workspace.options.stiffness.diagonal(), workspace.options.modelled()
-        self.states = fresh_state(dtype, springs, modelled, len(self.hands))
-        given = workspace.tick_options, support_of(workspace), self.states
-        self.method: Any = Free(*given) if second is None else FreeOfTwo(*given, second.hand)
+        self.states = fresh_state(dtype, springs, modelled, pair_count(hands, things))
+        supports = tuple(support_of(thing.surface.arrays, thing.surface.mesh) for thing in self.things)
+        self.method: Any = Free(workspace.tick_options, supports[0], self.states)
+        if hands + things > 2:
+            movers, edges = [hand.hand for hand in self.hands], (_edges_of(surfaces[0], np.zeros(3)),)
+            if others:
+                centers = [np.array(thing.free.center) for thing in self.things]
+                movers += [_as_palm(workspace.hand, *given) for given in zip(surfaces, centers)]
+                edges = tuple(_edges_of(*given) for given in zip(surfaces, centers))
+            given = workspace.tick_options, supports, self.states, tuple(movers), surfaces
+            self.method = FreeOfMany(*given, edges)
         self.ticks = object_record(0)
-        self.states[0].free_problem.inverse_root[:] = self.states[0].problem.inverse_root
-        self._place_object()
+        self.all_ticks: ThingsRecord | None = None
+        self._name_pairs()
+        problem = self.states[0].free_problem
+        problem.inverse_root[:] = self.states[0].problem.inverse_root
+        for thing, support, body in zip(self.things, supports, self.states[0].bodies):
+            self._place(thing, support, body)
 
-    def _place_object(self) -> None:
-        free, body = self.free, self.states[0].body
-        period = self.workspace.options.period
+    def _name_pairs(self) -> None:
+        """Say what each pair is of, the hands and the first thing first."""
+        hands, things = range(len(self.hands)), range(len(self.things))
+        pairs = [(h, -1, 0) for h in hands] + [(h, -1, k) for h in hands for k in things[1:]]
+        pairs += [(0, other, k) for other in things for k in things if other != k]
+        problem = self.states[0].free_problem
+        problem.hand[:], problem.other[:], problem.thing[:] = np.array(pairs).T
+        for state, (_, other, _) in zip(self.states, pairs):
+            if other >= 0:
+                state.modelled[:] = False
+                state.modelled[PALM_BODY] = True
+
+    def _place(self, thing: Thing, support: Support, body: Any) -> None:
+        free, period, offset = thing.free, self.workspace.options.period, self.workspace.options.offset
         # Right-handed, or the gyroscopic term would have the other sign.
         moment, axes = principal_axes(free.inertia)
+        body.is_free = not thing.fixed
         body.period = period
         body.center[:] = body.position[:] = free.center
         body.axes[:] = axes.T
         body.moment[:] = moment
         # Damping at the end of the step weighs as mass: forces balance as they would without it.
-        damped = period / np.sqrt(1.0 + free.damping * period)
+        damped = 0.0 if thing.fixed else period / np.sqrt(1.0 + free.damping * period)
         body.inverse_root[:3] = damped / np.sqrt(free.mass)
         body.inverse_root[3:] = damped / np.sqrt(moment)
         body.gravity[:] = free.gravity
         body.damping = free.damping
         body.friction, body.torsion = free.friction, free.torsion
-        body.has_table = free.table is not None
+        body.has_table = free.table is not None and not thing.fixed
         body.table = 0.0 if free.table is None else free.table
         body.table_friction = free.of_table
         body.orientation[0] = 1.0
         body.rotation[:] = np.eye(3)
         body.velocity[:] = free.velocity
         body.spin[:] = matmul(axes.T, free.angular_velocity)
-        if free.table is None:
+        if not body.has_table:
             return
-        support = self.method.support
-        lowest = float((support.point[:, 2] - support.radius).min()) - free.table
+        lowest = float((support.point[:, 2] - support.radius).min()) - body.table
         if lowest < -BELOW:
-            depth, height = f"{-1e3 * lowest:.3g} mm below", f"z = {1e3 * (lowest + free.table):.6g} mm or lower"
+            depth, height = f"{-1e3 * lowest:.3g} mm below", f"z = {1e3 * (lowest + body.table):.6g} mm or lower"
             raise InputError(f"the object begins {depth} the table: put the table at {height}")
-        body.position[2] += max(0.0, self.workspace.options.offset - lowest)
+        body.position[2] += max(0.0, offset - lowest)
 
     def begin(self) -> None:
         """See `Engine.begin`; the graphic hand stands in the workspace as the object sees it."""
@@ -121,21 +203,36 @@ class FreeEngine:
                 state.haptic[name][:] = plain.haptic[name]
             copy_values(np.array(plain.haptic.position), state.palm_position)
             copy_values(np.array(plain.haptic.orientation), state.palm_orientation)
-        body, workspace = self.states[0].body, self.workspace
-        quaternion_to_matrix(np.array(body.orientation), body.rotation)
+        workspace = self.workspace
+        for body in self.states[0].bodies:
+            quaternion_to_matrix(np.array(body.orientation), body.rotation)
         if not rebuild(workspace.hand, self.method, workspace.surface, self.states):
             raise workspace.full()
+        problem = self.states[0].free_problem
+        for state, thing, other in zip(self.states, problem.thing, problem.other):
+            depth = -float(state.candidates.nearest[PALM_BODY])
+            if other >= 0 and depth > 0.0:
+                one, two = self.things[other].name, self.things[thing].name
+                raise InputError(f"{one} begins {1e3 * depth:.3g} mm inside {two}; expected things beside each other")
 
     def run(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord | None = None) -> int:
         """See `Engine.run`; the object's record goes to `ticks`, or to new arrays."""
+        if len(self.things) > 1:
+            return self.run_many((haptic,), (record,))
         self.ticks = object_record(len(haptic.position)) if ticks is None else ticks
         return int(run_block(*self.block(haptic, record, self.ticks)))
 
-    def run_both(self, haptic: tuple[HapticBlock, HapticBlock], record: tuple[TickRecord, TickRecord]) -> int:
-        """Run the ticks of two hands, whose program is one; return those done."""
-        self.ticks = object_record(len(haptic[0].position))
+    def run_many(self, haptic: tuple[HapticBlock, ...], record: tuple[TickRecord, ...]) -> int:
+        """Run the ticks of all hands and things, whose program is one; return those done."""
+        count, things = len(haptic[0].position), len(self.things)
+        self.ticks = object_record(count)
+        own: Any = self.ticks
+        if things > 1:
+            rows = np.zeros(count * ACTIVE_CAPACITY, np.int64)
+            of_each = (own, *(object_record(count, 0) for _ in range(1, things)))
+            own = self.all_ticks = ThingsRecord(of_each, rows, np.zeros((things, count, 6)))
         given = self.method, self.workspace.hand, self.workspace.surface, self.states, self.qp
-        return int(run_two_hands(*given, haptic, record, self.ticks))
+        return int(run_many(*given, haptic, record, own))
 
     def seen_by(self, hand: int) -> ObjectRecord:
         """Return the record of the object as that of the first or the second hand: its own bodies come first."""
@@ -148,9 +245,9 @@ class FreeEngine:
         return TickBlock(self.method, workspace.hand, workspace.surface, self.states, self.qp, haptic, record, ticks)
 
 
-def object_record(ticks: int) -> ObjectRecord:
-    """Allocate the record of the object in a block of ticks."""
-    zeros, rows = np.zeros, ticks * ACTIVE_CAPACITY
+def object_record(ticks: int, most: int = ACTIVE_CAPACITY) -> ObjectRecord:
+    """Allocate the record of the object in a block of ticks of at most so many contacts each."""
+    zeros, rows = np.zeros, ticks * most
     return ObjectRecord(
         turn=zeros((ticks, 4)),
         shift=zeros((ticks, 3)),

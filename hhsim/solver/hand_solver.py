@@ -1,5 +1,6 @@
 """Solver of the graphic hand: one hand, one object's surface, one tick after another."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.reproducible import norm
 from hhsim.scene.free_object import FreeObject
-from hhsim.solver.free_engine import FreeEngine
+from hhsim.solver.free_engine import FreeEngine, Thing
 from hhsim.solver.free_place import clearance, part_fingers, retreat
 from hhsim.solver.jointed_engine import JointedEngine
 from hhsim.solver.known_methods import find_method
@@ -39,19 +40,29 @@ class HandSolver:
         options: Method, stiffness and lengths.
         free: Physical properties of a free object. `surface` is then its place at the start; ticks are given in the
             world and returned as seen from the object, whose own motion is in `object_ticks`.
+        others: Further things beside a free object.
 
     Raises:
         InputError: A method that lacks what it needs, arrays of another surface than the options name, or options that
             a free object does not go with.
     """
 
-    def __init__(self, hand: HandModel, surface: Any, options: SolverOptions, free: FreeObject | None = None) -> None:
+    def __init__(
+        self,
+        hand: HandModel,
+        surface: Any,
+        options: SolverOptions,
+        free: FreeObject | None = None,
+        others: Sequence[Thing] = (),
+    ) -> None:
         self.options = options
         self.workspace = TickWorkspace(hand, surface, options)
         self.method = find_method(options.method)
         if free is None and self.method.missing:
             raise InputError(f"method {options.method} {self.method.missing}")
-        self.engine: Engine = self.method.engine(self.workspace) if free is None else FreeEngine(self.workspace, free)
+        self.engine: Engine = (
+            self.method.engine(self.workspace) if free is None else FreeEngine(self.workspace, free, others=others)
+        )
         if isinstance(self.workspace.surface, JointedSurface):
             self.engine = JointedEngine(self.workspace, self.engine)
         self._started = False

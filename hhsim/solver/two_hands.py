@@ -193,7 +193,7 @@ class TwoHandedSolver:
             begun = [hand.begin(given) for hand, given in zip(self.hands, (right, left))]
             self.engine.begin()
             self._started = True
-        done = self.engine.run_both((right, left), records)
+        done = self.engine.run_many((right, left), records)
         for record, start in zip(records, begun):
             record.status[0] |= start
         if records[0].status[done - 1] & STATUS_CAPACITY_EXCEEDED:

@@ -70,7 +70,7 @@ class Pressed:
 
     def load(self, weight: float, ticks: int) -> Run:
         """Run some ticks with a weight [N]."""
-        self.solver.engine.states[0].body.gravity[2] = -weight / MASS
+        self.solver.engine.states[0].bodies[0].gravity[2] = -weight / MASS
         held = [HandConfiguration(*(np.repeat(values[-1:], ticks, axis=0) for values in one)) for one in self.way]
         return Run(self.solver.run(*held), self.solver.object_ticks(0))
 

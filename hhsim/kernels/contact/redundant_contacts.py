@@ -70,7 +70,8 @@ def _drop_implied(
 
 
 @jit_inline
-def _move(contacts: Record, source: int, target: int) -> None:
+def move_contact(contacts: Record, source: int, target: int) -> None:
+    """Copy a contact to another row."""
     contacts.body[target] = contacts.body[source]
     contacts.key[target] = contacts.key[source]
     for j in range(3):
@@ -104,7 +105,7 @@ def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts:
     for i in range(start, stop):
         if not thins or open_distance[i] < np.inf:
             if row < i:
-                _move(contacts, i, row)
+                move_contact(contacts, i, row)
             row += 1
     return row
 

@@ -37,6 +37,7 @@ class Support(NamedTuple):
 
 BODY = np.dtype(
     [
+        ("is_free", np.int64),  # 1, or 0 for a body that stays where it is: its `inverse_root` is 0
         ("period", np.float64),  # Δt [s]
         ("center", np.float64, (3,)),  # centre of mass [m], object's frame
         ("axes", np.float64, (3, 3)),  # principal axes as rows, object's frame
@@ -49,7 +50,9 @@ BODY = np.dtype(
         ("torsion", np.float64),  # torsional moment over normal force of the hand's contacts [m]
         ("has_table", np.int64),  # 1 where there is a plane
         ("table", np.float64),  # its height [m]
-        ("table_friction", np.float64),  # its μ
+        ("table_friction", np.float64),  # μ of table and body; of two bodies the geometric mean of both
+        ("table_distance", np.float64),  # of the body's lowest point from the table [m], infinite without one
+        ("measured_distance", np.float64),  # the same of a step that is not accepted yet
         ("position", np.float64, (3,)),  # centre of mass [m]
         ("orientation", np.float64, (4,)),  # object's frame to world
         ("rotation", np.float64, (3, 3)),  # the same as a matrix
@@ -117,6 +120,10 @@ def predict(body: Record) -> None:
     copy_values(body.rotation[:], body.pushed[:])
     copy_values(body.position[:], body.start_position[:])
     copy_values(body.orientation[:], body.start_orientation[:])
+    if body.is_free == 0:
+        copy_values(body.position[:], body.goal_position[:])
+        copy_values(body.orientation[:], body.goal_orientation[:])
+        return
     for j in range(3):
         body.goal_position[j] = body.position[j] + period * kept * (body.velocity[j] + period * body.gravity[j])
     _gyrate(body.moment[:], period, body.spin[:], body.vector[:])
@@ -147,6 +154,9 @@ def take_body_back(body: Record) -> None:
 @jit_once
 def body_target(body: Record, target_out: Array) -> None:
     """Compute the step to the body's pose without contacts, shape (6,): object's frame [m], principal axes [rad]."""
+    if body.is_free == 0:
+        target_out[:] = 0.0
+        return
     goal, position = body.goal_position, body.position
     x, y, z = turned_back(body.rotation, goal[0] - position[0], goal[1] - position[1], goal[2] - position[2])
     target_out[0], target_out[1], target_out[2] = x, y, z
@@ -179,6 +189,8 @@ def take_velocity(body: Record) -> None:
     whole way, and is that share of a tick: the velocities change by as much of what the way would have changed them by.
     With all of it the springs would push the object for a whole tick, and again for what is left in the next one.
     """
+    if body.is_free == 0:
+        return
     rate, left, root = 1.0 / body.period, body.left, body.inverse_root
     start, vector = body.start_position, body.vector
     made, whole = 0.0, 0.0
@@ -221,6 +233,16 @@ def turn_back(body: Record, step: Array, fraction: float, vector: Array) -> None
     vector[0] = x - qx + 0.5 * (wy * qz - wz * qy)
     vector[1] = y - qy + 0.5 * (wz * qx - wx * qz)
     vector[2] = z - qz + 0.5 * (wx * qy - wy * qx)
+
+
+@jit
+def as_other_moves(body: Record, rotation: Array, step: Array, step_out: Array) -> None:
+    """Turn a body's step to that (δp, δφ), shape (6,), of its centre in a frame to which `rotation` takes its own."""
+    x, y, z = turned(rotation, step[0], step[1], step[2])
+    step_out[0], step_out[1], step_out[2] = x, y, z
+    x, y, z = turned_back(body.axes, step[3], step[4], step[5])
+    x, y, z = turned(rotation, x, y, z)
+    step_out[3], step_out[4], step_out[5] = x, y, z
 
 
 @jit
@@ -267,6 +289,20 @@ def see_hand(body: Record, position: Array, orientation: Array, position_out: Ar
     x, y, z = turned_back(body.rotation, x, y, z)
     position_out[0], position_out[1], position_out[2] = x + center[0], y + center[1], z + center[2]
     aw, ax, ay, az = body.orientation[0], -body.orientation[1], -body.orientation[2], -body.orientation[3]
+    bw, bx, by, bz = orientation[0], orientation[1], orientation[2], orientation[3]
+    orientation_out[0] = aw * bw - ax * bx - ay * by - az * bz
+    orientation_out[1] = aw * bx + ax * bw + ay * bz - az * by
+    orientation_out[2] = aw * by - ax * bz + ay * bw + az * bx
+    orientation_out[3] = aw * bz + ax * by - ay * bx + az * bw
+
+
+@jit
+def show_hand(body: Record, position: Array, orientation: Array, position_out: Array, orientation_out: Array) -> None:
+    """A palm's pose as the object sees it, in the world; shapes (3,) and (4,)."""
+    center, place, turn = body.center, body.position, body.orientation
+    x, y, z = turned(body.rotation, position[0] - center[0], position[1] - center[1], position[2] - center[2])
+    position_out[0], position_out[1], position_out[2] = x + place[0], y + place[1], z + place[2]
+    aw, ax, ay, az = turn[0], turn[1], turn[2], turn[3]
     bw, bx, by, bz = orientation[0], orientation[1], orientation[2], orientation[3]
     orientation_out[0] = aw * bw - ax * bx - ay * by - az * bz
     orientation_out[1] = aw * bx + ax * bw + ay * bz - az * by

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.free.rows import DIRECTIONS, FRICTIONS, TINY, orient, own_columns, torsion_radius
+from hhsim.kernels.free.columns import own_columns, torsion_radius
+from hhsim.kernels.free.rows import DIRECTIONS, TINY, orient
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
 from hhsim.kernels.jit import Record, jit, jit_once
 
@@ -14,34 +15,34 @@ RANK = 1e-10
 PARTS = 1 + DIRECTIONS
 
 
-def leanings_dtype(dof: int, common: int) -> "np.dtype[Any]":
-    """Build the dtype of the workspace for directions of friction, for programs of so many variables."""
+def leanings_dtype(dof: int, common: int, frictions: int) -> "np.dtype[Any]":
+    """Build the dtype of the workspace for directions of friction, for programs of so many variables and contacts."""
     return np.dtype(
         [
             # J of each contact that bears a force: normal, then s along e_1 to e_3, scaled: common columns, then own
             ("part", np.float64, (dof, PARTS, common + PHALANX_COUNT)),
             ("matrix", np.float64, (dof, dof)),  # Jᵀ J
             ("even", np.float64, (dof,)),  # y of `_spread_evenly`
-            ("wanted", np.float64, (FRICTIONS, 4)),  # which way each contact is to rub next, see `find_leanings`
+            ("wanted", np.float64, (frictions, 4)),  # which way each contact is to rub next, see `find_leanings`
         ],
         align=True,
     )
 
 
 @jit
-def _opposite(body: Record, friction: Record, i: int) -> int:
+def _opposite(bodies: Record, problem: Record, friction: Record, i: int) -> int:
     # How many rows behind that of e_k the row of its opposite is.
-    return DIRECTIONS if torsion_radius(body, friction.body[i]) > 0.0 else DIRECTIONS - 1
+    return DIRECTIONS if torsion_radius(bodies, problem, friction.body[i]) > 0.0 else DIRECTIONS - 1
 
 
 @jit_once
-def _take_apart(body: Record, problem: Record, friction: Record, work: Record) -> None:
+def _take_apart(bodies: Record, problem: Record, friction: Record, work: Record) -> None:
     # A row and its opposite are n · Δ less and more s along one direction.
     common, own = problem.common, problem.block
     width = common.shape[0]
     for c in range(friction.bearings):
         i = friction.bearing[c]
-        first, apart = friction.row[i], _opposite(body, friction, i)
+        first, apart = friction.row[i], _opposite(bodies, problem, friction, i)
         for e in range(PARTS):
             part = work.part[c, e]
             row = first + max(e - 1, 0)
@@ -53,7 +54,7 @@ def _take_apart(body: Record, problem: Record, friction: Record, work: Record) -
 
 
 @jit_once
-def _spread_evenly(body: Record, problem: Record, friction: Record, loaded: Record, work: Record) -> None:
+def _spread_evenly(bodies: Record, problem: Record, friction: Record, loaded: Record, work: Record) -> None:
     # Solve (Jᵀ J) y = Jᵀ f for the forces f that contacts with friction bear: J y are the least that do the same.
     common, own, matrix, y = problem.common, problem.block, work.matrix, work.even
     width, dof = common.shape[0], y.shape[0]
@@ -76,7 +77,7 @@ def _spread_evenly(body: Record, problem: Record, friction: Record, loaded: Reco
     for c in range(friction.bearings):
         i = friction.bearing[c]
         block = own_columns(problem, friction.body[i])
-        for e in range(1 + _opposite(body, friction, i)):
+        for e in range(1 + _opposite(bodies, problem, friction, i)):
             part = work.part[c, e]
             for a in range(width):
                 trace += part[a] * part[a]
@@ -125,7 +126,9 @@ def _add_evenly(c: int, i: int, problem: Record, friction: Record, work: Record)
 
 
 @jit
-def find_leanings(body: Record, floats: float, problem: Record, friction: Record, loaded: Record, work: Record) -> None:
+def find_leanings(
+    bodies: Record, floats: float, problem: Record, friction: Record, loaded: Record, work: Record
+) -> None:
     """Find which way the contacts that rub are to rub next, shape (contacts, 4): along the surface, about the normal.
 
     That is the friction that a contact bears, and what its slip would add to it were it held [N]: what has hardly begun
@@ -146,9 +149,9 @@ def find_leanings(body: Record, floats: float, problem: Record, friction: Record
         slides = slides or friction.length[i] > TINY
         even = even or TINY < friction.length[i] <= floats
     if slides:
-        _take_apart(body, problem, friction, work)
+        _take_apart(bodies, problem, friction, work)
     if even:
-        _spread_evenly(body, problem, friction, loaded, work)
+        _spread_evenly(bodies, problem, friction, loaded, work)
     for c in range(friction.bearings):
         i = friction.bearing[c]
         if friction.length[i] <= TINY:

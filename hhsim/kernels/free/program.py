@@ -1,27 +1,19 @@
-"""Program of hand and free object, solved until friction opposes the resulting slip."""
+"""Program of hands and free objects, solved until friction opposes the resulting slip."""
 
 import math
 
 import numpy as np
 
-from hhsim.kernels.free.body import as_object_moves
+from hhsim.kernels.free.body import OBJECT_DOF, as_object_moves, as_other_moves
+from hhsim.kernels.free.columns import States, finger_columns, hand_count, thing_column
 from hhsim.kernels.free.leanings import find_leanings, turn_contacts
-from hhsim.kernels.free.rows import (
-    COMMON,
-    ON_TABLE,
-    STANDS_BACK,
-    TABLE_KEYS,
-    States,
-    contact_rows,
-    friction_rows,
-    measure_slip,
-    own_columns,
-)
+from hhsim.kernels.free.rows import STANDS_BACK, TABLE_KEYS, contact_rows, friction_rows, measure_slip
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
-from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF
+from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, RESUMES, QpWork, solve
 from hhsim.kernels.qp.row_scan import WideRows
+from hhsim.kernels.rotation import turned
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 
@@ -69,13 +61,13 @@ def _guess(problem: Record, loaded: Record) -> int:
     filled = as_int64(0)
     for i in range(loaded.count):
         row = loaded.row[i]
-        found = as_bool(row < stop[stop.shape[0] - 1] and key[row] == wanted[i])
+        found = as_bool(row < problem.rows and key[row] == wanted[i])
         if found:
             loaded.guess[filled] = row
             filled += 1
-        for g in range(start.shape[0]):
-            if found or start[g] == stop[g]:
-                continue
+        for g in range(problem.groups):
+            if found:
+                break
             for row in range(start[g], stop[g]):
                 if key[row] == wanted[i]:
                     loaded.guess[filled] = row
@@ -86,42 +78,85 @@ def _guess(problem: Record, loaded: Record) -> int:
 
 
 @jit
-def scale_target(body: Record, problem: Record) -> None:
+def scale_target(bodies: Record, problem: Record) -> None:
     """Write the program's target, scaled and in its order."""
     hand, target, weight = problem.hand_target, problem.target, problem.inverse_root
-    for h in range(problem.first.shape[0]):
-        fingers = own_columns(problem, BODY_COUNT * h)
+    for h in range(hand_count(problem)):
+        fingers = finger_columns(problem, h)
         for j in range(6):
             target[12 * h + j] = hand[DOF * h + j] / weight[j]
         for j in range(6, DOF):
             target[fingers - 6 + j] = hand[DOF * h + j] / weight[j]
-    for j in range(6):
-        target[6 + j] = problem.body_target[j] / body.inverse_root[j]
+    for k in range(bodies.shape[0]):
+        body, column = bodies[k], thing_column(problem, k)
+        for j in range(OBJECT_DOF):
+            if body.is_free == 1:
+                target[column + j] = problem.body_target[OBJECT_DOF * k + j] / body.inverse_root[j]
+            else:
+                target[column + j] = 0.0
 
 
 @jit
-def take_steps(states: States, body: Record, problem: Record) -> None:
-    """Compute each hand's step in the object's frame, shape (21,), from the program's."""
-    delta = problem.delta
-    for h in range(problem.first.shape[0]):
-        fingers, step = own_columns(problem, BODY_COUNT * h), states[h].step
-        as_object_moves(body, states[h].pose.position[:], delta[12 * h : 12 * h + 6], delta[6:12], step.delta[0:6])
+def take_targets(problem: Record) -> None:
+    """Write the step to the targets, which is the program's where nothing is near."""
+    for h in range(hand_count(problem)):
+        fingers = finger_columns(problem, h)
+        for j in range(6):
+            problem.delta[12 * h + j] = problem.hand_target[DOF * h + j]
         for j in range(6, DOF):
-            step.delta[j] = delta[fingers - 6 + j]
+            problem.delta[fingers - 6 + j] = problem.hand_target[DOF * h + j]
+    for k in range(problem.body_target.shape[0] // OBJECT_DOF):
+        column = thing_column(problem, k)
+        for j in range(OBJECT_DOF):
+            problem.delta[column + j] = problem.body_target[OBJECT_DOF * k + j]
 
 
 @jit
-def _read(body: Record, problem: Record, friction: Record, loaded: Record, qp: QpWork) -> None:
+def take_steps(states: States, bodies: Record, fraction: float, problem: Record) -> None:
+    """Compute the step of what moves in each pair, as its thing sees it, shape (21,), from a share of the program's.
+
+    Of a share it is the whole of which that share leads there, and the fingers' is left: part of the way that both make
+    is no part of the straight way between their ends.
+    """
+    delta, way, palm_step = problem.delta, problem.whole, problem.scratch
+    for j in range(problem.common.shape[0]):
+        way[j] = delta[j] if fraction == 1.0 else fraction * delta[j]
+    for p in range(problem.first.shape[0]):
+        thing, other, step, pose = problem.thing[p], problem.other[p], states[p].step, states[p].pose
+        column, palm = thing_column(problem, thing), 12 * problem.hand[p]
+        own = way[column : column + OBJECT_DOF]
+        if other >= 0:
+            first = thing_column(problem, other)
+            as_other_moves(bodies[other], pose.rotation[:], way[first : first + OBJECT_DOF], palm_step[:])
+        else:
+            for j in range(6):
+                palm_step[j] = way[palm + j]
+            if thing > 0:
+                for j in (0, 3):
+                    x, y, z = turned(problem.turn[p], palm_step[j], palm_step[j + 1], palm_step[j + 2])
+                    palm_step[j], palm_step[j + 1], palm_step[j + 2] = x, y, z
+            fingers = finger_columns(problem, problem.hand[p])
+            for j in range(6, DOF if fraction == 1.0 else 6):
+                step.delta[j] = delta[fingers - 6 + j]
+        as_object_moves(bodies[thing], pose.position[:], palm_step[:], own, step.delta[0:6])
+        for j in range(0 if fraction == 1.0 else 6):
+            step.delta[j] /= fraction
+
+
+@jit
+def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, qp: QpWork) -> None:
     # The solution: the step, the loaded rows, and what each contact with friction bears and slips.
     delta, weight = problem.delta, problem.inverse_root
-    for h in range(problem.first.shape[0]):
-        fingers = own_columns(problem, BODY_COUNT * h)
+    for h in range(hand_count(problem)):
+        fingers = finger_columns(problem, h)
         for j in range(6):
             delta[12 * h + j] = qp.x[12 * h + j] * weight[j]
         for j in range(6, DOF):
             delta[fingers - 6 + j] = qp.x[fingers - 6 + j] * weight[j]
-    for j in range(6):
-        delta[6 + j] = qp.x[6 + j] * body.inverse_root[j]
+    for k in range(bodies.shape[0]):
+        body, column = bodies[k], thing_column(problem, k)
+        for j in range(OBJECT_DOF):
+            delta[column + j] = qp.x[column + j] * body.inverse_root[j]
     for i in range(friction.count):
         friction.plain[i] = friction.cone[i] = 0.0
     loaded.count = qp.counts[0]
@@ -147,7 +182,7 @@ def _read(body: Record, problem: Record, friction: Record, loaded: Record, qp: Q
 
 
 @jit_once
-def _is_settled(states: States, body: Record, offset: float, problem: Record, friction: Record) -> bool:
+def _is_settled(states: States, bodies: Record, offset: float, problem: Record, friction: Record) -> bool:
     # Whether every contact that bears a force has de Saxcé's Γ and rubs against its slip with all of its load.
     settled = True
     problem.gamma_error = 0.0
@@ -158,7 +193,7 @@ def _is_settled(states: States, body: Record, offset: float, problem: Record, fr
     for i in range(friction.count):
         if friction.has_friction[i] == 0:
             continue
-        slip = measure_slip(states, body, problem.whole[:], problem.whole_abduction[:], friction, i)
+        slip = measure_slip(states, bodies, problem, problem.whole[:], problem.whole_abduction[:], friction, i)
         friction.length[i] = slip
         load = friction.plain[i] + friction.cone[i]
         if load == 0.0:
@@ -176,18 +211,22 @@ def _is_settled(states: States, body: Record, offset: float, problem: Record, fr
 
 
 @jit
-def _rest(body: Record, problem: Record) -> None:
+def _rest(bodies: Record, problem: Record) -> None:
     delta = problem.delta
-    size = 0.0
-    before = 0.0
-    for j in range(3):
-        # The rotation as the way of a point at the radius of gyration.
-        radius = body.inverse_root[0] / body.inverse_root[3 + j]
-        size += abs(delta[6 + j]) + abs(delta[9 + j]) * radius
-        before += body.period * (abs(body.velocity[j]) + abs(body.spin[j]) * radius)
-    if size <= AT_REST and before <= AT_REST:
-        for j in range(6, COMMON):
-            delta[j] = 0.0
+    for k in range(bodies.shape[0]):
+        body, column = bodies[k], thing_column(problem, k)
+        if body.is_free == 0:
+            continue
+        size = 0.0
+        before = 0.0
+        for j in range(3):
+            # The rotation as the way of a point at the radius of gyration.
+            radius = body.inverse_root[0] / body.inverse_root[3 + j]
+            size += abs(delta[column + j]) + abs(delta[column + 3 + j]) * radius
+            before += body.period * (abs(body.velocity[j]) + abs(body.spin[j]) * radius)
+        if size <= AT_REST and before <= AT_REST:
+            for j in range(OBJECT_DOF):
+                delta[column + j] = 0.0
 
 
 @jit_once
@@ -199,7 +238,7 @@ def _hold(offset: float, friction: Record, leanings: Record, held: Record) -> No
         if friction.has_friction[i] == 0:
             continue
         load = friction.plain[i] + friction.cone[i]
-        held.key[count] = TABLE_KEYS - friction.key[i] if friction.body[i] == ON_TABLE else friction.key[i]
+        held.key[count] = TABLE_KEYS - friction.key[i] if friction.body[i] < 0 else friction.key[i]
         wanted = max(0.0, friction.length[i] - LET_FLOAT * offset)
         found = load == 0.0 or abs(friction.shift[i] - wanted) <= SETTLED * offset
         held.shift[count] = wanted if found else friction.shift[i]
@@ -242,17 +281,17 @@ def _solve_once(options: TickOptions, rows: WideRows, guessed: int, state: Recor
     state.step.iterations += qp.counts[1]
     if status == OPTIMAL:
         problem.solutions += 1
-        _read(state.body, problem, state.friction, loaded, qp)
+        _read(state.bodies, problem, state.friction, loaded, qp)
     return status
 
 
 @jit_once
 def _next_slips(floats: float, states: States, state: Record, qp: QpWork) -> None:
     """Foresee the slips by a step of Newton's method, and the directions of friction."""
-    body, problem, friction, loaded = state.body, state.free_problem, state.friction, state.loaded
+    bodies, problem, friction, loaded = state.bodies, state.free_problem, state.friction, state.loaded
     keep_slips(friction, loaded, state.coulomb)
-    foresee_slips(states, body, floats, problem, friction, qp, state.coulomb)
-    find_leanings(body, floats, problem, friction, loaded, state.leanings)
+    foresee_slips(states, bodies, floats, problem, friction, qp, state.coulomb)
+    find_leanings(bodies, floats, problem, friction, loaded, state.leanings)
     turn_contacts(friction, state.leanings)
 
 
@@ -269,25 +308,25 @@ def _end_search(friction: Record, loaded: Record, coulomb: Record) -> None:
 
 @jit
 def solve_free(options: TickOptions, states: States, rounds: int, clipped: bool, state: Record, qp: QpWork) -> int:
-    """Solve for a step of hands and object, with one Γ after another until friction is Coulomb's.
+    """Solve for a step of hands and things, with one Γ after another until friction is Coulomb's.
 
-    The problem's `delta` and the hands' steps are written where the status is OPTIMAL. Γ of a step that is clipped is
+    The problem's `delta` and the pairs' steps are written where the status is OPTIMAL. Γ of a step that is clipped is
     for a part of the tick's slip, and is not kept. `state` is the first of `states`. Returns a status of
     `kernels.qp.active_set`.
     """
-    body, step = state.body, state.step
+    bodies, step = state.bodies, state.step
     problem, friction, loaded, coulomb = state.free_problem, state.friction, state.loaded, state.coulomb
     offset, relaxed = options.offset, state.program.is_relaxed
+    friction_rows(states, bodies, offset, relaxed, problem, friction)
     rows = WideRows(
         as_int64(problem.common.shape[0]),
         problem.common[:],
         problem.block[:],
         problem.rhs[:],
-        problem.group_start[:],
-        problem.group_stop[:],
-        problem.group_block[:],
+        problem.group_start[: problem.groups],
+        problem.group_stop[: problem.groups],
+        problem.group_block[: problem.groups],
     )
-    friction_rows(states, body, offset, relaxed, problem, friction)
     floats, backs = LET_FLOAT * offset, STANDS_BACK * offset
     guessed = _guess(problem, loaded)
     best = np.inf
@@ -297,7 +336,7 @@ def solve_free(options: TickOptions, states: States, rounds: int, clipped: bool,
         status = _solve_once(options, rows, guessed, state, qp)
         if status != OPTIMAL:
             return status
-        if _is_settled(states, body, offset, problem, friction):
+        if _is_settled(states, bodies, offset, problem, friction):
             if seeks:
                 coulomb.failures = 0
             break
@@ -318,21 +357,21 @@ def solve_free(options: TickOptions, states: States, rounds: int, clipped: bool,
                 guessed = RESUMES
                 for c in range(lowered):
                     j = coulomb.contact[c]
-                    contact_rows(states, body, offset, relaxed, j, friction.row[j], problem, friction)
+                    contact_rows(states, bodies, offset, relaxed, j, friction.row[j], problem, friction)
                 continue
             # Once these are lowered others may be too large: none is of which all are 0.
             for j in range(friction.count):
                 friction.shift[j] = 0.0
         for j in range(friction.count):
             if friction.has_friction[j] == 1:
-                contact_rows(states, body, offset, relaxed, j, friction.row[j], problem, friction)
+                contact_rows(states, bodies, offset, relaxed, j, friction.row[j], problem, friction)
         guessed = loaded.count
         for j in range(guessed):
             loaded.guess[j] = loaded.row[j]
     if not clipped:
-        find_leanings(body, floats, problem, friction, loaded, state.leanings)
+        find_leanings(bodies, floats, problem, friction, loaded, state.leanings)
         _hold(offset, friction, state.leanings, state.held)
     if loaded.count > 0:
-        _rest(body, problem)
-    take_steps(states, body, problem)
+        _rest(bodies, problem)
+    take_steps(states, bodies, 1.0, problem)
     return OPTIMAL

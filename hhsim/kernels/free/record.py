@@ -1,22 +1,23 @@
-"""Record of a free object's ticks: its motion, the forces on it, and the contacts that bear them."""
+"""Record of the ticks of free objects: their motion, the forces on them, and the contacts that bear them."""
 
 import math
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.elementary import hypotenuse
-from hhsim.kernels.free.rows import (
-    DIRECTIONS,
-    ON_TABLE,
-    TABLE_KEYS,
+from hhsim.kernels.free.columns import (
     States,
     coefficient,
     displacement,
+    other_of,
     relative_turn,
+    thing_of,
     torsion_radius,
 )
+from hhsim.kernels.free.rows import DIRECTIONS, TABLE_KEYS
 from hhsim.kernels.hand.kinematics import BODY_COUNT
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_once
 from hhsim.kernels.rotation import turned, turned_back
@@ -27,30 +28,33 @@ STICKS = 1e-9
 """A contact that slips by no more than this in a tick [m] sticks."""
 
 
-BORNE = np.dtype(
-    [
-        ("count", np.int64),
-        # its row or place in FRICTION, to put together what several rows bear
-        ("contact", np.int64, (ACTIVE_CAPACITY,)),
-        ("body", np.int64, (ACTIVE_CAPACITY,)),  # of a hand as in `kernels.free.rows`, ON_TABLE for the table
-        ("point", np.float64, (ACTIVE_CAPACITY, 3)),  # [m]
-        # from the object to the hand, of the table from the table to the object
-        ("normal", np.float64, (ACTIVE_CAPACITY, 3)),
-        ("load", np.float64, (ACTIVE_CAPACITY,)),  # normal force on the hand, of the table on the object [N]
-        ("friction", np.float64, (ACTIVE_CAPACITY, 3)),  # tangential force [N]
-        ("moment", np.float64, (ACTIVE_CAPACITY,)),  # about the normal [N·m]
-        ("slip", np.float64, (ACTIVE_CAPACITY,)),  # tangential way of the contact in the tick [m]
-        # of the hand on the object: force [N], moment about its centre of mass [N·m]
-        ("hand_wrench", np.float64, (6,)),
-        ("table_wrench", np.float64, (6,)),  # the same of the table
-        # the most by which the slip that friction is balanced against is off the slip of a contact here [m]
-        ("residual", np.float64),
-        # the most that a contact slips that bears a force without rows of friction: it came from too far [m]
-        ("bare", np.float64),
-    ],
-    align=True,
-)
-"""Contacts that bear a force; object's frame."""
+@cache
+def borne_dtype(things: int) -> "np.dtype[Any]":
+    """Build the dtype of the contacts that bear a force, each in the frame of its thing."""
+    return np.dtype(
+        [
+            ("count", np.int64),
+            # its row or place among the contacts with friction, to put together what several rows bear
+            ("contact", np.int64, (ACTIVE_CAPACITY,)),
+            ("body", np.int64, (ACTIVE_CAPACITY,)),  # what it is of, see `kernels.free.columns.thing_of`
+            ("point", np.float64, (ACTIVE_CAPACITY, 3)),  # [m]
+            # from the thing to what touches it, of the table from the table to the thing
+            ("normal", np.float64, (ACTIVE_CAPACITY, 3)),
+            ("load", np.float64, (ACTIVE_CAPACITY,)),  # normal force on what touches it, of the table on the thing [N]
+            ("friction", np.float64, (ACTIVE_CAPACITY, 3)),  # tangential force [N]
+            ("moment", np.float64, (ACTIVE_CAPACITY,)),  # about the normal [N·m]
+            ("slip", np.float64, (ACTIVE_CAPACITY,)),  # tangential way of the contact in the tick [m]
+            # of hands on each thing: force [N], moment about its centre of mass [N·m]
+            ("hand_wrench", np.float64, (things, 6)),
+            ("table_wrench", np.float64, (things, 6)),  # the same of the table
+            ("thing_wrench", np.float64, (things, 6)),  # and of the other things
+            # the most by which the slip that friction is balanced against is off the slip of a contact here [m]
+            ("residual", np.float64),
+            # the most that a contact slips that bears a force without rows of friction: it came from too far [m]
+            ("bare", np.float64),
+        ],
+        align=True,
+    )
 
 
 class ObjectRecord(NamedTuple):
@@ -62,9 +66,9 @@ class ObjectRecord(NamedTuple):
     | velocity, angular_velocity | of the centre of mass [m/s], [rad/s] | (B, 3) |
     | hand_wrench, table_wrench | on the object: force [N], moment about its centre [N·m] | (B, 6) |
     | table_distance | lowest point above the table [m], infinite without one | (B,) |
-    | friction_residual | the larger of `residual` and `bare` of BORNE [m] | (B,) |
+    | friction_residual | the larger of `residual` and `bare` of `borne_dtype` [m] | (B,) |
     | contact | the first row of each tick's, and of one more | (B + 1,) |
-    | body, point, normal, normal_force, friction_force, torsional_moment, slip | as BORNE has them | (rows, ...) |
+    | body, point, normal, normal_force, friction_force, torsional_moment, slip | as in `borne_dtype` | (rows, ...) |
     """
 
     turn: Array
@@ -85,16 +89,54 @@ class ObjectRecord(NamedTuple):
     slip: Array
 
 
+@jit
+def _push(
+    r: tuple[float, float, float], m: tuple[float, float, float], size: float, turn: float, n: Array, wrench: Array
+) -> None:
+    # Add a force along m at a point by its place from the centre, and a moment along n, to the wrench on a body.
+    rx, ry, rz = r
+    mx, my, mz = m
+    wrench[0] += size * mx
+    wrench[1] += size * my
+    wrench[2] += size * mz
+    wrench[3] += size * (ry * mz - rz * my) + turn * n[0]
+    wrench[4] += size * (rz * mx - rx * mz) + turn * n[1]
+    wrench[5] += size * (rx * my - ry * mx) + turn * n[2]
+
+
+@jit
+def _bear(states: States, problem: Record, of: int, force: float, p: Array, m: tuple[float, float, float]) -> None:
+    # Add a force to those on a hand, which are in the frame of the first thing.
+    pair = of // BODY_COUNT
+    hand = problem.hand[pair]
+    x, y, z = p[0], p[1], p[2]
+    mx, my, mz = m
+    if problem.thing[pair] > 0:
+        near, far, turn = states[pair].pose, states[hand].pose, problem.turn[pair]
+        x, y, z = turned_back(turn, x - near.position[0], y - near.position[1], z - near.position[2])
+        x, y, z = x + far.position[0], y + far.position[1], z + far.position[2]
+        mx, my, mz = turned_back(turn, mx, my, mz)
+    active = states[hand].warm
+    bearing = active.count
+    active.key[bearing] = 0
+    active.body[bearing] = of % BODY_COUNT
+    active.multiplier[bearing] = force
+    active.point[0, bearing], active.point[1, bearing], active.point[2, bearing] = x, y, z
+    active.normal[0, bearing], active.normal[1, bearing], active.normal[2, bearing] = mx, my, mz
+    active.count += 1
+
+
 @jit_once
 def find_borne(
-    states: States, body: Record, contacts: Record, problem: Record, friction: Record, loaded: Record, borne: Record
+    states: States, bodies: Record, contacts: Record, problem: Record, friction: Record, loaded: Record, borne: Record
 ) -> None:
     """Write the loads of the rows: as forces on each hand in its `warm`, and contact by contact in `borne`."""
     borne.hand_wrench[:] = 0.0
     borne.table_wrench[:] = 0.0
+    borne.thing_wrench[:] = 0.0
     count = as_int64(0)
-    for h in range(problem.first.shape[0]):
-        states[h].warm.count = 0
+    for p in range(problem.first.shape[0]):
+        states[p].warm.count = 0
     for i in range(loaded.count):
         row = loaded.row[i]
         force = loaded.multiplier[i]
@@ -117,6 +159,7 @@ def find_borne(
                 borne.normal[at, j] = friction.normal[owner, j] if owner >= 0 else contacts.normal[j, row]
             borne.body[at] = friction.body[owner] if owner >= 0 else contacts.body[row]
         of = borne.body[at]
+        thing, other = thing_of(problem, of), other_of(problem, of)
         n, p = borne.normal[at], borne.point[at]
         mx, my, mz = n[0], n[1], n[2]
         borne.load[at] += force
@@ -124,48 +167,40 @@ def find_borne(
         if kind > 0:
             e = (kind - 1) % DIRECTIONS
             sign = -1.0 if kind <= DIRECTIONS else 1.0
-            push = sign * coefficient(body, of)
+            push = sign * coefficient(bodies, problem, of)
             t = friction.along[owner, e]
             mx, my, mz = mx + push * t[0], my + push * t[1], mz + push * t[2]
             for j in range(3):
                 borne.friction[at, j] += force * push * t[j]
-            moment = sign * torsion_radius(body, of) * friction.about[owner, e] * force
+            moment = sign * torsion_radius(bodies, problem, of) * friction.about[owner, e] * force
             borne.moment[at] += moment
-        rx, ry, rz = p[0] - body.center[0], p[1] - body.center[1], p[2] - body.center[2]
-        wrench = borne.table_wrench if of == ON_TABLE else borne.hand_wrench
-        size = force if of == ON_TABLE else -force
-        turn = moment if of == ON_TABLE else -moment
-        wrench[0] += size * mx
-        wrench[1] += size * my
-        wrench[2] += size * mz
-        wrench[3] += size * (ry * mz - rz * my) + turn * n[0]
-        wrench[4] += size * (rz * mx - rx * mz) + turn * n[1]
-        wrench[5] += size * (rx * my - ry * mx) + turn * n[2]
-        if of != ON_TABLE:
-            active = states[of // BODY_COUNT].warm
-            bearing = active.count
-            active.key[bearing] = 0
-            active.body[bearing] = of % BODY_COUNT
-            active.multiplier[bearing] = force
-            active.point[0, bearing], active.point[1, bearing], active.point[2, bearing] = p[0], p[1], p[2]
-            active.normal[0, bearing], active.normal[1, bearing], active.normal[2, bearing] = mx, my, mz
-            active.count += 1
+        m, center = (mx, my, mz), bodies[thing].center
+        r = (p[0] - center[0], p[1] - center[1], p[2] - center[2])
+        if of < 0:
+            _push(r, m, force, moment, n, borne.table_wrench[thing])
+        elif other >= 0:
+            pose = states[of // BODY_COUNT].pose
+            _push(r, m, -force, -moment, n, borne.thing_wrench[thing])
+            r = turned_back(pose.rotation, p[0] - pose.position[0], p[1] - pose.position[1], p[2] - pose.position[2])
+            _push(r, turned_back(pose.rotation, mx, my, mz), force, 0.0, n, borne.thing_wrench[other])
+        else:
+            _push(r, m, -force, -moment, n, borne.hand_wrench[thing])
+            _bear(states, problem, of, force, p, m)
     borne.count = count
     borne.bare = 0.0
     for i in range(count):
-        p, n = borne.point[i], borne.normal[i]
-        x, y, z = displacement(
-            states, body, problem.abduction_total[:], problem.total[:], borne.body[i], p[0], p[1], p[2]
-        )
+        p, n, of = borne.point[i], borne.normal[i], borne.body[i]
+        way, spread = problem.total[:], problem.abduction_total[:]
+        x, y, z = displacement(states, bodies, problem, spread, way, of, p[0], p[1], p[2])
         along = x * n[0] + y * n[1] + z * n[2]
         x, y, z = x - along * n[0], y - along * n[1], z - along * n[2]
         borne.slip[i] = math.sqrt(x * x + y * y + z * z)
         place = borne.contact[i]
         if place < 0 or friction.has_friction[place] == 0:
-            of = borne.body[i]
-            turn = relative_turn(states, body, problem.abduction_total[:], problem.total[:], of, n[0], n[1], n[2])
-            spin = torsion_radius(body, of) * turn
-            borne.bare = max(borne.bare, hypotenuse(coefficient(body, of) * borne.slip[i], spin))
+            spin, radius = 0.0, torsion_radius(bodies, problem, of)
+            if radius > 0.0:
+                spin = radius * relative_turn(states, bodies, problem, spread, way, of, n[0], n[1], n[2])
+            borne.bare = max(borne.bare, hypotenuse(coefficient(bodies, problem, of) * borne.slip[i], spin))
 
 
 @jit_once
@@ -174,8 +209,10 @@ def copy_borne(source: Record, target: Record) -> None:
     target.count = source.count
     target.residual = source.residual
     target.bare = source.bare
-    copy_values(source.hand_wrench[:], target.hand_wrench[:])
-    copy_values(source.table_wrench[:], target.table_wrench[:])
+    for k in range(source.hand_wrench.shape[0]):
+        copy_values(source.hand_wrench[k], target.hand_wrench[k])
+        copy_values(source.table_wrench[k], target.table_wrench[k])
+        copy_values(source.thing_wrench[k], target.thing_wrench[k])
     for i in range(source.count):
         target.body[i] = source.body[i]
         target.load[i] = source.load[i]
@@ -202,10 +239,23 @@ def turn_loads(body: Record, active: Record) -> None:
         normal[0, i], normal[1, i], normal[2, i] = turned_back(body.rotation, x, y, z)
 
 
-@record_object.of(ObjectRecord)
+class ThingsRecord(NamedTuple):
+    """Results of a block of ticks for several things.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | things | of each thing; all contacts are in the first one's, with `body` -2 - k where thing k touches | (K,) |
+    | thing | of each contact | (rows,) |
+    | thing_wrench | of the other things on each: force [N], moment about its centre [N·m] | (K, B, 6) |
+    """
+
+    things: tuple[ObjectRecord, ...]
+    thing: Indices
+    thing_wrench: Array
+
+
 @jit
-def _record_object(record: ObjectRecord, state: Record, i: int) -> None:
-    body, borne = state.body, state.borne
+def _record_motion(body: Record, hand_wrench: Array, table_wrench: Array, i: int, record: ObjectRecord) -> None:
     copy_values(body.orientation[:], record.turn[i])
     center = body.center
     x, y, z = turned(body.rotation, center[0], center[1], center[2])
@@ -217,22 +267,61 @@ def _record_object(record: ObjectRecord, state: Record, i: int) -> None:
     x, y, z = turned(body.rotation, x, y, z)
     record.angular_velocity[i, 0], record.angular_velocity[i, 1], record.angular_velocity[i, 2] = x, y, z
     for half in range(2):
-        _out(body, borne.hand_wrench[3 * half : 3 * half + 3], record.hand_wrench[i, 3 * half : 3 * half + 3])
-        _out(body, borne.table_wrench[3 * half : 3 * half + 3], record.table_wrench[i, 3 * half : 3 * half + 3])
-    record.table_distance[i] = state.table_distance
+        _out(body, hand_wrench[3 * half : 3 * half + 3], record.hand_wrench[i, 3 * half : 3 * half + 3])
+        _out(body, table_wrench[3 * half : 3 * half + 3], record.table_wrench[i, 3 * half : 3 * half + 3])
+    record.table_distance[i] = body.table_distance
+
+
+@jit
+def _record_contact(body: Record, of: int, k: int, borne: Record, row: int, record: ObjectRecord) -> None:
+    record.body[row] = of
+    for j in range(3):
+        borne.point[k, j] -= body.center[j]
+    _out(body, borne.point[k], record.point[row])
+    for j in range(3):
+        record.point[row, j] += body.position[j]
+    _out(body, borne.normal[k], record.normal[row])
+    _out(body, borne.friction[k], record.friction_force[row])
+    record.normal_force[row] = borne.load[k]
+    record.torsional_moment[row] = borne.moment[k]
+    record.slip[row] = borne.slip[k]
+
+
+@record_object.of(ObjectRecord)
+@jit
+def _record_object(record: ObjectRecord, state: Record, i: int) -> None:
+    body, borne = state.bodies[0], state.borne
+    _record_motion(body, borne.hand_wrench[0], borne.table_wrench[0], i, record)
     record.friction_residual[i] = max(borne.residual, borne.bare)
     row = record.contact[i]
     for k in range(borne.count):
-        record.body[row] = borne.body[k]
-        for j in range(3):
-            borne.point[k, j] -= center[j]
-        _out(body, borne.point[k], record.point[row])
-        for j in range(3):
-            record.point[row, j] += body.position[j]
-        _out(body, borne.normal[k], record.normal[row])
-        _out(body, borne.friction[k], record.friction_force[row])
-        record.normal_force[row] = borne.load[k]
-        record.torsional_moment[row] = borne.moment[k]
-        record.slip[row] = borne.slip[k]
+        _record_contact(body, borne.body[k], k, borne, row, record)
         row += 1
     record.contact[i + 1] = row
+
+
+@record_object.of(ThingsRecord)
+@jit
+def _record_things(record: ThingsRecord, state: Record, i: int) -> None:
+    borne, problem, first = state.borne, state.free_problem, record.things[0]
+    for t in range(state.bodies.shape[0]):
+        body = state.bodies[t]
+        _record_motion(body, borne.hand_wrench[t], borne.table_wrench[t], i, record.things[t])
+        wrench, out = borne.thing_wrench[t], record.thing_wrench[t, i]
+        for half in range(2):
+            _out(body, wrench[3 * half : 3 * half + 3], out[3 * half : 3 * half + 3])
+    first.friction_residual[i] = max(borne.residual, borne.bare)
+    row = first.contact[i]
+    for k in range(borne.count):
+        of = borne.body[k]
+        thing, other = thing_of(problem, of), other_of(problem, of)
+        if other >= 0:
+            name = -2 - other
+        elif of >= 0:
+            name = of % BODY_COUNT + BODY_COUNT * problem.hand[of // BODY_COUNT]
+        else:
+            name = as_int64(-1)
+        _record_contact(state.bodies[thing], name, k, borne, row, first)
+        record.thing[row] = thing
+        row += 1
+    first.contact[i + 1] = row

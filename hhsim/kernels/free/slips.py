@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.free.rows import FRICTIONS, States, coefficient, orient, own_columns, torsion_radius, write_row
+from hhsim.kernels.free.columns import States, coefficient, own_columns, torsion_radius, write_row
+from hhsim.kernels.free.rows import orient
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import QpWork
@@ -28,18 +29,18 @@ FLAT = 1e-3
 """A system with a pivot smaller than this, as a share of its largest entry or of 1, says nothing of its unknown."""
 
 
-def coulomb_dtype(dof: int) -> "np.dtype[Any]":
+def coulomb_dtype(dof: int, frictions: int) -> "np.dtype[Any]":
     """Build the dtype of the workspace of a step of Newton's method; its first axis is that of its contacts."""
     return np.dtype(
         [
-            ("contact", np.int64, (dof,)),  # their places in FRICTION
+            ("contact", np.int64, (dof,)),  # their places among the contacts with friction
             ("moved", np.float64, (dof, dof)),  # what a metre of Γ adds to the program's variables, scaled
             ("matrix", np.float64, (dof, dof)),  # I - D; or dλ / dΓ of plain rows [N/m]
             ("rhs", np.float64, (dof,)),  # what Γ is short of, then dΓ [m]; or the loads of plain rows [N], then dΓ
             ("share", np.float64, (dof,)),  # scratch
-            ("shift", np.float64, (FRICTIONS,)),  # Γ of the round before [m]
-            ("along", np.float64, (FRICTIONS, 3)),  # e_1 of the round before, as FRICTION has it
-            ("about", np.float64, (FRICTIONS,)),  # its part about the normal
+            ("shift", np.float64, (frictions,)),  # Γ of the round before [m]
+            ("along", np.float64, (frictions, 3)),  # e_1 of the round before
+            ("about", np.float64, (frictions,)),  # its part about the normal
             ("row", np.int64, (dof,)),  # loaded rows of the round before
             ("rows", np.int64),  # number of these
             ("failures", np.int64),  # searches in a row that came to nothing
@@ -81,7 +82,9 @@ def _find_moved(friction: Record, problem: Record, qp: QpWork, work: Record) -> 
 
 
 @jit_once
-def _fill_system(states: States, body: Record, floats: float, problem: Record, friction: Record, work: Record) -> None:
+def _fill_system(
+    states: States, bodies: Record, floats: float, problem: Record, friction: Record, work: Record
+) -> None:
     common, own = problem.common, problem.block
     scratch = as_int64(common.shape[1] - 1)
     count = friction.bearings
@@ -98,10 +101,10 @@ def _fill_system(states: States, body: Record, floats: float, problem: Record, f
         x, y, z = scale * friction.slip[i, 0], scale * friction.slip[i, 1], scale * friction.slip[i, 2]
         spin = scale * friction.spin[i]
         of, n = friction.body[i], friction.normal[i]
-        mu, w = coefficient(body, of), torsion_radius(body, of) * spin
+        mu, w = coefficient(bodies, problem, of), torsion_radius(bodies, problem, of) * spin
         point = friction.point[i]
         turn = (w * n[0], w * n[1], w * n[2])
-        write_row(states, body, problem, of, scratch, point, (mu * x, mu * y, mu * z), turn, 0.0)
+        write_row(states, bodies, problem, of, scratch, point, (mu * x, mu * y, mu * z), turn, 0.0)
         block = own_columns(problem, of)
         for c in range(count):
             moved = work.moved[c]
@@ -152,11 +155,11 @@ def _solve_system(count: int, work: Record) -> None:
 
 @jit_once
 def foresee_slips(
-    states: States, body: Record, floats: float, problem: Record, friction: Record, qp: QpWork, work: Record
+    states: States, bodies: Record, floats: float, problem: Record, friction: Record, qp: QpWork, work: Record
 ) -> None:
     """Set Γ of the contacts that bear a force to their slip less what a contact may float [m]."""
     _find_moved(friction, problem, qp, work)
-    _fill_system(states, body, floats, problem, friction, work)
+    _fill_system(states, bodies, floats, problem, friction, work)
     _solve_system(friction.bearings, work)
     for c in range(friction.bearings):
         i = friction.bearing[c]

@@ -1,11 +1,12 @@
-"""One tick of one or two hands and a free object: the loop of `kernels.tick.tick`, with all steps in one program.
+"""One tick of hands and free objects: the loop of `kernels.tick.tick`, with all steps in one program.
 
-A hand is kept as the object sees it. A program's step moves all; the object's is taken out of a hand's, and what
-is left, the hand's way past the object, is what is bounded by the pairs at hand and judged by true distances. A step of
-which hand or table would be entered is taken back like any other, and the last pose of both that was free is what is
-shown. The table is a half-space: nothing can be behind it, so that the end of a step says all.
+A hand is kept as each thing sees it, and so is each thing as another one sees it: as a palm without fingers, of spheres
+or points (`kernels.free.columns` says what a pair is). A program's step moves all; the thing's is taken out of what
+moves past it, and what is left is what is bounded by the pairs at hand and judged by true distances. A step of which
+anything would be entered is taken back like any other, and the last pose of all that was free is what is shown. The
+table is a half-space: nothing can be behind it, so that the end of a step says all.
 
-Two hands make the same share of a step, and the tick ends where both have arrived. They do not see each other.
+All make the same share of a step, and the tick ends where all have arrived. Two hands do not see each other.
 """
 
 from typing import Any, NamedTuple
@@ -18,33 +19,29 @@ from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_lim
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import (
+    OBJECT_DOF,
     Support,
-    as_object_moves,
     body_target,
     keep_body,
     move_body,
     predict,
     see_hand,
+    show_hand,
     take_body_back,
     take_velocity,
     turn_back,
 )
-from hhsim.kernels.free.program import begin_search, clip_shifts, scale_target, solve_free, take_steps
+from hhsim.kernels.free.columns import States, finger_columns, hand_count, object_columns, thing_column
+from hhsim.kernels.free.edges import Edges, measure_edges, record_edges
+from hhsim.kernels.free.program import begin_search, clip_shifts, scale_target, solve_free, take_steps, take_targets
 from hhsim.kernels.free.record import copy_borne, find_borne, turn_loads
-from hhsim.kernels.free.rows import (
-    SECOND_KEYS,
-    States,
-    begin_frictions,
-    find_frictions,
-    keep_entry,
-    object_columns,
-    own_columns,
-    table_distances,
-)
+from hhsim.kernels.free.rows import PAIR_KEYS, begin_frictions, find_frictions, touches
+from hhsim.kernels.free.support import find_table_contacts, keep_entry, keep_lowest, table_distances
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, generic, jit, jit_inline, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
+from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_object, record_tick
 from hhsim.kernels.tick.evaluation import (
     REACH_FLOOR,
@@ -53,6 +50,7 @@ from hhsim.kernels.tick.evaluation import (
     is_budget_spent,
     least_distance,
     rebuild_candidates,
+    usual_reach,
 )
 from hhsim.kernels.tick.force import hand_forces
 from hhsim.kernels.tick.haptic_input import set_haptic
@@ -69,7 +67,7 @@ from hhsim.kernels.tick.method import (
 )
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.restoration import TRUST_DECAY, only_restores, take_back
-from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, WORK_LINEARISATIONS, WORK_TOUCHING
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_LAG, WORK_LINEARISATIONS, WORK_TOUCHING
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
 from hhsim.kernels.tick.step_length import WHOLE_TARGET, allowed_fraction
 from hhsim.kernels.tick.tick import MOST_FAILED_STEPS, accept, begin_tick, converge, tick_status, update_reach
@@ -96,30 +94,133 @@ class Free(NamedTuple):
     states: States
 
 
-class FreeOfTwo(NamedTuple):
-    """Method that solves two hands and a free object together; fields as those of `Free`, and the second hand."""
+class FreeOfMany(NamedTuple):
+    """Method that solves hands and things together.
+
+    | field | meaning |
+    |---|---|
+    | options | of a tick |
+    | supports | of each thing, as of `Free` |
+    | states | of each pair; the first one has the fields of the program and of the things |
+    | movers | arrays of each hand; then, of several things, each as a palm without fingers |
+    | surfaces | of each thing |
+    | edges | of each thing |
+    """
 
     options: TickOptions
-    support: Support
+    supports: tuple[Support, ...]
     states: States
-    second: HandArrays
+    movers: tuple[HandArrays, ...]
+    surfaces: Any
+    edges: tuple[Edges, ...]
 
 
 @generic
-def _hand_at(method: Any, hand: HandArrays, h: int) -> HandArrays:
-    """Return the arrays of the h-th hand, of which `hand` is the first."""
+def _mover(method: Any, hand: HandArrays, p: int) -> HandArrays:
+    """Return the arrays of what moves in a pair: of a hand, or of a thing as a palm without fingers."""
 
 
-@_hand_at.of(Free)
+@_mover.of(Free)
 @jit_inline
-def _only_hand(method: Free, hand: HandArrays, h: int) -> HandArrays:
+def _only_hand(method: Free, hand: HandArrays, p: int) -> HandArrays:
     return hand
 
 
-@_hand_at.of(FreeOfTwo)
+@_mover.of(FreeOfMany)
 @jit_inline
-def _hand_of_two(method: FreeOfTwo, hand: HandArrays, h: int) -> HandArrays:
-    return hand if h == 0 else method.second
+def _mover_of_many(method: FreeOfMany, hand: HandArrays, p: int) -> HandArrays:
+    problem = method.states[0].free_problem
+    other = problem.other[p]
+    return method.movers[problem.hand[p] if other < 0 else hand_count(problem) + other]
+
+
+@generic
+def _surface_of(method: Any, surface: Any, p: int) -> Any:
+    """Return the surface of the thing of a pair."""
+
+
+@_surface_of.of(Free)
+@jit_inline
+def _only_surface(method: Free, surface: Any, p: int) -> Any:
+    return surface
+
+
+@_surface_of.of(FreeOfMany)
+@jit_inline
+def _surface_of_many(method: FreeOfMany, surface: Any, p: int) -> Any:
+    return method.surfaces[method.states[0].free_problem.thing[p]]
+
+
+@generic
+def _support_of(method: Any, thing: int) -> Support:
+    """Return the parts of a thing that can stand on a table."""
+
+
+@_support_of.of(Free)
+@jit_inline
+def _only_support(method: Free, thing: int) -> Support:
+    return method.support
+
+
+@_support_of.of(FreeOfMany)
+@jit_inline
+def _support_of_many(method: FreeOfMany, thing: int) -> Support:
+    return method.supports[thing]
+
+
+@generic
+def _measure_edges(method: Any, p: int) -> None:
+    """Measure a pair's edges, if two things meet in it, after its other distances."""
+
+
+@_measure_edges.of(Free)
+@jit_inline
+def _no_edges(method: Free, p: int) -> None:
+    pass
+
+
+@_measure_edges.of(FreeOfMany)
+@jit
+def _edges_of_many(method: FreeOfMany, p: int) -> None:
+    first, each, options = method.states[0], method.states[p], method.options
+    problem = first.free_problem
+    other, thing = problem.other[p], problem.thing[p]
+    # Each two things meet in two pairs: their edges once.
+    if 0 <= other < thing:
+        needed = max(options.listed, max(each.trust.reach, usual_reach(options, each)))
+        far = options.margin + options.skin
+        measure_edges(
+            method.movers[hand_count(problem) + other],
+            method.edges[other],
+            method.edges[thing],
+            first.bodies[thing].center[:],
+            each.pose,
+            needed,
+            far,
+            each.candidates,
+            each.edges,
+            problem.scratch[:],
+        )
+
+
+@generic
+def _record_edges(method: Any, p: int) -> None:
+    """Add a pair's edges within reach to its contact records, if two things meet in it."""
+
+
+@_record_edges.of(Free)
+@jit_inline
+def _record_no_edges(method: Free, p: int) -> None:
+    pass
+
+
+@_record_edges.of(FreeOfMany)
+@jit
+def _record_edges_of_many(method: FreeOfMany, p: int) -> None:
+    each, problem = method.states[p], method.states[0].free_problem
+    other, thing = problem.other[p], problem.thing[p]
+    if 0 <= other < thing:
+        record_edges(method.edges[thing], min(each.trust.reach, each.trust.radius), each.edges, each.contacts)
 
 
 @jit
@@ -137,51 +238,93 @@ def _aim(state: Record, body: Record, target_out: Array, abduction_out: Array) -
 
 
 @jit
-def _find_contacts(hand: HandArrays, method: Any, surface: Any, state: Record) -> int:
-    """Find each hand's contacts, and say which rows they have; returns how many are kept, -1 where they do not fit.
+def _place_pairs(method: Any, hand: HandArrays, state: Record) -> None:
+    """Place what moves in each pair but the first ones where it is: there it was moved along, step by step."""
+    problem, bodies, scratch = state.free_problem, state.bodies, state.free_problem.scratch
+    for p in range(hand_count(problem), problem.first.shape[0]):
+        each, other = method.states[p], problem.other[p]
+        pose = each.pose
+        if other >= 0:
+            copy_values(bodies[other].position[:], scratch[0:3])
+            copy_values(bodies[other].orientation[:], pose.orientation[:])
+        else:
+            first = method.states[problem.hand[p]].pose
+            show_hand(bodies[0], first.position[:], first.orientation[:], scratch[0:3], pose.orientation[:])
+            copy_values(first.flexion[:], pose.flexion[:])
+            copy_values(first.abduction[:], pose.abduction[:])
+        turn_here = each.scratch_turn
+        copy_values(pose.orientation[:], turn_here[:])
+        see_hand(bodies[problem.thing[p]], scratch[0:3], turn_here[:], pose.position[:], pose.orientation[:])
+        update_kinematics(_mover(method, hand, p), pose)
 
-    Those of a second hand are written behind the rows of the first one's joint limits, too.
+
+@jit
+def _find_turns(problem: Record, bodies: Record) -> None:
+    """Find how the frame of the first thing is turned to that of each pair's."""
+    base = bodies[0].rotation
+    for p in range(hand_count(problem), problem.first.shape[0]):
+        own = bodies[problem.thing[p]].rotation
+        for j in range(3):
+            x, y, z = turned_back(own, base[0, j], base[1, j], base[2, j])
+            problem.turn[p, 0, j], problem.turn[p, 1, j], problem.turn[p, 2, j] = x, y, z
+
+
+@jit
+def _find_contacts(hand: HandArrays, method: Any, surface: Any, state: Record) -> int:
+    """Find each pair's contacts, and say which rows they have; returns how many are kept, -1 where they do not fit.
+
+    Those of further pairs are written behind the rows of the first one's joint limits, too.
     """
     problem, joined = state.free_problem, state.contacts
     row, kept = as_int64(0), as_int64(0)
-    for h in range(problem.first.shape[0]):
-        each, arrays = method.states[h], _hand_at(method, hand, h)
+    for p in range(problem.first.shape[0]):
+        each, arrays = method.states[p], _mover(method, hand, p)
         contacts = each.contacts
-        if not find_program_contacts(arrays, surface, method.options, each):
+        if not find_program_contacts(arrays, _surface_of(method, surface, p), method.options, each):
             return as_int64(-1)
+        _record_edges(method, p)
         each.found = contacts.start[FINGER_COUNT + 1]
         reach = min(each.trust.reach, each.trust.radius)
         drop_redundant_contacts(arrays, reach, contacts, each.open_distance[:])
+        if problem.other[p] >= 0:
+            keep_lowest(contacts, each.open_distance[:], state.friction)
         count = contacts.start[FINGER_COUNT + 1]
         if row + count > joined.key.shape[0]:
             return as_int64(-1)
-        problem.first[h], problem.last[h] = row, row + count
-        for i in range(count if h > 0 else 0):
+        problem.first[p], problem.last[p] = row, row + count
+        for i in range(count if p > 0 else 0):
             joined.distance[row + i] = contacts.distance[i]
-            joined.body[row + i] = contacts.body[i] + BODY_COUNT * h
-            joined.key[row + i] = contacts.key[i] + SECOND_KEYS * h
+            joined.body[row + i] = contacts.body[i] + BODY_COUNT * p
+            joined.key[row + i] = contacts.key[i] + PAIR_KEYS * p
             for j in range(3):
                 joined.point[j, row + i] = contacts.point[j, i]
                 joined.normal[j, row + i] = contacts.normal[j, i]
-        row += count + LIMIT_ROWS
+        row += count + (LIMIT_ROWS if p < hand_count(problem) else 0)
         kept += count
     return kept
 
 
 @jit
-def _write_hands(hand: HandArrays, method: Any, state: Record) -> None:
-    """Write the rows of the hands' contacts and joint limits, but for the object's columns."""
+def _write_contacts(hand: HandArrays, method: Any, state: Record) -> None:
+    """Write the rows of all contacts and joint limits, but for the things' columns."""
     problem, relaxed, offset = state.free_problem, state.program.is_relaxed, method.options.offset
     build_rows(hand, state.pose, state.contacts, offset, relaxed, problem)
-    for h in range(1, problem.first.shape[0]):
-        each, first = method.states[h], problem.first[h]
+    for p in range(1, problem.first.shape[0]):
+        each, first, last, palm = method.states[p], problem.first[p], problem.last[p], 12 * problem.hand[p]
         own = each.problem
+        if problem.other[p] >= 0:
+            for i in range(last - first):
+                rhs = offset - each.contacts.distance[i]
+                problem.rhs[first + i] = min(rhs, 0.0) if relaxed and each.contacts.distance[i] >= 0.0 else rhs
+                for j in range(PHALANX_COUNT):
+                    problem.block[j, first + i] = 0.0
+            continue
         for f in range(FINGER_COUNT):
-            own.abduction_step[f] = problem.abduction_step[FINGER_COUNT * h + f]
-        build_rows(_hand_at(method, hand, h), each.pose, each.contacts, offset, relaxed, own)
-        for i in range(problem.last[h] - first + LIMIT_ROWS):
+            own.abduction_step[f] = problem.abduction_step[FINGER_COUNT * problem.hand[p] + f]
+        build_rows(_mover(method, hand, p), each.pose, each.contacts, offset, relaxed, own)
+        for i in range(last - first + (LIMIT_ROWS if p < hand_count(problem) else 0)):
             for j in range(6):
-                problem.common[12 * h + j, first + i] = own.common[j, i]
+                problem.common[palm + j, first + i] = own.common[j, i]
             for j in range(PHALANX_COUNT):
                 problem.block[j, first + i] = own.block[j, i]
             problem.rhs[first + i] = own.rhs[i]
@@ -194,41 +337,47 @@ def _prepare(hand: HandArrays, method: Any, surface: Any, state: Record) -> int:
     Returns the number of rows that contacts have, -1 where they do not fit into the records.
     """
     began = monotonic_ns()
-    options, contacts, problem, friction, body = (
+    options, contacts, problem, friction, bodies = (
         method.options,
         state.contacts,
         state.free_problem,
         state.friction,
-        state.body,
+        state.bodies,
     )
+    _find_turns(problem, bodies)
     total = _find_contacts(hand, method, surface, state)
     if total < 0:
         return -1
-    body_target(body, problem.body_target[:])
-    body.clipped[:] = 0.0
-    for h in range(problem.first.shape[0]):
+    for k in range(bodies.shape[0]):
+        body_target(bodies[k], problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF])
+        bodies[k].clipped[:] = 0.0
+    for h in range(hand_count(problem)):
         each, target = method.states[h], problem.hand_target[DOF * h : DOF * h + DOF]
-        _aim(each, body, target, problem.abduction_step[FINGER_COUNT * h : FINGER_COUNT * h + FINGER_COUNT])
+        _aim(each, bodies[0], target, problem.abduction_step[FINGER_COUNT * h : FINGER_COUNT * h + FINGER_COUNT])
         for f in range(FINGER_COUNT):
-            if each.contacts.start[f + 2] == each.contacts.start[f + 1]:
-                clamp_to_limits(_hand_at(method, hand, h), each.pose, f, target)
-    _write_hands(hand, method, state)
-    object_columns(body, contacts, problem)
+            if not touches(method.states, problem, h, f):
+                clamp_to_limits(_mover(method, hand, h), each.pose, f, target)
+    _write_contacts(hand, method, state)
+    object_columns(method.states, bodies, contacts, problem)
     # A contact floats by what Γ was short of its slip, and goes on rubbing.
     close = CLOSE * options.offset + FLOATS * state.borne.residual
-    find_frictions(body, contacts, problem, method.support, options.margin, close, problem.body_target[:], friction)
+    find_frictions(bodies, contacts, problem, close, friction)
+    for k in range(bodies.shape[0]):
+        alone = problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF]
+        find_table_contacts(bodies[k], k, _support_of(method, k), options.margin, close, alone, friction)
     if state.work[WORK_LINEARISATIONS] == 0:
         step, abduction = problem.before[:], problem.before_abduction[:]
     else:
         step, abduction = problem.total[:], problem.abduction_total[:]
     # Directions that went on turning would give each program another one, and the tick no end.
     turns = as_bool(state.work[WORK_LINEARISATIONS] < SEARCHED)
-    begin_frictions(method.states, body, step, abduction, problem, state.held, turns, friction)
-    scale_target(body, problem)
+    begin_frictions(method.states, bodies, step, abduction, problem, state.held, turns, friction)
+    scale_target(bodies, problem)
     count = total + friction.count - friction.of_hand
-    for h in range(problem.first.shape[0]):
-        each = method.states[h]
-        count_linearisation(_hand_at(method, hand, h), surface, options, each.found, count, each)
+    for p in range(problem.first.shape[0]):
+        each = method.states[p]
+        given = _mover(method, hand, p), _surface_of(method, surface, p), options
+        count_linearisation(*given, each.found, count, each)
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
     return count
 
@@ -237,17 +386,10 @@ def _prepare(hand: HandArrays, method: Any, surface: Any, state: Record) -> int:
 def _solve(method: Any, count: int, clipped: bool, state: Record, qp: QpWork) -> int:
     problem = state.free_problem
     if count == 0:
-        for h in range(problem.first.shape[0]):
-            fingers = own_columns(problem, BODY_COUNT * h)
-            for j in range(6):
-                problem.delta[12 * h + j] = problem.hand_target[DOF * h + j]
-            for j in range(6, DOF):
-                problem.delta[fingers - 6 + j] = problem.hand_target[DOF * h + j]
-        for j in range(6):
-            problem.delta[6 + j] = problem.body_target[j]
+        take_targets(problem)
         state.loaded.count = 0
         problem.gamma_error = 0.0
-        take_steps(method.states, state.body, problem)
+        take_steps(method.states, state.bodies, 1.0, problem)
         return OPTIMAL
     return _solve_rows(method, clipped, state, qp)
 
@@ -266,20 +408,23 @@ def _solve_rows(method: Any, clipped: bool, state: Record, qp: QpWork) -> int:
 @jit
 def _take_back(method: Any, state: Record) -> None:
     """Return to the last poses without penetration."""
-    for h in range(state.free_problem.first.shape[0]):
-        take_back(method.states[h])
-        method.states[h].progress.failed_steps = 0
-    take_body_back(state.body)
+    for p in range(state.free_problem.first.shape[0]):
+        take_back(method.states[p])
+        method.states[p].progress.failed_steps = 0
+    for k in range(state.bodies.shape[0]):
+        take_body_back(state.bodies[k])
     copy_values(state.body_safe_total[:], state.free_problem.total[:])
     copy_values(state.body_safe_abduction[:], state.free_problem.abduction_total[:])
 
 
 @jit
 def _measure(hand: HandArrays, method: Any, surface: Any, state: Record) -> bool:
-    """Compute the distances of each hand; False where its pairs do not fit into the arrays."""
+    """Compute the distances of each pair; False where they do not fit into the arrays."""
     fits = True
-    for h in range(state.free_problem.first.shape[0]):
-        fits = evaluate_pose(_hand_at(method, hand, h), surface, method.options, method.states[h]) and fits
+    for p in range(state.free_problem.first.shape[0]):
+        arrays, its = _mover(method, hand, p), _surface_of(method, surface, p)
+        fits = evaluate_pose(arrays, its, method.options, method.states[p]) and fits
+        _measure_edges(method, p)
     state.progress.pairs_overflow = not fits
     return fits
 
@@ -288,13 +433,13 @@ def _measure(hand: HandArrays, method: Any, surface: Any, state: Record) -> bool
 def _retry(hand: HandArrays, method: Any, surface: Any, state: Record) -> bool:
     """Return to the last poses without penetration with a smaller trust radius; False where the pairs do not fit."""
     _take_back(method, state)
-    for h in range(state.free_problem.first.shape[0]):
-        method.states[h].trust.radius *= TRUST_DECAY
+    for p in range(state.free_problem.first.shape[0]):
+        method.states[p].trust.radius *= TRUST_DECAY
     return _measure(hand, method, surface, state)
 
 
 @recover.of(Free)
-@recover.of(FreeOfTwo)
+@recover.of(FreeOfMany)
 @jit
 def _recover(method: Any, hand: HandArrays, surface: Any, state: Record) -> bool:
     if not state.program.is_relaxed:
@@ -303,21 +448,21 @@ def _recover(method: Any, hand: HandArrays, surface: Any, state: Record) -> bool
     if state.progress.failed_steps > 0:
         return _retry(hand, method, surface, state)
     if not state.program.holds_abduction:
-        for h in range(state.free_problem.first.shape[0]):
-            method.states[h].program.holds_abduction = True
+        for p in range(state.free_problem.first.shape[0]):
+            method.states[p].program.holds_abduction = True
         return True
     return False
 
 
 @jit
 def _allowed(hand: HandArrays, method: Any, state: Record) -> tuple[float, float]:
-    """Compute the share of the step that all pairs at hand vouch for, and how far the farthest hand goes in it [m]."""
+    """Compute the share of the step that all pairs at hand vouch for, and how far the farthest mover goes in it [m]."""
     problem, fraction, longest = state.free_problem, 1.0, 0.0
-    for h in range(problem.first.shape[0]):
-        each = method.states[h]
-        for f in range(FINGER_COUNT):
-            each.problem.abduction_step[f] = problem.abduction_step[FINGER_COUNT * h + f]
-        share, motion = allowed_fraction(_hand_at(method, hand, h), method.options, each)
+    for p in range(problem.first.shape[0]):
+        each = method.states[p]
+        for f in range(FINGER_COUNT if problem.other[p] < 0 else 0):
+            each.problem.abduction_step[f] = problem.abduction_step[FINGER_COUNT * problem.hand[p] + f]
+        share, motion = allowed_fraction(_mover(method, hand, p), method.options, each)
         each.longest = motion
         fraction, longest = min(fraction, share), max(longest, motion)
     return fraction, longest
@@ -327,7 +472,7 @@ def _allowed(hand: HandArrays, method: Any, state: Record) -> tuple[float, float
 def _clip_target(hand: HandArrays, method: Any, only_restore: bool, state: Record) -> float:
     """Bring a far target nearer, see `kernels.tick.step_length.clip_target`.
 
-    The motions of hands and object are shortened alike: a hand that was short of its motion past the object alone would
+    The motions of hands and things are shortened alike: a hand that was short of its motion past the object alone would
     be carried along by it, for no force, and its springs drawn out by nobody. The targets are moved by what is taken
     off, so that springs and inertia pull as they did.
     """
@@ -338,25 +483,30 @@ def _clip_target(hand: HandArrays, method: Any, only_restore: bool, state: Recor
     elif fraction >= 0.5:
         return WHOLE_TARGET
     off = 1.0 - fraction
-    for h in range(problem.first.shape[0]):
-        fingers = own_columns(problem, BODY_COUNT * h)
+    for h in range(hand_count(problem)):
+        fingers = finger_columns(problem, h)
         for j in range(6):
             problem.hand_target[DOF * h + j] -= off * problem.delta[12 * h + j]
         for j in range(6, DOF):
             problem.hand_target[DOF * h + j] -= off * problem.delta[fingers - 6 + j]
-    for j in range(6):
-        state.body.clipped[j] = off * problem.delta[6 + j]
-        problem.body_target[j] -= state.body.clipped[j]
+    for k in range(state.bodies.shape[0]):
+        body, column = state.bodies[k], thing_column(problem, k)
+        for j in range(OBJECT_DOF):
+            body.clipped[j] = off * problem.delta[column + j]
+            problem.body_target[OBJECT_DOF * k + j] -= body.clipped[j]
     for f in range(problem.abduction_step.shape[0]):
         problem.abduction_step[f] *= fraction
-    _write_hands(hand, method, state)
-    scale_target(state.body, problem)
+    _write_contacts(hand, method, state)
+    if problem.first.shape[0] > hand_count(problem):
+        # What this writes anew has not been turned to the frame of the first thing.
+        object_columns(method.states, state.bodies, state.contacts, problem)
+    scale_target(state.bodies, problem)
     clip_shifts(fraction, state.friction)
     return longest
 
 
 @solve_linearisation.of(Free)
-@solve_linearisation.of(FreeOfTwo)
+@solve_linearisation.of(FreeOfMany)
 @jit
 def _solve_linearisation(
     method: Any, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork
@@ -373,47 +523,53 @@ def _solve_linearisation(
 
 
 @jit
-def _table(method: Any, state: Record) -> tuple[float, int]:
-    if state.body.has_table == 0:
-        return np.inf, as_int64(-1)
-    return table_distances(state.body, method.support)
+def _table(method: Any, state: Record) -> tuple[float, int, int]:
+    """Compute the distance [m] of things and table; also returns the lowest thing, and its lowest point."""
+    least, thing, lowest = np.inf, as_int64(0), as_int64(-1)
+    for k in range(state.bodies.shape[0]):
+        body = state.bodies[k]
+        body.measured_distance = np.inf
+        if body.has_table == 1:
+            distance, point = table_distances(body, _support_of(method, k))
+            body.measured_distance = distance
+            if distance < least:
+                least, thing, lowest = distance, as_int64(k), point
+    return least, thing, lowest
 
 
 @jit_once
 def _move_all(hand: HandArrays, method: Any, fraction: float, state: Record) -> None:
-    """Make a share of the step of hands and object, and find what bears it."""
-    problem, body, states = state.free_problem, state.body, method.states
+    """Make a share of the step of hands and things, and find what bears it."""
+    problem, bodies, states = state.free_problem, state.bodies, method.states
     for j in range(problem.total.shape[0]):
         problem.total[j] += fraction * problem.delta[j]
     for f in range(problem.abduction_total.shape[0]):
         problem.abduction_total[f] += fraction * problem.abduction_step[f]
-    find_borne(states, body, state.contacts, problem, state.friction, state.loaded, state.tried)
-    # What comes next in the tick is added to it in the frame of the object as it then stands.
-    for part in range(problem.common.shape[0] // 3 - 1):
-        # Both parts of a palm's step, and the way of the object's centre.
-        first = 3 * part if part < 3 else 3 * part + 3
-        turn_back(body, problem.delta[6:12], fraction, problem.total[first : first + 3])
+    find_borne(states, bodies, state.contacts, problem, state.friction, state.loaded, state.tried)
+    # What comes next in the tick is added to it in the frame of each thing as it then stands.
+    for h in range(hand_count(problem)):
+        for j in (12 * h, 12 * h + 3):
+            turn_back(bodies[0], problem.delta[6:12], fraction, problem.total[j : j + 3])
+    for k in range(bodies.shape[0]):
+        j = thing_column(problem, k)
+        turn_back(bodies[k], problem.delta[j : j + OBJECT_DOF], fraction, problem.total[j : j + 3])
     if 0.0 < fraction < 1.0:
-        # Part of the way that hand and object make, which is no part of the straight way between their ends.
-        for j in range(problem.common.shape[0]):
-            problem.whole[j] = fraction * problem.delta[j]
-    for h in range(problem.first.shape[0]):
-        each, step = states[h], states[h].step
-        if 0.0 < fraction < 1.0:
-            palm = problem.whole[12 * h : 12 * h + 6]
-            as_object_moves(body, each.pose.position[:], palm, problem.whole[6:12], step.delta[0:6])
-            for j in range(6):
-                step.delta[j] /= fraction
-        move(each.pose, step.delta, each.problem.abduction_step, fraction)
-    move_body(body, problem.delta[6:12], fraction)
+        take_steps(states, bodies, fraction, problem)
+    for p in range(problem.first.shape[0]):
+        each = states[p]
+        move(each.pose, each.step.delta, each.problem.abduction_step, fraction)
+    for k in range(bodies.shape[0]):
+        j = thing_column(problem, k)
+        move_body(bodies[k], problem.delta[j : j + OBJECT_DOF], fraction)
 
 
 @jit_once
-def _keep(table: float, state: Record) -> None:
-    """Keep the object's pose, and what bears it, as those of an accepted step."""
+def _keep(state: Record) -> None:
+    """Keep the things' poses, and what bears them, as those of an accepted step."""
     problem = state.free_problem
-    keep_body(state.body)
-    state.table_distance = table
+    for k in range(state.bodies.shape[0]):
+        keep_body(state.bodies[k])
+        state.bodies[k].table_distance = state.bodies[k].measured_distance
     copy_values(problem.total[:], state.body_safe_total[:])
     copy_values(problem.abduction_total[:], state.body_safe_abduction[:])
     state.tried.residual = problem.gamma_error
@@ -421,43 +577,44 @@ def _keep(table: float, state: Record) -> None:
 
 
 @advance.of(Free)
-@advance.of(FreeOfTwo)
+@advance.of(FreeOfMany)
 @jit
 def _advance(method: Any, hand: HandArrays, surface: Any, full_motion: float, state: Record) -> bool:
     """Make the step as far as the pairs at hand vouch for, and judge it by the true distances and the table's."""
     began = monotonic_ns()
-    options, problem, progress, hands = method.options, state.free_problem, state.progress, method.states
-    for h in range(problem.first.shape[0]):
-        for f in range(FINGER_COUNT):
-            clamp_to_limits(_hand_at(method, hand, h), hands[h].pose, f, hands[h].step.delta[:])
+    options, problem, progress, states = method.options, state.free_problem, state.progress, method.states
+    pairs = problem.first.shape[0]
+    for p in range(pairs):
+        for f in range(FINGER_COUNT if problem.other[p] < 0 else 0):
+            clamp_to_limits(_mover(method, hand, p), states[p].pose, f, states[p].step.delta[:])
     fraction, longest = _allowed(hand, method, state)
     _move_all(hand, method, fraction, state)
     least = np.inf
-    for h in range(problem.first.shape[0]):
-        motion = hands[h].longest
+    for p in range(pairs):
+        motion = states[p].longest
         foreseen = max(REACH_FLOOR * options.step_tolerance, motion)
-        update_reach(options, fraction, motion, full_motion, foreseen, hands[h])
+        update_reach(options, fraction, motion, full_motion, foreseen, states[p])
     fits = _measure(hand, method, surface, state)
-    for h in range(problem.first.shape[0]):
-        least = min(least, least_distance(hands[h]))
-    table, lowest = _table(method, state)
+    for p in range(pairs):
+        least = min(least, least_distance(states[p]))
+    table, thing, lowest = _table(method, state)
     if table < 0.0:
-        keep_entry(lowest, state.friction)
+        keep_entry(thing, lowest, state.friction)
     done = False
     if not fits:
         progress.lag = max(full_motion, longest) - fraction * longest
         done = True
     elif least >= 0.0 and table >= 0.0:
-        _keep(table, state)
+        _keep(state)
         done = True
-        for h in range(problem.first.shape[0]):
-            done = accept(options, fraction, hands[h].longest, full_motion, hands[h]) and done
+        for p in range(pairs):
+            done = accept(options, fraction, states[p].longest, full_motion, states[p]) and done
     else:
         # Were this the tick's last step it would be taken back, and nothing of it made.
         progress.failed_steps += 1
-        for h in range(problem.first.shape[0]):
-            hands[h].progress.failed_steps = progress.failed_steps
-            hands[h].progress.lag = max(full_motion, longest)
+        for p in range(pairs):
+            states[p].progress.failed_steps = progress.failed_steps
+            states[p].progress.lag = max(full_motion, longest)
         if progress.failed_steps > MOST_FAILED_STEPS:
             done = not _retry(hand, method, surface, state)
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
@@ -465,38 +622,50 @@ def _advance(method: Any, hand: HandArrays, surface: Any, full_motion: float, st
 
 
 @finish_tick.of(Free)
-@finish_tick.of(FreeOfTwo)
+@finish_tick.of(FreeOfMany)
 @jit
 def _finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
     """Return to the last poses without penetration, take the velocities and the forces; returns status bits."""
     began = monotonic_ns()
-    options, progress, borne, hands = method.options, state.progress, state.borne, method.states
+    options, progress, borne, states = method.options, state.progress, state.borne, method.states
+    problem, bodies = state.free_problem, state.bodies
     cut_short, pairs_overflow = is_budget_spent(options, state), progress.pairs_overflow
     if progress.failed_steps > 0 or pairs_overflow:
         _take_back(method, state)
         pairs_overflow = not _measure(hand, method, surface, state) or pairs_overflow
-    for h in range(state.free_problem.first.shape[0]):
-        each = hands[h]
-        _see_haptic(_hand_at(method, hand, h), state.body, each)
+    for p in range(problem.first.shape[0]):
+        each = states[p]
+        if p < hand_count(problem):
+            _see_haptic(_mover(method, hand, p), bodies[0], each)
         each.status = tick_status(cut_short, as_bool(False), each)
         if pairs_overflow:
             each.status |= STATUS_CAPACITY_EXCEEDED
+        if p >= hand_count(problem):
+            # A thing that has distance still to go past another one has it whatever the hand has.
+            state.status |= each.status & STATUS_LAG
     if progress.is_accepted:
-        take_velocity(state.body)
+        for k in range(bodies.shape[0]):
+            take_velocity(bodies[k])
     else:
         borne.count = 0
         borne.residual = 0.0
         borne.bare = 0.0
         borne.hand_wrench[:] = 0.0
         borne.table_wrench[:] = 0.0
+        borne.thing_wrench[:] = 0.0
     detected = monotonic_ns()
-    for h in range(state.free_problem.first.shape[0]):
-        each = hands[h]
+    for h in range(hand_count(problem)):
+        each = states[h]
         if not progress.is_accepted:
             each.active.count = 0
-        _, each.work[WORK_TOUCHING] = pairs_near(surface, _hand_at(method, hand, h), each.candidates, options.touch)
+        each.work[WORK_TOUCHING] = 0
+        for p in range(problem.first.shape[0]):
+            if problem.hand[p] == h and problem.other[p] < 0:
+                given = _surface_of(method, surface, p), _mover(method, hand, p), states[p].candidates
+                _, near = pairs_near(*given, options.touch)
+                each.work[WORK_TOUCHING] += near
         detected = monotonic_ns()
-        turn_loads(state.body, each.active)
+        turn_loads(bodies[0], each.active)
         hand_forces(options, each)
         if h > 0:
             # The program is one: its work is that of both.
@@ -509,7 +678,7 @@ def _finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp:
 
 
 @may_end.of(Free)
-@may_end.of(FreeOfTwo)
+@may_end.of(FreeOfMany)
 @jit
 def _may_end(method: Any, state: Record) -> bool:
     # Where nothing is accepted yet the object would stop in the air: it goes on.
@@ -517,11 +686,11 @@ def _may_end(method: Any, state: Record) -> bool:
 
 
 @tick.of(Free)
-@tick.of(FreeOfTwo)
+@tick.of(FreeOfMany)
 @jit
 def _tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
     """Take the user's hands, which are the world's, and converge; they are then as the object sees them."""
-    for h in range(state.free_problem.first.shape[0]):
+    for h in range(hand_count(state.free_problem)):
         each = method.states[h]
         if each.input.is_valid:
             copy_values(each.haptic.position[:], each.palm_position[:])
@@ -530,60 +699,68 @@ def _tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork
 
 
 @begin_motion.of(Free)
-@begin_motion.of(FreeOfTwo)
+@begin_motion.of(FreeOfMany)
 @jit
 def _begin_motion(method: Any, hand: HandArrays, surface: Any, state: Record) -> None:
-    """Let the object go on by its velocity and its weight."""
+    """Let the things go on by their velocity and their weight."""
     problem = state.free_problem
-    for h in range(1, problem.first.shape[0]):
-        begin_tick(method.options, method.states[h])
-    predict(state.body)
-    keep_body(state.body)
+    _place_pairs(method, hand, state)
+    for p in range(1, problem.first.shape[0]):
+        begin_tick(method.options, method.states[p])
+    for k in range(state.bodies.shape[0]):
+        predict(state.bodies[k])
+        keep_body(state.bodies[k])
     copy_values(state.body_safe_total[:], problem.before[:])
     copy_values(state.body_safe_abduction[:], problem.before_abduction[:])
     problem.total[:] = 0.0
     problem.abduction_total[:] = 0.0
     problem.solutions = 0
-    state.friction.entries = 0
+    state.friction.entries[:] = 0
     state.body_safe_total[:] = 0.0
     state.body_safe_abduction[:] = 0.0
 
 
 @jit
 def rebuild(hand: HandArrays, method: Any, surface: Any, states: States) -> bool:
-    """Take the poses of hands and object as they now stand, in the object's frame; returns whether the pairs fit."""
+    """Take the poses of hands and things as they now stand, as each sees what is near; returns whether pairs fit."""
     state, fits = states[0], True
-    state.table_distance, _ = _table(method, state)
-    for h in range(state.free_problem.first.shape[0]):
-        fits = rebuild_candidates(_hand_at(method, hand, h), surface, method.options, states[h : h + 1]) and fits
+    _place_pairs(method, hand, state)
+    _table(method, state)
+    for k in range(state.bodies.shape[0]):
+        state.bodies[k].table_distance = state.bodies[k].measured_distance
+    for p in range(state.free_problem.first.shape[0]):
+        given = _mover(method, hand, p), _surface_of(method, surface, p), method.options
+        fits = rebuild_candidates(*given, states[p : p + 1]) and fits
+        _measure_edges(method, p)
     return fits
 
 
 @jit
-def run_two_hands(
-    method: FreeOfTwo,
+def run_many(
+    method: FreeOfMany,
     hand: HandArrays,
     surface: Any,
     states: States,
     qp: QpWork,
-    haptic: tuple[HapticBlock, HapticBlock],
-    record: tuple[TickRecord, TickRecord],
+    haptic: tuple[HapticBlock, ...],
+    record: tuple[TickRecord, ...],
     object_record: Any,
 ) -> int:
-    """Run one tick of two hands for each row of their haptic inputs, as `kernels.tick.block.run_block` does of one."""
+    """Run one tick for each row of the haptic inputs of the hands, as `kernels.tick.block.run_block` does of one."""
     state = states[0]
+    hands = hand_count(state.free_problem)
     for i in range(haptic[0].position.shape[0]):
         cpu = thread_cpu_ns()
         wall = monotonic_ns()
-        for h in range(2):
-            arrays, given = _hand_at(method, hand, h), haptic[h]
+        for h in range(hands):
+            arrays, given = _mover(method, hand, h), haptic[h]
             states[h].taken = set_haptic(
                 arrays, given.position[i], given.orientation[i], given.flexion[i], given.abduction[i], states[h]
             )
         tick(method, hand, surface, state, qp)
         wall = monotonic_ns() - wall
         cpu = thread_cpu_ns() - cpu
-        for h in range(2):
+        for h in range(hands):
             record_tick(states[h], states[h].taken | states[h].status, wall, cpu, i, record[h])
         record_object(object_record, state, i)
         if state.status & STATUS_CAPACITY_EXCEEDED:

@@ -13,7 +13,7 @@ from free_scenes import GRAVITY, free_scene, gripped, solver_of, squeeze_of, ton
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.free.rows import DIRECTIONS, FREE_DOF, FREE_GROUPS, STANDS_BACK
+from hhsim.kernels.free.rows import DIRECTIONS, STANDS_BACK
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -48,10 +48,10 @@ def last_program(solver: Any) -> CoulombProgram:
     state = solver.engine.states[0]
     problem, friction, loaded = state.free_problem, state.friction, state.loaded
     dense, owners = {}, {}
-    for g in range(FREE_GROUPS):
+    for g in range(problem.groups):
         for row in range(problem.group_start[g], problem.group_stop[g]):
             block = problem.group_block[g]
-            dense[row] = np.zeros(FREE_DOF)
+            dense[row] = np.zeros(len(problem.delta))
             dense[row][: len(problem.common)] = problem.common[:, row]
             if block >= 0:
                 dense[row][block : block + PHALANX_COUNT] = problem.block[:, row]
@@ -63,7 +63,7 @@ def last_program(solver: Any) -> CoulombProgram:
     for row, (owner, kind) in owners.items():
         if kind != 0:
             continue
-        whole, begun = np.zeros((PARTS, FREE_DOF)), np.zeros(DIRECTIONS)
+        whole, begun = np.zeros((PARTS, len(problem.delta))), np.zeros(DIRECTIONS)
         borne = np.array([load[row], *np.zeros(DIRECTIONS)])
         whole[0], needed = dense[row], float(problem.rhs[row])
         if owner >= 0 and friction.has_friction[owner]:
@@ -89,8 +89,8 @@ def last_program(solver: Any) -> CoulombProgram:
 
 
 def _weights(state: Any) -> FloatArray:
-    hand, body = state.free_problem.inverse_root, state.body.inverse_root
-    return np.concatenate([hand[:6], body, hand[6:]])
+    hand = state.free_problem.inverse_root
+    return np.concatenate([hand[:6], *(body.inverse_root for body in state.bodies), hand[6:]])
 
 
 def _scaled(state: Any) -> FloatArray:
@@ -152,7 +152,7 @@ def solve_coulomb(
     It ends before all sweeps are made where no gap and no s has changed by more than `enough` [m] in one.
     """
     count = len(program.gap)
-    flat = program.rows.reshape(count * PARTS, FREE_DOF)
+    flat = program.rows.reshape(count * PARTS, -1)
     delassus = flat @ flat.T
     v = flat @ program.target
     v[::PARTS] -= program.gap
@@ -240,7 +240,7 @@ def judge(program: CoulombProgram) -> float:
 def test_what_two_fingers_lose_slips_as_coulomb_says(torsion: float) -> None:
     mass, friction = 0.1, 0.5
     solver, closed = gripped(mass, friction, mass * GRAVITY / (2.0 * friction), torsion=torsion)
-    body = solver.engine.states[0].body  # type: ignore[attr-defined]
+    body = solver.engine.states[0].bodies[0]  # type: ignore[attr-defined]
     # Twice what friction bears.
     body.gravity[2] = -2.0 * friction * squeeze_of(solver) / mass
     slips = [judge(program) for program in harvest(solver, HandConfiguration(*tongs_at(np.full(40, closed))), TICKS)]

@@ -1,0 +1,370 @@
+"""Columns of a program of hands and things: which variables move a contact's point, and how.
+
+A *pair* is one hand and one thing, or one thing that another one meets: the pair's contacts are in the frame of its
+thing, where a hand, or the other thing, is what moves. The first pairs are those of each hand and the first thing. A
+hand's variables are in the frame of the first thing, a thing's in its own: translation of its centre, and rotation
+about its principal axes. Their columns come in the order palm, first thing, second palm, further things, which all rows
+have; then three of each finger, which only rows of that finger have.
+
+With Δ the displacement of a contact point of the hand relative to the thing's in this step, and φ the relative
+rotation, a row is that of m · Δ + w · φ.
+"""
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.contact.linearise import LIMIT_ROWS
+from hhsim.kernels.free.body import OBJECT_DOF
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline, jit_once
+from hhsim.kernels.rotation import turned, turned_back
+
+States: TypeAlias = NDArray[np.void]
+"""State of each pair; the first one's has what is of the things and of the program."""
+
+COMMON = 6 + OBJECT_DOF
+"""Columns that all rows have with one hand and one thing: the palm's and the thing's."""
+KINDS = 8
+"""Keys of rows: that of their contact times this, plus 0 for its normal row, or 1 and on for those of friction."""
+
+
+@jit_inline
+def hand_count(problem: Record) -> int:
+    """Return the number of hands."""
+    return int(problem.hand_target.shape[0] // DOF)
+
+
+@jit_inline
+def _pair_of(problem: Record, of: int) -> int:
+    return as_int64(0) if problem.first.shape[0] == 1 else of // BODY_COUNT
+
+
+@jit_inline
+def thing_of(problem: Record, of: int) -> int:
+    """Return the thing of a contact, by what it is of: body b of pair p is BODY_COUNT p + b, -1 - k is k's table."""
+    if problem.body_target.shape[0] == OBJECT_DOF:
+        return as_int64(0)
+    return -1 - of if of < 0 else problem.thing[of // BODY_COUNT]
+
+
+@jit_inline
+def other_of(problem: Record, of: int) -> int:
+    """Return the thing that meets the contact's thing there; -1 where it is a hand or the table."""
+    if problem.body_target.shape[0] == OBJECT_DOF or of < 0:
+        return as_int64(-1)
+    return problem.other[of // BODY_COUNT]
+
+
+@jit_inline
+def thing_column(problem: Record, thing: int) -> int:
+    """Return the first variable of a thing."""
+    return as_int64(6) if thing == 0 else 6 * (hand_count(problem) + thing)
+
+
+@jit_inline
+def finger_columns(problem: Record, hand: int) -> int:
+    """Return the first variable of the fingers of a hand."""
+    return problem.common.shape[0] + PHALANX_COUNT * FINGER_COUNT * hand
+
+
+@jit
+def own_columns(problem: Record, of: int) -> int:
+    """Return the first variable of the finger of a hand body; -1 for a palm, a thing and the table."""
+    if of < 0:
+        return -1
+    pair = _pair_of(problem, of)
+    body = of - BODY_COUNT * pair
+    if body >= PALM_BODY:
+        return -1
+    return finger_columns(problem, problem.hand[pair]) + PHALANX_COUNT * (body // PHALANX_COUNT)
+
+
+@jit
+def coefficient(bodies: Record, problem: Record, of: int) -> float:
+    """μ of a contact."""
+    body, other = bodies[thing_of(problem, of)], other_of(problem, of)
+    if other >= 0:
+        return math.sqrt(body.table_friction * bodies[other].table_friction)
+    return body.table_friction if of < 0 else body.friction
+
+
+@jit
+def torsion_radius(bodies: Record, problem: Record, of: int) -> float:
+    """γ of a contact [m]: what a hand's bears, and no other."""
+    return 0.0 if of < 0 or other_of(problem, of) >= 0 else bodies[thing_of(problem, of)].torsion
+
+
+@jit
+def _object_columns(
+    start: int,
+    stop: int,
+    point: Array,
+    normal: Array,
+    center: Array,
+    axes: Array,
+    inverse_root: Array,
+    column: int,
+    common: Array,
+) -> None:
+    cx, cy, cz = center[0], center[1], center[2]
+    translation = -inverse_root[0]
+    a, b, c = -inverse_root[3], -inverse_root[4], -inverse_root[5]
+    a0, a1, a2 = a * axes[0, 0], a * axes[0, 1], a * axes[0, 2]
+    b0, b1, b2 = b * axes[1, 0], b * axes[1, 1], b * axes[1, 2]
+    c0, c1, c2 = c * axes[2, 0], c * axes[2, 1], c * axes[2, 2]
+    for i in range(start, stop):
+        nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
+        rx, ry, rz = point[0, i] - cx, point[1, i] - cy, point[2, i] - cz
+        mx, my, mz = ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx
+        common[column, i] = nx * translation
+        common[column + 1, i] = ny * translation
+        common[column + 2, i] = nz * translation
+        common[column + 3, i] = a0 * mx + a1 * my + a2 * mz
+        common[column + 4, i] = b0 * mx + b1 * my + b2 * mz
+        common[column + 5, i] = c0 * mx + c1 * my + c2 * mz
+
+
+@jit
+def _other_columns(
+    body: Record, pose: Record, column: int, row: int, p: Array, m: tuple[float, float, float], common: Array
+) -> None:
+    # Columns of the thing that meets the contact's one, in whose frame its centre is at `pose`.
+    r, root = pose.rotation, body.inverse_root
+    rx, ry, rz = turned_back(r, p[0] - pose.position[0], p[1] - pose.position[1], p[2] - pose.position[2])
+    mx, my, mz = turned_back(r, m[0], m[1], m[2])
+    x, y, z = turned(body.axes, ry * mz - rz * my, rz * mx - rx * mz, rx * my - ry * mx)
+    common[column, row], common[column + 1, row], common[column + 2, row] = mx * root[0], my * root[1], mz * root[2]
+    common[column + 3, row], common[column + 4, row], common[column + 5, row] = x * root[3], y * root[4], z * root[5]
+
+
+@jit_inline
+def _turn_palm(turn: Array, row: int, palm: int, common: Array) -> None:
+    # A palm's columns, from the frame of a pair's thing to that of the first one.
+    for first in (palm, palm + 3):
+        x, y, z = turned_back(turn, common[first, row], common[first + 1, row], common[first + 2, row])
+        common[first, row], common[first + 1, row], common[first + 2, row] = x, y, z
+
+
+@jit_once
+def object_columns(states: States, bodies: Record, contacts: Record, problem: Record) -> None:
+    """Write the things' columns of the normal rows of all contacts and of the joint limits, and the keys of both.
+
+    Args:
+        states: State of each pair.
+        bodies: The things.
+        contacts: Contacts of the first pair, and behind its joint limits those of the others.
+        problem: The program.
+    """
+    width, common = problem.common.shape[0], problem.common
+    for p in range(problem.first.shape[0]):
+        first, last, thing = problem.first[p], problem.last[p], problem.thing[p]
+        column, palm = thing_column(problem, thing), 12 * problem.hand[p]
+        body, other = bodies[thing], problem.other[p]
+        limits = last + (LIMIT_ROWS if p < hand_count(problem) else 0)
+        if other >= 0:
+            palm = thing_column(problem, other)
+        for j in range(width):
+            if not (palm <= j < palm + 6 or column <= j < column + 6):
+                for i in range(first, limits):
+                    common[j, i] = 0.0
+        _object_columns(
+            first,
+            last,
+            contacts.point,
+            contacts.normal,
+            body.center[:],
+            body.axes[:],
+            body.inverse_root[:],
+            column,
+            common,
+        )
+        for i in range(first, last):
+            problem.key[i] = KINDS * contacts.key[i]
+            problem.owner[i] = -1
+            problem.kind[i] = 0
+            if other >= 0:
+                n = contacts.normal[0, i], contacts.normal[1, i], contacts.normal[2, i]
+                point = problem.scratch
+                point[0], point[1], point[2] = contacts.point[0, i], contacts.point[1, i], contacts.point[2, i]
+                _other_columns(bodies[other], states[p].pose, palm, i, point[:], n, common)
+            elif thing > 0:
+                _turn_palm(problem.turn[p], i, palm, common)
+        for i in range(last, limits):
+            problem.key[i] = last - i - 1 - LIMIT_ROWS * p
+            problem.owner[i] = -1
+            problem.kind[i] = 0
+            for j in range(column, column + 6):
+                common[j, i] = 0.0
+
+
+@jit
+def displacement(
+    states: States,
+    bodies: Record,
+    problem: Record,
+    abduction_step: Array,
+    step: Array,
+    of: int,
+    px: float,
+    py: float,
+    pz: float,
+) -> tuple[float, float, float]:
+    """Compute the displacement of a point of what meets a thing, relative to it; of the table, that of the thing.
+
+    Frame of the contact's thing [m]; the step is unscaled, in the program's order.
+    """
+    thing = thing_of(problem, of)
+    body, c = bodies[thing], thing_column(problem, thing)
+    wx, wy, wz = turned_back(body.axes, step[c + 3], step[c + 4], step[c + 5])
+    rx, ry, rz = px - body.center[0], py - body.center[1], pz - body.center[2]
+    x = step[c] + wy * rz - wz * ry
+    y = step[c + 1] + wz * rx - wx * rz
+    z = step[c + 2] + wx * ry - wy * rx
+    if of < 0:
+        return x, y, z
+    pair, other = _pair_of(problem, of), other_of(problem, of)
+    pose = states[pair].pose
+    rx, ry, rz = px - pose.position[0], py - pose.position[1], pz - pose.position[2]
+    if other >= 0:
+        body, c = bodies[other], thing_column(problem, other)
+        wx, wy, wz = turned_back(body.axes, step[c + 3], step[c + 4], step[c + 5])
+        rx, ry, rz = turned_back(pose.rotation, rx, ry, rz)
+        vx, vy, vz = step[c] + wy * rz - wz * ry, step[c + 1] + wz * rx - wx * rz, step[c + 2] + wx * ry - wy * rx
+        vx, vy, vz = turned(pose.rotation, vx, vy, vz)
+        return vx - x, vy - y, vz - z
+    hand = problem.hand[pair]
+    palm, fingers = 12 * hand, finger_columns(problem, hand)
+    vx, vy, vz, wx, wy, wz = step[palm], step[palm + 1], step[palm + 2], step[palm + 3], step[palm + 4], step[palm + 5]
+    if thing > 0:
+        vx, vy, vz = turned(problem.turn[pair], vx, vy, vz)
+        wx, wy, wz = turned(problem.turn[pair], wx, wy, wz)
+    x = vx + wy * rz - wz * ry - x
+    y = vy + wz * rx - wx * rz - y
+    z = vz + wx * ry - wy * rx - z
+    at = of - BODY_COUNT * pair
+    if at == PALM_BODY:
+        return x, y, z
+    f = at // PHALANX_COUNT
+    ax, ay, az = pose.axis[f, 0], pose.axis[f, 1], pose.axis[f, 2]
+    for k in range(at % PHALANX_COUNT + 1):
+        turn = step[fingers + PHALANX_COUNT * f + k]
+        rx, ry, rz = px - pose.joints[f, k, 0], py - pose.joints[f, k, 1], pz - pose.joints[f, k, 2]
+        x += turn * (ay * rz - az * ry)
+        y += turn * (az * rx - ax * rz)
+        z += turn * (ax * ry - ay * rx)
+    turn = abduction_step[FINGER_COUNT * hand + f]
+    if turn != 0.0:
+        ax, ay, az = pose.abduction_axis[f, 0], pose.abduction_axis[f, 1], pose.abduction_axis[f, 2]
+        rx, ry, rz = px - pose.joints[f, 0, 0], py - pose.joints[f, 0, 1], pz - pose.joints[f, 0, 2]
+        x += turn * (ay * rz - az * ry)
+        y += turn * (az * rx - ax * rz)
+        z += turn * (ax * ry - ay * rx)
+    return x, y, z
+
+
+@jit
+def relative_turn(
+    states: States,
+    bodies: Record,
+    problem: Record,
+    abduction_step: Array,
+    step: Array,
+    of: int,
+    nx: float,
+    ny: float,
+    nz: float,
+) -> float:
+    """Compute the rotation of a hand body relative to its thing about a direction [rad], as `displacement`."""
+    thing = thing_of(problem, of)
+    c = thing_column(problem, thing)
+    wx, wy, wz = turned_back(bodies[thing].axes, step[c + 3], step[c + 4], step[c + 5])
+    if of < 0:
+        return wx * nx + wy * ny + wz * nz
+    pair = _pair_of(problem, of)
+    hand, at = problem.hand[pair], of - BODY_COUNT * pair
+    palm, fingers = 12 * hand, finger_columns(problem, hand)
+    ux, uy, uz = step[palm + 3], step[palm + 4], step[palm + 5]
+    if thing > 0:
+        ux, uy, uz = turned(problem.turn[pair], ux, uy, uz)
+    wx, wy, wz = ux - wx, uy - wy, uz - wz
+    if at < PALM_BODY:
+        pose = states[pair].pose
+        f = at // PHALANX_COUNT
+        total = 0.0
+        for k in range(at % PHALANX_COUNT + 1):
+            total += step[fingers + PHALANX_COUNT * f + k]
+        turn = abduction_step[FINGER_COUNT * hand + f]
+        wx += total * pose.axis[f, 0] + turn * pose.abduction_axis[f, 0]
+        wy += total * pose.axis[f, 1] + turn * pose.abduction_axis[f, 1]
+        wz += total * pose.axis[f, 2] + turn * pose.abduction_axis[f, 2]
+    return wx * nx + wy * ny + wz * nz
+
+
+@jit
+def write_row(
+    states: States,
+    bodies: Record,
+    problem: Record,
+    of: int,
+    row: int,
+    point: Array,
+    m: tuple[float, float, float],
+    w: tuple[float, float, float],
+    rhs: float,
+) -> None:
+    """Write a row for the displacement along m plus the rotation along w."""
+    thing, other = thing_of(problem, of), other_of(problem, of)
+    body, column = bodies[thing], thing_column(problem, thing)
+    common, block, weight, root = problem.common, problem.block, problem.inverse_root, body.inverse_root
+    px, py, pz = point[0], point[1], point[2]
+    mx, my, mz = m
+    wx, wy, wz = w
+    sign = 1.0 if of < 0 else -1.0
+    pair = _pair_of(problem, max(of, 0))
+    hand, at = problem.hand[pair], of - BODY_COUNT * pair
+    pose = states[pair].pose
+    width = common.shape[0]
+    if of < 0 or width > COMMON:
+        for j in range(width):
+            common[j, row] = 0.0
+    if other >= 0:
+        _other_columns(bodies[other], pose, thing_column(problem, other), row, point, m, common)
+    elif of >= 0:
+        palm = 12 * hand
+        rx, ry, rz = px - pose.position[0], py - pose.position[1], pz - pose.position[2]
+        translation, rotation = weight[0], weight[3]
+        common[palm, row] = mx * translation
+        common[palm + 1, row] = my * translation
+        common[palm + 2, row] = mz * translation
+        common[palm + 3, row] = (ry * mz - rz * my + wx) * rotation
+        common[palm + 4, row] = (rz * mx - rx * mz + wy) * rotation
+        common[palm + 5, row] = (rx * my - ry * mx + wz) * rotation
+        if thing > 0:
+            _turn_palm(problem.turn[pair], row, palm, common)
+    rx, ry, rz = px - body.center[0], py - body.center[1], pz - body.center[2]
+    common[column, row] = sign * mx * root[0]
+    common[column + 1, row] = sign * my * root[1]
+    common[column + 2, row] = sign * mz * root[2]
+    x, y, z = turned(body.axes, ry * mz - rz * my + wx, rz * mx - rx * mz + wy, rx * my - ry * mx + wz)
+    common[column + 3, row] = sign * x * root[3]
+    common[column + 4, row] = sign * y * root[4]
+    common[column + 5, row] = sign * z * root[5]
+    for k in range(PHALANX_COUNT):
+        block[k, row] = 0.0
+    if of >= 0 and at < PALM_BODY:
+        f = at // PHALANX_COUNT
+        ax, ay, az = pose.axis[f, 0], pose.axis[f, 1], pose.axis[f, 2]
+        for k in range(at % PHALANX_COUNT + 1):
+            rx, ry, rz = px - pose.joints[f, k, 0], py - pose.joints[f, k, 1], pz - pose.joints[f, k, 2]
+            lever = ax * (ry * mz - rz * my + wx) + ay * (rz * mx - rx * mz + wy) + az * (rx * my - ry * mx + wz)
+            block[k, row] = lever * weight[6 + PHALANX_COUNT * f + k]
+        turn = problem.abduction_step[FINGER_COUNT * hand + f]
+        if turn != 0.0:
+            ax, ay, az = pose.abduction_axis[f, 0], pose.abduction_axis[f, 1], pose.abduction_axis[f, 2]
+            rx, ry, rz = px - pose.joints[f, 0, 0], py - pose.joints[f, 0, 1], pz - pose.joints[f, 0, 2]
+            rate = ax * (ry * mz - rz * my + wx) + ay * (rz * mx - rx * mz + wy) + az * (rx * my - ry * mx + wz)
+            rhs -= rate * turn
+    problem.rhs[row] = rhs
