@@ -125,7 +125,7 @@ def test_forces_and_motion_agree_at_every_tick() -> None:
 def test_a_hand_with_the_other_one_far_away_is_as_it_is_alone() -> None:
     alone, closed = gripped(0.1, 0.5, 2.0)
     assert isinstance(alone.engine, FreeEngine)
-    free = alone.engine.free
+    free = alone.engine.things[0].free
     chosen = alone.options
     surface = contact_surface("mesh", box((0.02, 0.03, 0.02), np.array(free.center)), None)
     record = HandSolver(tongs(), surface, chosen, free)

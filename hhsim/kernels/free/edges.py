@@ -22,6 +22,9 @@ DEEPEST = 5e-4
 """Depth [m] beyond which two edges are on opposite sides of a thin wall: no step leads so far in."""
 PARALLEL = 1e-6
 """Edges with a smaller sine of their angle touch along their length, at corners."""
+BEYOND = 0.02
+"""Sine by which n may be beyond the normal of a face: where two faces lie on each other n is that of both, and a little
+tilt says which of the crossings of their edges touch."""
 EDGE_KEY = 1 << 30
 """Keys of pairs of edges begin here."""
 
@@ -107,7 +110,7 @@ def _gather(edges: Edges, others: Edges, center: Array, pose: Record, far: float
 
 @jit
 def _is_between(nx: float, ny: float, nz: float, e: tuple[float, float, float], first: Array, second: Array) -> bool:
-    # Whether n, at right angles to e, lies between two other such vectors.
+    # Whether n, at right angles to e, lies between two other such vectors, or hardly beyond one.
     ex, ey, ez = e
     ax, ay, az = first[0], first[1], first[2]
     bx, by, bz = second[0], second[1], second[2]
@@ -116,7 +119,8 @@ def _is_between(nx: float, ny: float, nz: float, e: tuple[float, float, float], 
     two = ex * (ny * bz - nz * by) + ey * (nz * bx - nx * bz) + ez * (nx * by - ny * bx)
     # More than half a turn away both have the right sign too, but n is on the other side.
     side = nx * (ax + bx) + ny * (ay + by) + nz * (az + bz)
-    return one * whole >= 0.0 and two * whole >= 0.0 and side > 0.0
+    sign = 1.0 if whole >= 0.0 else -1.0
+    return sign * one >= -BEYOND and sign * two >= -BEYOND and side > 0.0
 
 
 @jit
