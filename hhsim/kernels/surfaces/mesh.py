@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS
+from hhsim.kernels.contact.redundant_contacts import move_contact
 from hhsim.kernels.contact.surface import (
     SHARED_CANDIDATES,
     ContactPoints,
@@ -423,6 +424,59 @@ def _measure_probe(
     return least
 
 
+@jit_inline
+def _lean(mesh: MeshFeatures, f: int, dx: float, dy: float, dz: float) -> float:
+    face = mesh.face
+    return dx * face[f, 0] + dy * face[f, 1] + dz * face[f, 2]
+
+
+@jit_once
+def _is_inside(mesh: MeshFeatures, candidates: Record, probe: Probe) -> bool:
+    """Return whether a point is inside, by the normals of the faces at the feature that is nearest.
+
+    (A hand body has a radius, and its axis never comes inside: its distances need no sign.)
+    """
+    which, cone, start = probe
+    measured, lean, least = candidates.measured[which], 1.0, ELSEWHERE
+    for i in range(start, start + measured[0]):
+        if candidates.face_distance[i] < least:
+            f, least = candidates.face[i], candidates.face_distance[i]
+            lean = _lean(mesh, f, cone.x, cone.y, cone.z) - mesh.face[f, 3]
+    for i in range(start, start + measured[1]):
+        if candidates.edge_distance[i] < least:
+            e, least = candidates.edge[i], candidates.edge_distance[i]
+            dx, dy, dz = cone.x - mesh.edge[e, 0], cone.y - mesh.edge[e, 1], cone.z - mesh.edge[e, 2]
+            lean = 0.0
+            for w in range(mesh.wing_start[e], mesh.wing_start[e + 1]):
+                lean += _lean(mesh, mesh.wing_face[w], dx, dy, dz)
+    for i in range(start, start + measured[2]):
+        if candidates.vertex_distance[i] < least:
+            v, least = candidates.vertex[i], candidates.vertex_distance[i]
+            dx, dy, dz = cone.x - mesh.vertex[v, 0], cone.y - mesh.vertex[v, 1], cone.z - mesh.vertex[v, 2]
+            lean = 0.0
+            for k in range(mesh.spoke_start[v], mesh.spoke_start[v + 1]):
+                e = mesh.spoke_edge[k]
+                for w in range(mesh.wing_start[e], mesh.wing_start[e + 1]):
+                    lean += _lean(mesh, mesh.wing_face[w], dx, dy, dz)
+    return lean < 0.0
+
+
+@jit_inline
+def _keep_way_out(contacts: Record, start: int, stop: int) -> int:
+    """Keep, of the rows of a point inside, the nearest one, as the way out; returns the row after it."""
+    best = start
+    for i in range(start, stop):
+        if contacts.distance[i] < contacts.distance[best]:
+            best = i
+    if stop <= start:
+        return stop
+    move_contact(contacts, best, start)
+    contacts.distance[start] = -contacts.distance[start]
+    for j in range(3):
+        contacts.normal[j, start] = -contacts.normal[j, start]
+    return start + 1
+
+
 @measure_pairs.of(MeshFeatures)
 @jit_inline
 def _measure(mesh: MeshFeatures, hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
@@ -438,6 +492,8 @@ def _measure(mesh: MeshFeatures, hand: HandArrays, pose: Record, body: int, cand
             candidates.least[which] = _measure_probe(
                 mesh, hand, pose, which, candidates, slack + candidates.extra_slack[which]
             )
+            if hand.palm_radius[which - PALM_BODY] == 0.0 and _is_inside(mesh, candidates, _probe(hand, pose, which)):
+                candidates.least[which] = -candidates.least[which]
             count += _measured_count(candidates, which)
             least = min(least, candidates.least[which])
     candidates.count[PALM_BODY] = count
@@ -711,6 +767,8 @@ def _record(
             row = _vertex_rows(mesh, candidates, probe, limit, row, contacts)
         if row < 0:
             return -1
+        if candidates.least[which] < 0.0 and probe.cone.radius == 0.0:
+            row = _keep_way_out(contacts, begin, row)
         for i in range(begin, row):
             contacts.body[i] = body
     return row
