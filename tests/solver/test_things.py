@@ -1,0 +1,169 @@
+"""Several things: closed forms of blocks on blocks, conservation, and true distances by another way."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError
+from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.mesh.mesh import Mesh
+from hhsim.scene.free_object import FreeObject
+from hhsim.scene.parts_of_thing import box_mesh
+from hhsim.solver.free_engine import Thing
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.contact_surface import contact_surface
+from tests.kernels.free.test_program import last_program, solve_coulomb
+
+DT, G = 1e-3, 9.81
+NOTHING: dict[str, Any] = {"gravity": (0.0, 0.0, 0.0), "table": None, "friction": 0.0}
+Body = tuple[Mesh, FreeObject]
+
+
+def block(center: Sequence[float], edges: Sequence[float] = (0.04, 0.04, 0.04), tilt: float = 0.0, **free: Any) -> Body:
+    """A box at a place, turned about y, on a table at z = 0 unless said otherwise."""
+    c, s = np.cos(tilt), np.sin(tilt)
+    turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    mesh = box_mesh(edges).transformed(turn, np.array(center))
+    return mesh, FreeObject.of_mesh(mesh, **{"mass": 0.1, "table": 0.0, "friction": 0.6, **free})
+
+
+def solver_of(*bodies: Body, fixed: Sequence[int] = ()) -> HandSolver:
+    """A hand and three things, of which those that are not given lie far away: one program is compiled for all."""
+    far = [block((50.0 + k, 0.0, 0.0), **NOTHING) for k in range(3 - len(bodies))]
+    things = [
+        Thing(contact_surface("mesh", mesh, None), free, k in fixed, f"thing {k}")
+        for k, (mesh, free) in enumerate([*bodies, *far])
+    ]
+    first = things[0]
+    return HandSolver(HandModel.default(), first.surface, SolverOptions(surface="mesh"), first.free, things[1:])
+
+
+def run(solver: HandSolver, ticks: int, place: Sequence[float] = (0.0, 0.0, 5.0)) -> Any:
+    """Run ticks of a hand at a place; returns the records of the hand and of the things."""
+    rows = np.ones((ticks, 1))
+    still = rows * place, rows * [1.0, 0.0, 0.0, 0.0], np.zeros((ticks, 5, 3)), np.zeros((ticks, 5))
+    return solver.run(*still), solver.engine.all_ticks  # type: ignore[attr-defined]
+
+
+def test_a_stack_of_three_rests_and_each_bears_what_is_above_it() -> None:
+    solver = solver_of(*(block((0.0, 0.0, 0.02 + 0.040002 * k)) for k in range(3)))
+    run(solver, 50)
+    record, ticks = run(solver, 500)
+    assert not record.status.any()
+    for k, thing in enumerate(ticks.things):
+        assert np.abs(np.diff(thing.shift, axis=0)).max() == 0.0, "rest is rest"
+        np.testing.assert_allclose(thing.table_wrench[:, 2], 0.3 * G if k == 0 else 0.0, rtol=1e-9)
+        np.testing.assert_allclose(ticks.thing_wrench[k, :, 2], (-0.2, 0.1, 0.1)[k] * G, rtol=1e-9)
+    program = last_program(solver)
+    wanted, _ = solve_coulomb(program)
+    np.testing.assert_allclose(program.found, wanted, atol=1e-6 * np.abs(program.target).max())
+
+
+@pytest.mark.parametrize("mu", [0.3, 0.6])
+def test_a_block_on_a_fixed_slope_slides_as_coulomb_says(mu: float) -> None:
+    tilt, gap = np.radians(30.0), 2e-6
+    up = np.array([np.sin(tilt), 0.0, np.cos(tilt)])
+    free = {"table": None, "friction": mu}
+    solver = solver_of(
+        block((0.025 + gap) * up, tilt=tilt, **free), block((0, 0, 0), (1.0, 0.2, 0.01), tilt, **free), fixed=[1]
+    )
+    _, ticks = run(solver, 300)
+    way = np.linalg.norm(ticks.things[0].shift[-1] - ticks.things[0].shift[0])
+    # Implicit Euler: n (n + 1) / 2 steps of a Δt², less the first tick's.
+    falls = max(0.0, G * (np.sin(tilt) - mu * np.cos(tilt)))
+    assert way == pytest.approx(falls * DT**2 * (300 * 301 / 2 - 1), rel=1e-4, abs=2e-6)
+    assert np.abs(np.diff(ticks.things[1].shift, axis=0)).max() == 0.0
+
+
+def momentum(thing: Any, free: FreeObject) -> FloatArray:
+    """Linear and angular momentum about the world's origin at each tick, (T, 6)."""
+    turn = rotation_matrix(thing.turn)
+    place = turn @ np.array(free.center) + thing.shift
+    spin = np.einsum("tij,jk,tlk,tl->ti", turn, np.array(free.inertia), turn, thing.angular_velocity)
+    return np.concatenate([free.mass * thing.velocity, free.mass * np.cross(place, thing.velocity) + spin], axis=1)
+
+
+def test_two_free_things_that_meet_keep_their_momentum() -> None:
+    bodies = [
+        block((0.0, 0.0, 0.0), mass=0.1, velocity=(1.0, 0.0, 0.0), **NOTHING),
+        block((0.05, 0.0, 0.01), mass=0.3, angular_velocity=(1.0, 2.0, 3.0), **NOTHING),
+    ]
+    _, ticks = run(solver_of(*bodies), 200)
+    total = sum(momentum(thing, free) for thing, (_, free) in zip(ticks.things, bodies))
+    np.testing.assert_allclose(total[:, :3], total[:1, :3].repeat(200, axis=0), atol=1e-12)
+    # In the tick in which they meet each turns while the force acts: a share of what it gains, of first order.
+    gained = np.abs(momentum(ticks.things[1], bodies[1][1])[-1, 3:]).max()
+    assert np.abs(total[:, 3:] - total[0, 3:]).max() < 0.02 * gained
+    speed = np.linalg.norm(ticks.things[1].velocity, axis=1)
+    assert speed[0] == 0.0 and speed[-1] > 0.1, "they met"
+
+
+def test_crossed_planks_lie_on_the_crossings_of_their_edges() -> None:
+    solver = solver_of(block((0, 0, 0.005), (0.2, 0.02, 0.01)), block((0, 0, 0.01505), (0.02, 0.2, 0.01)))
+    record, ticks = run(solver, 300)
+    assert not record.status.any()
+    upper = ticks.things[1]
+    assert upper.shift[-1, 2] == pytest.approx(-4.85e-5, abs=1e-6)
+    assert np.abs(upper.turn[-1, 1:]).max() < 1e-9 and np.abs(np.diff(upper.shift[-50:], axis=0)).max() == 0.0
+    rows = slice(*ticks.things[0].contact[-2:])
+    crossings = ticks.things[0].point[rows][ticks.things[0].body[rows] <= -2]
+    assert len(crossings)
+    np.testing.assert_allclose(np.abs(crossings[:, :2]), 0.01, atol=1e-9)
+
+
+def separation(one: tuple[FloatArray, FloatArray, FloatArray], two: tuple[FloatArray, FloatArray, FloatArray]) -> float:
+    """Distance of two boxes along their best separating axis [m], negative where there is none; centre, turn, edges."""
+    axes = [*one[1].T, *two[1].T, *(np.cross(a, b) for a in one[1].T for b in two[1].T)]
+    found = -np.inf
+    for axis in axes:
+        size = float(np.linalg.norm(axis))
+        if size > 1e-6:
+            reach = sum(float(np.abs(axis @ turn) @ edges) for _, turn, edges in (one, two))
+            found = max(found, (abs(float(axis @ (two[0] - one[0]))) - 0.5 * reach) / size)
+    return found
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_things_that_fly_about_never_enter_each_other_hand_or_table(seed: int) -> None:
+    rng, ticks_run = np.random.default_rng(seed), 400
+    edges, mass = rng.uniform(0.01, 0.06, (3, 3)), 10.0 ** rng.uniform(-3.0, 1.0, 3)
+    bodies, height = [], 0.0
+    for k in range(3):
+        height += 0.5 * edges[k, 2] + rng.uniform(2e-6, 0.01)
+        place = (*rng.uniform(-0.01, 0.01, 2), height)
+        motion = {"velocity": tuple(rng.uniform(-1, 1, 3)), "angular_velocity": tuple(rng.uniform(-20, 20, 3))}
+        bodies.append(block(place, edges[k], mass=mass[k], friction=rng.uniform(0, 1), **motion))
+        height += 0.5 * edges[k, 2]
+    solver = solver_of(*bodies)
+    way = np.linspace([-0.12, 0.0, 0.05], [0.12, 0.0, 0.03], ticks_run)
+    given = np.ones((ticks_run, 1)) * [1.0, 0.0, 0.0, 0.0], np.zeros((ticks_run, 5, 3)), np.zeros((ticks_run, 5))
+    record = solver.run(way, *given)
+    ticks = solver.engine.all_ticks  # type: ignore[attr-defined]
+    turns = [rotation_matrix(thing.turn) for thing in ticks.things]
+    least = np.inf
+    for i in range(0, ticks_run, 4):
+        boxes = []
+        for turn, thing, (_, free), edge in zip(turns, ticks.things, bodies, edges):
+            boxes.append((turn[i] @ np.array(free.center) + thing.shift[i], turn[i], edge))
+        least = min(least, *(separation(boxes[a], boxes[b]) for a in range(3) for b in range(a)))
+        least = min(least, *(c[2] - 0.5 * float(np.abs(turn[2]) @ edge) for c, turn, edge in boxes))
+    assert least >= 0.0
+    assert not (record.status & 1).any()
+    settled = record.status[1:] == 0
+    for k, (thing, (_, free)) in enumerate(zip(ticks.things, bodies)):
+        force = thing.hand_wrench[:, :3] + thing.table_wrench[:, :3] + ticks.thing_wrench[k, :, :3]
+        gained = free.mass * np.diff(thing.velocity, axis=0) / DT
+        wanted = force[1:] + [0.0, 0.0, -free.mass * G]
+        scale = np.abs(force[1:]).max() + free.mass * G
+        assert np.abs(gained - wanted)[settled].max() <= 1e-6 * scale, "Newton's equation"
+
+
+def test_things_that_begin_inside_each_other_are_told() -> None:
+    solver = solver_of(block((0, 0, 0.02)), block((0.01, 0.005, 0.0596)))
+    with pytest.raises(InputError, match=r"begins .* mm inside"):
+        run(solver, 1)
