@@ -278,6 +278,8 @@ def command(
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.scene.parts_of_thing import load_thing, require_no_joints
     from hhsim.scene.scene import hand_of
+    from hhsim.scene.things import load_things, names_things
+    from hhsim.solver.free_engine import require_free
 
     if moving.side == "both":
         _refuse_of_both(output, rerun)
@@ -288,12 +290,18 @@ def command(
     remarks = import_remarks(motion, trajectory)
     announce_compilation(quiet=output.quiet)
     solid = solver.surface != "mesh"
-    thing = None
+    thing = things = None
     if names_a_thing(object_):
         if free.free or tree.path is not None or mesh_file.given() or rerun is not None:
             raise click.UsageError(f"--free, --tree, --rerun and a mesh's size are for one object, not for '{object_}'")
-        thing = load_thing(object_, motion, solid=solid)
-        mesh, usual_level = thing.mesh, MESH_LEVEL
+        if names_things(object_):
+            if moving.side == "both":
+                raise click.UsageError("several things are for one hand: name it with --hand right or --hand left")
+            require_free(solver_options)
+            things = load_things(object_, solid=solid)
+        else:
+            thing = load_thing(object_, motion, solid=solid)
+        mesh, usual_level = (thing or things).mesh, MESH_LEVEL
     else:
         mesh, usual_level = mesh_file.read(object_, solid=solid)
         require_no_joints(motion, object_)
@@ -333,6 +341,8 @@ def command(
         placed = described_scene(described, mesh, chosen.tree, hand, motion, solver_options.fingers, thing=parts)
         remarks += filter(None, [placed.note])
         scene = replace(placed.scene, free=free.object(placed.scene.mesh, object_))
+        if things is not None:
+            scene = things.placed(scene, lambda mesh: tree.choose(mesh, usual_level, report, solid=solid).tree)
         settle = viewer.settle if viewer is not None else None
         typed = ("hhsim", *sys.argv[1:])
         runs = [

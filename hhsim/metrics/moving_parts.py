@@ -31,7 +31,8 @@ class MovingParts:
         meshes, trees: Each part's own, in its frame [m].
         world: Position [m] and orientation (w, x, y, z) of each part at each tick, world, (T, P, 7).
         values: Of each joint at each tick [rad] or [m], (T,), by the name of its part.
-        carried: Motion of the whole thing since the first tick; None where its joints alone move.
+        carried: Motion of the whole thing, or of the first one, since the first tick; None where joints alone move.
+        free: True for several things, each of which goes its own way.
     """
 
     name: str
@@ -41,6 +42,7 @@ class MovingParts:
     world: FloatArray
     values: Mapping[str, FloatArray]
     carried: RigidMotion | None = None
+    free: bool = False
 
     @cached_property
     def path(self) -> FloatArray:
@@ -52,7 +54,8 @@ class MovingParts:
             np.concatenate([moved.seen_points(pose[:, :3]), moved.seen_orientations(pose[:, 3:])], axis=1)
             for pose in self.world.swapaxes(0, 1)
         ]
-        return np.ascontiguousarray(np.stack(seen, axis=1)[held_rows(joints)])
+        rows = slice(None) if self.free else held_rows(joints)
+        return np.ascontiguousarray(np.stack(seen, axis=1)[rows])
 
     def at(self, ticks: slice) -> "MovingParts":
         """Return the parts at some ticks."""
@@ -150,4 +153,5 @@ def result_parts(result: Result) -> MovingParts | None:
     joints = {name: result[f"{part}/joint"] for name, part in zip(names, result.parts) if f"{part}/joint" in result}
     carried = result.moved_since_first() if result.driven else None
     thing = result.parts[0].split("/")[1]
-    return MovingParts(thing, names, tuple(meshes), tuple(trees), np.stack(poses, axis=1), joints, carried)
+    world = np.stack(poses, axis=1)
+    return MovingParts(thing, names, tuple(meshes), tuple(trees), world, joints, carried, result.free)

@@ -8,7 +8,7 @@ import numpy as np
 from hhsim.arrays import AnyArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion_product
-from hhsim.kernels.free.record import STICKS, ObjectRecord
+from hhsim.kernels.free.record import STICKS, ObjectRecord, ThingsRecord
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.result.object_frame import in_the_world
@@ -96,6 +96,27 @@ def part_rows(parts: MovingParts | None, ticks: slice) -> dict[str, dict[str, An
         pose = ObjectMotion(parts.world[ticks, p, :3], parts.world[ticks, p, 3:])
         joint = {"joint": parts.values[name][ticks]} if name in parts.values else {}
         rows[f"{THINGS}/{parts.name}/{name}"] = {**pose._asdict(), **joint}
+    return rows
+
+
+def thing_rows(parts: MovingParts, record: ThingsRecord, ticks: slice) -> dict[str, dict[str, AnyArray]]:
+    """Return the rows of several things at some ticks by their groups; their poses are set in `parts`, too."""
+    rows: dict[str, dict[str, AnyArray]] = {}
+    first = RigidMotion(record.things[0].turn, record.things[0].shift)
+    for k, (name, thing, wrench) in enumerate(zip(parts.names, record.things, record.thing_wrench, strict=True)):
+        parts.world[ticks, k, :3], parts.world[ticks, k, 3:] = (
+            first.seen_points(thing.shift),
+            first.seen_orientations(thing.turn),
+        )
+        rows[f"{THINGS}/{parts.name}/{name}"] = {
+            "position": thing.shift,
+            "orientation": thing.turn,
+            "velocity": thing.velocity,
+            "angular_velocity": thing.angular_velocity,
+            "hand_wrench": thing.hand_wrench,
+            "table_wrench": thing.table_wrench,
+            "thing_wrench": wrench,
+        }
     return rows
 
 

@@ -16,7 +16,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.run.registry import needed_columns
-from hhsim.replay.moving_object import part_rows, scene_frames
+from hhsim.replay.moving_object import part_rows, scene_frames, thing_rows
 from hhsim.replay.stored_scene import describe_scene, part_arrays, part_tables, static_arrays
 from hhsim.replay.summary import GRAPHIC_HAND, ReplaySummary, summarise
 from hhsim.replay.tick_columns import KeptColumns, TickColumns
@@ -26,6 +26,7 @@ from hhsim.result.writer import ResultWriter
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
 from hhsim.solver.compile import warm_up
+from hhsim.solver.free_engine import FreeEngine, Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.jointed_engine import require_jointed
 from hhsim.solver.method import METHODS, Method
@@ -94,12 +95,19 @@ class Replay:
         self.scene, self.total = scene, scene.ticks.tick_count
         self._options, free, parts = options.at_rate(scene.ticks.rate), scene.free, scene.parts
         kind = self._options.surface
-        if parts is not None:
+        jointed = parts is not None and not scene.others
+        if jointed:
             require_jointed(self._options)
         moved_alone = free if alone else None
-        self._prepared = warm_up(scene.hand, self._options, moved_alone, jointed=parts is not None)
-        self._surface = contact_surface(kind, scene.mesh, scene.tree) if parts is None else parts.surface(kind)
-        self.solver = HandSolver(scene.hand, self._surface, self._options, moved_alone)
+        kinds: dict[str, Any] = {"jointed": jointed, "others": len(scene.others)}
+        self._prepared = warm_up(scene.hand, self._options, moved_alone, **kinds)
+        own = parts is None or not jointed
+        self._surface = contact_surface(kind, scene.mesh, scene.tree) if own else parts.surface(kind)
+        others = [
+            Thing(contact_surface(kind, other.mesh, other.tree), other.free, other.fixed, other.name)
+            for other in scene.others
+        ]
+        self.solver = HandSolver(scene.hand, self._surface, self._options, moved_alone, others)
         self.object_ticks: Callable[[], ObjectRecord] = lambda: self.solver.object_ticks
         motion = scene.trajectory
         self._static = static_arrays(
@@ -116,6 +124,9 @@ class Replay:
             **_of_outside_method(self._options.method, self.solver.method),
             **describe_scene(scene.mesh, scene.tree, scene.hand, self._options, self._static | of_parts, free),
             **({} if parts is None else {"thing": {"name": parts.name, "parts": list(parts.names)}}),
+            **(
+                {"others": [{"fixed": one.fixed, **one.free.to_json()} for one in scene.others]} if scene.others else {}
+            ),
         }
         self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
         self._kept = KeptColumns(OF_FREE_OBJECT if free else ())
@@ -150,10 +161,16 @@ class Replay:
 
     def write(self, part: slice, record: TickRecord) -> dict[str, AnyArray]:
         """Write the ticks that were solved last; returns their columns, world."""
-        ticks, frame = self.scene.ticks, self._frame_of(part)
+        ticks, frame, parts = self.scene.ticks, self._frame_of(part), self.scene.parts
+        if self.scene.others and parts is not None:
+            engine = self.solver.engine
+            assert isinstance(engine, FreeEngine) and engine.all_ticks is not None
+            rows = thing_rows(parts, engine.all_ticks, part)
+        else:
+            rows = part_rows(parts, part)
         block = self._columns.block(ticks.time[part], ticks.input_seq[part], frame.haptic, record)
         whole, contacts = frame.world(block), frame.contacts(part.start)
-        self._writer.append(whole, {CONTACT: contacts, **part_rows(self.scene.parts, part)})
+        self._writer.append(whole, {CONTACT: contacts, **rows})
         self._kept.keep(whole | {f"{CONTACT}/{name}": rows for name, rows in contacts.items()})
         self._series.keep(block)
         return whole

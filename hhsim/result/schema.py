@@ -317,6 +317,15 @@ PART_COLUMNS: tuple[Column, ...] = (
 )
 """Datasets under `things/NAME/PART`, one row a tick."""
 
+OWN_COLUMNS: tuple[Column, ...] = (
+    Column("velocity", (3,), "<f8", "m/s", "velocity of the thing's centre of mass, world"),
+    Column("angular_velocity", (3,), "<f8", "rad/s", "angular velocity of the thing, world"),
+    Column("hand_wrench", (6,), "<f8", "N,N·m", "force of the hand on the thing, and moment about its centre, world"),
+    Column("table_wrench", (6,), "<f8", "N,N·m", "the same of the table"),
+    Column("thing_wrench", (6,), "<f8", "N,N·m", "the same of the other things"),
+)
+"""Further ones of a thing beside others."""
+
 JOINT_COLUMN = Column("joint", (), "<f8", "rad,m", "value of the joint that the part hangs on: of a hinge, of a slider")
 """Further one of a part that hangs on another one."""
 

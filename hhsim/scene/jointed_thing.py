@@ -122,25 +122,34 @@ class Joint(Settings, frozen=True):
         return found
 
 
-class Part(Settings, frozen=True):
-    """Rigid part of a thing; the module's docstring explains the keys."""
+class Shape(Settings, frozen=True):
+    """Rigid shape by its name, and its place; the module's docstring explains the keys."""
 
     name: Annotated[str, Meta(pattern=r"\A[A-Za-z0-9_-]+\Z", description="letters, digits, - and _")]
     mesh: str = ""
     position: Three = (0.0, 0.0, 0.0)
     orientation: tuple[Number, Number, Number, Number] = (1.0, 0.0, 0.0, 0.0)
-    parent: str = ""
-    joint: Joint | None = None
     unit: str | None = None
     box: tuple[Edge, Edge, Edge] | None = None
 
     def check(self) -> None:
-        """Check for one shape, the orientation's length, and that a part has a joint if it has a parent, else none."""
+        """Check for one shape, and the orientation's length."""
         if bool(self.mesh) == (self.box is not None):
             found = "both a mesh and a box" if self.mesh else "no mesh and no box"
             raise InputError(f"part '{self.name}' has {found}; expected one of them")
         if norm(np.array(self.orientation)) < LEAST_LENGTH:
             raise InputError("orientation has length 0; expected (w, x, y, z) such as [1.0, 0.0, 0.0, 0.0]")
+
+
+class Part(Shape, frozen=True):
+    """Rigid part of a thing; the module's docstring explains the keys."""
+
+    parent: str = ""
+    joint: Joint | None = None
+
+    def check(self) -> None:
+        """Check the shape, and that a part has a joint if it has a parent, else none."""
+        super().check()
         if bool(self.parent) != (self.joint is not None):
             has, lacks = ("parent", "joint") if self.parent else ("joint", "parent")
             raise InputError(f"part '{self.name}' has a {has} and no {lacks}; expected both or neither")

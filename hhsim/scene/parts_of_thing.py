@@ -1,6 +1,6 @@
 """Parts of a thing in a scene: meshes, sphere trees, and poses at each tick."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.resources import files
@@ -17,7 +17,7 @@ from hhsim.metrics.moving_parts import MovingParts, held_rows, placed_mesh
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.reproducible import norm
-from hhsim.scene.jointed_thing import JointedThing, Keyframe, Part, read_jointed_thing
+from hhsim.scene.jointed_thing import JointedThing, Keyframe, Shape, read_jointed_thing
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.sphere_tree import SphereTree
@@ -81,20 +81,8 @@ class ThingParts:
     def require_apart(self) -> None:
         """Raise InputError for parts that begin inside each other."""
         joined = {frozenset((part.name, part.parent)) for part in self.thing.part if part.parent}
-        shells = [build_mesh_bvh(mesh.vertices, mesh.faces) if encloses(mesh) else None for mesh in self.meshes]
-        points = [moved.points(_points_on(mesh)[None]) for moved, mesh in zip(self._begin, self.meshes)]
-        for i, (one, shell) in enumerate(zip(self.thing.part, shells)):
-            for j, other in enumerate(self.thing.part):
-                if i == j or shell is None:
-                    continue
-                hinged = frozenset((one.name, other.name)) in joined
-                most = MOST_JOINED_OVERLAP if hinged else MOST_OVERLAP
-                depth = -float(mesh_signed_distance(shell, self._begin[i].seen_points(points[j])[0]).min())
-                if depth > most:
-                    raise InputError(
-                        f"part '{other.name}' begins {1e3 * depth:.3g} mm inside part '{one.name}'; expected at most "
-                        f"{1e3 * most:g} mm of parts that {'share a joint' if hinged else 'share no joint'}"
-                    )
+        placed = [placed_mesh([mesh], [moved], mesh.name) for mesh, moved in zip(self.meshes, self._begin)]
+        require_apart([part.name for part in self.thing.part], placed, joined)
 
     def trees(self, make: Callable[[Mesh], SphereTree]) -> tuple[SphereTree, ...]:
         """Return the sphere tree of each part, those of equal meshes made once."""
@@ -119,6 +107,24 @@ class ThingParts:
             for p in range(path.shape[1]):
                 path[:, p, :3], path[:, p, 3:] = carried.points(path[:, p, :3]), carried.orientations(path[:, p, 3:])
         return MovingParts(self.name, names, self.meshes, tuple(trees), path, self.thing.joint_values(time), carried)
+
+
+def require_apart(names: Sequence[str], meshes: Sequence[Mesh], joined: Container[frozenset[str]] = ()) -> None:
+    """Raise InputError for meshes in the world that begin inside each other; `joined` has those that share a joint."""
+    shells = [build_mesh_bvh(mesh.vertices, mesh.faces) if encloses(mesh) else None for mesh in meshes]
+    points = [_points_on(mesh) for mesh in meshes]
+    for i, (one, shell) in enumerate(zip(names, shells)):
+        for j, other in enumerate(names):
+            if i == j or shell is None:
+                continue
+            hinged = frozenset((one, other)) in joined
+            most = MOST_JOINED_OVERLAP if hinged else MOST_OVERLAP
+            depth = -float(mesh_signed_distance(shell, points[j]).min())
+            if depth > most:
+                raise InputError(
+                    f"part '{other}' begins {1e3 * depth:.3g} mm inside part '{one}'; expected at most "
+                    f"{1e3 * most:g} mm of parts that {'share a joint' if hinged else 'share no joint'}"
+                )
 
 
 def _points_on(mesh: Mesh) -> FloatArray:
@@ -151,14 +157,15 @@ def load_thing(word: str | Path, motion: object = None, *, solid: bool = True) -
     thing = read_jointed_thing(path)
     try:
         thing = thing.moved(dict(getattr(motion, "joints", ())))
-        found = ThingParts(path.stem, thing, tuple(_mesh(part, path.parent, solid) for part in thing.part))
+        found = ThingParts(path.stem, thing, tuple(shape_mesh(part, path.parent, solid) for part in thing.part))
         found.require_apart()
     except HhsimError as reason:
         raise InputError(f"{word}: {reason}") from None
     return found
 
 
-def _mesh(part: Part, folder: Path, solid: bool) -> Mesh:
+def shape_mesh(part: Shape, folder: Path, solid: bool) -> Mesh:
+    """Load the mesh of a shape, in its own frame [m]; InputError names the part."""
     if part.box is not None:
         return box_mesh(part.box, part.name)
     known = part.mesh in object_names()

@@ -7,7 +7,7 @@ is the world's at the first tick. `Scene.trajectory` and `Scene.driven` have the
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from hhsim.errors import InputError, check_known
 from hhsim.hand.model import HandModel, Side
@@ -32,6 +32,16 @@ if TYPE_CHECKING:
 SIDES = ("right", "left")
 
 
+class OtherThing(NamedTuple):
+    """Thing beside a free object, in the world before the first tick; of a fixed one only the friction counts."""
+
+    name: str
+    mesh: Mesh
+    tree: SphereTree
+    free: FreeObject
+    fixed: bool
+
+
 @dataclass(frozen=True, repr=False)
 class Scene:
     """Object, hand and motion of a replay.
@@ -45,7 +55,9 @@ class Scene:
         description: Origin of the scene as plain values, for its results.
         driven: Motion of hand and object in the world where the object moves as recorded; else None.
         free: Physical properties of a free object, whose mesh is where it is before the first tick; else None.
-        parts: Parts of a thing that has several, whose mesh and tree are those of the first tick; else None.
+        parts: Parts of a thing that has several, whose mesh and tree are those of the first tick; or several things,
+            whose poses are those that the ticks find; else None.
+        others: Further things beside a free object.
 
     Raises:
         InputError: A free object, and a motion that moves it or a thing of several parts.
@@ -60,12 +72,13 @@ class Scene:
     driven: TickInput | None = None
     free: FreeObject | None = None
     parts: MovingParts | None = None
+    others: tuple[OtherThing, ...] = ()
 
     def __post_init__(self) -> None:
         if self.free is not None and self.driven is not None:
             name = self.trajectory.name or "the motion"
             raise InputError(f"in {name} the object moves as recorded, so it cannot be free")
-        if self.free is not None and self.parts is not None:
+        if self.free is not None and self.parts is not None and not self.others:
             raise InputError(f"{self.mesh.name} has several parts, which move as recorded: it cannot be free")
 
     def __repr__(self) -> str:

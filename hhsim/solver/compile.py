@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.callee import collector_at_rest
@@ -16,10 +17,11 @@ from hhsim.kernels.tick.shown_hand import look_at
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import penetration
 from hhsim.scene.free_object import FreeObject
+from hhsim.solver.free_engine import Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.contact_surface import contact_surface
+from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.jointed_surface import jointed_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -36,16 +38,21 @@ def start_numba() -> None:
     quaternion_to_matrix(np.array([1.0, 0.0, 0.0, 0.0]), np.empty((3, 3)))
 
 
+def _ball(place: FloatArray) -> SphereTree:
+    return SphereTree(place[:1], np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
+
+
 @collector_at_rest()
 def warm_up(
-    hand: HandModel, options: SolverOptions, free: FreeObject | None = None, *, jointed: bool = False
+    hand: HandModel, options: SolverOptions, free: FreeObject | None = None, *, jointed: bool = False, others: int = 0
 ) -> WarmUp:
-    """Run one tick of a hand far from a small object, fixed, free or of parts, with every kernel of a replay."""
+    """Run one tick of a hand far from a small object, fixed, free, of parts or beside others, with every kernel."""
     began = time.perf_counter()
     before = compiled_kernels()
     far = np.full((3, 3), 100.0) + 0.01 * np.eye(3)
-    tree = SphereTree(far[:1], np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
-    one = surface = contact_surface(options.surface, Mesh(far, np.array([[0, 1, 2]])), tree).arrays
+    places = (far + 10.0 * k for k in range(1 + others))
+    surface, *beside = (contact_surface(options.surface, Mesh(at, np.array([[0, 1, 2]])), _ball(at)) for at in places)
+    one = surface = surface.arrays
     if jointed:
         surface = jointed_surface([one], np.array([[[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]]))
     # A method from outside is not for a scene like this; what is compiled for it is what its hands are measured with.
@@ -55,6 +62,7 @@ def warm_up(
         surface,
         options if method.compiled or free is not None else replace(options, method="coupled"),
         None if free is None else replace(free, table=None),
+        [Thing(ContactSurface(more.arrays), free, fixed=True) for more in beside] if free is not None else (),
     )
     orientation = np.array([[1.0, 0.0, 0.0, 0.0]])
     block = solver.run(np.zeros((1, 3)), orientation, np.zeros((1, 5, 3)), np.zeros((1, 5)))

@@ -232,7 +232,10 @@ class FreeEngine:
             of_each = (own, *(object_record(count, 0) for _ in range(1, things)))
             own = self.all_ticks = ThingsRecord(of_each, rows, np.zeros((things, count, 6)))
         given = self.method, self.workspace.hand, self.workspace.surface, self.states, self.qp
-        return int(run_many(*given, haptic, record, own))
+        done = int(run_many(*given, haptic, record, own))
+        if things > 1:
+            self.ticks = of_first(self.all_ticks)
+        return done
 
     def seen_by(self, hand: int) -> ObjectRecord:
         """Return the record of the object as that of the first or the second hand: its own bodies come first."""
@@ -265,6 +268,31 @@ def object_record(ticks: int, most: int = ACTIVE_CAPACITY) -> ObjectRecord:
         friction_force=zeros((rows, 3)),
         torsional_moment=zeros(rows),
         slip=zeros(rows),
+    )
+
+
+def of_first(record: ThingsRecord) -> ObjectRecord:
+    """Return the record of the first thing with its own contacts; other things count as the table does.
+
+    Where it meets another thing `body` is -2 less that one's number, and normal and forces are on the first thing.
+    """
+    first = record.things[0]
+    count = int(first.contact[-1])
+    other = -2 - first.body[:count]
+    on_first, by_first = record.thing[:count] == 0, other == 0
+    chosen = np.flatnonzero(on_first | by_first)
+    # Where another thing touches the first one, what is stated is on the other.
+    sign = np.where(on_first & (other >= 0), -1.0, 1.0)[chosen, None]
+    tick = np.repeat(np.arange(len(first.turn)), np.diff(first.contact))[chosen]
+    body = np.where(by_first, -2 - record.thing[:count], first.body[:count])[chosen]
+    rows = {name: getattr(first, name)[chosen] for name in ("point", "normal_force", "torsional_moment", "slip")}
+    return first._replace(
+        **rows,
+        body=body,
+        normal=sign * first.normal[chosen],
+        friction_force=sign * first.friction_force[chosen],
+        contact=np.searchsorted(tick, np.arange(len(first.turn) + 1)),
+        table_wrench=first.table_wrench + record.thing_wrench[0],
     )
 
 

@@ -89,23 +89,34 @@ def _between(
 @jit_once
 def _gather(edges: Edges, others: Edges, center: Array, pose: Record, far: float, pairs: Record) -> None:
     position, r = pose.position, pose.rotation
-    found = as_int64(NEAR_EDGES + 1)
+    found, beyond = as_int64(NEAR_EDGES + 1), np.inf
     while found > NEAR_EDGES:
-        found = as_int64(0)
+        found, beyond = as_int64(0), np.inf
         for i in range(edges.length.shape[0]):
             x, y, z = turned(r, edges.start[i, 0], edges.start[i, 1], edges.start[i, 2])
             x, y, z = x + position[0] - center[0], y + position[1] - center[1], z + position[2] - center[2]
             e = turned(r, edges.along[i, 0], edges.along[i, 1], edges.along[i, 2])
             for j in range(others.length.shape[0]):
                 q, g, length = others.start[j], others.along[j], others.length[j]
-                if _between(x - q[0], y - q[1], z - q[2], e, g, edges.length[i], length) <= far:
+                # Balls around both first: most pairs are far.
+                h, k = 0.5 * edges.length[i], 0.5 * length
+                ux, uy = x + h * e[0] - q[0] - k * g[0], y + h * e[1] - q[1] - k * g[1]
+                uz = z + h * e[2] - q[2] - k * g[2]
+                bound = math.sqrt(ux * ux + uy * uy + uz * uz) - h - k
+                if bound > far:
+                    beyond = min(beyond, bound)
+                    continue
+                distance = _between(x - q[0], y - q[1], z - q[2], e, g, edges.length[i], length)
+                if distance > far:
+                    beyond = min(beyond, distance)
+                else:
                     if found < NEAR_EDGES:
                         pairs.one[found], pairs.two[found] = i, j
                     found += 1
         if found > NEAR_EDGES:
             far *= 0.5
     pairs.count = found
-    pairs.gathered_slack = far
+    pairs.gathered_slack = beyond
 
 
 @jit

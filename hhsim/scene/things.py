@@ -1,0 +1,148 @@
+"""Several things in a scene, each free or fixed, as TOML declares them.
+
+Keys, with their defaults; a shape and its place are as of `hhsim.scene.jointed_thing`::
+
+    table = "under"            # right under the lowest thing; none, or a height [m] in the file's frame
+
+    [[thing]]                  # the first one is free: the motion is of it
+    name = "peg"
+    mesh = "peg.ply"           # or: box = [0.02, 0.02, 0.06]
+    position = [0.0, 0.0, 0.05]
+    orientation = [1.0, 0.0, 0.0, 0.0]
+    density = 1000.0           # [kg/m³], or: mass = 0.1 [kg]
+    friction = 0.6             # of the hand's contacts, of the table's, and with the other's of things' with each other
+    torsion = 0.0              # as --torsion [m]
+    fixed = false              # true: it stays where it is
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from msgspec import Meta
+
+from hhsim.errors import HhsimError, InputError
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.mesh.catalogue import THINGS, names_a_file
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.moving_parts import MovingParts
+from hhsim.ranges import RANGES
+from hhsim.scene.free_object import CLEARANCE, FreeObject
+from hhsim.scene.jointed_thing import Number, Shape
+from hhsim.scene.parts_of_thing import require_apart, shape_mesh
+from hhsim.scene.scene import OtherThing, Scene
+from hhsim.system.settings_file import Settings, between, read_settings, read_toml_text
+from hhsim.trees.sphere_tree import SphereTree
+
+MOST_THINGS = 6
+
+
+class ThingSettings(Shape, frozen=True):
+    """One thing; the module's docstring explains the keys."""
+
+    density: Annotated[float, between(*RANGES["density"][:2])] | None = None
+    mass: Annotated[float, between(*RANGES["mass"][:2])] | None = None
+    friction: Annotated[float, between(*RANGES["friction"][:2])] = 0.6
+    torsion: Annotated[float, between(*RANGES["torsion"][:2])] = 0.0
+    fixed: bool = False
+
+    def check(self) -> None:
+        """Check the shape, and for one of mass and density."""
+        super().check()
+        if self.mass is not None and self.density is not None:
+            raise InputError(f"thing '{self.name}' has both a mass and a density; expected one of them")
+
+    def free_object(self, mesh: Mesh, table: float | None) -> FreeObject:
+        """Return its physical properties, its mesh in the world [m] over a table at a height [m]."""
+        given: dict[str, Any] = {"density": self.density or 1000.0} if self.mass is None else {"mass": self.mass}
+        return FreeObject.of_mesh(mesh, friction=self.friction, torsion=self.torsion, table=table, **given)
+
+
+class ThingsSettings(Settings, frozen=True):
+    """Things in the order of the file."""
+
+    thing: Annotated[tuple[ThingSettings, ...], Meta(min_length=1, max_length=MOST_THINGS, description="1 to 6 things")]
+    table: Literal["under", "none"] | Number = "under"
+
+    def check(self) -> None:
+        """Check that names differ, and that the first thing is free."""
+        names = [thing.name for thing in self.thing]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"two things have the name '{name}'; expected a name for each")
+        if self.thing[0].fixed:
+            raise InputError(f"the first thing, '{names[0]}', is fixed; expected the one that the hand moves first")
+
+
+@dataclass(frozen=True, eq=False)
+class Things:
+    """Several things with their meshes, in the frame of the file [m]."""
+
+    name: str
+    settings: ThingsSettings
+    meshes: tuple[Mesh, ...]
+
+    @property
+    def mesh(self) -> Mesh:
+        """Mesh of the first one, named for all."""
+        return replace(self.meshes[0], name=self.name)
+
+    def placed(self, scene: Scene, tree_of: Callable[[Mesh], SphereTree]) -> Scene:
+        """Return a scene of the first thing with all of them, free; `tree_of` makes the trees."""
+        motion, settings = scene.trajectory, self.settings
+        place = rotation_matrix(motion.object_orientation), motion.object_position
+        meshes = [scene.mesh, *(mesh.transformed(*place) for mesh in self.meshes[1:])]
+        trees = [scene.tree, *(tree_of(mesh).transformed(*place) for mesh in self.meshes[1:])]
+        table = None
+        if settings.table != "none":
+            lowest = min(float(mesh.bounds[0, 2]) for mesh in meshes) - CLEARANCE
+            table = lowest if settings.table == "under" else float(settings.table) + float(motion.object_position[2])
+        free = [thing.free_object(mesh, table) for thing, mesh in zip(settings.thing, meshes)]
+        others = [
+            OtherThing(thing.name, mesh, tree, own, thing.fixed)
+            for thing, mesh, tree, own in list(zip(settings.thing, meshes, trees, free))[1:]
+        ]
+        names = tuple(thing.name for thing in settings.thing)
+        world = np.zeros((scene.ticks.tick_count, len(names), 7))
+        parts = MovingParts(self.name, names, tuple(meshes), tuple(trees), world, {}, free=True)
+        return replace(scene, free=free[0], others=tuple(others), parts=parts)
+
+
+def names_things(word: str) -> bool:
+    """Return True if a word means several things: a name of the catalogue, or a TOML file, with tables [[thing]]."""
+    path = _path_of(word)
+    text = read_toml_text(path, "thing of several parts, or several things")
+    return re.search(r"^\s*\[\[\s*thing\s*\]\]", text, re.MULTILINE) is not None
+
+
+def _path_of(word: str) -> Path:
+    return Path(word) if names_a_file(word) else Path(str(files("hhsim.objects") / THINGS / f"{word}.toml"))
+
+
+def load_things(word: str, *, solid: bool = True) -> Things:
+    """Load several things: a name of the catalogue, or a TOML file.
+
+    Args:
+        solid: False takes the triangles of mesh files as they are.
+
+    Raises:
+        InputError: A file that cannot be used, or things that begin inside each other.
+    """
+    path = _path_of(word)
+    settings = read_settings(path, ThingsSettings, "scene of several things")
+    try:
+        meshes: Sequence[Mesh] = [
+            shape_mesh(thing, path.parent, solid).transformed(
+                rotation_matrix(np.array(thing.orientation) / np.linalg.norm(thing.orientation)),
+                np.array(thing.position),
+            )
+            for thing in settings.thing
+        ]
+        require_apart([thing.name for thing in settings.thing], meshes)
+    except HhsimError as reason:
+        raise InputError(f"{word}: {reason}") from None
+    return Things(path.stem, settings, tuple(meshes))
