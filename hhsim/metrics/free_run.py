@@ -16,6 +16,7 @@ from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import Result
 
 ON_TABLE = -1
+"""Body of a contact with the table; -2 and below are those with other things."""
 """Body of a contact with the table."""
 PALM = 15
 SLIPS = 1e-6
@@ -66,13 +67,13 @@ class FreeRun:
     def of_hand(self) -> NDArray[np.bool_]:
         """True for contacts of this hand, not of the table or another hand, shape (C,)."""
         body = self["contact/body"]
-        return np.asarray((body != ON_TABLE) & (body <= PALM))
+        return np.asarray((body > ON_TABLE) & (body <= PALM))
 
     @cached_property
     def friction(self) -> AnyArray:
         """Friction coefficient μ of each contact, shape (C,)."""
         of_hand, table = self.properties["friction"], self.properties["table_friction"]
-        return np.asarray(np.where(self["contact/body"] == ON_TABLE, of_hand if table is None else table, of_hand))
+        return np.asarray(np.where(self["contact/body"] <= ON_TABLE, of_hand if table is None else table, of_hand))
 
     @property
     def raised(self) -> float:

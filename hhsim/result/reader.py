@@ -31,6 +31,7 @@ from hhsim.result.schema import (
     LIVE_TICK,
     LIVE_TICK_COLUMNS,
     OBJECT_COLUMNS,
+    OWN_COLUMNS,
     PART_COLUMNS,
     PART_STATIC_COLUMNS,
     SCHEMA_VERSIONS,
@@ -261,7 +262,9 @@ class Result:
     def _whole_rows(self, dataset: h5py.Dataset) -> int:
         """Number of rows that belong to the ticks: a killed run may have written a block to some datasets only."""
         if f"/{THINGS}/" in dataset.name:
-            grows = dataset.name.rpartition("/")[2] in {column.name for column in (*PART_COLUMNS, JOINT_COLUMN)}
+            grows = dataset.name.rpartition("/")[2] in {
+                column.name for column in (*PART_COLUMNS, *OWN_COLUMNS, JOINT_COLUMN)
+            }
             return self.ticks if grows else len(dataset)
         table = dataset.parent
         if f"{table.name}/".endswith((f"/{LIVE_TICK}/", f"/{LIVE_TICK}/taken/")):
@@ -271,7 +274,11 @@ class Result:
         ticks, bodies = table["tick"][...], table["body"][...]
         # Where two hands hold one object, those of the other hand follow.
         most = 2 * BODIES if self.scene.get(TWO_HANDED) else BODIES
-        if (np.diff(ticks) < 0).any() or (ticks[:1] < 0).any() or ((bodies < -1) | (bodies >= most)).any():
+        if (
+            (np.diff(ticks) < 0).any()
+            or (ticks[:1] < 0).any()
+            or ((bodies < -1 - len(self.parts)) | (bodies >= most)).any()
+        ):
             raise InputError(f"{self.path} is damaged: a contact of no tick, or of no body")
         return int(np.searchsorted(ticks, self.ticks))
 

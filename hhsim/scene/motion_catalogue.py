@@ -32,7 +32,7 @@ RECORDING_SUFFIXES = (".h5", ".hdf5", CSV_SUFFIX)
 """Suffixes of trajectories and results; a recording of any other format, a .csv too, is imported."""
 ORDER = (
     *("touch", "pinch", "grasp", "whole-hand", "slide", "carry", "sequence", "never"),
-    *("lift", "shake", "turn", "push", "slip"),
+    *("lift", "move", "shake", "turn", "push", "slip"),
 )
 """Motions for any object, from one finger to the whole hand; those for one object follow by name, recordings last."""
 

@@ -24,6 +24,7 @@ tree needs no other place. Keys, with their defaults::
     # push: the hand goes on by `distance` [m] where its fingers press, level
     # carry: hand and object go along a level arc of `distance` [m] and `turn` [rad] about the vertical; default: 0
     # lift: the hand alone goes up by `distance` [m]; a free object follows if it is held
+    # move: the hand alone goes by `way` = [x, y, z] [m], world; a free object follows if it is held
     # shake: `cycles` (default: 4) swings of up to `distance` [m], level and across the palm
     # turn: by `turn` [rad] about the fingers' direction, level, through the object's middle
     # slip: the fingers ease until they would just touch
@@ -74,15 +75,16 @@ DEFAULT_FINGERS: dict[str, tuple[str, ...]] = {"touch": ("index",), "pinch": ("t
 """Fingers that a closing phase closes where it names none."""
 PHASE_NAMES = (
     *("approach", *DEFAULT_FINGERS, "hold", "slide", "carry"),
-    *("lift", "shake", "turn", "push", "slip", "release"),
+    *("lift", "move", "shake", "turn", "push", "slip", "release"),
 )
 DISTANCES = {"slide": (0.0, 1.0), "carry": (0.0, 10.0), "lift": (-1.0, 1.0), "shake": (0.0, 0.5), "push": (0.0, 1.0)}
 """Range of `distance` [m] by phase; these phases require it."""
-TAKE_ALONG = ("lift", "shake", "turn")
+TAKE_ALONG = ("lift", "move", "shake", "turn")
 """Phases that move the hand with what it holds."""
 KEYS_OF_PHASES: dict[str, Collection[str]] = {
     "fingers": DEFAULT_FINGERS,
     "distance": DISTANCES,
+    "way": ("move",),
     "turn": ("carry", "turn"),
     "cycles": ("shake",),
     "touch": ("hold",),
@@ -114,6 +116,7 @@ class ScriptPhase:
     cycles: float = 4.0
     touch: tuple[Touch, ...] | None = None
     hand: Side | None = field(default=None, repr=False)
+    way: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), repr=False)
 
 
 class PaperUse(Settings, frozen=True):
@@ -293,12 +296,13 @@ class _PhaseTable(Settings, frozen=True):
     cycles: Annotated[float, between(0.5, 1000.0)] | None = None
     touch: TouchTable | None = None
     hand: Side | None = None
+    way: Three | None = None
 
     def check(self) -> None:
         for key, names in KEYS_OF_PHASES.items():
             if getattr(self, key) is not None and self.name not in names:
                 raise InputError(f"{key} belongs to {', '.join(names)}; this phase is a {self.name}")
-        needed = "turn" if self.name == "turn" else "distance" if self.name in DISTANCES else ""
+        needed = {"turn": "turn", "move": "way"}.get(self.name, "distance" if self.name in DISTANCES else "")
         if needed and getattr(self, needed) is None:
             raise InputError(f"{needed} is missing; a {self.name} needs it")
         low, high = DISTANCES.get(self.name, (0.0, 0.0))
@@ -316,6 +320,7 @@ class _PhaseTable(Settings, frozen=True):
             cycles=ScriptPhase.cycles if self.cycles is None else self.cycles,
             touch=None if self.touch is None else touches_of(self.touch),
             hand=self.hand,
+            way=self.way or (0.0, 0.0, 0.0),
         )
 
 

@@ -1,7 +1,7 @@
 """Trajectory of a script: minimum-jerk motion between the poses that closing the hand on the object has found.
 
-In a `carry` hand and object move together. In a lift, a shake and a turn the hand alone is commanded; a free object
-follows as friction has it.
+In a `carry` hand and object move together. In a lift, a move, a shake and a turn the hand alone is commanded; a free
+object follows as friction has it.
 """
 
 from collections.abc import Iterator
@@ -78,7 +78,7 @@ def carried(script: Script, time: FloatArray, start: FloatArray) -> RigidMotion 
 
 
 def taken_along(script: Script, time: FloatArray, rotation: FloatArray, middle: FloatArray) -> RigidMotion | None:
-    """Compute the motion of the hand in the lifts, shakes and turns of a script; None without any.
+    """Compute the motion of the hand in the lifts, moves, shakes and turns of a script; None without any.
 
     A lift goes straight up, a shake goes across the palm, and a turn is about the direction of the fingers through the
     middle [m], shape (3,), of the object at rest; the last two directions are made level. `rotation` is of the closed
@@ -91,6 +91,8 @@ def taken_along(script: Script, time: FloatArray, rotation: FloatArray, middle: 
     for phase, _, share in phase_shares(script, time):
         if phase.name == "lift":
             place = place + (phase.distance * minimum_jerk(share))[:, None] * [0.0, 0.0, 1.0]
+        elif phase.name == "move":
+            place = place + minimum_jerk(share)[:, None] * phase.way
         elif phase.name == "shake":
             place = place + (phase.distance * to_and_fro(share, phase.cycles))[:, None] * across
         elif phase.name == "turn":

@@ -55,13 +55,14 @@ class FreeMotion:
         # Invalid ticks and bodies are found by `_contacts`.
         self.tick: IntArray = np.clip(result["contact/tick"], 0, result.ticks - 1)
         most = 2 * PALM + 1 if result.scene.get(TWO_HANDED) else PALM
-        self.body: IntArray = np.clip(np.asarray(result["contact/body"], np.int64), ON_TABLE, most)
+        self.body: IntArray = np.clip(np.asarray(result["contact/body"], np.int64), ON_TABLE - len(result.parts), most)
         self.point, self.normal = (np.asarray(result[f"contact/{name}"]) for name in ("point", "normal"))
         self.load, self.friction = (
             np.asarray(result[f"contact/{name}"]) for name in ("normal_force", "friction_force")
         )
         self.torsion, self.slip = (np.asarray(result[f"contact/{name}"]) for name in ("torsional_moment", "slip"))
-        self.of_table = self.body == ON_TABLE
+        # Other things count as the table does.
+        self.of_table = self.body <= ON_TABLE
         # Contacts of another hand, whose poses are in its own result.
         self.of_other = self.body > PALM
         self.own = ~(self.of_table | self.of_other)
@@ -149,7 +150,7 @@ def _contacts(motion: FreeMotion) -> list[Claim]:
     wrong = (np.diff(stored, prepend=0) < 0) | (stored != tick) | (np.asarray(motion.result["contact/body"]) != body)
     wrong |= ~(np.abs(np.linalg.norm(normal, axis=1) - 1.0) <= UNIT)
     wrong |= np.asarray(motion.result["contact/sticks"]) > 1
-    wrong |= motion.of_table & (np.abs(normal - [0.0, 0.0, 1.0]).max(axis=1) > UNIT)
+    wrong |= (body == ON_TABLE) & (np.abs(normal - [0.0, 0.0, 1.0]).max(axis=1) > UNIT)
     says = "contacts are in the order of the ticks, of known bodies, with unit normals; those of the table look up"
     claims = [all_true("contact rows", says, wrong, ticks=tick)]
     name, says = "single contacts", "no contact is written as two: none is where another one of its body is"

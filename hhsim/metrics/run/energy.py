@@ -5,7 +5,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_matrix, rotation_vector
-from hhsim.metrics.free_run import PALM, FreeRun
+from hhsim.metrics.free_run import ON_TABLE, PALM, FreeRun
 from hhsim.metrics.metrics import tracking_energy
 from hhsim.metrics.run.input_hand import HAPTIC
 from hhsim.metrics.run_metric import Judged, RunMetric
@@ -21,7 +21,7 @@ def energy_gains(run: RunTicks) -> FloatArray:
 
     With the object's kinetic and potential energy K and P and the energy U of the springs between user's hand h and
     shown hand g, it is K(t) - K(t-1) + P(t) - P(t-1) + U(h(t), g(t)) - U(h(t), g(t-1)), less three terms. Both U have
-    the user's hand of t, so the work of its motion is left out; so is what another hand's contacts do to the object.
+    the user's hand of t, so the work of its motion is left out; so is what another hand or thing does to the object.
     Subtracted are the work of finger abduction, which has no spring, by the contacts' moments about its axes; the
     clearance ε, by which a contact may push bodies apart in a tick, times the normal forces; and the rounding of poses:
     `ROUNDING` times m |v| / Δt, m g and the springs' force.
@@ -42,20 +42,23 @@ def energy_gains(run: RunTicks) -> FloatArray:
     load = np.bincount(free["contact/tick"], free["contact/normal_force"], run.ticks)
     force = run.rate * np.sqrt(2.0 * mass * np.maximum(kinetic[before], kinetic[after]))
     force += mass * np.linalg.norm(gravity) + np.sqrt(2.0 * free.stiffness.max() * np.maximum(stretched, springs))
-    gained -= free.offset * load[1:] + ROUNDING * force + _by_spread(run, shown)[1:] + _by_other_hand(free)
+    gained -= free.offset * load[1:] + ROUNDING * force + _by_spread(run, shown)[1:] + _by_others(free)
     if run.breaks is not None:
         gained[run.breaks[1:]] = np.nan
     return np.concatenate([[np.nan], gained])
 
 
-def _by_other_hand(free: FreeRun) -> FloatArray:
-    """Work of a second hand's contacts on the object in each tick but the first [J], shape (T - 1,)."""
-    rows = np.flatnonzero(free["contact/body"] > PALM)
+def _by_others(free: FreeRun) -> FloatArray:
+    """Work of a second hand's and of other things' contacts in each tick but the first [J], shape (T - 1,)."""
+    body = free["contact/body"]
+    rows = np.flatnonzero((body > PALM) | (body < ON_TABLE))
     tick, center = free["contact/tick"][rows], free.center
     normal, turn = free["contact/normal"][rows], free.moved.turn
-    force = -(free["contact/normal_force"][rows, None] * normal + free["contact/friction_force"][rows])
+    # What is stated is the force on a hand, and of a thing that on the object.
+    sign = np.where(body[rows] < ON_TABLE, 1.0, -1.0)[:, None]
+    force = sign * (free["contact/normal_force"][rows, None] * normal + free["contact/friction_force"][rows])
     moment = np.cross(free["contact/point"][rows] - center[tick], force)
-    moment -= free["contact/torsional_moment"][rows, None] * normal
+    moment += sign * free["contact/torsional_moment"][rows, None] * normal
     way = np.diff(center, axis=0, prepend=center[:1])[tick]
     turned = rotation_vector(quaternion_product(turn[1:], conjugate(turn[:-1])))
     angle = np.concatenate([np.zeros((1, 3)), turned])[tick]
