@@ -188,23 +188,15 @@ class RunErrors(MeshErrors):
 
 @dataclass(frozen=True)
 class ErrorScene:
-    """Reference of the errors of a run, the same for every method and surface.
-
-    Attributes:
-        referee: Of the true mesh, world.
-        haptic_placed: Haptic hand of every tick.
-        optimum: Graphic hand of the converged optimum on the mesh, every tick.
-        contact: Ticks in contact of the haptic hand, shape (T,).
-        seed: Of the tremor.
-    """
+    """Reference of the errors of a run, the same for every method and surface."""
 
     hand: HandModel
-    referee: MeshReferee
+    referee: MeshReferee  # of the true mesh, world
     haptic: TickInput
-    haptic_placed: PlacedHand
-    optimum: PlacedHand
-    contact: BoolArray
-    seed: int = 0
+    haptic_placed: PlacedHand  # haptic hand of every tick
+    optimum: PlacedHand  # graphic hand of the converged optimum on the mesh, every tick
+    contact: BoolArray  # ticks in contact of the haptic hand, shape (T,)
+    seed: int = 0  # of the tremor
 
     @property
     def holds(self) -> list[slice]:

@@ -35,20 +35,13 @@ from hhsim.system.progress import Progress, silent
 
 @dataclass(frozen=True)
 class GateReport:
-    """Rows and verdict of the gate.
+    """Rows and verdict of the gate."""
 
-    Attributes:
-        source: The suite or result.
-        against: Base of the comparison, or "".
-        rows: One for each figure.
-        notes: Remarks, a sentence each.
-        recorded: Scenes of a baseline to write; empty where not every scene ran.
-    """
-
-    source: str
-    against: str
-    rows: tuple[GateRow, ...]
-    notes: tuple[str, ...] = ()
+    source: str  # the suite or result
+    against: str  # base of the comparison, or ""
+    rows: tuple[GateRow, ...]  # one for each figure
+    notes: tuple[str, ...] = ()  # remarks, a sentence each
+    # Scenes of a baseline to write; empty where not every scene ran.
     recorded: dict[str, RecordedScene] = field(default_factory=dict)
 
     @property

@@ -48,20 +48,13 @@ CASES = ("SF", "TF", "FF", "WH")
 
 @dataclass(frozen=True)
 class Scenario:
-    """One scene of the paper.
+    """One scene of the paper."""
 
-    Attributes:
-        figure: Of `FIGURES`.
-        motion: Script of the catalogue.
-        case: Of `CASES` in Fig. 15, else empty.
-        instances: Number of seeded variations of the hand's place.
-    """
-
-    figure: str
+    figure: str  # of `FIGURES`
     object_name: str
-    motion: str
-    case: str = ""
-    instances: int = 1
+    motion: str  # script of the catalogue
+    case: str = ""  # of `CASES` in Fig. 15, else empty
+    instances: int = 1  # number of seeded variations of the hand's place
 
     @property
     def name(self) -> str:

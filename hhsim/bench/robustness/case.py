@@ -45,29 +45,19 @@ class Figure:
 
 @dataclass(frozen=True, eq=False)
 class HardRun:
-    """One hand that moves against one object.
-
-    Attributes:
-        motion: Haptic hand, tick by tick.
-        tree: Leaf spheres of the object, world; None for an object of triangles alone.
-        mesh: Triangles of the object, world; None for an object of spheres alone.
-        adapt: Changes the options of the method for this run.
-        lead: Ticks before the motion, judged like it.
-        repeats: Number of times that the motion is done, one after the other.
-        marks: Ticks of the motion whose graphic hand is kept each time.
-        scale: Lengths of the scene over those of a usual hand; penetrations are judged in proportion.
-    """
+    """One hand that moves against one object."""
 
     name: str
-    motion: HandConfiguration
-    tree: SphereTree | None = None
-    mesh: Mesh | None = None
+    motion: HandConfiguration  # haptic hand, tick by tick
+    tree: SphereTree | None = None  # leaf spheres of the object, world; None for an object of triangles alone
+    mesh: Mesh | None = None  # triangles of the object, world; None for an object of spheres alone
     hand: HandModel = field(default_factory=right_hand)
+    # Changes the options of the method for this run.
     adapt: Callable[[SolverOptions], SolverOptions] = lambda options: options
-    lead: HandConfiguration | None = None
-    repeats: int = 1
-    marks: tuple[int, ...] = ()
-    scale: float = 1.0
+    lead: HandConfiguration | None = None  # ticks before the motion, judged like it
+    repeats: int = 1  # number of times that the motion is done, one after the other
+    marks: tuple[int, ...] = ()  # ticks of the motion whose graphic hand is kept each time
+    scale: float = 1.0  # lengths of the scene over those of a usual hand; penetrations are judged in proportion
 
     def solver(self, options: SolverOptions) -> SolverOptions:
         """Return the options of this run: with spheres if the object has no triangles, and adapted."""
@@ -118,24 +108,16 @@ class Outcome:
 
 @dataclass(frozen=True)
 class HardCase:
-    """A named scene that breaks methods.
+    """A named scene that breaks methods."""
 
-    Attributes:
-        name: In kebab-case.
-        description: One line.
-        build: Returns the runs of a seed.
-        judge: Returns the case's own figures, from the outcomes in the order of the runs; penetration, finite numbers,
-            joint limits and stuck ticks are judged for every case.
-        may_refuse: True if a clear refusal is as good as a sound motion.
-        mesh_only: True if its objects are triangles alone.
-    """
-
-    name: str
-    description: str
-    build: Callable[[int], Sequence[HardRun]]
+    name: str  # in kebab-case
+    description: str  # one line
+    build: Callable[[int], Sequence[HardRun]]  # returns the runs of a seed
+    # Returns the case's own figures, from the outcomes in the order of the runs; penetration, finite numbers, joint
+    # limits and stuck ticks are judged for every case.
     judge: Callable[[Sequence[Outcome]], Sequence[Figure]] = lambda outcomes: ()
-    may_refuse: bool = False
-    mesh_only: bool = False
+    may_refuse: bool = False  # True if a clear refusal is as good as a sound motion
+    mesh_only: bool = False  # True if its objects are triangles alone
 
 
 def rest_figure(outcome: Outcome, ticks: slice, name: str = "ticks to rest") -> Figure:

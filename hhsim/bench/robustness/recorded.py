@@ -113,18 +113,13 @@ class BenchObject:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedOptions:
-    """Options of every run.
+    """Options of every run."""
 
-    Attributes:
-        rate: Tick rate [Hz].
-        mode: Between two samples: interpolate, or hold the last one.
-        place: Place of the object: where the closing fingers meet it, or as recorded.
-        ticks: Number of ticks to run, around the grasp, or the first ones of an object placed as recorded; None: all.
-    """
-
-    rate: float = 1000.0
-    mode: ResampleMode = "interpolate"
+    rate: float = 1000.0  # tick rate [Hz]
+    mode: ResampleMode = "interpolate"  # between two samples: interpolate, or hold the last one
+    # Place of the object: where the closing fingers meet it, or as recorded.
     place: Literal["auto", "recorded"] = "auto"
+    # Number of ticks to run, around the grasp, or the first ones of an object placed as recorded; None: all.
     ticks: int | None = None
 
 
