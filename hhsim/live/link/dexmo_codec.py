@@ -47,18 +47,13 @@ class WireError(HhsimError):
 
 
 class GloveMessage(NamedTuple):
-    """Data of one glove in a frame.
-
-    Attributes:
-        channels: Values in the order of `CHANNELS`, None without hand data; they may be NaN or infinite.
-        right: True for a right hand, None if unknown.
-        battery: Charge [%], None if unknown.
-    """
+    """Data of one glove in a frame."""
 
     device_id: int
+    # Values in the order of `CHANNELS`, None without hand data; they may be NaN or infinite.
     channels: tuple[float, ...] | None = None
-    right: bool | None = None
-    battery: int | None = None
+    right: bool | None = None  # True for a right hand, None if unknown
+    battery: int | None = None  # charge [%], None if unknown
 
 
 @cache
