@@ -62,20 +62,13 @@ SAMPLE_OFFSET = 1e-4
 
 @dataclass
 class MeshInRepair:
-    """A mesh under repair, in the unit of its source, so that round numbers stay round until the end.
+    """A mesh under repair, in the unit of its source, so that round numbers stay round until the end."""
 
-    Attributes:
-        vertices: Corners [unit of the source], shape (V, 3).
-        faces: Corner indices, shape (F, 3).
-        name: Name of the mesh in messages.
-        unit_length: Length of the unit [m], for messages.
-        merged, repairs, warnings: Changes that every mesh file needs, repairs, and suspicions, a sentence each.
-    """
-
-    vertices: FloatArray
-    faces: IntArray
-    name: str
-    unit_length: float = 1.0
+    vertices: FloatArray  # corners [unit of the source], shape (V, 3)
+    faces: IntArray  # corner indices, shape (F, 3)
+    name: str  # name of the mesh in messages
+    unit_length: float = 1.0  # length of the unit [m], for messages
+    # Changes that every mesh file needs, repairs, and suspicions, a sentence each.
     merged: list[str] = field(default_factory=list)
     repairs: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)

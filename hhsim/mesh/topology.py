@@ -160,19 +160,12 @@ def boundary_loops(faces: IntArray) -> list[IntArray]:
 
 
 class HoleCaps(NamedTuple):
-    """Triangles that close every boundary loop of a surface.
+    """Triangles that close every boundary loop of a surface."""
 
-    Attributes:
-        vertices: The surface's vertices, then the centres of fans, shape (V + fans, 3).
-        faces: The caps alone, wound as the faces around them, shape (C, 3).
-        width: Longest extent of each hole in its plane, shape (H,).
-        bend: Largest distance of each hole's edge from its plane, shape (H,).
-    """
-
-    vertices: FloatArray
-    faces: IntArray
-    width: FloatArray
-    bend: FloatArray
+    vertices: FloatArray  # the surface's vertices, then the centres of fans, shape (V + fans, 3)
+    faces: IntArray  # the caps alone, wound as the faces around them, shape (C, 3)
+    width: FloatArray  # longest extent of each hole in its plane, shape (H,)
+    bend: FloatArray  # largest distance of each hole's edge from its plane, shape (H,)
 
 
 def hole_caps(vertices: FloatArray, faces: IntArray) -> HoleCaps:

@@ -81,26 +81,18 @@ class RawChannel:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TickInput:
-    """Haptic hand at each tick of the replay; arrays are C-contiguous and writable, as the kernels take them.
+    """Haptic hand at each tick of the replay; arrays are C-contiguous and writable, as the kernels take them."""
 
-    Attributes:
-        time: k / rate [s], 0 at the first sample, shape (N,).
-        input_seq: Index of the newest sample at or before the tick, shape (N,).
-        position, orientation, flexion, abduction: As in `Trajectory`, N rows.
-        phases: Phases with at least one tick.
-        rate: Ticks a second [Hz].
-        object_motion: The object's pose at each tick; None if it stands still.
-    """
-
-    time: FloatArray
-    input_seq: IntArray
+    time: FloatArray  # k / rate [s], 0 at the first sample, shape (N,)
+    input_seq: IntArray  # index of the newest sample at or before the tick, shape (N,)
+    # As in `Trajectory`, N rows.
     position: FloatArray
     orientation: FloatArray
     flexion: FloatArray
     abduction: FloatArray
-    phases: tuple[TickPhase, ...]
-    rate: float
-    object_motion: ObjectMotion | None = None
+    phases: tuple[TickPhase, ...]  # phases with at least one tick
+    rate: float  # ticks a second [Hz]
+    object_motion: ObjectMotion | None = None  # the object's pose at each tick; None if it stands still
 
     def __repr__(self) -> str:
         return f"TickInput({self.tick_count:,} ticks at {self.rate:g} Hz{phase_names(self.phases)})"

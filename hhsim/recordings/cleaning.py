@@ -78,19 +78,12 @@ class CleaningOptions:
 
 
 class CleanedRecording(NamedTuple):
-    """Trajectory of a recording.
+    """Trajectory of a recording."""
 
-    Attributes:
-        trajectory: Cleaned motion, with flags.
-        findings: Findings in the order of the steps.
-        hand_length: Length of the recorded hand [m]; None if unknown.
-        given: Recording in our units, before its samples were cleaned.
-    """
-
-    trajectory: Trajectory
-    findings: tuple[Finding, ...]
-    hand_length: float | None
-    given: Recording
+    trajectory: Trajectory  # cleaned motion, with flags
+    findings: tuple[Finding, ...]  # findings in the order of the steps
+    hand_length: float | None  # length of the recorded hand [m]; None if unknown
+    given: Recording  # recording in our units, before its samples were cleaned
 
     @property
     def mended(self) -> int:

@@ -77,20 +77,13 @@ NO_PLACE = "no columns of the palm's place: it stays at the origin; hhsim replay
 
 
 class JointColumn(Settings, frozen=True):
-    """One joint angle: scale · (value - offset) · unit.
+    """One joint angle: scale · (value - offset) · unit."""
 
-    Attributes:
-        column: Column of the table; None for an angle that is computed from another joint's.
-        joint: Joint that the angle is computed from, by the scale alone.
-        scale, offset: Factor, and offset in the column's unit.
-        unit: Unit of the angle; None for the unit of all joints.
-    """
-
-    column: Name | None = None
-    joint: Name | None = None
+    column: Name | None = None  # column of the table; None for an angle that is computed from another joint's
+    joint: Name | None = None  # joint that the angle is computed from, by the scale alone
     scale: Factor = 1.0
-    offset: Factor = 0.0
-    unit: Angle | None = None
+    offset: Factor = 0.0  # in the column's unit
+    unit: Angle | None = None  # unit of the angle; None for the unit of all joints
 
     def check(self) -> None:
         """Raise InputError unless there is exactly one source."""

@@ -72,20 +72,14 @@ class Poses:
 
 @dataclass(frozen=True, eq=False)
 class DexmoRegression:
-    """Calibration of the glove.
+    """Calibration of the glove."""
 
-    Attributes:
-        open, closed: Readings of each channel at 0 and at 1, shape (11,).
-        slope: Angle of each joint for each normalised channel [rad], shape (20, 11); joints as in `JOINT_NAMES`.
-        offset: Angle of each joint where all channels are 0 [rad], shape (20,).
-        hints: Sentences about channels whose readings are doubtful.
-    """
-
-    open: FloatArray
-    closed: FloatArray
+    open: FloatArray  # reading of each channel at 0, shape (11,)
+    closed: FloatArray  # the same at 1
+    # Angle of each joint for each normalised channel [rad], shape (20, 11); joints as in `JOINT_NAMES`.
     slope: FloatArray
-    offset: FloatArray
-    hints: tuple[str, ...] = ()
+    offset: FloatArray  # angle of each joint where all channels are 0 [rad], shape (20,)
+    hints: tuple[str, ...] = ()  # sentences about channels whose readings are doubtful
 
     @classmethod
     def default(cls) -> Self:

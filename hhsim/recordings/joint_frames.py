@@ -40,20 +40,15 @@ TURNS = ("orientation", "rotation", "quaternion", "quat", "rot", "matrix")
 
 
 class Joint(NamedTuple):
-    """Joint of a hand in the document.
+    """Joint of a hand in the document."""
 
-    Attributes:
-        position: Position in the unit of the file, NaN where missing, shape (3,).
-        radius: Radius in the same unit, NaN where missing.
-        place, turn: Nodes of the document that hold the position, and the orientation; None without.
-        ray: Quaternion (w, x, y, z) of the frame that both are held in, to that of `position`.
-    """
-
+    # Position in the unit of the file, NaN where missing, shape (3,).
     position: Sequence[float] = (np.nan, np.nan, np.nan)
-    radius: float = np.nan
+    radius: float = np.nan  # radius in the same unit, NaN where missing
     valid: bool = True
-    place: Any = None
-    turn: Any = None
+    place: Any = None  # node of the document that holds the position; None without
+    turn: Any = None  # node that holds the orientation; None without
+    # Quaternion (w, x, y, z) of the frame that both are held in, to that of `position`.
     ray: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
 
 

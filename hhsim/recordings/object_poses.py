@@ -67,21 +67,13 @@ _COLUMN = re.compile(r"(?:(?P<kind>p|t|q)?(?P<axis>[wxyz])|m?(?P<place>[0-9]+))"
 
 
 class ObjectPoses(NamedTuple):
-    """Poses of an object in the coordinates of a file.
+    """Poses of an object in the coordinates of a file."""
 
-    Attributes:
-        position: Origin, NaN where missing, shape (T, 3).
-        orientation: Object to file, unit (w, x, y, z), shape (T, 4).
-        metre: Unit of the positions [m]; None if the file does not say.
-        names: Names of the arrays or columns that were read.
-        findings: Remarks about what was read.
-    """
-
-    position: FloatArray
-    orientation: FloatArray
-    metre: float | None
-    names: tuple[str, ...]
-    findings: tuple[Finding, ...] = ()
+    position: FloatArray  # origin, NaN where missing, shape (T, 3)
+    orientation: FloatArray  # object to file, unit (w, x, y, z), shape (T, 4)
+    metre: float | None  # unit of the positions [m]; None if the file does not say
+    names: tuple[str, ...]  # names of the arrays or columns that were read
+    findings: tuple[Finding, ...] = ()  # remarks about what was read
 
 
 class _Name(NamedTuple):

@@ -40,25 +40,17 @@ Poses = tuple[FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class PoseLines:
-    """Poses of one hand; missing numbers are NaN.
-
-    Attributes:
-        stamps: Stamps [ns], shape (T,).
-        translation, orientation: Pose of the wrist [m], unit (w, x, y, z), world, shapes (T, 3) and (T, 4).
-        numbers: Numbers under the key, shape (T, N).
-        betas: Shape of the hand, of the first sample that has it; empty for none.
-        rows: Line of each sample, shape (T,).
-        shown: Sample and object of each line with the hand, those of a second camera too.
-    """
+    """Poses of one hand; missing numbers are NaN."""
 
     hand: HandSide
-    stamps: FloatArray
-    translation: FloatArray
-    orientation: FloatArray
-    numbers: FloatArray
-    betas: FloatArray
+    stamps: FloatArray  # stamps [ns], shape (T,)
+    translation: FloatArray  # of the wrist [m], world, shape (T, 3)
+    orientation: FloatArray  # its unit quaternion (w, x, y, z), shape (T, 4)
+    numbers: FloatArray  # numbers under the key, shape (T, N)
+    betas: FloatArray  # shape of the hand, of the first sample that has it; empty for none
     findings: tuple[Finding, ...]
-    rows: list[int]
+    rows: list[int]  # line of each sample, shape (T,)
+    # Sample and object of each line with the hand, those of a second camera too.
     shown: list[tuple[int, dict[str, Any]]]
 
 

@@ -40,18 +40,12 @@ FINGER_ARM = 0.04
 
 @dataclass(frozen=True)
 class Finding:
-    """Line about a fault in a recording and its repair.
+    """Line about a fault in a recording and its repair."""
 
-    Attributes:
-        kind: A word of `hhsim.motion.sample_flags.SampleFlag`, or "note".
-        samples: Number of samples with it; 0 if it is not about single samples.
-        first_time: Stamp of the first of them [s], or None.
-    """
-
-    kind: str
+    kind: str  # a word of `hhsim.motion.sample_flags.SampleFlag`, or "note"
     text: str
-    samples: int = 0
-    first_time: float | None = None
+    samples: int = 0  # number of samples with it; 0 if it is not about single samples
+    first_time: float | None = None  # stamp of the first of them [s], or None
 
 
 def note(text: str) -> Finding:
@@ -215,19 +209,13 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class HandMotion:
-    """Motion of a hand to be written as a new recording.
+    """Motion of a hand to be written as a new recording."""
 
-    Attributes:
-        time: Increasing stamps [s], shape (T,).
-        joints: Joint centres in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], world, shape (T, 21, 3).
-        configuration: Our hand in the world.
-        side: Side of the hand.
-    """
-
-    time: FloatArray
+    time: FloatArray  # increasing stamps [s], shape (T,)
+    # Joint centres in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], world, shape (T, 21, 3).
     joints: FloatArray
-    configuration: HandConfiguration
-    side: HandSide
+    configuration: HandConfiguration  # our hand in the world
+    side: HandSide  # side of the hand
 
 
 MOTION = ("position", "orientation", "flexion", "abduction")
