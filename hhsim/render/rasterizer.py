@@ -31,34 +31,21 @@ EDGE = 1e-9
 
 @dataclass(frozen=True)
 class Camera:
-    """An orthographic view.
+    """An orthographic view."""
 
-    Attributes:
-        rotation: Rows right, up and towards the viewer, shape (3, 3), world.
-        center: World point in the picture's middle [m], shape (3,).
-        height: Height of the view [m].
-        shape: Rows and columns of the finished picture [pixels].
-    """
-
-    rotation: FloatArray
-    center: FloatArray
-    height: float
-    shape: tuple[int, int]
+    rotation: FloatArray  # rows right, up and towards the viewer, shape (3, 3), world
+    center: FloatArray  # world point in the picture's middle [m], shape (3,)
+    height: float  # height of the view [m]
+    shape: tuple[int, int]  # rows and columns of the finished picture [pixels]
 
 
 @dataclass(frozen=True)
 class Layer:
-    """A surface as the camera sees it, at `OVERSAMPLING` times the pixels of the picture.
+    """A surface as the camera sees it, at `OVERSAMPLING` times the pixels of the picture."""
 
-    Attributes:
-        color: Shape (rows, columns, 3).
-        depth: Towards the viewer [m], minus infinity without a surface, shape (rows, columns).
-        facing: Cosine between the surface's normal and the direction to the viewer, shape (rows, columns).
-    """
-
-    color: Image
-    depth: FloatArray
-    facing: Image
+    color: Image  # shape (rows, columns, 3)
+    depth: FloatArray  # towards the viewer [m], minus infinity without a surface, shape (rows, columns)
+    facing: Image  # cosine between the surface's normal and the direction to the viewer, shape (rows, columns)
 
     def seen(self) -> BoolArray:
         """Return where the surface is, shape (rows, columns)."""

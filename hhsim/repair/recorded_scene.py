@@ -29,21 +29,13 @@ from hhsim.trees.sphere_tree import SphereTree
 
 @dataclass(frozen=True, eq=False)
 class RecordedScene:
-    """Recorded hand beside its object.
+    """Recorded hand beside its object."""
 
-    Attributes:
-        scene: Object, hand and frames; a tick is a frame.
-        frames: Samples of the recording with a whole hand and a known object, shape (F,).
-        joints: Recorded joints in these frames as the object sees them [m], shape (F, 21, 3).
-        moved: Motion of the object since the first frame; None if it stands still.
-        tip_on_surface: True if recorded fingertips are points of the skin.
-    """
-
-    scene: Scene
-    frames: IntArray
-    joints: FloatArray
-    moved: RigidMotion | None
-    tip_on_surface: bool
+    scene: Scene  # object, hand and frames; a tick is a frame
+    frames: IntArray  # samples of the recording with a whole hand and a known object, shape (F,)
+    joints: FloatArray  # recorded joints in these frames as the object sees them [m], shape (F, 21, 3)
+    moved: RigidMotion | None  # motion of the object since the first frame; None if it stands still
+    tip_on_surface: bool  # True if recorded fingertips are points of the skin
 
     @property
     def haptic(self) -> HandConfiguration:

@@ -35,17 +35,11 @@ LOOKS = 48
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Skin:
-    """Mesh of the hand's surface, one set of vertices a frame, our world.
+    """Mesh of the hand's surface, one set of vertices a frame, our world."""
 
-    Attributes:
-        vertices: [m], shape (T, V, 3).
-        faces: Triangles, outward by the right hand, shape (F, 3); the wrist may be open.
-        weights: Share of each bone in a vertex's motion, bones in the order of `Correction`, shape (V, 16); rows sum
-            to 1.
-    """
-
-    vertices: FloatArray
-    faces: IntArray
+    vertices: FloatArray  # [m], shape (T, V, 3)
+    faces: IntArray  # triangles, outward by the right hand, shape (F, 3); the wrist may be open
+    # Share of each bone in a vertex's motion, bones in the order of `Correction`, shape (V, 16); rows sum to 1.
     weights: FloatArray
 
     def __repr__(self) -> str:

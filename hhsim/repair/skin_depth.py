@@ -61,19 +61,13 @@ def skin_depth(mesh: Mesh, vertices: FloatArray) -> tuple[FloatArray, IntArray]:
 
 
 class PushedOut(NamedTuple):
-    """Postures whose skin is outside an object.
+    """Postures whose skin is outside an object."""
 
-    Attributes:
-        posture: The given one in frames that were outside, and in those that could not be freed, T frames.
-        depth: Depth of the skin before [m], shape (T,).
-        depth_after: The same in `posture`, shape (T,).
-        is_freed: True where `depth_after` is 0, shape (T,).
-    """
-
+    # The given one in frames that were outside, and in those that could not be freed, T frames.
     posture: HandConfiguration
-    depth: FloatArray
-    depth_after: FloatArray
-    is_freed: BoolArray
+    depth: FloatArray  # depth of the skin before [m], shape (T,)
+    depth_after: FloatArray  # the same in `posture`, shape (T,)
+    is_freed: BoolArray  # True where `depth_after` is 0, shape (T,)
 
 
 def push_out(

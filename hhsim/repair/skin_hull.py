@@ -52,18 +52,13 @@ class SkinFit:
     """Distances of a skin's vertices to the bodies of their own bones, over all frames.
 
     A finger's bones count as one body; vertices of a palm that is not modelled do not count.
-
-    Attributes:
-        contained: Share of the vertices that lie inside.
-        excess_mean, excess_max: Distance outside [m], mean over all vertices (0 inside) and largest.
-        slack_mean: Mean depth inside [m], over all vertices (0 outside).
-        excess: Largest distance outside for the palm and each finger [m], shape (6,); NaN where nothing counts.
     """
 
-    contained: float
-    excess_mean: float
-    excess_max: float
-    slack_mean: float
+    contained: float  # share of the vertices that lie inside
+    excess_mean: float  # mean distance outside [m], over all vertices (0 inside)
+    excess_max: float  # largest distance outside [m]
+    slack_mean: float  # mean depth inside [m], over all vertices (0 outside)
+    # Largest distance outside for the palm and each finger [m], shape (6,); NaN where nothing counts.
     excess: FloatArray
 
 

@@ -75,29 +75,21 @@ COLUMNS = {column: name for name, part in PARTS.items() for column in part.colum
 
 @dataclass(frozen=True, eq=False)
 class Submission:
-    """Hand that a method shows at every tick of a scene.
+    """Hand that a method shows at every tick of a scene."""
 
-    Attributes:
-        method: Name of the method.
-        scene: Digest of the scene (`hhsim.submissions.scene_file.scene_digest`), or its first digits; "" if not stated.
-        time: Time since the start of the motion [s], shape (T,).
-        poses: The shown hand, fields of T rows.
-        phalanx_force: Contact force on each phalanx [N], world, shape (T, 5, 3, 3); None without forces.
-        palm_force: Contact force on the palm [N], world, shape (T, 3); None for none.
-        duration: Computing time of each tick [s], measured by the method, shape (T,); None if not measured.
-        made_by: Words that the scene is made by (`hhsim.submissions.scene_file.scene_names`).
-        hand: Side of the hand, right or left; "" if not stated.
-    """
-
-    method: str
+    method: str  # name of the method
+    # Digest of the scene (`hhsim.submissions.scene_file.scene_digest`), or its first digits; "" if not stated.
     scene: str
-    time: FloatArray
-    poses: HandConfiguration
+    time: FloatArray  # time since the start of the motion [s], shape (T,)
+    poses: HandConfiguration  # the shown hand, fields of T rows
+    # Contact force on each phalanx [N], world, shape (T, 5, 3, 3); None without forces.
     phalanx_force: FloatArray | None = None
-    palm_force: FloatArray | None = None
+    palm_force: FloatArray | None = None  # contact force on the palm [N], world, shape (T, 3); None for none
+    # Computing time of each tick [s], measured by the method, shape (T,); None if not measured.
     duration: FloatArray | None = None
+    # Words that the scene is made by (`hhsim.submissions.scene_file.scene_names`).
     made_by: Mapping[str, Any] = field(default_factory=dict)
-    hand: str = ""
+    hand: str = ""  # side of the hand, right or left; "" if not stated
     path: Path | None = None
 
     @property

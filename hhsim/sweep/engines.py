@@ -26,17 +26,12 @@ PATIENCE = 10
 
 @dataclass(frozen=True)
 class TaskEnd:
-    """Outcome of a task.
-
-    Attributes:
-        reason: Reason of its failure; "" if what it makes is written.
-        ticks: Number of ticks in all its runs.
-        seconds: Duration of all of it; for the first cell of a process without its scene, in which code is loaded.
-    """
+    """Outcome of a task."""
 
     digest: str
-    reason: str = ""
-    ticks: int = 0
+    reason: str = ""  # reason of its failure; "" if what it makes is written
+    ticks: int = 0  # number of ticks in all its runs
+    # Duration of all of it; for the first cell of a process without its scene, in which code is loaded.
     seconds: float = 0.0
 
 

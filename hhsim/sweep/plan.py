@@ -81,18 +81,13 @@ class PlannedCell:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """Plan with its cells.
-
-    Attributes:
-        folder: The plan's folder; its files are relative to it.
-        notes: Sentences about combinations that are left out or the same, and about recordings.
-    """
+    """Plan with its cells."""
 
     name: str
-    folder: Path
+    folder: Path  # the plan's folder; its files are relative to it
     text: str
     cells: tuple[PlannedCell, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # sentences about combinations that are left out or the same, and about recordings
 
 
 def load_plan(path: Path) -> SweepPlan:
