@@ -77,18 +77,13 @@ class SceneWords(Settings, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class PlacedScene:
-    """A scene, and the placement of its object.
-
-    Attributes:
-        placement: Placement of a recording's object; None where the motion states it or a script finds it.
-        by_itself: True if the object was placed because the recording states no place, not on demand.
-        note: A sentence for the user, or "".
-    """
+    """A scene, and the placement of its object."""
 
     scene: Scene
+    # Placement of a recording's object; None where the motion states it or a script finds it.
     placement: GraspPlacement | None = None
-    by_itself: bool = False
-    note: str = ""
+    by_itself: bool = False  # True if the object was placed because the recording states no place, not on demand
+    note: str = ""  # a sentence for the user, or ""
 
     @property
     def place(self) -> Place:

@@ -32,34 +32,21 @@ REACH_DEPTH = 0.0005
 
 @dataclass(frozen=True, eq=False)
 class FingerClosure:
-    """A grasp of one object: palm pose, open hand, and the postures that touch and press.
+    """A grasp of one object: palm pose, open hand, and the postures that touch and press."""
 
-    Attributes:
-        rotation: Palm to world, shape (3, 3).
-        back: Unit direction of the retreat, shape (3,), world; by default the palm's normal.
-        position: Palm origin where the fingers close [m], shape (3,), world; a palm that is to touch does so there.
-        open: Flexion of the open hand [rad], shape (5, 3).
-        contact: Flexion at first contact; the open one for fingers that do not close [rad], shape (5, 3).
-        command: Flexion commanded into the object [rad], shape (5, 3).
-        abduction: [rad], shape (5,).
-        reached: Named fingers whose command lies inside the object.
-        missed: Named fingers that do not reach it.
-        slide: Unit direction of a slide, shape (3,), world; zeros where the script has none.
-        touching: 1 for each phalanx that touches at first contact, else 0, shape (5, 3).
-        distance: Signed distance of each body with the palm and all named fingers as commanded [m], shape (16,).
-    """
-
-    rotation: FloatArray
-    back: FloatArray
+    rotation: FloatArray  # palm to world, shape (3, 3)
+    back: FloatArray  # unit direction of the retreat, shape (3,), world; by default the palm's normal
+    # Palm origin where the fingers close [m], shape (3,), world; a palm that is to touch does so there.
     position: FloatArray
-    open: FloatArray
-    contact: FloatArray
-    command: FloatArray
-    abduction: FloatArray
-    reached: tuple[str, ...]
-    missed: tuple[str, ...]
-    slide: FloatArray
-    touching: FloatArray
+    open: FloatArray  # flexion of the open hand [rad], shape (5, 3)
+    contact: FloatArray  # flexion at first contact; the open one for fingers that do not close [rad], shape (5, 3)
+    command: FloatArray  # flexion commanded into the object [rad], shape (5, 3)
+    abduction: FloatArray  # [rad], shape (5,)
+    reached: tuple[str, ...]  # named fingers whose command lies inside the object
+    missed: tuple[str, ...]  # named fingers that do not reach it
+    slide: FloatArray  # unit direction of a slide, shape (3,), world; zeros where the script has none
+    touching: FloatArray  # 1 for each phalanx that touches at first contact, else 0, shape (5, 3)
+    # Signed distance of each body with the palm and all named fingers as commanded [m], shape (16,).
     distance: FloatArray
 
     def require_touch(self, script: Script, target: str) -> None:

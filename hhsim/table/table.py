@@ -87,25 +87,16 @@ class Marked(str):
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table.
+    """One column of a table."""
 
-    Attributes:
-        name: Name of the figure; with the unit it is the heading. Key or attribute of a row where `of` is not given.
-        says: Meaning of the column, for people.
-        unit: Unit of what is shown; the values of rows are in its `stored_unit`.
-        of: A row's value: a key, a position, an attribute or its path with dots, or a function of the row.
-        digits: Digits behind the point; None as for `shown`.
-        missing: Stands for a missing value.
-        is_number: True if its cells are aligned right and never broken.
-    """
-
-    name: str
-    says: str = ""
-    unit: str = ""
+    name: str  # name of the figure; with the unit it is the heading. Key or attribute of a row where `of` is not given.
+    says: str = ""  # meaning of the column, for people
+    unit: str = ""  # unit of what is shown; the values of rows are in its `stored_unit`
+    # A row's value: a key, a position, an attribute or its path with dots, or a function of the row.
     of: str | int | Callable[[Any], Any] = ""
-    digits: int | None = None
-    missing: str = MISSING
-    is_number: bool = True
+    digits: int | None = None  # digits behind the point; None as for `shown`
+    missing: str = MISSING  # stands for a missing value
+    is_number: bool = True  # True if its cells are aligned right and never broken
 
     @property
     def heading(self) -> str:

@@ -11,17 +11,11 @@ from hhsim.trees.sphere_tree import SphereTree
 
 
 class ContactSurface(NamedTuple):
-    """A surface in the kernels' form, and its origin.
+    """A surface in the kernels' form, and its origin."""
 
-    Attributes:
-        arrays: Arrays of a surface of `hhsim.kernels.surfaces`, in the frame of mesh and tree.
-        notes: What of the object cannot be touched or is unknown, a sentence each.
-        mesh, tree: Source of the arrays; None where the object has none.
-    """
-
-    arrays: Any
-    notes: tuple[str, ...] = ()
-    mesh: Mesh | None = None
+    arrays: Any  # arrays of a surface of `hhsim.kernels.surfaces`, in the frame of mesh and tree
+    notes: tuple[str, ...] = ()  # what of the object cannot be touched or is unknown, a sentence each
+    mesh: Mesh | None = None  # source of the arrays; None where the object has none
     tree: SphereTree | None = None
 
 

@@ -199,17 +199,11 @@ _TIE = 1e-6
 
 @dataclass(frozen=True)
 class CanonicalFrame:
-    """A similarity: a point p [m] has the coordinates rotation @ (p − origin) / size.
+    """A similarity: a point p [m] has the coordinates rotation @ (p − origin) / size."""
 
-    Attributes:
-        origin: Mean of the vertices [m], shape (3,).
-        rotation: Rows are the axes of the frame, shape (3, 3).
-        size: Distance of the farthest vertex from the origin [m].
-    """
-
-    origin: FloatArray
-    rotation: FloatArray
-    size: float
+    origin: FloatArray  # mean of the vertices [m], shape (3,)
+    rotation: FloatArray  # rows are the axes of the frame, shape (3, 3)
+    size: float  # distance of the farthest vertex from the origin [m]
 
     def into(self, points: FloatArray) -> FloatArray:
         """Return the coordinates of points [m], shape (n, 3), on the grid."""
