@@ -1,21 +1,6 @@
 """Submissions, format `hhsim-poses`: the hand that some other software shows at every tick of a scene, CSV or HDF5.
 
-CSV is UTF-8 and comma separated (semicolons or tabs are read too), with decimal points: lines `# key: value`, one
-header line, a line a tick. A heading is the name of a column and its unit in brackets; columns stand in any order.
-
-| columns | unit | HDF5 dataset | meaning |
-|---|---|---|---|
-| time | s | time (T,) | since the start of the motion: tick / rate |
-| px, py, pz | m | position (T, 3) | palm origin, world |
-| qw, qx, qy, qz | 1 | orientation (T, 4) | palm to world |
-| thumb_flex1, thumb_flex2, thumb_flex3, index_flex1, …, little_flex3 | rad | flexion (T, 5, 3) | proximal to distal |
-| thumb_abd, index_abd, …, little_abd | rad | abduction (T, 5) | positive towards the thumb side |
-| thumb_1_fx, thumb_1_fy, …, little_3_fz (optional) | N | phalanx_force (T, 5, 3, 3) | contact force, world |
-| palm_fx, palm_fy, palm_fz (optional) | N | palm_force (T, 3) | contact force on the palm, world |
-| duration (optional) | s | duration (T,) | computing time of the tick |
-
-Keys, and attributes of the HDF5 file: `scene`, the digest that `hhsim scene` printed; `made_by`, the words that the
-scene is made by; `method`, a name for the table; `hand`, right or left.
+docs/submissions.md lists columns, datasets and keys.
 """
 
 import json
