@@ -207,14 +207,10 @@ class ErrorScene:
 def error_scene(
     hand: HandModel, referee: MeshReferee, haptic: TickInput, surface: Any, options: SolverOptions, seed: int = 0
 ) -> ErrorScene:
-    """Return the reference of runs of one motion on one object.
+    """Return the reference of runs of one motion on one object, by the options' stiffness and lengths.
 
-    Args:
-        surface: Arrays of the surface `mesh`, closed or not.
-        options: Stiffness and lengths of the runs.
-
-    Raises:
-        HhsimError: The optimum on this mesh has more candidate pairs than the solver holds.
+    `surface` is the mesh's, closed or not. Raises HhsimError where the optimum on this mesh has more candidate pairs
+    than the solver holds.
     """
     placed = forward_kinematics(hand, *HandConfiguration.of(haptic))
     return ErrorScene(
@@ -269,11 +265,9 @@ def hand_clearance(hand: HandModel, surface: Any, placed: PlacedHand, limit: flo
 def run_errors(
     scene: ErrorScene, surface: Any, options: SolverOptions, record: TickRecord, window: slice = slice(None)
 ) -> RunErrors:
-    """Measure a run.
+    """Measure a run on the surface that the options name, world.
 
-    Args:
-        surface: Arrays of the surface that the options name, world.
-        window: Ticks of the scene in the run; figures of the holds need all of them and are NaN otherwise.
+    `window` are the ticks of the scene in the run; figures of the holds need all of them and are NaN otherwise.
     """
     placed = placed_of(record)
     ticks = len(record.position)

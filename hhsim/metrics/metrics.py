@@ -211,10 +211,8 @@ def force_step(force: ArrayLike, moving: BoolArray, hold: BoolArray) -> float:
 def contact_force_step(force: ArrayLike, touch: BoolArray, breaks: BoolArray | None = None) -> float:
     """Largest one-tick change of the total force (T, 3) in contact, ‖F_t - F_{t-1}‖ [N]; NaN without contact.
 
-    Args:
-        force: [N], shape (T, 3).
-        touch: Ticks in contact, shape (T,), compared with both neighbours, so that a sudden begin or end counts.
-        breaks: Ticks before which others are missing, shape (T,): not compared with the tick before.
+    Ticks in contact `touch`, shape (T,), are compared with both neighbours, so that a sudden begin or end counts; those
+    of `breaks`, before which others are missing, not with the tick before.
     """
     touching = np.asarray(touch, dtype=bool)
     compared = touching[1:] | touching[:-1]

@@ -52,14 +52,8 @@ class Correction:
 def moved_joints(joints: FloatArray, origin: FloatArray, shift: FloatArray, rotation: FloatArray) -> FloatArray:
     """Move recorded joints with their bones, each of which keeps its length.
 
-    Args:
-        joints: Recorded joints in the order of `KEYPOINTS` [m], shape (T, 21, 3).
-        origin: Palm origin of the fitted hand [m], shape (T, 3).
-        shift: Displacement of the palm origin [m], shape (T, 3).
-        rotation: Rotation of each bone, shape (T, 16, 3, 3).
-
-    Returns:
-        The moved joints [m], shape (T, 21, 3).
+    The joints [m], shape (T, 21, 3), are in the order of `KEYPOINTS`; the palm origin of the fitted hand and its
+    displacement [m] have shape (T, 3), the rotations of the bones (T, 16, 3, 3).
     """
     moved = np.empty_like(joints)
     palm = rotation[:, 0]

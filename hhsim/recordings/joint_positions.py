@@ -163,15 +163,9 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
 def fitted_posture(fingers: FloatArray, palm: FloatArray, side: HandSide) -> tuple[HandConfiguration, Finding]:
     """Compute our hand's posture in a recorded palm frame, with our knuckles on the recorded ones.
 
-    Args:
-        fingers: Joints and tip of each finger from its base on [m], world, shape (T, 5, 4, 3).
-        palm: Palm to world, unit (w, x, y, z), shape (T, 4).
-
-    Returns:
-        The posture, NaN where a joint is missing, and the finding about the bones' angle to it.
-
-    Raises:
-        TrajectoryError: No finger is whole in any sample.
+    `fingers` are joints and tip of each finger from its base on [m], world, shape (T, 5, 4, 3); `palm` is palm to
+    world, unit (w, x, y, z), shape (T, 4). Returns the posture, NaN where a joint is missing, and the finding about the
+    bones' angle to it. Raises TrajectoryError where no finger is whole in any sample.
     """
     origin, axes = palm_origin(fingers[:, 1:, 0], palm, side), finger_axes(side)
     joints = in_palm(fingers - origin[:, None, None], palm)

@@ -67,14 +67,10 @@ class RecordedScene:
         return Correction(given, moved, turns, joints, whole)
 
     def seen_hand(self, written: Recording, posture: HandConfiguration) -> tuple[FloatArray, HandConfiguration]:
-        """Return the hand of the written recording as the object sees it.
+        """Return the hand of the written recording, which has the same samples, as the object sees it.
 
-        Args:
-            written: Recording with the same samples.
-            posture: Our hand after the repair, as the object sees it.
-
-        Returns:
-            Joints [m], shape (F, 21, 3), and our hand: the given one, or that of a recording of angles.
+        Joints [m] have shape (F, 21, 3); beside them our hand: `posture`, which is the one after the repair, or that of
+        a recording of angles.
         """
         if written.joints is not None:
             joints = written.joints[self.frames]
@@ -108,13 +104,9 @@ class RecordedScene:
 
 
 def recorded_scene(recording: Recording, mesh: Mesh, tree: SphereTree, hand: HandModel, name: str) -> RecordedScene:
-    """Put a recording, in our units, beside its object.
+    """Put a recording, in our units, beside its object, which is in the world's origin if no pose of it is recorded.
 
-    Args:
-        mesh, tree: Object in its own frame; it stands in the origin of the world where the recording has no pose of it.
-
-    Raises:
-        TrajectoryError: Fewer than two frames have a whole hand and an object, or stamps do not increase.
+    Raises TrajectoryError where fewer than two frames have a whole hand and an object, or stamps do not increase.
     """
     objects = recording.object_motion
     known = np.isfinite(recording.time) & np.isfinite(recording.angles).all(axis=1)

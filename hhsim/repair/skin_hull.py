@@ -259,14 +259,9 @@ def ball_cover(points: FloatArray, normal: FloatArray, most: int) -> tuple[Float
     """Cover points of a surface by at most so many balls that stand out of it as little as greedy choice allows.
 
     Candidates touch a point from inside and hold no other (shrinking balls: Ma, Bae & Choi, Visual Computer 28, 2012).
-    All grow by the same length, found by bisection, so that few of them cover all points.
-
-    Args:
-        points: [m], shape (n, 3).
-        normal: Outward, of any length, zero where unknown, shape (n, 3).
-
-    Returns:
-        Centres [m], shape (m, 3), and radii [m], shape (m,).
+    All grow by the same length, found by bisection, so that few of them cover all points. Points [m] and outward
+    normals, of any length, zero where unknown, have shape (n, 3). Returns centres [m], shape (m, 3), and radii [m],
+    shape (m,).
     """
     size = np.linalg.norm(normal, axis=1, keepdims=True)
     inward = -normal / np.where(size > 0.0, size, 1.0)

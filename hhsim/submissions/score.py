@@ -118,13 +118,9 @@ class Score:
 
 
 def scene_of(submission: Submission, folder: Path | None = None) -> Scene:
-    """Find the scene of a submission: in a folder, beside the submission, or made again by its names.
+    """Find the scene of a submission: in a folder that `hhsim scene` made, beside the submission, or made by its names.
 
-    Args:
-        folder: Folder that `hhsim scene` made; None looks beside the submission.
-
-    Raises:
-        InputError: Another scene, or an unknown one.
+    Raises InputError for another scene, or an unknown one.
     """
     if folder is not None:
         return load_scene(folder / SCENE_FILE if folder.is_dir() else folder)

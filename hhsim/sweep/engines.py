@@ -145,14 +145,9 @@ def require_dask() -> None:
 
 
 def run_on_dask(tasks: Sequence[Task], scheduler: str, jobs: int) -> Generator[TaskEnd, None, None]:
-    """Run tasks; they end in any order.
+    """Run tasks on a scheduler, such as tcp://10.0.0.1:8786, or `LOCAL` with `jobs` processes; they end in any order.
 
-    Args:
-        scheduler: Address of a scheduler, such as tcp://10.0.0.1:8786, or `LOCAL`.
-        jobs: Processes of a local cluster.
-
-    Raises:
-        InputError: No Dask, or no scheduler at that address.
+    Raises InputError without Dask, or a scheduler at that address.
     """
     require_dask()
     from distributed import Client, LocalCluster

@@ -25,16 +25,9 @@ def encloses(mesh: Mesh) -> bool:
 
 
 def contact_surface(name: str, mesh: Mesh | None, tree: SphereTree | None) -> ContactSurface:
-    """Make the surface that an option names.
+    """Make the surface `spheres` or `mesh` of an object [m], and its sphere tree in the same frame.
 
-    Args:
-        name: `spheres` or `mesh`.
-        mesh: Object [m]; None where it is spheres alone.
-        tree: Its sphere tree, in the same frame; None where it is triangles alone.
-
-    Raises:
-        InputError: A surface that no object has, or not this one.
-        MeshError: No triangle has an area.
+    Raises InputError for a surface that no object has, or not this one, MeshError where no triangle has an area.
     """
     if name not in ("spheres", "mesh"):
         raise InputError(f"no object has the surface '{name}': expected spheres or mesh")

@@ -273,12 +273,8 @@ def cover_of(
 ) -> tuple[FloatArray, FloatArray]:
     """Cover a mesh with at most `spheres` spheres; its place, rotation and size make no difference.
 
-    Args:
-        progress: Called with ("cover", cycles done, cycles).
-        workers: Threads to build with; None for the calling one. The bytes do not depend on their number.
-
-    Returns:
-        Centres [m], shape (n, 3), and radii [m], shape (n,).
+    `progress` is called with ("cover", cycles done, cycles); `workers` are threads to build with, None the calling one:
+    the bytes do not depend on them. Returns centres [m], shape (n, 3), and radii [m], shape (n,).
     """
     corner = np.ascontiguousarray(mesh.vertices[mesh.faces]).reshape(-1, 9)
     edge = edges_for(corner, np.ones(len(corner)), COARSE * spheres)

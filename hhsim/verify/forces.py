@@ -57,13 +57,10 @@ def balance(at: Moment, scale: FloatArray) -> float:
 
 
 def explained(at: Moment, scale: FloatArray, stored: FloatArray, pull: FloatArray, apart: bool) -> float:
-    """Residual [N] of explaining stored forces by contact pushes that also balance a pull.
+    """Residual [N] of explaining stored forces by contact pushes that also balance a pull, shape (21,).
 
-    Args:
-        scale: Factors of the 21 rows, to N.
-        stored: Force of each body [N], the palm's last, shape (48,).
-        pull: Shape (21,).
-        apart: Palm and fingers balance separately: contacts of a finger do not push the palm.
+    `scale` has the factors of the 21 rows, to N; `stored` the force of each body [N], the palm's last, shape (48,). If
+    `apart`, palm and fingers balance separately: contacts of a finger do not push the palm.
     """
     jacobian = at.jacobian
     if apart:

@@ -313,9 +313,8 @@ def closed(inward: FloatArray, position: FloatArray) -> HandConfiguration:
 def gripped(pinch: Pinch, *, torsion: float = TORSION, off_center: float = 0.0) -> Played:
     """Pinch, lift, ease and hold.
 
-    Args:
-        torsion: Limit of the torsional moment of a contact over its normal force [m].
-        off_center: Distance of the centre of mass before the line between the fingertips [m].
+    `torsion` limits the torsional moment of a contact over its normal force [m]; the centre of mass is `off_center` [m]
+    before the line between the fingertips.
     """
     mesh = block([pinch.side] * 3, [0.0, REACH, 0.0])
     free = FreeObject.of_mesh(mesh, mass=pinch.mass, friction=pinch.friction, torsion=torsion, table=-0.5 * pinch.side)

@@ -67,11 +67,7 @@ def bench_qp(
 ) -> list[dict[str, Any]]:
     """Harvest programs and solve them; return a row for each kind, by the names of `COLUMNS`.
 
-    Args:
-        programs: File of the programs, see `export_programs`; None for none.
-
-    Raises:
-        OutputError: The programs cannot be written.
+    The programs are written to the file `programs`, see `export_programs`; raises OutputError where they cannot be.
     """
     kinds: dict[str, SolvedPrograms] = {}
     harvested = harvest(options, progress)

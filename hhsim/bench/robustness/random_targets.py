@@ -51,12 +51,9 @@ class StressOptions:
 
 
 class RandomTargets:
-    """Endless motion towards random targets, taken in pieces of any length.
+    """Endless motion towards random targets about a centre [m], shape (3,), world, taken in pieces of any length.
 
-    Args:
-        options: None for the defaults.
-        center: Centre of the targets [m], world, shape (3,); None for the origin.
-        height: Of the first hand above the centre [m], upright with straight fingers; the first target too.
+    The first hand is upright with straight fingers, `height` [m] above the centre, as is the first target.
     """
 
     def __init__(
