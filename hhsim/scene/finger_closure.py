@@ -14,7 +14,6 @@ from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays
 from hhsim.mesh.catalogue import object_description, thing_names
-from hhsim.reproducible import matmul
 from hhsim.scene.script import Placement, Script
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -183,21 +182,14 @@ class PlacedCloser(Closer):
         return np.ascontiguousarray(np.clip(wide, self.hand.flexion_min, self.hand.flexion_max))
 
     def close(
-        self,
-        placement: Placement,
-        object_position: FloatArray | None = None,
-        object_rotation: FloatArray | None = None,
-        clear: Callable[[FloatArray, FloatArray, FloatArray], bool] | None = None,
+        self, placement: Placement, clear: Callable[[FloatArray, FloatArray, FloatArray], bool] | None = None
     ) -> FingerClosure:
-        """Close the fingers with the palm at a place on the object, which is at the origin and upright by default.
+        """Close the fingers with the palm at a place on the object.
 
-        Its position [m] has shape (3,), world, its rotation to the world (3, 3). If `clear` refuses position, rotation
-        and open flexion of a place, the fingers stay open.
+        If `clear` refuses position, rotation and open flexion of a place, the fingers stay open.
         """
-        turn = np.eye(3) if object_rotation is None else object_rotation
-        rotation = matmul(turn, rotation_matrix(placement.orientation))
-        back = matmul(turn, placement.back)
-        position = matmul(turn, placement.position) + (0.0 if object_position is None else object_position)
+        rotation = rotation_matrix(placement.orientation)
+        position, back = placement.position, placement.back
         opened, abduction = self.opened(placement), np.ascontiguousarray(placement.abduction)
         if self.script.palm_depth > 0.0:
             start = position + PALM_WAY * back
@@ -205,4 +197,4 @@ class PlacedCloser(Closer):
             travel, _ = kernel.advance_hand(start, rotation, opened, abduction, -back, gap, limit, self.work)
             position = start - travel * back
         fingers = self.fingers if clear is None or clear(position, rotation, opened) else []
-        return self.closed((position, rotation, back), opened, abduction, matmul(turn, placement.slide), fingers)
+        return self.closed((position, rotation, back), opened, abduction, placement.slide, fingers)
