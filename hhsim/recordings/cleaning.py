@@ -53,27 +53,21 @@ def default_limits() -> JointLimits:
 
 @dataclass(frozen=True)
 class CleaningOptions:
-    """Options of the cleaning.
+    """Options of the cleaning."""
 
-    Attributes:
-        max_gap: Longest gap that is interpolated [s].
-        start, end: Part to keep, on the stamps' clock [s]; None for all.
-        time_unit, length_unit, angle_unit: Units of the numbers in the file; None if it states them, or to detect them.
-        limits: Limits, or the hand with the limits, that joint angles are clipped to; None keeps them.
-        mirror: Mirror a left hand's motion to a right hand's, or the other way round, in the world's yz-plane.
-        hand_length: Length of the recorded hand [m]; None if the recording says it or it is unknown.
-        scale_to: Hand length [m] that the palm's motion is scaled to, about its mean; None keeps it metric.
-    """
-
-    max_gap: float = 1.0
-    start: float | None = None
+    max_gap: float = 1.0  # longest gap that is interpolated [s]
+    start: float | None = None  # part to keep, on the stamps' clock [s]; None for all
     end: float | None = None
+    # Units of the numbers in the file; None if it states them, or to detect them.
     time_unit: str | None = None
     length_unit: str | None = None
     angle_unit: str | None = None
+    # Limits, or the hand with the limits, that joint angles are clipped to; None keeps them.
     limits: JointLimits | HandModel | None = field(default_factory=default_limits)
+    # Mirror a left hand's motion to a right hand's, or the other way round, in the world's yz-plane.
     mirror: bool = False
-    hand_length: float | None = None
+    hand_length: float | None = None  # length of the recorded hand [m]; None if the recording says it or it is unknown
+    # Hand length [m] that the palm's motion is scaled to, about its mean; None keeps it metric.
     scale_to: float | None = None
 
 

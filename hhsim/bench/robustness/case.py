@@ -73,25 +73,18 @@ def ball_run(name: str, motion: HandConfiguration) -> HardRun:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Result of a run by one method.
-
-    Attributes:
-        options: Options that it was solved with.
-        record: Ticks of the last repeat of the motion; None if the method refused the scene.
-        refusal: Message of the refusal, else empty.
-        safety: Figures of all ticks.
-        limit_excess: Largest excess of a joint beyond its limits [rad].
-        marked: Graphic hands at the marks: joints and palm [m], shape (repeats, marks, 21, 3).
-        memory: Resident memory of the process after each repeat [B], shape (repeats,).
-    """
+    """Result of a run by one method."""
 
     run: HardRun
-    options: SolverOptions
-    record: TickRecord | None
-    refusal: str = ""
+    options: SolverOptions  # options that it was solved with
+    record: TickRecord | None  # ticks of the last repeat of the motion; None if the method refused the scene
+    refusal: str = ""  # message of the refusal, else empty
+    # Figures of all ticks.
     safety: SafetyFigures = SafetyFigures()  # noqa: RUF009
-    limit_excess: float = 0.0
+    limit_excess: float = 0.0  # largest excess of a joint beyond its limits [rad]
+    # Graphic hands at the marks: joints and palm [m], shape (repeats, marks, 21, 3).
     marked: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 21, 3)))
+    # Resident memory of the process after each repeat [B], shape (repeats,).
     memory: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property

@@ -61,24 +61,16 @@ def hard_cases(
 
 @dataclass(frozen=True)
 class CaseResult:
-    """Result of one method in one case.
-
-    Attributes:
-        surface: Surface that the hand touched: spheres in a case of spheres alone.
-        figures: The common ones first; empty if an exception ended the case.
-        reason: Message of the exception or of the refusal, else empty.
-        refused: True if the method refused the scene.
-        may_refuse: True if a refusal is as good as a sound motion in this case.
-        safety: Figures of all ticks of all runs.
-    """
+    """Result of one method in one case."""
 
     case: str
     method: str
-    surface: str
-    figures: tuple[Figure, ...]
-    reason: str = ""
-    refused: bool = False
-    may_refuse: bool = False
+    surface: str  # surface that the hand touched: spheres in a case of spheres alone
+    figures: tuple[Figure, ...]  # the common ones first; empty if an exception ended the case
+    reason: str = ""  # message of the exception or of the refusal, else empty
+    refused: bool = False  # True if the method refused the scene
+    may_refuse: bool = False  # True if a refusal is as good as a sound motion in this case
+    # Figures of all ticks of all runs.
     safety: SafetyFigures = SafetyFigures()  # noqa: RUF009
 
     @property
