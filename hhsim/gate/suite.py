@@ -196,11 +196,7 @@ def usual_limits(kind: str, limits: Mapping[str, float]) -> dict[str, float]:
 
 
 def load_suite(path: Path) -> GateSuite:
-    """Read a suite.
-
-    Raises:
-        InputError: No such file, no TOML, or an unknown key, name or value.
-    """
+    """Read a suite; InputError for no such file, no TOML, or an unknown key, name or value."""
     return parse_suite(read_toml_text(path, "suite"), path.parent, str(path))
 
 

@@ -84,10 +84,8 @@ def percent(share: float) -> str:
 def closed_surface(vertices: FloatArray, faces: IntArray, name: str, unit_length: float = 1.0) -> MeshInRepair:
     """Check a mesh and repair it to a closed surface, wound outward, whose winding number is 0 or 1.
 
-    Arguments as the fields of `MeshInRepair`: finite corners, and valid indices, F > 0.
-
-    Raises:
-        MeshError: No safe repair gives the mesh an inside.
+    Arguments as the fields of `MeshInRepair`: finite corners, and valid indices, F > 0. Raises MeshError where no safe
+    repair gives the mesh an inside.
     """
     surface = MeshInRepair(vertices, faces, name, unit_length)
     merge_and_clean(surface)

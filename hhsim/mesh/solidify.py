@@ -67,9 +67,7 @@ def solid_surface(
     """Close the surface of a mesh: by a safe repair, else by winding number, or as sheets; repairs state assumptions.
 
     Arguments as for `hhsim.mesh.repair.closed_surface`; `thickness` [unit of the source] makes sheets of open parts.
-
-    Raises:
-        MeshError: The mesh has no inside, or the thickness is out of range.
+    Raises MeshError where the mesh has no inside, or the thickness is out of range.
     """
     if thickness is None:
         return _solid(vertices, faces, name, unit_length)

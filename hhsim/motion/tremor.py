@@ -21,9 +21,7 @@ class Disturbance:
 
     Tremor is a sinusoid along a seeded ellipse in space whose longer half axis is the amplitude, so that the largest
     excursion is the amplitude; position and rotation have an ellipse each. Healthy hands: 8 to 12 Hz, 0.05 to 0.1 mm.
-
-    Raises:
-        TrajectoryError: A value out of its range.
+    Raises TrajectoryError for a value out of its range.
     """
 
     tremor_position: Annotated[float, between(0.0, 0.1, "m")] = 0.0  # amplitude of the palm's position [m]

@@ -89,9 +89,8 @@ class CleanedRecording(NamedTuple):
 def clean_recording(recording: Recording, options: CleaningOptions | None = None) -> CleanedRecording:
     """Make a trajectory of a recording, which itself stays unchanged.
 
-    Raises:
-        TrajectoryError: Nothing in it, or a fault that cannot be mended safely.
-        InputError: Options that contradict each other or the recording.
+    Raises TrajectoryError for nothing in it, or a fault that cannot be mended safely; InputError for options that
+    contradict each other or the recording.
     """
     options = options or CleaningOptions()
     if recording.sample_count == 0:

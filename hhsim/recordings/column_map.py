@@ -292,10 +292,8 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
 def map_edits(text: str, table: Table, columns: ColumnMap, made: Changes, unit: float) -> Iterator[NumberEdit]:
     """Return the edits of a table's text for a correction of the recording that `mapped` makes of it.
 
-    `unit` is that of the recording's angles as `mapped` gives them [rad].
-
-    Raises:
-        InputError: The correction moves what no column holds.
+    `unit` is that of the recording's angles as `mapped` gives them [rad]. Raises InputError where the correction moves
+    what no column holds.
     """
 
     def numbers(names: tuple[str, ...]) -> FloatArray:

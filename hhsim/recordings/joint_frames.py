@@ -110,10 +110,8 @@ def joints_of_frames(
 ) -> JointPositions:
     """Return the joint centres of the hand of the options, else of the one in more frames, and the object's poses.
 
-    `beside` has the values of the file beside its frames, one a frame or a single one.
-
-    Raises:
-        TrajectoryError: No such hand, one of the 21 joints in no frame, or an object's pose that is none.
+    `beside` has the values of the file beside its frames, one a frame or a single one. Raises TrajectoryError for no
+    such hand, one of the 21 joints in no frame, or an object's pose that is none.
     """
     side, shown, findings = frames_with_hand([frame.hands for frame in frames], options.hand)
     hands = [frames[k].hands[side] for k in shown]
@@ -150,10 +148,8 @@ def frame_edits(
 ) -> Iterator[NumberEdit]:
     """Yield the edits of a document's text for a correction of the hand that `joints_of_frames` reads.
 
-    Joints beyond the 21 move with the palm; orientations turn with their bone.
-
-    Raises:
-        InputError: Orientations that are no quaternions.
+    Joints beyond the 21 move with the palm; orientations turn with their bone. Raises InputError for orientations that
+    are no quaternions.
     """
     side, _, _ = frames_with_hand([frame.hands for frame in frames], options.hand)
     hands = [frames[row].hands[side] for row in made.rows]

@@ -118,11 +118,7 @@ def _turns(rotation: FloatArray, pose: FloatArray) -> FloatArray:
 
 
 def read_mano_model(path: Path) -> ManoModel:
-    """Read a MANO model.
-
-    Raises:
-        TrajectoryError: No such file, content that is not data, or arrays missing or of another shape.
-    """
+    """Read a MANO model; TrajectoryError for no such file, other content, or arrays missing or of another shape."""
     with named(path):
         data = Content(path, what="a MANO model").data
         return _model(read_npz(data) if data.startswith(b"PK") else _fields(data))

@@ -133,10 +133,8 @@ def poses_in(
     """Return the poses among named arrays, for `count` samples if it is given; None if no name tells of any.
 
     `order` is that of quaternions whose name does not say it; `alone` takes names without a word for the object. Arrays
-    of another shape are none; a position or an orientation without the other is none, or refused if `strict`.
-
-    Raises:
-        TrajectoryError: Another number of rows, no rotation, a quaternion of unknown order, or as `strict` says.
+    of another shape are none; a position or an orientation without the other is none, or refused if `strict`. Raises
+    TrajectoryError for another number of rows, no rotation, a quaternion of unknown order, or as `strict` says.
     """
     tails = {"position": ((3,),), "pose": POSE_SHAPES}
     meanings = {}
@@ -376,11 +374,9 @@ def read_object_poses(
 
     Poses with stamps are interpolated, others are one a sample, or one a frame of which the samples are `rows`, shape
     (T,), and a single one is of an object at rest. With `options.camera_poses` they are relative to a camera that
-    moves, and camera · object is returned. What was assumed is added to `findings`.
-
-    Raises:
-        TrajectoryError: No such file, another content, number of rows, unit or order, or stamps that end before the
-            recording's; one line that begins with the path.
+    moves, and camera · object is returned. What was assumed is added to `findings`. Raises TrajectoryError for no such
+    file, another content, number of rows, unit or order, or stamps that end before the recording's, in one line that
+    begins with the path.
     """
     rows = np.arange(len(time)) if rows is None else rows
     motion = _read(path, time, rows, options, findings)

@@ -57,10 +57,7 @@ class PoseLines:
 def read_pose_lines(document: Any, key: str, wanted: HandSide) -> PoseLines:
     """Read the poses, under a key, of the wanted hand, or for "" of the one in more lines (of equals the right one).
 
-    The document is as of `read_json`.
-
-    Raises:
-        TrajectoryError: Other content, or no such hand in it.
+    The document is as of `read_json`. Raises TrajectoryError for other content, or no such hand in it.
     """
     lines = list(objects(document if isinstance(document, list) else [document]))
     frames = [_hands(line.get("hand_poses"), key) for line in lines]
@@ -145,11 +142,8 @@ def object_beside(
 ) -> tuple[ObjectMotion | None, Finding | None]:
     """Read the motion of an object from the table beside a recording, and the finding about it.
 
-    It is at the stamps of the hand's samples [ns], shape (T,). Without a wanted uid it is the only object's.
-
-    Raises:
-        InputError: There is no such object.
-        TrajectoryError: A table of other columns.
+    It is at the stamps of the hand's samples [ns], shape (T,). Without a wanted uid it is the only object's. Raises
+    InputError for no such object, TrajectoryError for a table of other columns.
     """
     path = None if recording is None else recording.parent / OBJECTS
     if path is None or not path.is_file():

@@ -255,9 +255,7 @@ def state(path: Path, name: str, document: Mapping[str, Any]) -> None:
     """Add a JSON document as attribute `name` to a complete result, and seal it anew.
 
     Of several runs, `repeated` has `runs`, how many, and `times`: mean and std by the name of the figure, SI or %.
-
-    Raises:
-        OutputError: The file cannot be written.
+    Raises OutputError where the file cannot be written.
     """
     with output_errors(path), _amended(path) as file:
         file.attrs[name] = json.dumps(document)

@@ -97,10 +97,8 @@ def described_scene(
     """Make a scene with its description, and place the object of a recording that is in no world.
 
     Keypoints of a camera are such a recording. Mesh [m] and tree are in the object's own frame; `fingers` are used.
-    `other` is a hand beside which the one of a script finds its place; `thing` is as of `make_scene`.
-
-    Raises:
-        TrajectoryError: The motion cannot be done on this object, or cannot be placed as demanded.
+    `other` is a hand beside which the one of a script finds its place; `thing` is as of `make_scene`. Raises
+    TrajectoryError for a motion that cannot be done on this object, or cannot be placed as demanded.
     """
     placed = _placed_scene(words, mesh, tree, hand, motion, fingers, other, thing)
     scene = placed.scene

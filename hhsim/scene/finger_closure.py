@@ -145,10 +145,8 @@ def body_distances(
 def find_placement(script: Script, hand: HandModel, tree: SphereTree, *, of_two: bool = False) -> Placement | None:
     """Return the script's own placement on the object of a tree; None where a search finds one.
 
-    Of two hands that are to move the object together the left one is the mirror image of the right one.
-
-    Raises:
-        TrajectoryError: The script is made for other objects, or for a right hand.
+    Of two hands that are to move the object together the left one is the mirror image of the right one. Raises
+    TrajectoryError for a script that is made for other objects, or for a right hand.
     """
     for placement in script.placements:
         if _is_of(placement.object_name, tree):

@@ -26,11 +26,7 @@ LAW = "Coulomb with de Saxcé's correction, cone of 4 directions turned to the l
 
 @dataclass(frozen=True)
 class FreeObject:
-    """Physical properties of a free object.
-
-    Raises:
-        InputError: A number out of its range (`hhsim.ranges`), or an inertia that no body has.
-    """
+    """Physical properties of a free object; InputError for a number out of its range, or an inertia of no body."""
 
     mass: float  # [kg]
     center: Triple  # centre of mass [m], in the frame of the scene's mesh, which is the world's at the first tick

@@ -24,10 +24,8 @@ REFERENCE_STEP_TOLERANCE = 1e-8
 def best_hands(hand: HandModel, mesh_surface: Any, options: SolverOptions, haptic: HandConfiguration) -> TickRecord:
     """Return the least-energy pose of every tick: `coupled` on the triangles, converged, from the haptic hand on.
 
-    `mesh_surface` is the object's surface `mesh`, world; the options give stiffness and lengths.
-
-    Raises:
-        HhsimError: More pairs than the solver holds: the optimum on this mesh cannot be had.
+    `mesh_surface` is the object's surface `mesh`, world; the options give stiffness and lengths. Raises HhsimError
+    where the optimum has more pairs than the solver holds.
     """
     on_mesh = _converged(options, surface="mesh", skin=BY_SURFACE, touch=BY_SURFACE)
     return HandSolver(hand, mesh_surface, on_mesh).run(*haptic)

@@ -50,9 +50,8 @@ class SweepSummary:
 def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progress: Progress = silent) -> SweepSummary:
     """Run the cells that are not done yet.
 
-    Raises:
-        InputError: No Dask, or no scheduler.
-        OutputError: The folder cannot be written, or another sweep works in it.
+    Raises InputError without Dask or a scheduler, OutputError for a folder that cannot be written, or where another
+    sweep works.
     """
     if options.scheduler:
         require_dask()

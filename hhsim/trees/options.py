@@ -19,12 +19,7 @@ COVERS = ("outer", "balanced")
 
 @dataclass(frozen=True)
 class TreeOptions:
-    """Options of the builder.
-
-    Raises:
-        InputError: A value out of its range.
-        UnknownNameError: No such cover.
-    """
+    """Options of the builder; InputError for a value out of its range, UnknownNameError for an unknown cover."""
 
     # Level of the leaves, 1 to 5; the root is level 0. None for as many as `leaves` or `max_error` need, 4 if neither
     # is given.

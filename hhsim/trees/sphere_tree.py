@@ -110,11 +110,9 @@ class SphereTree:
 
     All leaves lie at the same depth, and every node encloses the leaves below it, so that a walk may reject all of them
     at once. Such a node is a poor model of the mesh: each level has a cover of its own for that, with as many spheres,
-    as tight as those of a tree that ends there. `at_level` makes that tree.
-
-    Raises:
-        InputError: Wrong shapes or order, a value not finite, a negative radius, a leaf outside an ancestor, or covers
-            that are not one a level, the last of them the leaves.
+    as tight as those of a tree that ends there. `at_level` makes that tree. Raises InputError for wrong shapes or
+    order, a value not finite, a negative radius, a leaf outside an ancestor, or covers that are not one a level, the
+    last of them the leaves.
     """
 
     center: FloatArray  # [m], shape (N, 3), frame of the mesh

@@ -127,11 +127,7 @@ def play_in_turns(
 def make_stages(
     scenarios: Sequence[Scenario], hand: HandModel, level: int | None, instances: int, seed: int, progress: Progress
 ) -> list[Stage]:
-    """Return the stages of scenes, on trees of a level; None for the paper's levels.
-
-    Raises:
-        TrajectoryError: A motion that cannot be done on an object.
-    """
+    """Return the stages of scenes, on trees of a level or the paper's; TrajectoryError if a motion cannot be done."""
     trees: dict[str, SphereTree] = {}
     stages = []
     for number, scenario in enumerate(scenarios):

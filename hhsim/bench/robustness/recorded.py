@@ -124,11 +124,7 @@ class RecordedOptions:
 
 
 def recording_files(paths: Sequence[Path]) -> list[Path]:
-    """Return the recordings among files and in folders, where the suffix tells them.
-
-    Raises:
-        InputError: A path that is not there, a folder without recordings, or no path.
-    """
+    """Return the recordings among files and in folders, by their suffix; InputError where there is none."""
     found: list[Path] = []
     suffixes = (*RECORDING_SUFFIXES, *imported_suffixes())
     for path in paths:

@@ -28,9 +28,7 @@ class FieldHands:
     """Hand at each frame of a recording, in the object's frame.
 
     The surface of the hand is its skin, its round cones and palm spheres, or both; without either it is its joints.
-
-    Raises:
-        InputError: An array of another shape, or a hand with only one of `shape` and `placed`, `skin` and `faces`.
+    Raises InputError for an array of another shape, or only one of `shape` and `placed`, `skin` and `faces`.
     """
 
     time: FloatArray  # stamps [s], shape (T,)
@@ -140,8 +138,7 @@ class FieldHands:
 class FieldPair:
     """Recorded hand and its repair, and what the figures of both need.
 
-    Raises:
-        InputError: Hands of different numbers of frames or vertices, or with different objects.
+    Raises InputError for hands of different numbers of frames or vertices, or with different objects.
     """
 
     recorded: FieldHands  # hand before
