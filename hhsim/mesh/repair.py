@@ -261,8 +261,7 @@ def _require_closed(surface: MeshInRepair) -> None:
 def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, float, float]:
     """Count points beside both sides of the faces, spread evenly, whose winding number is neither 0 nor 1.
 
-    Returns:
-        Number of such points, number of tested points, and the lowest and highest winding number found.
+    Returns their number, that of all tested points, and the lowest and highest winding number found.
     """
     triangles = np.ascontiguousarray(vertices[faces])
     step = max(1, int(np.ceil(2.0 * len(faces) ** 2 / WINDING_WORK)))

@@ -63,10 +63,9 @@ def directed_edges(faces: IntArray) -> IntArray:
 def undirected_edges(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """Group the directed edges by their pair of vertices.
 
-    Returns:
-        Index of the undirected edge of each directed one, shape (3F,); number of faces of each undirected edge, shape
-        (E,); and its forward minus its backward directed edges, shape (E,): 0 where the surface is closed and wound
-        alike.
+    Returns the index of the undirected edge of each directed one, shape (3F,); the number of faces of each undirected
+    edge, shape (E,); and its forward minus its backward directed edges, shape (E,): 0 where the surface is closed and
+    wound alike.
     """
     edges = directed_edges(faces)
     forward = edges[:, 0] < edges[:, 1]

@@ -84,16 +84,11 @@ def statistics(values: ArrayLike, mask: BoolArray | None = None) -> Statistics:
 
 
 def penetration(surface: Any, shape: HandShape, placed: PlacedHand, fingers: ArrayLike | None = None) -> Penetration:
-    """Penetration depths [m] of the stored graphic hand in the object's surface at each tick.
+    """Penetration depths [m] of the stored graphic hand in the object's surface, world, at each tick.
 
     The paper's measure: "the biggest penetration distance between the graphic finger and object spheres during one
-    interaction cycle", here with the palm too. Nothing is taken from the solver.
-
-    Args:
-        surface: Arrays of the object's surface, such as its leaf spheres, world.
-        shape: Sizes of the hand, as of `hhsim.hand.forward_kinematics.hand_shape`.
-        placed: Graphic hand.
-        fingers: Fingers that count, shape (5,), None for all; the others, which may pass through the object, are NaN.
+    interaction cycle", here with the palm too. Nothing is taken from the solver. `fingers` are those that count, shape
+    (5,), None for all; the others, which may pass through the object, are NaN.
     """
     palm, finger = hand_clearance(surface, shape, placed, limit=0.0)
     # 0 - x and not -x: a free body has depth 0, not minus 0.

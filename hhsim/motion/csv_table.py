@@ -78,15 +78,11 @@ def read_table(
     names: Sequence[str] | None = None,
     strict: bool = False,
 ) -> Table:
-    """Read a table.
+    """Read a table; `names` are the columns of one without a header line.
 
-    Args:
-        delimiter: Delimiter of cells; None detects it in the header.
-        names: Column names of a table without a header line.
-        strict: Refuse every line with another number of cells than the header's.
-
-    Raises:
-        TrajectoryError: No header, no line below it, two columns of the same name, or many lines of another length.
+    A delimiter of None is detected in the header; `strict` refuses every line with another number of cells than the
+    header's. Raises TrajectoryError for no header, no line below it, two columns of the same name, or many lines of
+    another length.
     """
     lines = text.splitlines()
     remarks, first, sign, header = _header(lines, delimiter)

@@ -52,12 +52,9 @@ def recorded_bones(
 ) -> RecordedBones:
     """Compute the bones of recorded fingers, and the distance of a hand of these bones from them in a posture.
 
-    Args:
-        joints: First to last joint and tip of each finger [m], world, shape (T, 5, 4, 3), NaN where missing.
-        wrist: Centre of the wrist [m], world, shape (T, 3).
-        posture: Fitted palm pose and angles.
-        radius: Radii at the joints and the tip [m], shape (T, 5, 4). None if not recorded: then the tips are points of
-            the skin.
+    `joints` are first to last joint and tip of each finger [m], world, shape (T, 5, 4, 3), NaN where missing; `wrist`
+    its centre [m], shape (T, 3); `radius` the radii at joints and tip [m], shape (T, 5, 4), None if not recorded: then
+    the tips are points of the skin.
     """
     at = in_palm(joints - posture.position[:, None, None], posture.orientation)
     base, length = median_bones(at)

@@ -191,17 +191,11 @@ def composed(layers: Sequence[tuple[Layer, FloatArray | float]]) -> FloatArray:
 def rasterise(
     screen: FloatArray, towards: FloatArray, faces: IntArray, shape: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Find the nearest triangle at each pixel.
+    """Find the nearest triangle at each pixel of a picture of `shape` rows and columns.
 
-    Args:
-        screen: Column and row of each vertex [pixels], shape (n, 2).
-        towards: Its coordinate towards the viewer [m], shape (n,).
-        faces: Shape (m, 3).
-        shape: Rows and columns of the picture.
-
-    Returns:
-        Coordinate towards the viewer [m], shape (rows, columns); barycentric weights of the pixels of triangles,
-        shape (3, pixels); the triangle or -1, shape (rows, columns).
+    `screen` has column and row of each vertex [pixels], shape (n, 2), `towards` its coordinate towards the viewer [m].
+    Returns that coordinate, shape (rows, columns); barycentric weights of the pixels of triangles, shape (3, pixels);
+    and the triangle or -1, shape (rows, columns).
     """
     rows, columns = shape
     depth, owner = np.full(rows * columns, -np.inf), np.full(rows * columns, -1, dtype=np.int64)

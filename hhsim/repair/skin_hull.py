@@ -151,13 +151,9 @@ def _vertices_of(skin: Skin, finger: int) -> tuple[IntArray, IntArray]:
 def fit_radii(along: FloatArray, across: FloatArray, phalanx: IntArray, length: FloatArray) -> FloatArray:
     """Fit the radii of a finger of least volume that contains points.
 
-    Args:
-        along, across: Coordinates of the points, as of `hhsim.repair.skin.cone_coordinates` [m], shape (n, 3).
-        phalanx: Phalanx of each point, whose cone is the first to contain it, shape (n,).
-        length: Of the phalanges [m], shape (3,).
-
-    Returns:
-        Radii at the joints and the tip [m], not growing towards the tip, shape (4,); every point is inside.
+    Their coordinates are as of `hhsim.repair.skin.cone_coordinates` [m], shape (n, 3); `phalanx` is that whose cone is
+    the first to contain each, shape (n,). Returns radii at the joints and the tip [m], not growing towards the tip,
+    shape (4,); every point is inside.
     """
     each = np.arange(len(phalanx))
     cone, share = phalanx, np.clip(along / length, 0.0, 1.0)[each, phalanx]

@@ -77,11 +77,9 @@ class Closer:
     ) -> FingerClosure:
         """Close fingers until they touch, and command them deeper; shapes as in `FingerClosure`.
 
-        Args:
-            place: Position, rotation and back of the palm.
-            opened: Flexion of the open hand [rad].
-            fingers: Indices of the fingers that close; the script's others count as missed.
-            unclosed: Command of fingers that do not close [rad]; None: the open hand's.
+        `place` is position, rotation and back of the palm, `opened` the flexion of the open hand [rad]. The script's
+        other fingers count as missed. Fingers that do not close get the command `unclosed` [rad], None for the open
+        hand's.
         """
         (position, rotation, back), work = place, self.work
         contact, touching = opened.copy(), np.zeros((len(FINGERS), 3))

@@ -54,13 +54,9 @@ def reference_excess(
 ) -> FloatArray:
     """Compute the coupling energy above the reference optimum, (E - E*) / E*, at some ticks, shape (len(ticks),).
 
-    The optimum is the local one that `coupled` converges to from the method's own graphic hand with the input held. NaN
-    in free space, and where the graphic hand is too deep inside for the reference.
-
-    Args:
-        surface: Object's surface, world frame, as `HandSolver` takes it.
-        options: Options of the method; stiffness and lengths are kept.
-        haptic, graphic: Hands at every tick.
+    The optimum is the local one that `coupled` converges to from the method's own graphic hand with the input held,
+    with the stiffness and lengths of the options. NaN in free space, and where the graphic hand is too deep inside for
+    the reference. The surface is in the world, as `HandSolver` takes it; the hands are those of every tick.
     """
     solver = HandSolver(hand, surface, _converged(options))
     diagonal = options.stiffness.diagonal()

@@ -51,12 +51,9 @@ def unit_size(unit: str) -> float:
 
 
 def shown(value: Any, digits: int | None = None, missing: str = MISSING) -> str:
-    """Return a value as people read it.
+    """Return a value as people read it, `missing` for None and NaN; text is returned as it is.
 
-    Args:
-        value: Text is returned as it is; None and NaN are missing.
-        digits: Digits behind the point; None for four significant ones, and all of a whole number.
-        missing: Stands for a missing value.
+    `digits` are those behind the point; None for four significant ones, and all of a whole number.
     """
     if isinstance(value, str):
         return value

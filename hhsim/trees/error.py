@@ -91,10 +91,8 @@ def measure_levels(
 ) -> tuple[LevelError, ...]:
     """Measure every level of a tree, in the frame of the mesh: its cover, or else its nodes.
 
-    Args:
-        seed: Seed of the samples; those of a level do not depend on the other levels.
-        progress: Called with ("measure", levels done, levels).
-        workers: Threads to measure with; None for the calling one.
+    The samples of a level do not depend on the other levels. `progress` is called with ("measure", levels done,
+    levels); `workers` are threads to measure with, None the calling one.
     """
     workers = workers or Workers()
     surface = sample_mesh(vertices, faces, MESH_SAMPLES, np.random.default_rng([seed, 0]))

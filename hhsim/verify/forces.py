@@ -121,13 +121,8 @@ def on_another_part(
 
     Its phalanx is a cone frustum with a sphere at its thin end, and the foot of a leaf's centre decides between the
     two. That is the nearest feature while the two only touch; with deep penetration feature and normal may differ. The
-    sphere at a finger's first joint belongs to the palm.
-
-    Args:
-        posed: Postures at the ticks of the pairs.
-        pairs: N pairs of a hand body and a leaf sphere that touch.
-        center, radius: All leaf spheres [m], world, shapes (L, 3) and (L,).
-        closed: Spheres close both ends of every frustum, not the fingertip's alone.
+    sphere at a finger's first joint belongs to the palm. Leaf spheres [m], world, have shapes (L, 3) and (L,); if
+    `closed`, spheres close both ends of every frustum, not the fingertip's alone.
     """
     found = np.zeros(len(pairs.body), bool)
     of_phalanx = np.flatnonzero(pairs.body != PALM)

@@ -127,10 +127,8 @@ def shown_ticks(
 ) -> ShownTicks:
     """Return what a viewer gets of N ticks, of which `column` returns any of `SHOWN_COLUMNS` by its name.
 
-    Args:
-        shown: Indices of the ticks that are shown, shape (T,).
-        starts: First index of the ticks that each shown one stands for, shape (T,).
-        more: Further plots and their values, shape (N, series).
+    `shown` are the indices of the ticks that are shown, shape (T,), `starts` the first of those that each stands for,
+    shape (T,); `more` has further plots and their values, shape (N, series).
     """
     kept, begins = np.asarray(shown), np.asarray(starts)
     haptic, graphic = (
