@@ -71,14 +71,9 @@ def sampled(ticks: IntArray, count: int, also: Sequence[int] = ()) -> IntArray:
 
 
 class MeshReferee:
-    """Measures runs against one mesh.
+    """Measures runs against one mesh [m], world; InputError without coal.
 
-    Args:
-        mesh: World [m].
-        most_hands: Hands of a run whose depth is measured; identical ones count once.
-
-    Raises:
-        InputError: coal is not installed.
+    The depth of at most `most_hands` of a run is measured; identical ones count once.
     """
 
     def __init__(self, mesh: Mesh, most_hands: int = MOST_HANDS) -> None:
@@ -97,14 +92,10 @@ class MeshReferee:
     def errors(
         self, surface: Any, shape: HandShape, placed: PlacedHand, touch: float, contact: IntArray, also: IntArray
     ) -> MeshErrors:
-        """Measure a run.
+        """Measure a run on a surface, world, from the graphic hand of every tick.
 
-        Args:
-            surface: Arrays of the surface of the run, world.
-            placed: Graphic hand of every tick.
-            touch: Largest distance of a body and a piece of the surface that touch [m].
-            contact: Ticks whose contact points are measured, ascending.
-            also: Ticks whose depth is measured in any case.
+        A body and a piece of the surface touch within `touch` [m]. Contact points are measured at the ticks `contact`,
+        ascending, depth in any case at those of `also`.
         """
         if contact.size == 0:
             return MeshErrors()

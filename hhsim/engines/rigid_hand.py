@@ -96,11 +96,8 @@ class RigidHand:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the coupling's force on the palm [N] and its torque about the palm's origin [N·m], world.
 
-        Args:
-            target: Haptic hand.
-            speed: Of the haptic hand.
-            position, orientation: Of the graphic palm [m], (w, x, y, z), world.
-            linear, angular: Speed of the graphic palm [m/s, rad/s], world.
+        `target` and `speed` are the haptic hand's; the rest is of the graphic palm, world: [m], (w, x, y, z), [m/s],
+        [rad/s].
         """
         force = self.stiffness[0] * (target.position - position) + self.damping[0] * (speed.linear - linear)
         turn = rotation_between(orientation, target.orientation)

@@ -132,19 +132,12 @@ class DexmoRegression:
 def calibrated(
     regression: DexmoRegression, opened: ArrayLike, fist: ArrayLike, spread: ArrayLike | None = None
 ) -> DexmoRegression:
-    """Return the regression with the two ends of each channel from poses.
+    """Return the regression with the two ends of each channel from poses; `hints` name the channels that are doubtful.
 
-    Args:
-        opened: Readings of the flat hand with the fingers together, shape (N, 11); their median counts.
-        fist: Readings of the fist: the other end of the bends.
-        spread: Readings of the hand with spread fingers and opposed thumb: the other end of split and rotate.
-            Without it those channels are left out.
-
-    Returns:
-        A regression whose `hints` name the channels that are left out, or that move too little.
-
-    Raises:
-        InputError: No readings of a channel, or a bend that reads the same in the open hand and in the fist.
+    Readings have shape (N, 11), and their median counts: of the flat hand with the fingers together, of the fist, the
+    other end of the bends, and of spread fingers and opposed thumb, the other end of split and rotate. Without that
+    those channels are left out. Raises InputError for a channel without readings, or a bend that reads the same in the
+    open hand and in the fist.
     """
     low, closed = _medians("open hand", opened), _medians("fist", fist)
     wide = low if spread is None else _medians("spread hand", spread)

@@ -74,14 +74,11 @@ PICKLES = tuple(bytes((0x80, protocol)) for protocol in range(2, 6))
 
 
 class Content:
-    """Content of a file, read no further than needed.
+    """Content of a file, read no further than needed; `path` is None if only its bytes are given.
 
-    Attributes:
-        path: The file; None if only its bytes are given.
-        name: Name of the recording if the content has none; default: the file's name without its suffix.
-        pickled: Pickle of which `data` has the arrays; empty for any other file.
-        what: Kind of file that is expected, for messages.
-        original: File beside which its hand's sizes and its object's poses may lie; default: `path`.
+    `name` is the recording's if the content has none, by default the file's without its suffix; `what` the kind of file
+    that is expected, for messages; `original` the file beside which its hand's sizes and its object's poses may lie, by
+    default `path`. `pickled` is the pickle of which `data` has the arrays, empty for any other file.
     """
 
     def __init__(

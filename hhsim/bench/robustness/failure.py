@@ -65,17 +65,12 @@ class Shrunk:
 
 
 def delta_debug(motion: HandConfiguration, trial: Trial, *, graphic: HandConfiguration | None = None) -> Shrunk:
-    """Shrink a failing motion.
+    """Shrink a failing motion; InputError if neither it nor any end of it fails.
 
-    It cuts off the ticks after the failure, starts later and drops ticks between, as long as the motion still fails.
-
-    Args:
-        motion: Haptic hand, tick by tick; ticks that are no reading repeat the last one, as for the solver.
-        graphic: Graphic hand after each tick of a longer run that `motion` is the last stretch of and whose last tick
-            fails; needed if the motion alone does not fail from its first sample on.
-
-    Raises:
-        InputError: Neither the motion nor any end of it fails.
+    It cuts off the ticks after the failure, starts later and drops ticks between, as long as the motion still fails;
+    ticks that are no reading repeat the last one, as for the solver. `graphic` is the hand after each tick of a longer
+    run that `motion` is the last stretch of and whose last tick fails; needed if the motion alone does not fail from
+    its first sample on.
     """
     search = _Search(trial)
     whole = replayed(motion)

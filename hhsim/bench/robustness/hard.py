@@ -42,13 +42,8 @@ def hard_cases(
 ) -> tuple[HardCase, ...]:
     """Return the cases of these names in the catalogue's order; without names all that the surfaces allow.
 
-    Args:
-        ticks: Length of the case `endurance`.
-        surfaces: Surfaces that are touched; without `mesh` there are no cases of triangles alone.
-
-    Raises:
-        UnknownNameError: No case of that name; the message lists the near ones.
-        InputError: A named case needs the surface `mesh`.
+    `ticks` is the length of the case `endurance`. Without the surface `mesh` there are no cases of triangles alone.
+    Raises UnknownNameError for no case of that name, InputError for one that needs the surface `mesh`.
     """
     cases = (*INPUT_CASES, *CONTACT_CASES, *INVARIANCE_CASES, endurance_case(ticks), *TRIANGLE_CASES)
     check_known("hard case", names, [case.name for case in cases])

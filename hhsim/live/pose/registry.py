@@ -70,16 +70,10 @@ class PoseSource(ABC):
 
     @abstractmethod
     def read(self, now_ns: int, position_out: "FloatArray", orientation_out: "FloatArray") -> int:
-        """Write the newest pose.
+        """Write the newest pose: palm origin [m], shape (3,), and unit (w, x, y, z), shape (4,), all finite.
 
-        Args:
-            now_ns: CLOCK_MONOTONIC of the tick [ns].
-            position_out: Palm origin [m], shape (3,).
-            orientation_out: Unit (w, x, y, z), shape (4,).
-
-        Returns:
-            CLOCK_MONOTONIC [ns] at which this pose came; `now_ns` if it cannot age, -1 if there is none yet and nothing
-            was written. A written pose is finite.
+        Returns CLOCK_MONOTONIC [ns] at which it came; `now_ns`, that of the tick, if it cannot age, -1 if there is none
+        yet and nothing was written.
         """
 
     def close(self) -> None:
