@@ -139,10 +139,9 @@ class Run:
     # Times of the ticks in contact [s], one array of shape (n,) a repetition.
     cpu: list[FloatArray] = field(default_factory=list)
     wall: list[FloatArray] = field(default_factory=list)
-    candidates: IntArray = field(
-        default_factory=lambda: np.zeros(0, np.int64)
-    )  # candidate pairs of the same ticks, shape (n,)
-    work: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))  # their work units, shape (n,)
+    # Candidate pairs and work units of the same ticks, shape (n,).
+    candidates: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    work: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     errors: RunErrors | None = None
     digest: str = ""  # of its poses and forces
     repeatable: bool = True  # True if all repetitions had the same digest
