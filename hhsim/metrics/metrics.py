@@ -66,12 +66,6 @@ class TickStatistics:
     count: int
 
 
-def phase_mask(ticks: int, first: int, last: int) -> BoolArray:
-    """Mask of the ticks `first` to `last`, both included; shape (ticks,)."""
-    index = np.arange(ticks)
-    return (index >= first) & (index <= last)
-
-
 def statistics(values: ArrayLike, mask: BoolArray | None = None) -> Statistics:
     """Mean, spread and maximum of the defined values, shape (T,) or (T, ...), in the ticks of `mask` or all."""
     array = np.asarray(values, dtype=np.float64)
