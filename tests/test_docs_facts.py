@@ -92,7 +92,7 @@ def test_every_measure_and_dataset_is_documented() -> None:
         if function.__module__ == metrics.__name__ and not name.startswith("_")
     }
     named = {name.removeprefix("hhsim.metrics.metrics.") for row in table for name in spans(row[3])}
-    helpers = {"statistics", "phase_mask", "hand_clearance"}
+    helpers = {"statistics", "hand_clearance"}
     assert functions - helpers <= named
 
 

@@ -83,8 +83,7 @@ class FreeChoice(OptionGroup, heading="Free object"):
     def object(self, mesh: "Mesh", word: str) -> "FreeObject | None":
         """Return the free object of a mesh [m] at its first place, `word` its name or file; None without --free.
 
-        Raises:
-            HhsimError: A mesh without inside, or impossible numbers.
+        Raises HhsimError for a mesh without inside, or impossible numbers.
         """
         from hhsim.mesh.catalogue import names_a_file, object_description
         from hhsim.scene.free_object import CLEARANCE, FreeObject

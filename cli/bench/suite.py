@@ -58,11 +58,7 @@ def measuring(output: Output, *, lines: bool = False) -> "Iterator[Progress]":
 
 
 class SuiteTable:
-    """Table of a suite, at the path that the output names; its picture, if any, is set later.
-
-    Raises:
-        OutputError: It cannot be written there.
-    """
+    """Table of a suite at the output's path, with a picture, if any, set later; OutputError if it cannot be written."""
 
     picture: Path | None = None
 

@@ -65,25 +65,17 @@ PUSHED = 1e-2
 
 @dataclass(frozen=True)
 class PeersOptions:
-    """Options of the suite.
-
-    Attributes:
-        motions: Scripts of the catalogue that touch the object.
-        methods: Names, or `package.module:Class`; None for those of `OURS` and every engine that hhsim declares. A
-            method that is not installed is left out.
-        repetitions: Of every run that is not longer than `LONG`.
-        rate: Tick rate [Hz].
-        seed: Of the tremor.
-        hands: Limit of the hands of a run that are measured against the true mesh.
-    """
+    """Options of the suite."""
 
     objects: Names = ("bunny", "teapot", "cube", "sphere")
-    motions: Names = ("grasp", "slide", "whole-hand")
+    motions: Names = ("grasp", "slide", "whole-hand")  # scripts of the catalogue that touch the object
+    # Names, or `package.module:Class`; None for those of `OURS` and every engine that hhsim declares. A method that is
+    # not installed is left out.
     methods: Names | None = None
-    repetitions: Count = 3
-    rate: float = 1000.0
-    seed: int = 0
-    hands: Count = 200
+    repetitions: Count = 3  # of every run that is not longer than `LONG`
+    rate: float = 1000.0  # tick rate [Hz]
+    seed: int = 0  # of the tremor
+    hands: Count = 200  # limit of the hands of a run that are measured against the true mesh
 
     def __post_init__(self) -> None:
         """Fill in the methods; raise InputError for unknown names, empty lists and numbers out of range."""
@@ -141,23 +133,18 @@ class PeerErrors:
 
 @dataclass
 class PeerRun:
-    """One method on one scene.
-
-    Attributes:
-        cpu: CPU times of the ticks in contact [s], one array of shape (n,) a repetition.
-        native: CPU times of the engine's own step in the same ticks; of the whole tick of a method of ours.
-        seconds: CPU time of all ticks of the first repetition.
-        failure: Message of the error that ended it, or "".
-    """
+    """One method on one scene."""
 
     object_name: str
     motion: str
     peer: Peer
+    # CPU times of the ticks in contact [s], one array of shape (n,) a repetition.
     cpu: list[FloatArray] = field(default_factory=list)
+    # CPU times of the engine's own step in the same ticks; of the whole tick of a method of ours.
     native: list[FloatArray] = field(default_factory=list)
     errors: PeerErrors | None = None
-    seconds: float = 0.0
-    failure: str = ""
+    seconds: float = 0.0  # CPU time of all ticks of the first repetition
+    failure: str = ""  # message of the error that ended it, or ""
 
 
 @dataclass(frozen=True)

@@ -71,14 +71,9 @@ def sampled(ticks: IntArray, count: int, also: Sequence[int] = ()) -> IntArray:
 
 
 class MeshReferee:
-    """Measures runs against one mesh.
+    """Measures runs against one mesh [m], world; InputError without coal.
 
-    Args:
-        mesh: World [m].
-        most_hands: Hands of a run whose depth is measured; identical ones count once.
-
-    Raises:
-        InputError: coal is not installed.
+    The depth of at most `most_hands` of a run is measured; identical ones count once.
     """
 
     def __init__(self, mesh: Mesh, most_hands: int = MOST_HANDS) -> None:
@@ -97,14 +92,10 @@ class MeshReferee:
     def errors(
         self, surface: Any, shape: HandShape, placed: PlacedHand, touch: float, contact: IntArray, also: IntArray
     ) -> MeshErrors:
-        """Measure a run.
+        """Measure a run on a surface, world, from the graphic hand of every tick.
 
-        Args:
-            surface: Arrays of the surface of the run, world.
-            placed: Graphic hand of every tick.
-            touch: Largest distance of a body and a piece of the surface that touch [m].
-            contact: Ticks whose contact points are measured, ascending.
-            also: Ticks whose depth is measured in any case.
+        A body and a piece of the surface touch within `touch` [m]. Contact points are measured at the ticks `contact`,
+        ascending, depth in any case at those of `also`.
         """
         if contact.size == 0:
             return MeshErrors()
@@ -188,23 +179,15 @@ class RunErrors(MeshErrors):
 
 @dataclass(frozen=True)
 class ErrorScene:
-    """Reference of the errors of a run, the same for every method and surface.
-
-    Attributes:
-        referee: Of the true mesh, world.
-        haptic_placed: Haptic hand of every tick.
-        optimum: Graphic hand of the converged optimum on the mesh, every tick.
-        contact: Ticks in contact of the haptic hand, shape (T,).
-        seed: Of the tremor.
-    """
+    """Reference of the errors of a run, the same for every method and surface."""
 
     hand: HandModel
-    referee: MeshReferee
+    referee: MeshReferee  # of the true mesh, world
     haptic: TickInput
-    haptic_placed: PlacedHand
-    optimum: PlacedHand
-    contact: BoolArray
-    seed: int = 0
+    haptic_placed: PlacedHand  # haptic hand of every tick
+    optimum: PlacedHand  # graphic hand of the converged optimum on the mesh, every tick
+    contact: BoolArray  # ticks in contact of the haptic hand, shape (T,)
+    seed: int = 0  # of the tremor
 
     @property
     def holds(self) -> list[slice]:
@@ -215,14 +198,10 @@ class ErrorScene:
 def error_scene(
     hand: HandModel, referee: MeshReferee, haptic: TickInput, surface: Any, options: SolverOptions, seed: int = 0
 ) -> ErrorScene:
-    """Return the reference of runs of one motion on one object.
+    """Return the reference of runs of one motion on one object, by the options' stiffness and lengths.
 
-    Args:
-        surface: Arrays of the surface `mesh`, closed or not.
-        options: Stiffness and lengths of the runs.
-
-    Raises:
-        HhsimError: The optimum on this mesh has more candidate pairs than the solver holds.
+    `surface` is the mesh's, closed or not. Raises HhsimError where the optimum on this mesh has more candidate pairs
+    than the solver holds.
     """
     placed = forward_kinematics(hand, *HandConfiguration.of(haptic))
     return ErrorScene(
@@ -277,11 +256,9 @@ def hand_clearance(hand: HandModel, surface: Any, placed: PlacedHand, limit: flo
 def run_errors(
     scene: ErrorScene, surface: Any, options: SolverOptions, record: TickRecord, window: slice = slice(None)
 ) -> RunErrors:
-    """Measure a run.
+    """Measure a run on the surface that the options name, world.
 
-    Args:
-        surface: Arrays of the surface that the options name, world.
-        window: Ticks of the scene in the run; figures of the holds need all of them and are NaN otherwise.
+    `window` are the ticks of the scene in the run; figures of the holds need all of them and are NaN otherwise.
     """
     placed = placed_of(record)
     ticks = len(record.position)

@@ -60,31 +60,22 @@ Python, at milliseconds a tick."""
 
 @dataclass(frozen=True)
 class SpeedErrorOptions:
-    """Options of the suite.
-
-    Attributes:
-        motions: Scripts of the catalogue that touch the object.
-        methods: None for all that take one of the surfaces.
-        surfaces: Among spheres, of each level, and mesh; a method that takes no mesh has spheres alone.
-        levels: Of the sphere tree.
-        linearisations: Limits in a tick; None for those of `LINEARISATIONS`.
-        backends: QP solvers besides our own; None for all that are installed.
-        repetitions: Of every run.
-        rate: Tick rate [Hz].
-        seed: Of the tremor.
-        hands: Limit of the hands of a run whose depth in the mesh is measured; identical ones count once.
-    """
+    """Options of the suite."""
 
     objects: Names = ("bunny", "teapot", "cube")
-    motions: Names = ("grasp", "pinch", "whole-hand", "slide")
-    methods: Names | None = None
+    motions: Names = ("grasp", "pinch", "whole-hand", "slide")  # scripts of the catalogue that touch the object
+    methods: Names | None = None  # None for all that take one of the surfaces
+    # Among spheres, of each level, and mesh; a method that takes no mesh has spheres alone.
     surfaces: Names = ("spheres", "mesh")
+    # Of the sphere tree.
     levels: Annotated[tuple[Annotated[int, between(1, MOST_LEVEL)], ...], a_list("2, 3")] = (2, 3, 4, 5)
+    # Limits in a tick; None for those of `LINEARISATIONS`.
     linearisations: Annotated[tuple[Count, ...], a_list("1, 12")] | None = None
-    backends: tuple[str, ...] | None = None
-    repetitions: Count = 3
-    rate: float = 1000.0
-    seed: int = 0
+    backends: tuple[str, ...] | None = None  # QP solvers besides our own; None for all that are installed
+    repetitions: Count = 3  # of every run
+    rate: float = 1000.0  # tick rate [Hz]
+    seed: int = 0  # of the tremor
+    # Limit of the hands of a run whose depth in the mesh is measured; identical ones count once.
     hands: int = MOST_HANDS
 
     def __post_init__(self) -> None:
@@ -140,29 +131,22 @@ class Configuration:
 
 @dataclass
 class Run:
-    """One configuration on one scene.
-
-    Attributes:
-        cpu, wall: Times of the ticks in contact [s], one array of shape (n,) a repetition.
-        candidates, work: Candidate pairs and work units of the same ticks, shape (n,).
-        digest: Of its poses and forces.
-        repeatable: True if all repetitions had the same digest.
-        ticks: Ticks of a repetition.
-        failure: Message of the error that ended it, or "".
-    """
+    """One configuration on one scene."""
 
     object_name: str
     motion: str
     configuration: Configuration
+    # Times of the ticks in contact [s], one array of shape (n,) a repetition.
     cpu: list[FloatArray] = field(default_factory=list)
     wall: list[FloatArray] = field(default_factory=list)
+    # Candidate pairs and work units of the same ticks, shape (n,).
     candidates: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     work: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     errors: RunErrors | None = None
-    digest: str = ""
-    repeatable: bool = True
-    ticks: int = 0
-    failure: str = ""
+    digest: str = ""  # of its poses and forces
+    repeatable: bool = True  # True if all repetitions had the same digest
+    ticks: int = 0  # ticks of a repetition
+    failure: str = ""  # message of the error that ended it, or ""
 
 
 @dataclass(frozen=True)

@@ -167,11 +167,7 @@ def frontier(time: ArrayLike, error: ArrayLike, gain: float = 0.0) -> IntArray:
     """Return the indices of the points that no other point beats, by growing time.
 
     A point beats another if it is no worse in both and better in one. Of equal points the first counts; a point with a
-    NaN is on no frontier.
-
-    Args:
-        time, error: Shape (n,); less is better.
-        gain: Least share by which the error of a slower point is smaller; 0 gives the plain frontier.
+    NaN is on no frontier. The error of a slower point is less by at least the share `gain`; 0 gives the plain frontier.
     """
     first, second = np.asarray(time, np.float64).ravel(), np.asarray(error, np.float64).ravel()
     order = np.lexsort((np.arange(first.size), second, first))

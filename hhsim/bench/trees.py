@@ -35,21 +35,14 @@ _REFERENCE_SHAPES = ("cube", "hexagonal-prism", "cylinder", "cup")
 
 @dataclass(frozen=True)
 class TreesOptions:
-    """Options of the suite.
+    """Options of the suite."""
 
-    Attributes:
-        objects: Names of the catalogue.
-        spheres: Limits of the leaves of the trees.
-        size: Longest extent of the objects [m].
-        seed: Of the samples that coal measures at.
-        points: Number of samples of the mesh, and of the spheres.
-    """
-
+    # Names of the catalogue.
     objects: tuple[str, ...] = ("bunny", "teapot", "cube", "hexagonal-prism", "cylinder", "cup")
-    spheres: tuple[Annotated[int, between(1, MOST_SPHERES)], ...] = (64, 512, 4096)
-    size: float = EXTENT
-    seed: int = 0
-    points: int = 200_000
+    spheres: tuple[Annotated[int, between(1, MOST_SPHERES)], ...] = (64, 512, 4096)  # limits of the leaves of the trees
+    size: float = EXTENT  # longest extent of the objects [m]
+    seed: int = 0  # of the samples that coal measures at
+    points: int = 200_000  # number of samples of the mesh, and of the spheres
 
     def __post_init__(self) -> None:
         """Raise InputError for a number of spheres out of range or an unknown object."""

@@ -19,19 +19,12 @@ from hhsim.system.progress import Progress, silent
 
 @dataclass(frozen=True)
 class Board:
-    """Runs side by side.
+    """Runs side by side."""
 
-    Attributes:
-        entries: Last run of each object, motion, method, surface, options and machine.
-        failed: Failed runs that did not work elsewhere on the same machine.
-        machines: Label by machine, in the order of the entries.
-        notes: Sentences for the reader.
-    """
-
-    entries: tuple[Entry, ...]
-    failed: tuple[Entry, ...]
-    machines: dict[str, str]
-    notes: tuple[str, ...]
+    entries: tuple[Entry, ...]  # last run of each object, motion, method, surface, options and machine
+    failed: tuple[Entry, ...]  # failed runs that did not work elsewhere on the same machine
+    machines: dict[str, str]  # label by machine, in the order of the entries
+    notes: tuple[str, ...]  # sentences for the reader
 
 
 def collect(folders: Sequence[Path], progress: Progress = silent) -> Board:

@@ -22,38 +22,26 @@ TOLD = ("level", "max_error", "rate", "samples", "seed", "ticks", "tremor_mm_deg
 
 @dataclass(frozen=True)
 class Entry:
-    """One run.
-
-    Attributes:
-        options: Options that are not the usual ones, in words; "" where all are.
-        option_set: Name of a sweep's set of options; "" of any other result.
-        machine: Processor, cores, system and Python, as JSON: times compare within a machine.
-        hhsim: Version and commit.
-        created: Time, UTC.
-        own_core: True if its ticks had a core of their own: else its times say little.
-        verdict: Word of the verdict; "failed" where there is no result.
-        figures: SI or %, by the names of `hhsim.metrics.run.registry.run_metrics`; times are means over the runs.
-        deviations: Standard deviation of times over several runs, by the same names.
-        runs: Number of runs of the same cell, or by `hhsim replay --repeat`.
-        reason: Why it failed, or "".
-    """
+    """One run."""
 
     object: str
     motion: str
     method: str
     surface: str
-    options: str
-    machine: str
-    hhsim: str = ""
-    created: str = ""
-    own_core: bool = False
-    verdict: str = ""
+    options: str  # options that are not the usual ones, in words; "" where all are
+    machine: str  # processor, cores, system and Python, as JSON: times compare within a machine
+    hhsim: str = ""  # version and commit
+    created: str = ""  # time, UTC
+    own_core: bool = False  # True if its ticks had a core of their own: else its times say little
+    verdict: str = ""  # word of the verdict; "failed" where there is no result
+    # SI or %, by the names of `hhsim.metrics.run.registry.run_metrics`; times are means over the runs.
     figures: Mapping[str, float] = field(default_factory=dict)
+    # Standard deviation of times over several runs, by the same names.
     deviations: Mapping[str, float] = field(default_factory=dict)
-    option_set: str = ""
-    runs: int = 1
+    option_set: str = ""  # name of a sweep's set of options; "" of any other result
+    runs: int = 1  # number of runs of the same cell, or by `hhsim replay --repeat`
     source: str = ""
-    reason: str = ""
+    reason: str = ""  # why it failed, or ""
 
     @property
     def scene(self) -> tuple[str, str]:

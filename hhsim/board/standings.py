@@ -15,37 +15,26 @@ NAN = float("nan")
 
 @dataclass(frozen=True)
 class Standing:
-    """One method on one machine, over its scenes.
-
-    Attributes:
-        options: Options with the names that plans give them.
-        scenes, failed: Number of objects and motions, and of cells that failed.
-        touched, missed: Number of runs in which the hand touched something, and that missed a limit.
-        depth, off_mesh: Deepest in the touched surface, and largest distance of a contact from the mesh [m].
-        tracking: Coupling energy over the local optimum, mean over scenes [%].
-        p50, p99: CPU time of a tick in contact: the median over scenes, and the worst [s].
-        p50_std, p99_std: Their standard deviation over the runs of these scenes [s]; NaN of one run.
-        comparable: True if each of its scenes had a core of its own.
-        first: True if none of the same scenes on the same machine is faster and as good in every one of `errors`.
-    """
+    """One method on one machine, over its scenes."""
 
     method: str
     surface: str
-    options: str
+    options: str  # options with the names that plans give them
     machine: str
-    scenes: int
-    failed: int
-    touched: int
-    missed: int
-    depth: float
-    off_mesh: float
-    tracking: float
+    scenes: int  # number of objects and motions
+    failed: int  # number of cells that failed
+    touched: int  # number of runs in which the hand touched something
+    missed: int  # number of runs that missed a limit
+    depth: float  # deepest in the touched surface [m]
+    off_mesh: float  # largest distance of a contact from the mesh [m]
+    tracking: float  # coupling energy over the local optimum, mean over scenes [%]
     stuck: int
-    p50: float
-    p99: float
-    comparable: bool
-    p50_std: float = NAN
+    p50: float  # CPU time of a tick in contact, median over scenes [s]
+    p99: float  # worst of the scenes [s]
+    comparable: bool  # True if each of its scenes had a core of its own
+    p50_std: float = NAN  # their standard deviation over the runs of these scenes [s]; NaN of one run
     p99_std: float = NAN
+    # True if none of the same scenes on the same machine is faster and as good in every one of `errors`.
     first: bool = False
 
     @property

@@ -26,23 +26,15 @@ OBJECT = BODIES
 
 
 class Tuning(NamedTuple):
-    """Settings of MuJoCo.
+    """Settings of MuJoCo."""
 
-    Attributes:
-        response: τ of `hhsim.engines.rigid_hand` [s].
-        steps: Steps in a tick.
-        solref: Time constant [s] and damping ratio of contacts and joint limits; None for MuJoCo's.
-        solimp: Impedance of contacts and joint limits; None for MuJoCo's.
-        integrator: MuJoCo's name of it.
-        follow: True if actuators get the speed of the haptic hand.
-    """
-
-    response: float
-    steps: int
+    response: float  # τ of `hhsim.engines.rigid_hand` [s]
+    steps: int  # steps in a tick
+    # Time constant [s] and damping ratio of contacts and joint limits; None for MuJoCo's.
     solref: tuple[float, float] | None
-    solimp: tuple[float, float, float, float, float] | None
-    integrator: str
-    follow: bool
+    solimp: tuple[float, float, float, float, float] | None  # impedance of contacts and joint limits; None for MuJoCo's
+    integrator: str  # MuJoCo's name of it
+    follow: bool  # True if actuators get the speed of the haptic hand
 
 
 SOFT = (0.9, 0.95, 0.001, 0.5, 2.0)
@@ -54,19 +46,12 @@ FAST = Tuning(0.003, 1, (0.002, 1.0), SOFT, "mjINT_IMPLICITFAST", follow=True)
 
 
 class Contacts(NamedTuple):
-    """Contacts of a step.
+    """Contacts of a step."""
 
-    Attributes:
-        row: Index into `force`, -1 without one, shape (n,).
-        geom: The two geoms that touch, -1 for a flex, shape (n, 2).
-        normal: From the first geom to the second, world, shape (n, 3).
-        force: Forces of all constraints [N].
-    """
-
-    row: NDArray[np.int32]
-    geom: NDArray[np.int32]
-    normal: FloatArray
-    force: FloatArray
+    row: NDArray[np.int32]  # index into `force`, -1 without one, shape (n,)
+    geom: NDArray[np.int32]  # the two geoms that touch, -1 for a flex, shape (n, 2)
+    normal: FloatArray  # from the first geom to the second, world, shape (n, 3)
+    force: FloatArray  # forces of all constraints [N]
 
 
 class MuJoCo:

@@ -33,35 +33,21 @@ class RigidHand:
 
     A finger's frame has x along the straight finger, y along the axis about which a positive angle flexes, z out of its
     back; an abduction turns it about z. Phalanx k begins at its hinge, about y, and runs along x.
-
-    Attributes:
-        base: First joint of each finger [m], shape (5, 3).
-        frame: Palm from finger frame at zero abduction, shape (5, 3, 3).
-        abduction_sign: +1 where a positive abduction is a positive turn about z.
-        length: Of the capsules' axes [m], shape (5, 3).
-        radius: Of the capsules [m], shape (5, 3): the mean of the cone's two ends.
-        limits: Least and most flexion [rad], shape (5, 3, 2).
-        palm_center, palm_radius: Spheres of the palm [m], shapes (P, 3) and (P,).
-        mass: Of the palm [kg].
-        inertia: Of the palm about its origin, the same about every axis [kg m²].
-        armature: Inertia of each hinge [kg m²].
-        stiffness: k_t [N/m], k_r [N·m/rad] and k_θ [N·m/rad] of the coupling.
-        damping: Of the same three, critical [N s/m, N·m s/rad].
     """
 
-    base: FloatArray
-    frame: FloatArray
-    abduction_sign: float
-    length: FloatArray
-    radius: FloatArray
-    limits: FloatArray
-    palm_center: FloatArray
+    base: FloatArray  # first joint of each finger [m], shape (5, 3)
+    frame: FloatArray  # palm from finger frame at zero abduction, shape (5, 3, 3)
+    abduction_sign: float  # +1 where a positive abduction is a positive turn about z
+    length: FloatArray  # of the capsules' axes [m], shape (5, 3)
+    radius: FloatArray  # of the capsules [m], shape (5, 3): the mean of the cone's two ends
+    limits: FloatArray  # least and most flexion [rad], shape (5, 3, 2)
+    palm_center: FloatArray  # spheres of the palm [m], shapes (P, 3) and (P,)
     palm_radius: FloatArray
-    mass: float
-    inertia: float
-    armature: float
-    stiffness: tuple[float, ...]
-    damping: tuple[float, ...]
+    mass: float  # of the palm [kg]
+    inertia: float  # of the palm about its origin, the same about every axis [kg m²]
+    armature: float  # inertia of each hinge [kg m²]
+    stiffness: tuple[float, ...]  # k_t [N/m], k_r [N·m/rad] and k_θ [N·m/rad] of the coupling
+    damping: tuple[float, ...]  # of the same three, critical [N s/m, N·m s/rad]
 
     @classmethod
     def of(cls, hand: HandModel, stiffness: Stiffness, response: float) -> "RigidHand":
@@ -110,11 +96,8 @@ class RigidHand:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the coupling's force on the palm [N] and its torque about the palm's origin [N·m], world.
 
-        Args:
-            target: Haptic hand.
-            speed: Of the haptic hand.
-            position, orientation: Of the graphic palm [m], (w, x, y, z), world.
-            linear, angular: Speed of the graphic palm [m/s, rad/s], world.
+        `target` and `speed` are the haptic hand's; the rest is of the graphic palm, world: [m], (w, x, y, z), [m/s],
+        [rad/s].
         """
         force = self.stiffness[0] * (target.position - position) + self.damping[0] * (speed.linear - linear)
         turn = rotation_between(orientation, target.orientation)

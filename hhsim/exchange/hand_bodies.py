@@ -82,25 +82,16 @@ class Inertial:
 
 @dataclass(frozen=True)
 class HandBody:
-    """One rigid body.
+    """One rigid body."""
 
-    Attributes:
-        name: `palm`, or finger and number of the phalanx: `index_1`.
-        parent: Name of its parent; "" for the palm.
-        offset: Origin in the parent's frame [m], shape (3,).
-        joints: Joints in the order in which they turn it, from the parent; none for the palm, which is free.
-        shapes: Collision shapes.
-        inertial: Mass properties.
-        cone: Shape of a phalanx; None for the palm.
-    """
-
-    name: str
-    parent: str
-    offset: FloatArray
+    name: str  # `palm`, or finger and number of the phalanx: `index_1`
+    parent: str  # name of its parent; "" for the palm
+    offset: FloatArray  # origin in the parent's frame [m], shape (3,)
+    # Joints in the order in which they turn it, from the parent; none for the palm, which is free.
     joints: tuple[HandJoint, ...]
-    shapes: tuple[Capsule, ...]
-    inertial: Inertial
-    cone: RoundCone | None = None
+    shapes: tuple[Capsule, ...]  # collision shapes
+    inertial: Inertial  # mass properties
+    cone: RoundCone | None = None  # shape of a phalanx; None for the palm
 
 
 @dataclass(frozen=True)

@@ -46,15 +46,10 @@ def hand_mjcf(hand: HandModel) -> str:
 
 
 def scene_mjcf(hand: HandModel, tree: SphereTree, pose: HandConfiguration, hand_file: str, mesh_file: str) -> str:
-    """Return the MJCF text of a hand and a fixed object; keyframe `start` is the hand's first pose.
+    """Return the MJCF text of a hand and a fixed object [m], world; keyframe `start` is the hand's first pose.
 
-    The mesh is shown; the leaf spheres of its tree collide, since MuJoCo would take the mesh's convex hull.
-
-    Args:
-        tree: Sphere tree of the object [m], world.
-        pose: First pose of the hand.
-        hand_file: File of `hand_mjcf` beside this one.
-        mesh_file: Mesh of the object [m], world, beside this one.
+    The mesh is shown; the leaf spheres of its tree collide, since MuJoCo would take the mesh's convex hull. The files,
+    that of `hand_mjcf` and the object's mesh, are beside this one.
     """
     model = Xml.Element("mujoco", model="scene")
     Xml.SubElement(model, "include", file=hand_file)

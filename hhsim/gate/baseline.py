@@ -85,11 +85,7 @@ def write_baseline(path: Path, scenes: Mapping[str, RecordedScene]) -> None:
 
 
 def load_baseline(path: Path) -> Baseline:
-    """Read a baseline.
-
-    Raises:
-        InputError: No such file, no baseline, another version, or fields that are missing.
-    """
+    """Read a baseline; InputError if there is no such file, no baseline, another version, or a field is missing."""
     try:
         document = json.loads(read_input_text(path))
     except FileNotFoundError:

@@ -33,22 +33,14 @@ DEVIATIONS = 2.0
 
 @dataclass(frozen=True)
 class Comparison:
-    """One result beside the first one.
+    """One result beside the first one."""
 
-    Attributes:
-        scene: Differences of object, hand or motion; figures can only be compared without any.
-        how: Differences of method, options, tree.
-        around: Other differences: machine, versions, schema.
-        same_machine: True if times can be compared.
-        same_bits: True if poses and forces are equal to the last bit in every tick.
-        spread: Difference of each time that is noise, where one result was run repeatedly [s or %].
-    """
-
-    scene: tuple[str, ...]
-    how: tuple[str, ...]
-    around: tuple[str, ...]
-    same_machine: bool
-    same_bits: bool = False
+    scene: tuple[str, ...]  # differences of object, hand or motion; figures can only be compared without any
+    how: tuple[str, ...]  # differences of method, options, tree
+    around: tuple[str, ...]  # other differences: machine, versions, schema
+    same_machine: bool  # True if times can be compared
+    same_bits: bool = False  # True if poses and forces are equal to the last bit in every tick
+    # Difference of each time that is noise, where one result was run repeatedly [s or %].
     spread: Mapping[str, float] = field(default_factory=dict)
 
     @property

@@ -35,20 +35,13 @@ from hhsim.system.progress import Progress, silent
 
 @dataclass(frozen=True)
 class GateReport:
-    """Rows and verdict of the gate.
+    """Rows and verdict of the gate."""
 
-    Attributes:
-        source: The suite or result.
-        against: Base of the comparison, or "".
-        rows: One for each figure.
-        notes: Remarks, a sentence each.
-        recorded: Scenes of a baseline to write; empty where not every scene ran.
-    """
-
-    source: str
-    against: str
-    rows: tuple[GateRow, ...]
-    notes: tuple[str, ...] = ()
+    source: str  # the suite or result
+    against: str  # base of the comparison, or ""
+    rows: tuple[GateRow, ...]  # one for each figure
+    notes: tuple[str, ...] = ()  # remarks, a sentence each
+    # Scenes of a baseline to write; empty where not every scene ran.
     recorded: dict[str, RecordedScene] = field(default_factory=dict)
 
     @property
@@ -133,17 +126,10 @@ def gate_suite(
 def gate_result(
     result: Result, suite: GateSuite | None = None, base: Result | Baseline | None = None, *, timed: bool = True
 ) -> GateReport:
-    """Judge a result by limits, and its counters by another result or a baseline.
+    """Judge a result by limits, and its counters by another result or a baseline; InputError for one without ticks.
 
-    Times are not compared, since only runs in turn can be.
-
-    Args:
-        suite: Suite with the limits; None: the default ones, except those that the method does not promise to hold.
-        base: Result or baseline to compare with.
-        timed: Judge times that the suite limits.
-
-    Raises:
-        InputError: A result without ticks.
+    Times are not compared, since only runs in turn can be; if `timed`, those that the suite limits are judged. Without
+    a suite the limits are the default ones, except those that the method does not promise to hold.
     """
     if result.ticks == 0:
         raise InputError(f"{result.path} holds no ticks: there is nothing to judge")

@@ -88,11 +88,7 @@ class Side:
 
 
 def find_side(name: str, python: Path, folder: Path | None = None) -> Side:
-    """Ask a python for its hhsim; see `Side`.
-
-    Raises:
-        InputError: No interpreter, or one without hhsim.
-    """
+    """Ask a python for its hhsim, see `Side`; InputError for no interpreter, or one without hhsim."""
     try:
         answer = run_python(python, PROBE, [], Path.cwd())
     except OSError as error:
@@ -131,10 +127,8 @@ def process_times(
 ) -> tuple[list[float], list[float]]:
     """Return the p50 [s] of each process of head, and of base in turn, base first in every other pair.
 
-    Without a base, the second times are those of the reference workload, right before each process of head.
-
-    Raises:
-        RunFailed: A run did not end well.
+    Without a base, the second times are those of the reference workload, right before each process of head. Raises
+    RunFailed where a run did not end well.
     """
     from hhsim.gate.machine_calibration import reference_p50
 

@@ -83,8 +83,9 @@ method = "coupled"
 class _Judged(Settings, frozen=True, kw_only=True, rename={"slack": "counters"}):
     """Tables that a suite and each of its scenes have."""
 
+    # Largest values of figures by the names of `hhsim.metrics.run.registry.run_metrics`, SI or %.
     limits: dict[str, Annotated[float, between(0.0)] | Literal[False]] = field(default_factory=dict)
-    slack: dict[str, Share] = field(default_factory=dict)
+    slack: dict[str, Share] = field(default_factory=dict)  # allowed growth of each counter, relative to the baseline
 
     def check(self) -> None:
         check_known("key in limits", self.limits, limitable())
@@ -98,35 +99,20 @@ class _Judged(Settings, frozen=True, kw_only=True, rename={"slack": "counters"})
 
 
 class GateScene(_Judged, frozen=True, kw_only=True, rename={"slack": "counters", "may_change": "motion_may_change"}):
-    """One run of the suite: a replay, a submission that is scored, or a recorded session.
+    """One run of the suite: a replay, a submission that is scored, or a recorded session."""
 
-    Attributes:
-        name: Unique name in tables and baselines.
-        object: As `hhsim replay` takes it; a mesh file is relative to the suite's folder.
-        trajectory: As `hhsim replay` takes it, a recording too; of a replay only.
-        submission: File of the poses of other software.
-        session: File of a recorded live session.
-        method: As `hhsim replay` takes it, one from outside too.
-        level: Level of the sphere tree; None: the object's default.
-        hand: Hand that is judged of a run with `--hand both`; None for the only one.
-        arguments: More arguments of `hhsim replay` or `hhsim score`.
-        timed: True if its time is judged.
-        may_change: Key `motion_may_change`; None where the suite does not set it.
-        limits: Largest values of figures by the names of `hhsim.metrics.run.registry.run_metrics`, SI or %.
-        slack: Allowed growth of each counter, relative to the baseline.
-    """
-
-    name: Annotated[str, Meta(min_length=1)]
-    object: Word = ""
-    trajectory: Word = ""
-    submission: Word = ""
-    session: Word = ""
-    method: str = "coupled"
-    level: Annotated[int, between(1, 5)] | None = None
+    name: Annotated[str, Meta(min_length=1)]  # unique name in tables and baselines
+    object: Word = ""  # as `hhsim replay` takes it; a mesh file is relative to the suite's folder
+    trajectory: Word = ""  # as `hhsim replay` takes it, a recording too; of a replay only
+    submission: Word = ""  # file of the poses of other software
+    session: Word = ""  # file of a recorded live session
+    method: str = "coupled"  # as `hhsim replay` takes it, one from outside too
+    level: Annotated[int, between(1, 5)] | None = None  # level of the sphere tree; None: the object's default
+    # Hand that is judged of a run with `--hand both`; None for the only one.
     hand: Literal["right", "left"] | None = None
-    arguments: tuple[str, ...] = ()
-    timed: bool = False
-    may_change: bool | None = None
+    arguments: tuple[str, ...] = ()  # more arguments of `hhsim replay` or `hhsim score`
+    timed: bool = False  # True if its time is judged
+    may_change: bool | None = None  # key `motion_may_change`; None where the suite does not set it
 
     @property
     def kind(self) -> str:
@@ -193,17 +179,10 @@ class _SuiteTable(_Judged, frozen=True, kw_only=True, rename={"slack": "counters
 
 
 class GateSuite(_SuiteTable, frozen=True, kw_only=True):
-    """Suite of scenes, in the order of the file.
+    """Suite of scenes, in the order of the file; `limits` and `slack` are defaults of scenes, and hold for results."""
 
-    Attributes:
-        folder: Folder of the file, to which paths are relative.
-        source: Name for messages.
-        baseline: Recorded baseline that the file names.
-        limits, slack: Defaults of scenes, and values for results.
-    """
-
-    folder: Path
-    source: str
+    folder: Path  # folder of the file, to which paths are relative
+    source: str  # name for messages
 
     def limits_of(self, kind: str) -> Mapping[str, float]:
         """Return the suite's limits that a result of a kind can have."""
@@ -217,11 +196,7 @@ def usual_limits(kind: str, limits: Mapping[str, float]) -> dict[str, float]:
 
 
 def load_suite(path: Path) -> GateSuite:
-    """Read a suite.
-
-    Raises:
-        InputError: No such file, no TOML, or an unknown key, name or value.
-    """
+    """Read a suite; InputError for no such file, no TOML, or an unknown key, name or value."""
     return parse_suite(read_toml_text(path, "suite"), path.parent, str(path))
 
 

@@ -49,10 +49,8 @@ class RoundCones(NamedTuple):
 def palm_parts(hand_length: float, hand_breadth: float, knuckle: FloatArray, knuckle_radius: FloatArray) -> RoundCones:
     """Return the bones and pads of a right palm.
 
-    Args:
-        hand_length, hand_breadth: Wrist crease to middle fingertip, and across the knuckles [m].
-        knuckle, knuckle_radius: First joints of index to little finger (4, 3) [m], palm frame, and finger radii there
-            (4,).
+    Length is from wrist crease to middle fingertip, breadth across the knuckles; `knuckle` are the first joints of
+    index to little finger (4, 3), palm frame, with the fingers' radii there (4,), all in m.
     """
     along, across = hand_length, hand_breadth
     carpus = -0.150 * along

@@ -17,15 +17,9 @@ LOOK = 0.05
 class ChildProcess:
     """A Python module run as a process in a session of its own, apart from the terminal.
 
-    Ctrl-C, Ctrl-Z and a lost terminal reach the supervisor alone, which ends the processes in order. Output is kept in
-    memory for `last_line`.
-
-    Args:
-        setup: Descriptor of its setup (`hhsim.live.shared_memory.write_setup`), named on its command line.
-        descriptors: Further ones that it inherits.
-
-    Attributes:
-        reported: True if the supervisor has reported its end.
+    Ctrl-C, Ctrl-Z and a lost terminal reach the supervisor alone, which ends the processes in order, and has `reported`
+    it then. Output is kept in memory for `last_line`. The child inherits the descriptor of its setup
+    (`hhsim.live.shared_memory.write_setup`), named on its command line, and further ones.
     """
 
     def __init__(self, name: str, module: str, setup: int, descriptors: Sequence[int]) -> None:

@@ -79,53 +79,32 @@ class Capability(Flag):
 
 @dataclass(frozen=True)
 class GloveInfo:
-    """A driver's description of its glove.
+    """A driver's description of its glove."""
 
-    Attributes:
-        name: Name and address for messages: "dexmo at 127.0.0.1:55555".
-        channels: Names of the channels of a sample.
-        hand: "right" or "left"; "" if unknown.
-        unit: Unit of the channels, "" for normalised ones.
-        doubtful: Warnings about channels with a poor calibration, for the log.
-        kept_free: Fingers, 0 (thumb) to 4, whose bend is too poorly known to push on; their stiffness stays 0.
-        noiseless: True if the samples of a resting finger are identical.
-    """
-
-    name: str
+    name: str  # name and address for messages: "dexmo at 127.0.0.1:55555"
     capabilities: Capability
-    channels: tuple[str, ...]
-    hand: str = ""
-    unit: str = ""
-    doubtful: tuple[str, ...] = ()
+    channels: tuple[str, ...]  # names of the channels of a sample
+    hand: str = ""  # "right" or "left"; "" if unknown
+    unit: str = ""  # unit of the channels, "" for normalised ones
+    doubtful: tuple[str, ...] = ()  # warnings about channels with a poor calibration, for the log
+    # Fingers, 0 (thumb) to 4, whose bend is too poorly known to push on; their stiffness stays 0.
     kept_free: tuple[int, ...] = ()
-    noiseless: bool = False
+    noiseless: bool = False  # True if the samples of a resting finger are identical
 
 
 @dataclass
 class DeviceCounters:
-    """Counts of what came from a device; every frame is in one of them.
+    """Counts of what came from a device; every frame is in one of them."""
 
-    Attributes:
-        frames: Whole frames of the device's protocol.
-        samples: Good samples of our glove.
-        rejected: Samples of our glove with values that are not finite or far out of range.
-        other: Frames or messages for another hand or device, or without hand data.
-        malformed: Frames that could not be decoded.
-        resyncs: Losses of the framing, after which the stream was searched for the next frame or connected anew.
-        dropped: Samples without space in the output, or that the device numbered and that never came.
-        commands: Commands sent.
-        commands_refused: Commands that the device was too slow to take; they are not sent later.
-    """
-
-    frames: int = 0
-    samples: int = 0
-    rejected: int = 0
-    other: int = 0
-    malformed: int = 0
-    resyncs: int = 0
-    dropped: int = 0
-    commands: int = 0
-    commands_refused: int = 0
+    frames: int = 0  # whole frames of the device's protocol
+    samples: int = 0  # good samples of our glove
+    rejected: int = 0  # samples of our glove with values that are not finite or far out of range
+    other: int = 0  # frames or messages for another hand or device, or without hand data
+    malformed: int = 0  # frames that could not be decoded
+    resyncs: int = 0  # losses of the framing, after which the stream was searched for the next frame or connected anew
+    dropped: int = 0  # samples without space in the output, or that the device numbered and that never came
+    commands: int = 0  # commands sent
+    commands_refused: int = 0  # commands that the device was too slow to take; they are not sent later
 
     def values(self) -> list[int]:
         """Return the counts in the order of `COUNTERS`."""

@@ -18,17 +18,12 @@ class Playback:
     """A trajectory and the instant at which it began; one object keeps fingers and palm together.
 
     It begins anew `RETURN_TIME` after its end.
-
-    Attributes:
-        start_ns: CLOCK_MONOTONIC of the first sample [ns]; -1 until the first call of `elapsed`.
-        stamps: Times of the samples since the first one [s], shape (T,).
-        period: Usual time from one sample to the next [s].
     """
 
     trajectory: Trajectory
-    start_ns: int = -1
-    stamps: FloatArray = field(init=False)
-    period: float = field(init=False)
+    start_ns: int = -1  # CLOCK_MONOTONIC of the first sample [ns]; -1 until the first call of `elapsed`
+    stamps: FloatArray = field(init=False)  # times of the samples since the first one [s], shape (T,)
+    period: float = field(init=False)  # usual time from one sample to the next [s]
 
     def __post_init__(self) -> None:
         own = self.trajectory

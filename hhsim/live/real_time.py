@@ -28,22 +28,15 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 @dataclass(frozen=True)
 class RealTimeWishes:
-    """Requests of a loop to the system; raises InputError for a priority or a processor out of range.
+    """Requests of a loop to the system; raises InputError for a priority or a processor out of range."""
 
-    Attributes:
-        punctual: SCHED_FIFO at `priority`, timers that are not coalesced (1 ns instead of 50 µs), and idle processors
-            that poll instead of sleeping.
-        priority: Priority of the loop, 1 to 98; the watchdog runs one above.
-        lock_memory: Keep all used pages in memory (mlock).
-        cpu: Processor to stay on; None for the last one allowed, -1 for any.
-        freeze_gc: Exclude existing objects from garbage collection.
-    """
-
+    # SCHED_FIFO at `priority`, timers that are not coalesced (1 ns instead of 50 µs), and idle processors that poll
+    # instead of sleeping.
     punctual: bool = True
-    priority: int = 50
-    lock_memory: bool = True
-    cpu: int | None = None
-    freeze_gc: bool = True
+    priority: int = 50  # priority of the loop, 1 to 98; the watchdog runs one above
+    lock_memory: bool = True  # keep all used pages in memory (mlock)
+    cpu: int | None = None  # processor to stay on; None for the last one allowed, -1 for any
+    freeze_gc: bool = True  # exclude existing objects from garbage collection
 
     def chosen(self) -> Self:
         """Return the same with the processor's number: all processes of a session have to know it."""

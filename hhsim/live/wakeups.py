@@ -19,27 +19,16 @@ BLOCK_SECONDS = 0.05
 
 @dataclass(frozen=True)
 class Wakeups:
-    """Outcome of a sequence of deadlines.
+    """Outcome of a sequence of deadlines."""
 
-    Attributes:
-        rate: Deadlines a second [Hz].
-        late: Time from deadline to wake-up [ns], one entry a wake-up.
-        missed: Number of deadlines that had passed when the thread woke from the one before.
-        streak: Largest number of them in a row.
-        causes: Number of them by what took the time.
-        run_delay: Time in which the thread was ready and did not run [ns]; None if the system does not tell.
-        steal: Time in which the host had the thread's processors [ns], in the system's steps; None as above.
-        mode: Mode that the system granted, as of `become_real_time`.
-    """
-
-    rate: float
-    late: IntArray
-    missed: int
-    streak: int
-    causes: dict[MissCause, int]
-    run_delay: int | None
-    steal: int | None
-    mode: dict[str, Any]
+    rate: float  # deadlines a second [Hz]
+    late: IntArray  # time from deadline to wake-up [ns], one entry a wake-up
+    missed: int  # number of deadlines that had passed when the thread woke from the one before
+    streak: int  # largest number of them in a row
+    causes: dict[MissCause, int]  # number of them by what took the time
+    run_delay: int | None  # time in which the thread was ready and did not run [ns]; None if the system does not tell
+    steal: int | None  # time in which the host had the thread's processors [ns], in the system's steps; None as above
+    mode: dict[str, Any]  # mode that the system granted, as of `become_real_time`
 
     @property
     def periods(self) -> int:

@@ -21,29 +21,19 @@ MESH_LEVEL = 4
 
 @dataclass(frozen=True)
 class CatalogueObject:
-    """A shipped object.
-
-    Attributes:
-        mesh: Closed mesh [m], z up, centre of its bounding box at the origin.
-        stresses: What it demands of a method.
-        source, licence: Origin and terms of the shape.
-        notice: File beside it with the terms in full; empty where the licence of the project holds.
-        level: Level of its sphere tree: the coarsest, 3 or 4, at which a hand touches within 1 mm of the mesh.
-        paper_level: Level that the paper uses for its kind: 3 for simple shapes, 4 for complex ones.
-        density, friction: Of the free object [kg/m³], [-].
-    """
+    """A shipped object."""
 
     name: str
     title: str
-    mesh: "Mesh"
-    stresses: str
-    source: str
+    mesh: "Mesh"  # closed mesh [m], z up, centre of its bounding box at the origin
+    stresses: str  # what it demands of a method
+    source: str  # origin and terms of the shape
     licence: str
-    notice: str
-    level: int
-    paper_level: int
-    density: float
-    friction: float
+    notice: str  # file beside it with the terms in full; empty where the licence of the project holds
+    level: int  # level of its sphere tree: the coarsest, 3 or 4, at which a hand touches within 1 mm of the mesh
+    paper_level: int  # level that the paper uses for its kind: 3 for simple shapes, 4 for complex ones
+    density: float  # of the free object [kg/m³]
+    friction: float  # of hand and object
 
 
 @functools.cache

@@ -55,13 +55,8 @@ one that is wound inside out."""
 def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[MeshFeatures, int]:
     """Compute the features of a mesh, and the number of triangles dropped as copies of another one on the same corners.
 
-    Args:
-        vertices: [m], shape (V, 3).
-        faces: Indices of the corners, shape (F, 3), counter-clockwise from outside where something is inside.
-        closed: True if the triangles enclose something, so that a point near them is inside or outside.
-
-    Raises:
-        MeshError: No triangle has an area.
+    Faces are counter-clockwise from outside where something is inside; `closed` says that they enclose something, so
+    that a point near them is inside or outside. Raises MeshError where no triangle has an area.
     """
     vertices = np.asarray(vertices, np.float64)
     place, corners = _along_a_curve(*((vertices, faces) if closed else _welded(vertices, faces)))

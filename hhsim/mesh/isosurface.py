@@ -60,12 +60,9 @@ def solid_mesh(
 
     Tetrahedra are halved where the mesh is off by more than the tolerance: where a triangle's middle has none of the
     solid's triangles that near and, moved by the tolerance outward and inward, is not outside and inside; or where a
-    point of the true border is farther away. The mesh may get too large first, so its error has to be measured.
-
-    Args:
-        border: Points known to lie on the solid's border, shape (n, 3).
-        low, high: Corners of a box around it, shape (3,).
-        tolerance: In the unit of the field.
+    point of the true border, which are known in `border`, shape (n, 3), is farther away. The mesh may get too large
+    first, so its error has to be measured. `low` and `high` are corners of a box around the solid; all is in the unit
+    of the field.
     """
     extent = float((high - low).max())
     # Off the round numbers that drawn meshes are made of.

@@ -10,19 +10,7 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.winding_number import winding_numbers
-from hhsim.mesh.topology import (
-    alike_wound,
-    distinct_rows,
-    face_areas,
-    hole_caps,
-    in_fixed_order,
-    is_closed,
-    merged_vertices,
-    part_labels,
-    signed_volume,
-    undirected_edges,
-    used_vertices,
-)
+from hhsim.mesh import topology
 from hhsim.system.counted import counted
 
 NEAR_VERTEX = 1e-5
@@ -62,20 +50,13 @@ SAMPLE_OFFSET = 1e-4
 
 @dataclass
 class MeshInRepair:
-    """A mesh under repair, in the unit of its source, so that round numbers stay round until the end.
+    """A mesh under repair, in the unit of its source, so that round numbers stay round until the end."""
 
-    Attributes:
-        vertices: Corners [unit of the source], shape (V, 3).
-        faces: Corner indices, shape (F, 3).
-        name: Name of the mesh in messages.
-        unit_length: Length of the unit [m], for messages.
-        merged, repairs, warnings: Changes that every mesh file needs, repairs, and suspicions, a sentence each.
-    """
-
-    vertices: FloatArray
-    faces: IntArray
-    name: str
-    unit_length: float = 1.0
+    vertices: FloatArray  # corners [unit of the source], shape (V, 3)
+    faces: IntArray  # corner indices, shape (F, 3)
+    name: str  # name of the mesh in messages
+    unit_length: float = 1.0  # length of the unit [m], for messages
+    # Changes that every mesh file needs, repairs, and suspicions, a sentence each.
     merged: list[str] = field(default_factory=list)
     repairs: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -103,15 +84,13 @@ def percent(share: float) -> str:
 def closed_surface(vertices: FloatArray, faces: IntArray, name: str, unit_length: float = 1.0) -> MeshInRepair:
     """Check a mesh and repair it to a closed surface, wound outward, whose winding number is 0 or 1.
 
-    Arguments as the fields of `MeshInRepair`: finite corners, and valid indices, F > 0.
-
-    Raises:
-        MeshError: No safe repair gives the mesh an inside.
+    Arguments as the fields of `MeshInRepair`: finite corners, and valid indices, F > 0. Raises MeshError where no safe
+    repair gives the mesh an inside.
     """
     surface = MeshInRepair(vertices, faces, name, unit_length)
     merge_and_clean(surface)
     _drop_fragments(surface)
-    surface.faces, turned, one_sided = alike_wound(surface.faces)
+    surface.faces, turned, one_sided = topology.alike_wound(surface.faces)
     if one_sided:
         raise surface.error("one-sided like a Möbius strip, so it has no inside")
     if turned:
@@ -120,7 +99,7 @@ def closed_surface(vertices: FloatArray, faces: IntArray, name: str, unit_length
     _require_closed(surface)
     turn_outward(surface)
     resolve_overlaps(surface)
-    surface.vertices, surface.faces = used_vertices(surface.vertices, surface.faces)
+    surface.vertices, surface.faces = topology.used_vertices(surface.vertices, surface.faces)
     return surface
 
 
@@ -129,11 +108,11 @@ def turned_triangles(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, 
 
     None is marked where the surface is open, one-sided, or without volume whichever way it is wound.
     """
-    surface = MeshInRepair(*merged_vertices(vertices, faces), "")
+    surface = MeshInRepair(*topology.merged_vertices(vertices, faces), "")
     before = surface.faces
     unchanged = np.zeros(len(faces), dtype=bool), list[str]()
-    surface.faces, turned, one_sided = alike_wound(before.copy())
-    if one_sided or not is_closed(surface.faces):
+    surface.faces, turned, one_sided = topology.alike_wound(before.copy())
+    if one_sided or not topology.is_closed(surface.faces):
         return unchanged
     if turned:
         surface.repairs.append(_turned(turned))
@@ -151,7 +130,7 @@ def _turned(count: int) -> str:
 def merge_and_clean(surface: MeshInRepair) -> None:
     """Merge vertices at the same place, drop degenerate and repeated triangles; MeshError if none is left."""
     before = len(surface.vertices)
-    surface.vertices, surface.faces = merged_vertices(surface.vertices, surface.faces)
+    surface.vertices, surface.faces = topology.merged_vertices(surface.vertices, surface.faces)
     if len(surface.vertices) < before:
         surface.merged.append(
             f"merged {counted(before, 'vertex')} into {len(surface.vertices)}: equal places, or used by no triangle"
@@ -184,7 +163,7 @@ def _once(faces: IntArray) -> BoolArray:
     first = np.argmin(faces, axis=1)
     turned = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
     sign = np.where(turned[:, 1] < turned[:, 2], 1, -1)
-    group = distinct_rows(np.sort(faces, axis=1))[1]
+    group = topology.distinct_rows(np.sort(faces, axis=1))[1]
     count = np.bincount(group)
     net = np.bincount(group, weights=sign)
     both_sides = np.abs(net) < count
@@ -195,7 +174,7 @@ def _once(faces: IntArray) -> BoolArray:
 
 
 def _open_edges(faces: IntArray) -> int:
-    return int(np.count_nonzero(undirected_edges(faces)[1] == 1))
+    return int(np.count_nonzero(topology.undirected_edges(faces)[1] == 1))
 
 
 def _merge_near_vertices(surface: MeshInRepair) -> None:
@@ -203,7 +182,7 @@ def _merge_near_vertices(surface: MeshInRepair) -> None:
     if before == 0:
         return
     distance = NEAR_VERTEX * surface.size
-    vertices, faces = merged_vertices(surface.vertices, surface.faces, distance)
+    vertices, faces = topology.merged_vertices(surface.vertices, surface.faces, distance)
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     if len(faces) and _open_edges(faces) < before:
         merged = len(surface.vertices) - len(vertices)
@@ -215,12 +194,12 @@ def _merge_near_vertices(surface: MeshInRepair) -> None:
 
 
 def _drop_fragments(surface: MeshInRepair) -> None:
-    label = part_labels(surface.faces)
+    label = topology.part_labels(surface.faces)
     if label.max() == 0:
         return
-    area = face_areas(surface.vertices, surface.faces)
+    area = topology.face_areas(surface.vertices, surface.faces)
     part_area = np.bincount(label, weights=area)
-    index, count, _ = undirected_edges(surface.faces)
+    index, count, _ = topology.undirected_edges(surface.faces)
     # Open: the part has an edge that is not shared by two faces.
     loose = np.zeros(len(part_area), dtype=bool)
     loose[label[np.flatnonzero(count[index] != 2) // 3]] = True
@@ -236,7 +215,7 @@ def _drop_fragments(surface: MeshInRepair) -> None:
 
 
 def _close_holes(surface: MeshInRepair) -> None:
-    caps = hole_caps(surface.vertices, surface.faces)
+    caps = topology.hole_caps(surface.vertices, surface.faces)
     holes = len(caps.width)
     if holes == 0:
         return
@@ -248,13 +227,13 @@ def _close_holes(surface: MeshInRepair) -> None:
         raise surface.error(f"open: {bent_hole}; close it in a mesh editor")
     widest = surface.millimetres(float(caps.width.max()))
     faces = np.concatenate([surface.faces, caps.faces])
-    label = part_labels(faces)
-    area = face_areas(caps.vertices, faces)
+    label = topology.part_labels(faces)
+    area = topology.face_areas(caps.vertices, faces)
     is_cap = np.arange(len(faces)) >= len(surface.faces)
     share = float(area[is_cap].sum() / area[~is_cap].sum())
     sheets = 0
     for part in np.unique(label[is_cap]):
-        inside = abs(signed_volume(caps.vertices, faces[label == part]))
+        inside = abs(topology.signed_volume(caps.vertices, faces[label == part]))
         sheets += inside < SHEET_VOLUME * float(area[label == part].sum()) ** 1.5
     if share > CAP_AREA or sheets:
         caps_area = f"whose caps would have {100.0 * share:.0f} % of its area; give it a thickness"
@@ -270,7 +249,7 @@ def _close_holes(surface: MeshInRepair) -> None:
 
 
 def _require_closed(surface: MeshInRepair) -> None:
-    _, count, balance = undirected_edges(surface.faces)
+    _, count, balance = topology.undirected_edges(surface.faces)
     if not np.any(balance):
         return
     fanned, open_edges = int(np.count_nonzero(count > 2)), int(np.count_nonzero(count == 1))
@@ -282,8 +261,7 @@ def _require_closed(surface: MeshInRepair) -> None:
 def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, float, float]:
     """Count points beside both sides of the faces, spread evenly, whose winding number is neither 0 nor 1.
 
-    Returns:
-        Number of such points, number of tested points, and the lowest and highest winding number found.
+    Returns their number, that of all tested points, and the lowest and highest winding number found.
     """
     triangles = np.ascontiguousarray(vertices[faces])
     step = max(1, int(np.ceil(2.0 * len(faces) ** 2 / WINDING_WORK)))
@@ -318,18 +296,18 @@ def _middles(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 def turn_outward(surface: MeshInRepair) -> None:
     """Wind closed parts outward; a part inside another may be wound inward: a cavity. MeshError without volume."""
-    label = part_labels(surface.faces)
-    if not all(is_closed(surface.faces[label == part]) for part in range(label.max() + 1)):
+    label = topology.part_labels(surface.faces)
+    if not all(topology.is_closed(surface.faces[label == part]) for part in range(label.max() + 1)):
         # Parts that share an edge close each other: they are one.
         label = np.zeros_like(label)
     parts = int(label.max()) + 1
     turned = np.zeros(parts, dtype=bool)
-    if signed_volume(surface.vertices, surface.faces) < 0.0:
+    if topology.signed_volume(surface.vertices, surface.faces) < 0.0:
         surface.faces = surface.faces[:, ::-1].copy()
         turned[:] = True
     for part in range(parts):
         faces = surface.faces[label == part]
-        if signed_volume(surface.vertices, faces) >= 0.0:
+        if topology.signed_volume(surface.vertices, faces) >= 0.0:
             continue
         others = surface.faces[label != part]
         # What only overlaps another part is no cavity of it, so one point is not enough.
@@ -341,7 +319,7 @@ def turn_outward(surface: MeshInRepair) -> None:
     if turned.any():
         which = "" if parts == 1 else f"{np.count_nonzero(turned)} of {parts} parts "
         surface.repairs.append(f"{which}wound inside out: turned")
-    volume = signed_volume(surface.vertices, surface.faces)
+    volume = topology.signed_volume(surface.vertices, surface.faces)
     if volume <= 1e-9 * surface.size**3:
         raise surface.error(f"no volume: it encloses {1e9 * volume * surface.unit_length**3:.3g} mm³; expected a solid")
 
@@ -349,12 +327,12 @@ def turn_outward(surface: MeshInRepair) -> None:
 def resolve_overlaps(surface: MeshInRepair) -> None:
     """Join parts that overlap, so that the winding number is 0 or 1; MeshError if a part crosses itself."""
     found = winding_faults(surface.vertices, surface.faces)
-    if found[0] and (parts := int(part_labels(surface.faces).max()) + 1) > 1:
+    if found[0] and (parts := int(topology.part_labels(surface.faces).max()) + 1) > 1:
         _require_sound_parts(surface)
         joined = _union_of_parts(surface)
         if joined is not None:
             surface.vertices, surface.faces = joined
-            left = int(part_labels(surface.faces).max()) + 1
+            left = int(topology.part_labels(surface.faces).max()) + 1
             surface.repairs.append(f"joined {parts} overlapping parts into {left}")
             found = winding_faults(surface.vertices, surface.faces)
     faulty, tested, low, high = found
@@ -375,10 +353,10 @@ def _crossing(found: tuple[int, int, float, float]) -> str:
 
 def _require_sound_parts(surface: MeshInRepair) -> None:
     """Raise a MeshError where a part crosses itself: a union would lose what is inside out there."""
-    label = part_labels(surface.faces)
+    label = topology.part_labels(surface.faces)
     for part in range(int(label.max()) + 1):
         faces = surface.faces[label == part]
-        inward = signed_volume(surface.vertices, faces) < 0.0
+        inward = topology.signed_volume(surface.vertices, faces) < 0.0
         found = winding_faults(surface.vertices, faces[:, ::-1] if inward else faces)
         if found[0] > CROSSING_SHARE * found[1]:
             raise surface.error(f"a part crosses itself: {_crossing(found)}")
@@ -388,16 +366,16 @@ def _union_of_parts(surface: MeshInRepair) -> tuple[FloatArray, IntArray] | None
     """Union of the parts wound outward, each less the cavities in it; None where that is not clear."""
     from manifold3d import Error, Manifold, Mesh64, OpType
 
-    label = part_labels(surface.faces)
+    label = topology.part_labels(surface.faces)
     solids: list[Manifold] = []
     outlines: list[IntArray] = []
     inward: list[int] = []
     for part in range(int(label.max()) + 1):
         faces = surface.faces[label == part]
-        if signed_volume(surface.vertices, faces) < 0.0:
+        if topology.signed_volume(surface.vertices, faces) < 0.0:
             faces = faces[:, ::-1]
             inward.append(part)
-        points, corners = merged_vertices(surface.vertices, faces)
+        points, corners = topology.merged_vertices(surface.vertices, faces)
         solids.append(Manifold(Mesh64(points, corners.astype(np.uint64))))
         if solids[-1].status() != Error.NoError:
             return None
@@ -418,6 +396,6 @@ def _union_of_parts(surface: MeshInRepair) -> tuple[FloatArray, IntArray] | None
     result = whole.to_mesh64()
     vertices = np.asarray(result.vert_properties, dtype=np.float64)[:, :3]
     faces = np.asarray(result.tri_verts).astype(np.int64)
-    if len(faces) == 0 or not is_closed(faces):
+    if len(faces) == 0 or not topology.is_closed(faces):
         return None
-    return in_fixed_order(vertices, faces)
+    return topology.in_fixed_order(vertices, faces)

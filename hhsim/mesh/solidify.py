@@ -13,19 +13,9 @@ from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
 from hhsim.kernels.mesh.inside_field import SolidField, count_hits
 from hhsim.kernels.mesh.winding_number import fast_winding_numbers, winding_moments
+from hhsim.mesh import topology
 from hhsim.mesh.isosurface import border_distances, is_inside, simplified, solid_mesh
 from hhsim.mesh.repair import CAP_AREA, MeshInRepair, closed_surface, merge_and_clean, percent
-from hhsim.mesh.topology import (
-    alike_wound,
-    face_areas,
-    face_samples,
-    in_fixed_order,
-    is_closed,
-    part_labels,
-    random_points,
-    undirected_edges,
-    used_vertices,
-)
 from hhsim.system.counted import counted
 
 TOLERANCE = 5e-4
@@ -77,9 +67,7 @@ def solid_surface(
     """Close the surface of a mesh: by a safe repair, else by winding number, or as sheets; repairs state assumptions.
 
     Arguments as for `hhsim.mesh.repair.closed_surface`; `thickness` [unit of the source] makes sheets of open parts.
-
-    Raises:
-        MeshError: The mesh has no inside, or the thickness is out of range.
+    Raises MeshError where the mesh has no inside, or the thickness is out of range.
     """
     if thickness is None:
         return _solid(vertices, faces, name, unit_length)
@@ -117,8 +105,8 @@ def open_faces(faces: IntArray) -> BoolArray:
     result = np.zeros(len(faces), dtype=bool)
     while not result.all():
         rest = np.flatnonzero(~result)
-        label = part_labels(faces[rest])
-        index, count, _ = undirected_edges(faces[rest])
+        label = topology.part_labels(faces[rest])
+        index, count, _ = topology.undirected_edges(faces[rest])
         open_parts = label[np.flatnonzero(count[index] == 1) // 3]
         if len(open_parts) == 0:
             break
@@ -209,7 +197,7 @@ def outside_solid(surface: MeshInRepair, source: FloatArray) -> tuple[float, flo
     """
     bvh = build_mesh_bvh(surface.vertices, surface.faces)
     corners = np.arange(3 * len(source)).reshape(-1, 3)
-    point, _, area = face_samples(source.reshape(-1, 3), corners, SAMPLES, np.random.default_rng(SEED))
+    point, _, area = topology.face_samples(source.reshape(-1, 3), corners, SAMPLES, np.random.default_rng(SEED))
     distance = mesh_signed_distance(bvh, point)
     out = distance > BESIDE * surface.size
     return float(area[out].sum() / area.sum()), float(np.max(distance, where=out, initial=0.0))
@@ -222,7 +210,7 @@ def _make_sheets(surface: MeshInRepair, sheet: BoolArray, thickness: float) -> N
     if not least <= thickness <= most:
         given, low, high, longest = (surface.millimetres(length) for length in (thickness, least, most, size))
         raise surface.error(f"a sheet {given} thick; expected {low} to {high} for a mesh {longest} long")
-    parts = int(part_labels(surface.faces[sheet]).max()) + 1
+    parts = int(topology.part_labels(surface.faces[sheet]).max()) + 1
     surface.repairs.append(
         f"made {counted(parts, 'open part')} a sheet {surface.millimetres(thickness)} thick"
         + ("" if sheet.all() else "; what the closed parts enclose is solid")
@@ -244,8 +232,8 @@ def _make_sheets(surface: MeshInRepair, sheet: BoolArray, thickness: float) -> N
     slabs = None
     if sheet.sum() <= SLABS:
         slabs = slab_union(surface.vertices, surface.faces[sheet], half, surface.faces[~sheet], 0.2 * tolerance)
-    if slabs is not None and is_closed(slabs[1]):
-        surface.vertices, surface.faces = in_fixed_order(*used_vertices(*slabs))
+    if slabs is not None and topology.is_closed(slabs[1]):
+        surface.vertices, surface.faces = topology.in_fixed_order(*topology.used_vertices(*slabs))
         out, buried = border_distances(surface.vertices, surface.faces, places)
     else:
         out, buried = _mesh_anew(surface, field, places, tolerance)
@@ -261,10 +249,10 @@ def turned_outward(vertices: FloatArray, faces: IntArray, start: float) -> tuple
     author of the file knows. Rays begin at a distance `start` from the triangle [unit of the vertices]; the faces are
     wound in any way, shape (F, 3).
     """
-    result = alike_wound(faces)[0].copy()
-    label = part_labels(result)
+    result = topology.alike_wound(faces)[0].copy()
+    label = topology.part_labels(result)
     parts = int(label.max()) + 1
-    area = face_areas(vertices, result)
+    area = topology.face_areas(vertices, result)
     a, b, c = vertices[result].transpose(1, 0, 2)
     normal = np.cross(b - a, c - a)
     normal /= np.maximum(2.0 * area, np.finfo(np.float64).tiny)[:, None]
@@ -279,7 +267,7 @@ def turned_outward(vertices: FloatArray, faces: IntArray, start: float) -> tuple
     part = np.repeat(np.arange(parts), number.astype(np.int64))
     at = np.searchsorted(reached, begin[part] + rng.random(len(part)) * (end - begin)[part], side="right")
     face = order[np.clip(at, 0, len(order) - 1)]
-    place = random_points(vertices[result[face]], rng)
+    place = topology.random_points(vertices[result[face]], rng)
     direction = rng.normal(size=(len(face), 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     up = normal[face]
@@ -341,7 +329,7 @@ def _cleaned(vertices: FloatArray, faces: IntArray, name: str, unit_length: floa
     origin = 0.5 * (corner.min(axis=0) + corner.max(axis=0))
     surface = MeshInRepair(vertices - origin, faces, name, unit_length)
     merge_and_clean(surface)
-    if not face_areas(surface.vertices, surface.faces).sum() > 1e-12 * surface.size**2:
+    if not topology.face_areas(surface.vertices, surface.faces).sum() > 1e-12 * surface.size**2:
         raise MeshError(f"{name}: no volume: its triangles have no area; expected a surface mesh")
     return surface, origin
 
@@ -353,7 +341,7 @@ def _field(vertices: FloatArray, faces: IntArray) -> SolidField:
 
 
 def _border(surface: MeshInRepair, field: SolidField) -> _Border:
-    point, face, area = face_samples(surface.vertices, surface.faces, SAMPLES, np.random.default_rng(SEED))
+    point, face, area = topology.face_samples(surface.vertices, surface.faces, SAMPLES, np.random.default_rng(SEED))
     beside = BESIDE * surface.size * face_normals(surface.vertices, surface.faces)[face]
     turns = [np.empty(len(point)), np.empty(len(point))]
     sides = [point + beside, point - beside]
@@ -376,7 +364,7 @@ def _mesh_anew(surface: MeshInRepair, field: SolidField, border: FloatArray, tol
     if out > FARTHEST * size:
         advice = "pass more --thickness" if grown else THICKEN
         raise surface.error(f"too thin in places: {surface.millimetres(out)} outside of the finest mesh; {advice}")
-    surface.vertices, surface.faces = in_fixed_order(*used_vertices(vertices, faces))
+    surface.vertices, surface.faces = topology.in_fixed_order(*topology.used_vertices(vertices, faces))
     return out, buried
 
 
@@ -390,7 +378,7 @@ def _distances(surface: MeshInRepair, what: str, out: float, buried: float) -> s
 def _assumed(surface: MeshInRepair, source: FloatArray, tolerance: float) -> tuple[float, float]:
     """Share of a surface farther than a tolerance from the triangles of the file, (F, 3, 3), and that distance."""
     bvh = build_mesh_bvh(source.reshape(-1, 3), np.arange(3 * len(source)).reshape(-1, 3), signed=False)
-    point, _, area = face_samples(surface.vertices, surface.faces, SAMPLES, np.random.default_rng(SEED))
+    point, _, area = topology.face_samples(surface.vertices, surface.faces, SAMPLES, np.random.default_rng(SEED))
     distance = np.abs(mesh_signed_distance(bvh, point))
     far = distance > 2.0 * tolerance
     return float(area[far].sum() / area.sum()), float(distance.max())

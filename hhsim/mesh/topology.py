@@ -63,10 +63,9 @@ def directed_edges(faces: IntArray) -> IntArray:
 def undirected_edges(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """Group the directed edges by their pair of vertices.
 
-    Returns:
-        Index of the undirected edge of each directed one, shape (3F,); number of faces of each undirected edge, shape
-        (E,); and its forward minus its backward directed edges, shape (E,): 0 where the surface is closed and wound
-        alike.
+    Returns the index of the undirected edge of each directed one, shape (3F,); the number of faces of each undirected
+    edge, shape (E,); and its forward minus its backward directed edges, shape (E,): 0 where the surface is closed and
+    wound alike.
     """
     edges = directed_edges(faces)
     forward = edges[:, 0] < edges[:, 1]
@@ -160,19 +159,12 @@ def boundary_loops(faces: IntArray) -> list[IntArray]:
 
 
 class HoleCaps(NamedTuple):
-    """Triangles that close every boundary loop of a surface.
+    """Triangles that close every boundary loop of a surface."""
 
-    Attributes:
-        vertices: The surface's vertices, then the centres of fans, shape (V + fans, 3).
-        faces: The caps alone, wound as the faces around them, shape (C, 3).
-        width: Longest extent of each hole in its plane, shape (H,).
-        bend: Largest distance of each hole's edge from its plane, shape (H,).
-    """
-
-    vertices: FloatArray
-    faces: IntArray
-    width: FloatArray
-    bend: FloatArray
+    vertices: FloatArray  # the surface's vertices, then the centres of fans, shape (V + fans, 3)
+    faces: IntArray  # the caps alone, wound as the faces around them, shape (C, 3)
+    width: FloatArray  # longest extent of each hole in its plane, shape (H,)
+    bend: FloatArray  # largest distance of each hole's edge from its plane, shape (H,)
 
 
 def hole_caps(vertices: FloatArray, faces: IntArray) -> HoleCaps:

@@ -30,12 +30,8 @@ def find_contact_points(
 ) -> ContactPoints:
     """Find all pairs of a hand body and a piece of the surface no more than `touch` [m] apart, or inside each other.
 
-    Args:
-        surface: Surface of the object, world.
-        placed: Hands [m], world.
-        touch: [m]; `SolverOptions.touch` for what contacts/touching of a result counts.
-        chosen: Ticks to examine, in order; None for all.
-        fingers: Fingers that count, shape (5,); None for all.
+    What contacts/touching of a result counts is within `SolverOptions.touch`. Hands and surface are in the world;
+    `chosen` are the ticks to examine, in order, `fingers` those that count, shape (5,): None for all.
     """
     ticks = np.arange(len(placed.joints)) if chosen is None else np.asarray(chosen, np.int64)
     counted = np.ones(5, np.bool_) if fingers is None else np.asarray(fingers, np.bool_)

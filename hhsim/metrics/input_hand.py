@@ -50,14 +50,10 @@ class InputHand(NamedTuple):
 def input_hand(
     hand: HandModel, depths: "Depths", haptic: HandConfiguration, shown: PlacedHand, touch: BoolArray, near: BoolArray
 ) -> InputHand:
-    """Measure the user's hand and the shown one of a run.
+    """Measure the user's hand and the shown one of a run, both in the frame of the object, where it stands still.
 
-    Args:
-        depths: Depth function of the object, where it stands still.
-        haptic: User's hand at each tick, in the object's frame; ticks that are not finite are left out.
-        shown: Shown hand, in the same frame.
-        touch: Ticks with a touching pair, shape (T,).
-        near: Ticks in which the shown hand is near the object, shape (T,).
+    Ticks at which the user's hand is not finite are left out. `touch` has the ticks with a touching pair, `near` those
+    in which the shown hand is near the object, shape (T,).
     """
     finite = np.logical_and.reduce([np.isfinite(values).all(axis=tuple(range(1, values.ndim))) for values in haptic])
     finite &= np.linalg.norm(haptic.orientation, axis=1) > 0.0
@@ -118,13 +114,10 @@ def object_depths(surface: Any, mesh: Mesh, shape: HandShape, fingers: BoolArray
 
 
 def deepest(depths: Depths, palm_center: FloatArray, placed: PlacedHand, known: float = 0.0) -> float:
-    """Depth of the deepest of some hands [m], to `SAME_DEPTH`; `known` where none is deeper.
+    """Depth of the deepest of some hands [m], to `SAME_DEPTH`; `known`, found elsewhere, where none is deeper.
 
-    Args:
-        depths: Depth function of the object.
-        palm_center: Centres of the palm's spheres [m], palm frame, shape (P, 3).
-        placed: The hands, in the order of time, all of them finite.
-        known: Depth found elsewhere [m].
+    The centres of the palm's spheres [m], palm frame, have shape (P, 3); the hands are in the order of time, all
+    finite.
     """
     if len(placed.joints) == 0:
         return known
@@ -132,14 +125,11 @@ def deepest(depths: Depths, palm_center: FloatArray, placed: PlacedHand, known: 
 
 
 def search_deepest(moved: FloatArray, depths_at: Callable[[IntArray], FloatArray], known: float = 0.0) -> float:
-    """Largest depth of some bodies over T ticks [m], to `SAME_DEPTH`; `known` where none is deeper.
+    """Largest depth of some bodies over T ticks [m], to `SAME_DEPTH`; `known`, found elsewhere, where none is deeper.
 
-    No body is deeper than at another tick by more than its surface moves between them, so most ticks are skipped.
-
-    Args:
-        moved: Upper bound of the travel of each body's surface to the next tick [m], shape (T - 1, B).
-        depths_at: Function from ticks (n,) to the depths of the bodies [m], shape (n, B).
-        known: Depth found elsewhere [m].
+    No body is deeper than at another tick by more than its surface moves between them, so most ticks are skipped:
+    `moved` bounds that travel to the next tick [m], shape (T - 1, B). `depths_at` returns the depths of the bodies [m],
+    shape (n, B), at ticks (n,).
     """
     travel = np.concatenate([np.zeros((1, moved.shape[1])), np.cumsum(moved, axis=0)])
     looked = np.unique(np.append(np.arange(0, len(travel), FIRST_LOOKS), len(travel) - 1))

@@ -71,11 +71,8 @@ class TouchedObject:
         """Largest distance of a contact point of each tick from the mesh [m], shape (T,).
 
         NaN without contact and in ticks that are not examined. A contact point is the point of a hand body nearest to a
-        touched piece of the surface.
-
-        Args:
-            placed: Shown hand at each of T ticks [m], world.
-            contact: Ticks where something may touch, shape (T,).
+        touched piece of the surface. `placed` is the shown hand [m], world; `contact` has the ticks where something may
+        touch, shape (T,).
         """
         error = np.full(len(contact), np.nan)
         chosen = ticks_looked_at(contact)

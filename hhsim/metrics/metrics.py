@@ -66,12 +66,6 @@ class TickStatistics:
     count: int
 
 
-def phase_mask(ticks: int, first: int, last: int) -> BoolArray:
-    """Mask of the ticks `first` to `last`, both included; shape (ticks,)."""
-    index = np.arange(ticks)
-    return (index >= first) & (index <= last)
-
-
 def statistics(values: ArrayLike, mask: BoolArray | None = None) -> Statistics:
     """Mean, spread and maximum of the defined values, shape (T,) or (T, ...), in the ticks of `mask` or all."""
     array = np.asarray(values, dtype=np.float64)
@@ -84,16 +78,11 @@ def statistics(values: ArrayLike, mask: BoolArray | None = None) -> Statistics:
 
 
 def penetration(surface: Any, shape: HandShape, placed: PlacedHand, fingers: ArrayLike | None = None) -> Penetration:
-    """Penetration depths [m] of the stored graphic hand in the object's surface at each tick.
+    """Penetration depths [m] of the stored graphic hand in the object's surface, world, at each tick.
 
     The paper's measure: "the biggest penetration distance between the graphic finger and object spheres during one
-    interaction cycle", here with the palm too. Nothing is taken from the solver.
-
-    Args:
-        surface: Arrays of the object's surface, such as its leaf spheres, world.
-        shape: Sizes of the hand, as of `hhsim.hand.forward_kinematics.hand_shape`.
-        placed: Graphic hand.
-        fingers: Fingers that count, shape (5,), None for all; the others, which may pass through the object, are NaN.
+    interaction cycle", here with the palm too. Nothing is taken from the solver. `fingers` are those that count, shape
+    (5,), None for all; the others, which may pass through the object, are NaN.
     """
     palm, finger = hand_clearance(surface, shape, placed, limit=0.0)
     # 0 - x and not -x: a free body has depth 0, not minus 0.
@@ -211,10 +200,8 @@ def force_step(force: ArrayLike, moving: BoolArray, hold: BoolArray) -> float:
 def contact_force_step(force: ArrayLike, touch: BoolArray, breaks: BoolArray | None = None) -> float:
     """Largest one-tick change of the total force (T, 3) in contact, ‖F_t - F_{t-1}‖ [N]; NaN without contact.
 
-    Args:
-        force: [N], shape (T, 3).
-        touch: Ticks in contact, shape (T,), compared with both neighbours, so that a sudden begin or end counts.
-        breaks: Ticks before which others are missing, shape (T,): not compared with the tick before.
+    Ticks in contact `touch`, shape (T,), are compared with both neighbours, so that a sudden begin or end counts; those
+    of `breaks`, before which others are missing, not with the tick before.
     """
     touching = np.asarray(touch, dtype=bool)
     compared = touching[1:] | touching[:-1]

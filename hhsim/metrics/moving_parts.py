@@ -23,26 +23,17 @@ from hhsim.trees.sphere_tree import SphereTree
 
 @dataclass(frozen=True, eq=False)
 class MovingParts:
-    """P rigid parts at T ticks.
+    """P rigid parts at T ticks."""
 
-    Attributes:
-        name: Of the thing.
-        names: Of the parts.
-        meshes, trees: Each part's own, in its frame [m].
-        world: Position [m] and orientation (w, x, y, z) of each part at each tick, world, (T, P, 7).
-        values: Of each joint at each tick [rad] or [m], (T,), by the name of its part.
-        carried: Motion of the whole thing, or of the first one, since the first tick; None where joints alone move.
-        free: True for several things, each of which goes its own way.
-    """
-
-    name: str
-    names: tuple[str, ...]
-    meshes: tuple[Mesh, ...]
+    name: str  # of the thing
+    names: tuple[str, ...]  # of the parts
+    meshes: tuple[Mesh, ...]  # each part's own, in its frame [m]
     trees: tuple[SphereTree, ...]
-    world: FloatArray
-    values: Mapping[str, FloatArray]
+    world: FloatArray  # position [m] and orientation (w, x, y, z) of each part at each tick, world, (T, P, 7)
+    values: Mapping[str, FloatArray]  # of each joint at each tick [rad] or [m], (T,), by the name of its part
+    # Motion of the whole thing, or of the first one, since the first tick; None where joints alone move.
     carried: RigidMotion | None = None
-    free: bool = False
+    free: bool = False  # True for several things, each of which goes its own way
 
     @cached_property
     def path(self) -> FloatArray:

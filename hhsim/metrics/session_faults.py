@@ -58,11 +58,7 @@ class SessionLog(NamedTuple):
 
 
 def session_log(result: Result) -> SessionLog:
-    """Read the log of a session; it is empty for a replay.
-
-    Raises:
-        DamagedFileError: Times or levels that are no numbers, or not one for each text.
-    """
+    """Read the log of a session, empty for a replay; DamagedFileError for times, levels and texts that are no log."""
     if result.live is None:
         return SessionLog(np.empty(0), np.empty(0, np.int64), [])
     times, levels, texts = (result[f"live/event/{name}"] for name in ("time", "level", "text"))

@@ -95,10 +95,8 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
 def csv_fields(table: Table) -> tuple[dict[str, Any], int]:
     """Return the fields of a `Trajectory` in a table with our own columns, and the count of unreadable cells.
 
-    Missing numbers are NaN, and nothing but the shapes is checked.
-
-    Raises:
-        TrajectoryError: A column is missing or holds no numbers, or a remark holds no pose.
+    Missing numbers are NaN, and nothing but the shapes is checked. Raises TrajectoryError where a column is missing or
+    holds no numbers, or a remark holds no pose.
     """
     header, count = table.header, len(table.rows)
     moves = any(column in header for column in OBJECT_COLUMNS)

@@ -31,26 +31,16 @@ MOST_LINES = 10_000_000
 
 @dataclass(frozen=True)
 class Table:
-    """Table of text cells.
-
-    Attributes:
-        rows: Cells, as many a row as there are names in the header.
-        lines: Number of each row's line in the text, from 1 on.
-        remarks: The `# key: value` lines before the header.
-        decimal: Decimal sign.
-        strict: True if every cell of a column has to be a number, or marked as missing.
-        left_out: Sentences about lines that were left out.
-        delimiter: Sign between cells; a blank stands for any number of them.
-    """
+    """Table of text cells."""
 
     header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    lines: Sequence[int]
-    remarks: dict[str, str]
-    decimal: str = "."
-    strict: bool = False
-    left_out: tuple[str, ...] = ()
-    delimiter: str = ","
+    rows: tuple[tuple[str, ...], ...]  # cells, as many a row as there are names in the header
+    lines: Sequence[int]  # number of each row's line in the text, from 1 on
+    remarks: dict[str, str]  # the `# key: value` lines before the header
+    decimal: str = "."  # decimal sign
+    strict: bool = False  # True if every cell of a column has to be a number, or marked as missing
+    left_out: tuple[str, ...] = ()  # sentences about lines that were left out
+    delimiter: str = ","  # sign between cells; a blank stands for any number of them
 
     def numbers(self, columns: Sequence[str]) -> tuple[FloatArray, int]:
         """Return the numbers of some columns, shape (T, C), NaN for missing ones, and the count of unreadable cells.
@@ -88,15 +78,11 @@ def read_table(
     names: Sequence[str] | None = None,
     strict: bool = False,
 ) -> Table:
-    """Read a table.
+    """Read a table; `names` are the columns of one without a header line.
 
-    Args:
-        delimiter: Delimiter of cells; None detects it in the header.
-        names: Column names of a table without a header line.
-        strict: Refuse every line with another number of cells than the header's.
-
-    Raises:
-        TrajectoryError: No header, no line below it, two columns of the same name, or many lines of another length.
+    A delimiter of None is detected in the header; `strict` refuses every line with another number of cells than the
+    header's. Raises TrajectoryError for no header, no line below it, two columns of the same name, or many lines of
+    another length.
     """
     lines = text.splitlines()
     remarks, first, sign, header = _header(lines, delimiter)

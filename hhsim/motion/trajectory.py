@@ -13,14 +13,8 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import Flags, FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError
+from hhsim.motion import resample
 from hhsim.motion.object_motion import ObjectMotion
-from hhsim.motion.resample import (
-    STAMP_TOLERANCE,
-    interpolate_monotone,
-    interpolate_orientation,
-    newest_sample,
-    tick_times,
-)
 from hhsim.motion.validation import as_numbers, check_finite, check_increasing, check_magnitude, continuous_orientation
 from hhsim.system.counted import counted
 
@@ -81,26 +75,18 @@ class RawChannel:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TickInput:
-    """Haptic hand at each tick of the replay; arrays are C-contiguous and writable, as the kernels take them.
+    """Haptic hand at each tick of the replay; arrays are C-contiguous and writable, as the kernels take them."""
 
-    Attributes:
-        time: k / rate [s], 0 at the first sample, shape (N,).
-        input_seq: Index of the newest sample at or before the tick, shape (N,).
-        position, orientation, flexion, abduction: As in `Trajectory`, N rows.
-        phases: Phases with at least one tick.
-        rate: Ticks a second [Hz].
-        object_motion: The object's pose at each tick; None if it stands still.
-    """
-
-    time: FloatArray
-    input_seq: IntArray
+    time: FloatArray  # k / rate [s], 0 at the first sample, shape (N,)
+    input_seq: IntArray  # index of the newest sample at or before the tick, shape (N,)
+    # As in `Trajectory`, N rows.
     position: FloatArray
     orientation: FloatArray
     flexion: FloatArray
     abduction: FloatArray
-    phases: tuple[TickPhase, ...]
-    rate: float
-    object_motion: ObjectMotion | None = None
+    phases: tuple[TickPhase, ...]  # phases with at least one tick
+    rate: float  # ticks a second [Hz]
+    object_motion: ObjectMotion | None = None  # the object's pose at each tick; None if it stands still
 
     def __repr__(self) -> str:
         return f"TickInput({self.tick_count:,} ticks at {self.rate:g} Hz{phase_names(self.phases)})"
@@ -263,21 +249,21 @@ class Trajectory:
             )
         # Stamps may be seconds since 1970: subtract first, so that the arithmetic keeps its nanoseconds.
         stamps = self.time - self.time[0]
-        ticks = tick_times(self.duration, rate)
-        newest = newest_sample(stamps, ticks)
+        ticks = resample.tick_times(self.duration, rate)
+        newest = resample.newest_sample(stamps, ticks)
         carrier = self.object_motion
         if mode == "hold":
             position, orientation = self.position[newest], self.orientation[newest]
             flexion, abduction = self.flexion[newest], self.abduction[newest]
             carrier = carrier and carrier.at(newest)
         else:
-            position = interpolate_monotone(stamps, self.position, ticks)
-            orientation = interpolate_orientation(stamps, self.orientation, ticks)
-            flexion = interpolate_monotone(stamps, self.flexion, ticks)
-            abduction = interpolate_monotone(stamps, self.abduction, ticks)
+            position = resample.interpolate_monotone(stamps, self.position, ticks)
+            orientation = resample.interpolate_orientation(stamps, self.orientation, ticks)
+            flexion = resample.interpolate_monotone(stamps, self.flexion, ticks)
+            abduction = resample.interpolate_monotone(stamps, self.abduction, ticks)
             carrier = carrier and ObjectMotion(
-                interpolate_monotone(stamps, carrier.position, ticks),
-                interpolate_orientation(stamps, carrier.orientation, ticks),
+                resample.interpolate_monotone(stamps, carrier.position, ticks),
+                resample.interpolate_orientation(stamps, carrier.orientation, ticks),
             )
         phases = _phase_ticks(self.phases, float(self.time[0]), ticks.shape[0], rate)
         return TickInput(ticks, newest, position, orientation, flexion, abduction, phases, float(rate), carrier)
@@ -327,7 +313,7 @@ def _check_phases(phases: tuple[Phase, ...]) -> None:
             raise TrajectoryError(f"{span} has no name")
         if not np.isfinite([phase.start_time, phase.end_time]).all() or phase.end_time < phase.start_time:
             raise TrajectoryError(f"{span}; expected finite times in order")
-        if phase.start_time < end - STAMP_TOLERANCE:
+        if phase.start_time < end - resample.STAMP_TOLERANCE:
             raise TrajectoryError(f"{span} overlaps the one before, which ends at {end:.6g} s")
         end = phase.end_time
 
@@ -355,8 +341,8 @@ def _checked_flags(flags: Any, count: int) -> Flags:
 def _phase_ticks(phases: tuple[Phase, ...], start: float, tick_count: int, rate: float) -> tuple[TickPhase, ...]:
     found = []
     for phase in phases:
-        first = max(0, int(np.ceil((phase.start_time - start - STAMP_TOLERANCE) * rate)))
-        end = int(np.ceil((phase.end_time - start - STAMP_TOLERANCE) * rate))
+        first = max(0, int(np.ceil((phase.start_time - start - resample.STAMP_TOLERANCE) * rate)))
+        end = int(np.ceil((phase.end_time - start - resample.STAMP_TOLERANCE) * rate))
         if phase is phases[-1] and end == tick_count - 1:
             end = tick_count
         last = min(tick_count, end) - 1

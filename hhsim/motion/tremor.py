@@ -21,23 +21,15 @@ class Disturbance:
 
     Tremor is a sinusoid along a seeded ellipse in space whose longer half axis is the amplitude, so that the largest
     excursion is the amplitude; position and rotation have an ellipse each. Healthy hands: 8 to 12 Hz, 0.05 to 0.1 mm.
-
-    Attributes:
-        tremor_position: Amplitude of the palm's position [m].
-        tremor_rotation: Amplitude of the palm's rotation vector [rad].
-        tremor_frequency: Frequency [Hz].
-        sensor_counts: Counts of the joint sensors per full turn; 0 for no quantisation.
-        sensor_noise: Standard deviation of each joint angle before quantisation [rad].
-
-    Raises:
-        TrajectoryError: A value out of its range.
+    Raises TrajectoryError for a value out of its range.
     """
 
-    tremor_position: Annotated[float, between(0.0, 0.1, "m")] = 0.0
-    tremor_rotation: Angle = 0.0
+    tremor_position: Annotated[float, between(0.0, 0.1, "m")] = 0.0  # amplitude of the palm's position [m]
+    tremor_rotation: Angle = 0.0  # amplitude of the palm's rotation vector [rad]
     tremor_frequency: Annotated[float, between(0.01, 1000.0, "Hz")] = 10.0
+    # Counts of the joint sensors per full turn; 0 for no quantisation.
     sensor_counts: Annotated[int, between(0, 2**32)] = 0
-    sensor_noise: Angle = 0.0
+    sensor_noise: Angle = 0.0  # standard deviation of each joint angle before quantisation [rad]
 
     def __post_init__(self) -> None:
         check_fields(self, TrajectoryError)

@@ -16,8 +16,7 @@ UNIT_TOLERANCE = 4.0 * float(np.finfo(np.float64).eps)
 def as_numbers(label: str, given: ArrayLike, shape: tuple[int, ...] | None = None, expected: str = "") -> FloatArray:
     """Return a float64 copy, C-contiguous, of any shape by default; messages may name the right one as `expected`.
 
-    Raises:
-        TrajectoryError: No array of numbers, or one of another shape.
+    Raises TrajectoryError for no array of numbers, or one of another shape.
     """
     try:
         values = np.array(given, dtype=np.float64, order="C")

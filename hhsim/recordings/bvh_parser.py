@@ -23,42 +23,26 @@ ROTATIONS = ("xrotation", "yrotation", "zrotation")
 
 @dataclass
 class Joint:
-    """Joint of the skeleton, or the end of a bone (End Site), which is named after its parent with " end".
-
-    Attributes:
-        parent: Index of its parent, -1 for a root.
-        offset: Vector from the parent's joint, in the parent's frame, shape (3,).
-        channels: Names in lower case, in their order.
-        first: Column of the first channel.
-        children: Indices of its children.
-    """
+    """Joint of the skeleton, or the end of a bone (End Site), which is named after its parent with " end"."""
 
     name: str
-    parent: int
-    offset: FloatArray
-    channels: tuple[str, ...] = ()
-    first: int = 0
+    parent: int  # index of its parent, -1 for a root
+    offset: FloatArray  # vector from the parent's joint, in the parent's frame, shape (3,)
+    channels: tuple[str, ...] = ()  # names in lower case, in their order
+    first: int = 0  # column of the first channel
     is_end: bool = False
-    children: list[int] = field(default_factory=list)
+    children: list[int] = field(default_factory=list)  # indices of its children
 
 
 @dataclass(frozen=True, eq=False)
 class Bvh:
-    """Skeleton and its motion.
+    """Skeleton and its motion."""
 
-    Attributes:
-        joints: Joints, parents before children.
-        frame_time: Time between frames [s].
-        values: Channels in each frame, NaN where missing, shape (T, C).
-        findings: Notes about frames that are missing or broken.
-        lines: Number of each frame's line in the text, from 1 on.
-    """
-
-    joints: tuple[Joint, ...]
-    frame_time: float
-    values: FloatArray
-    findings: tuple[Finding, ...]
-    lines: tuple[int, ...] = ()
+    joints: tuple[Joint, ...]  # joints, parents before children
+    frame_time: float  # time between frames [s]
+    values: FloatArray  # channels in each frame, NaN where missing, shape (T, C)
+    findings: tuple[Finding, ...]  # notes about frames that are missing or broken
+    lines: tuple[int, ...] = ()  # number of each frame's line in the text, from 1 on
 
     def pose(self) -> tuple[FloatArray, FloatArray]:
         """Compute world positions of all joints and ends in the file's unit, (T, J, 3), and rotations, (T, J, 3, 3)."""

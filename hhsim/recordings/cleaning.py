@@ -53,44 +53,31 @@ def default_limits() -> JointLimits:
 
 @dataclass(frozen=True)
 class CleaningOptions:
-    """Options of the cleaning.
+    """Options of the cleaning."""
 
-    Attributes:
-        max_gap: Longest gap that is interpolated [s].
-        start, end: Part to keep, on the stamps' clock [s]; None for all.
-        time_unit, length_unit, angle_unit: Units of the numbers in the file; None if it states them, or to detect them.
-        limits: Limits, or the hand with the limits, that joint angles are clipped to; None keeps them.
-        mirror: Mirror a left hand's motion to a right hand's, or the other way round, in the world's yz-plane.
-        hand_length: Length of the recorded hand [m]; None if the recording says it or it is unknown.
-        scale_to: Hand length [m] that the palm's motion is scaled to, about its mean; None keeps it metric.
-    """
-
-    max_gap: float = 1.0
-    start: float | None = None
+    max_gap: float = 1.0  # longest gap that is interpolated [s]
+    start: float | None = None  # part to keep, on the stamps' clock [s]; None for all
     end: float | None = None
+    # Units of the numbers in the file; None if it states them, or to detect them.
     time_unit: str | None = None
     length_unit: str | None = None
     angle_unit: str | None = None
+    # Limits, or the hand with the limits, that joint angles are clipped to; None keeps them.
     limits: JointLimits | HandModel | None = field(default_factory=default_limits)
+    # Mirror a left hand's motion to a right hand's, or the other way round, in the world's yz-plane.
     mirror: bool = False
-    hand_length: float | None = None
+    hand_length: float | None = None  # length of the recorded hand [m]; None if the recording says it or it is unknown
+    # Hand length [m] that the palm's motion is scaled to, about its mean; None keeps it metric.
     scale_to: float | None = None
 
 
 class CleanedRecording(NamedTuple):
-    """Trajectory of a recording.
+    """Trajectory of a recording."""
 
-    Attributes:
-        trajectory: Cleaned motion, with flags.
-        findings: Findings in the order of the steps.
-        hand_length: Length of the recorded hand [m]; None if unknown.
-        given: Recording in our units, before its samples were cleaned.
-    """
-
-    trajectory: Trajectory
-    findings: tuple[Finding, ...]
-    hand_length: float | None
-    given: Recording
+    trajectory: Trajectory  # cleaned motion, with flags
+    findings: tuple[Finding, ...]  # findings in the order of the steps
+    hand_length: float | None  # length of the recorded hand [m]; None if unknown
+    given: Recording  # recording in our units, before its samples were cleaned
 
     @property
     def mended(self) -> int:
@@ -102,9 +89,8 @@ class CleanedRecording(NamedTuple):
 def clean_recording(recording: Recording, options: CleaningOptions | None = None) -> CleanedRecording:
     """Make a trajectory of a recording, which itself stays unchanged.
 
-    Raises:
-        TrajectoryError: Nothing in it, or a fault that cannot be mended safely.
-        InputError: Options that contradict each other or the recording.
+    Raises TrajectoryError for nothing in it, or a fault that cannot be mended safely; InputError for options that
+    contradict each other or the recording.
     """
     options = options or CleaningOptions()
     if recording.sample_count == 0:

@@ -77,20 +77,13 @@ NO_PLACE = "no columns of the palm's place: it stays at the origin; hhsim replay
 
 
 class JointColumn(Settings, frozen=True):
-    """One joint angle: scale · (value - offset) · unit.
+    """One joint angle: scale · (value - offset) · unit."""
 
-    Attributes:
-        column: Column of the table; None for an angle that is computed from another joint's.
-        joint: Joint that the angle is computed from, by the scale alone.
-        scale, offset: Factor, and offset in the column's unit.
-        unit: Unit of the angle; None for the unit of all joints.
-    """
-
-    column: Name | None = None
-    joint: Name | None = None
+    column: Name | None = None  # column of the table; None for an angle that is computed from another joint's
+    joint: Name | None = None  # joint that the angle is computed from, by the scale alone
     scale: Factor = 1.0
-    offset: Factor = 0.0
-    unit: Angle | None = None
+    offset: Factor = 0.0  # in the column's unit
+    unit: Angle | None = None  # unit of the angle; None for the unit of all joints
 
     def check(self) -> None:
         """Raise InputError unless there is exactly one source."""
@@ -299,10 +292,8 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
 def map_edits(text: str, table: Table, columns: ColumnMap, made: Changes, unit: float) -> Iterator[NumberEdit]:
     """Return the edits of a table's text for a correction of the recording that `mapped` makes of it.
 
-    `unit` is that of the recording's angles as `mapped` gives them [rad].
-
-    Raises:
-        InputError: The correction moves what no column holds.
+    `unit` is that of the recording's angles as `mapped` gives them [rad]. Raises InputError where the correction moves
+    what no column holds.
     """
 
     def numbers(names: tuple[str, ...]) -> FloatArray:

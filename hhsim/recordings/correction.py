@@ -38,35 +38,22 @@ REACHED = 1e-20
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """Corrected hand of each sample of a recording, in our world.
+    """Corrected hand of each sample of a recording, in our world."""
 
-    Attributes:
-        fitted: Our hand fitted to each recorded sample.
-        posture: Our hand after the correction; equal to `fitted` in samples without one.
-        rotation: Rotation of each bone from the recorded to the corrected hand, shape (T, 16, 3, 3).
-        joints: Corrected joint centres in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], shape
-            (T, 21, 3); NaN where the recording has none.
-        changed: Samples with a correction, shape (T,).
-    """
-
-    fitted: HandConfiguration
-    posture: HandConfiguration
-    rotation: FloatArray
+    fitted: HandConfiguration  # our hand fitted to each recorded sample
+    posture: HandConfiguration  # our hand after the correction; equal to `fitted` in samples without one
+    rotation: FloatArray  # rotation of each bone from the recorded to the corrected hand, shape (T, 16, 3, 3)
+    # Corrected joint centres in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], shape (T, 21, 3); NaN where
+    # the recording has none.
     joints: FloatArray
-    changed: BoolArray
+    changed: BoolArray  # samples with a correction, shape (T,)
 
 
 def moved_joints(joints: FloatArray, origin: FloatArray, shift: FloatArray, rotation: FloatArray) -> FloatArray:
     """Move recorded joints with their bones, each of which keeps its length.
 
-    Args:
-        joints: Recorded joints in the order of `KEYPOINTS` [m], shape (T, 21, 3).
-        origin: Palm origin of the fitted hand [m], shape (T, 3).
-        shift: Displacement of the palm origin [m], shape (T, 3).
-        rotation: Rotation of each bone, shape (T, 16, 3, 3).
-
-    Returns:
-        The moved joints [m], shape (T, 21, 3).
+    The joints [m], shape (T, 21, 3), are in the order of `KEYPOINTS`; the palm origin of the fitted hand and its
+    displacement [m] have shape (T, 3), the rotations of the bones (T, 16, 3, 3).
     """
     moved = np.empty_like(joints)
     palm = rotation[:, 0]
@@ -86,27 +73,16 @@ def _turned(rotation: FloatArray, vectors: FloatArray) -> FloatArray:
 
 
 class Changes(NamedTuple):
-    """Samples of a recording with a correction, in the coordinates of its file.
+    """Samples of a recording with a correction, in the coordinates of its file."""
 
-    Attributes:
-        samples: Indices of the samples, shape (N,).
-        rows: Rows of the file, shape (N,).
-        shift: Displacement of the 21 joints, shape (N, 21, 3); NaN for a recording of angles.
-        turn: Rotation of each bone, shape (N, 16, 3, 3).
-        centre: Palm origin of the fitted hand, shape (N, 3).
-        move: Displacement of the palm origin, shape (N, 3).
-        angles: Change of flexion finger by finger, then abduction [rad], shape (N, 20).
-        digits: Decimals of a length in a text that hold 1 µm.
-    """
-
-    samples: IntArray
-    rows: IntArray
-    shift: FloatArray
-    turn: FloatArray
-    centre: FloatArray
-    move: FloatArray
-    angles: FloatArray
-    digits: int
+    samples: IntArray  # indices of the samples, shape (N,)
+    rows: IntArray  # rows of the file, shape (N,)
+    shift: FloatArray  # displacement of the 21 joints, shape (N, 21, 3); NaN for a recording of angles
+    turn: FloatArray  # rotation of each bone, shape (N, 16, 3, 3)
+    centre: FloatArray  # palm origin of the fitted hand, shape (N, 3)
+    move: FloatArray  # displacement of the palm origin, shape (N, 3)
+    angles: FloatArray  # change of flexion finger by finger, then abduction [rad], shape (N, 20)
+    digits: int  # decimals of a length in a text that hold 1 µm
 
     def at(self, samples: Sequence[int]) -> "Changes":
         """Return the changes of some of the samples, in this order."""

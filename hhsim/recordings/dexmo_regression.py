@@ -72,20 +72,14 @@ class Poses:
 
 @dataclass(frozen=True, eq=False)
 class DexmoRegression:
-    """Calibration of the glove.
+    """Calibration of the glove."""
 
-    Attributes:
-        open, closed: Readings of each channel at 0 and at 1, shape (11,).
-        slope: Angle of each joint for each normalised channel [rad], shape (20, 11); joints as in `JOINT_NAMES`.
-        offset: Angle of each joint where all channels are 0 [rad], shape (20,).
-        hints: Sentences about channels whose readings are doubtful.
-    """
-
-    open: FloatArray
-    closed: FloatArray
+    open: FloatArray  # reading of each channel at 0, shape (11,)
+    closed: FloatArray  # the same at 1
+    # Angle of each joint for each normalised channel [rad], shape (20, 11); joints as in `JOINT_NAMES`.
     slope: FloatArray
-    offset: FloatArray
-    hints: tuple[str, ...] = ()
+    offset: FloatArray  # angle of each joint where all channels are 0 [rad], shape (20,)
+    hints: tuple[str, ...] = ()  # sentences about channels whose readings are doubtful
 
     @classmethod
     def default(cls) -> Self:
@@ -138,19 +132,12 @@ class DexmoRegression:
 def calibrated(
     regression: DexmoRegression, opened: ArrayLike, fist: ArrayLike, spread: ArrayLike | None = None
 ) -> DexmoRegression:
-    """Return the regression with the two ends of each channel from poses.
+    """Return the regression with the two ends of each channel from poses; `hints` name the channels that are doubtful.
 
-    Args:
-        opened: Readings of the flat hand with the fingers together, shape (N, 11); their median counts.
-        fist: Readings of the fist: the other end of the bends.
-        spread: Readings of the hand with spread fingers and opposed thumb: the other end of split and rotate.
-            Without it those channels are left out.
-
-    Returns:
-        A regression whose `hints` name the channels that are left out, or that move too little.
-
-    Raises:
-        InputError: No readings of a channel, or a bend that reads the same in the open hand and in the fist.
+    Readings have shape (N, 11), and their median counts: of the flat hand with the fingers together, of the fist, the
+    other end of the bends, and of spread fingers and opposed thumb, the other end of split and rotate. Without that
+    those channels are left out. Raises InputError for a channel without readings, or a bend that reads the same in the
+    open hand and in the fist.
     """
     low, closed = _medians("open hand", opened), _medians("fist", fist)
     wide = low if spread is None else _medians("spread hand", spread)

@@ -22,13 +22,9 @@ from hhsim.recordings.frames import quaternions_of, turned
 def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute the flexion and abduction that fit recorded bones best.
 
-    Args:
-        bones: Directions of the three bones of each finger from base to tip (thumb: metacarpal first), palm frame, any
-            length, NaN where missing, shape (T, 5, 3, 3).
-
-    Returns:
-        Flexion [rad], shape (T, 5, 3); abduction [rad], shape (T, 5); angle between each bone and its fit [rad], shape
-        (T, 5, 3). NaN where a bone of the finger is missing.
+    `bones` are directions of the three bones of each finger from base to tip (thumb: metacarpal first), palm frame, any
+    length, NaN where missing, shape (T, 5, 3, 3). Returns flexion [rad], shape (T, 5, 3); abduction [rad], shape (T,
+    5); and the angle between each bone and its fit [rad], shape (T, 5, 3); NaN where a bone of the finger is missing.
     """
     distal, dorsal, across = finger_axes(side)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -37,13 +37,10 @@ def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
     Limits are the default hand's, widened to hold the recorded motion. A recording without a world frame holds no joint
     centres any more: its fingers keep the default hand's axes and limits.
 
-    Returns:
-        The recording with the angles of this hand and its palm moved so that the hand's knuckles are the recorded ones,
-        and the text of a hand file with a right hand, or the mirror of a left one, whose first line names the source.
-
-    Raises:
-        TrajectoryError: No joint centres, or bones that are no hand's.
-        InputError: Sizes that `hhsim replay --hand-file` refuses.
+    Returns the recording with the angles of this hand and its palm moved so that the hand's knuckles are the recorded
+    ones, and the text of a hand file with a right hand, or the mirror of a left one, whose first line names the source.
+    Raises TrajectoryError for no joint centres, or bones that are no hand's, InputError for sizes that `hhsim replay
+    --hand-file` refuses.
     """
     bones = recording.bones
     if bones is None:

@@ -22,9 +22,7 @@ def axes_matrix(axes: Sequence[str], where: str = "palm axes") -> FloatArray:
     """Return the rotation from our frame to the recording's, shape (3, 3): its columns are our axes in the recording's.
 
     `axes` are our x, y, z, each as one of x, y, z, -x, -y, -z of the recording; messages name them as `where` says.
-
-    Raises:
-        InputError: Not three perpendicular axes, or a left-handed frame.
+    Raises InputError for three axes that are not perpendicular, or a left-handed frame.
     """
     if len(axes) != 3 or any(not isinstance(axis, str) or axis.strip("+-") not in OURS for axis in axes):
         raise InputError(f'{where} {list(axes)}: expected three of x, y, z, -x, -y, -z, such as ["-y", "x", "z"]')

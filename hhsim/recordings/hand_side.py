@@ -28,10 +28,8 @@ UNITY = np.array([1.0, 1.0, -1.0])
 def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[HandSide, list[Finding]]:
     """Return the wanted hand, else the one of more samples (of equals the right one), and findings about it.
 
-    `samples` has the number of samples of each hand in the file; "" is a hand of no stated side.
-
-    Raises:
-        TrajectoryError: The wanted hand is not in the file.
+    `samples` has the number of samples of each hand in the file; "" is a hand of no stated side. Raises TrajectoryError
+    where the wanted hand is not in the file.
     """
     if wanted and wanted not in samples and "" not in samples:
         raise TrajectoryError(f"no {wanted} hand; the file has {' and '.join(f'a {s} one' for s in samples)}")

@@ -106,13 +106,9 @@ def fitted_angles(
 ) -> tuple[FloatArray, FloatArray]:
     """Compute flexion and abduction of a hand nearest to recorded joints, within anatomic limits.
 
-    Args:
-        joints: First to last joint and tip of each finger [m], palm frame, shape (T, 5, 4, 3), NaN where missing.
-        base: First joints [m], palm frame, shape (5, 3).
-        length: Lengths of the bones [m], shape (5, 3).
-
-    Returns:
-        Flexion, shape (T, 5, 3), and abduction, shape (T, 5) [rad]; NaN where a joint of the finger is missing.
+    `joints` are first to last joint and tip of each finger [m], palm frame, shape (T, 5, 4, 3), NaN where missing;
+    `base` the first joints [m], palm frame, and `length` the lengths of the bones [m], shape (5, 3). Returns flexion,
+    shape (T, 5, 3), and abduction, shape (T, 5) [rad]; NaN where a joint of the finger is missing.
     """
     angles = np.full((len(joints), len(FINGERS), 4), np.nan)
     low, high = anatomic_limits(axes, side)

@@ -40,20 +40,15 @@ TURNS = ("orientation", "rotation", "quaternion", "quat", "rot", "matrix")
 
 
 class Joint(NamedTuple):
-    """Joint of a hand in the document.
+    """Joint of a hand in the document."""
 
-    Attributes:
-        position: Position in the unit of the file, NaN where missing, shape (3,).
-        radius: Radius in the same unit, NaN where missing.
-        place, turn: Nodes of the document that hold the position, and the orientation; None without.
-        ray: Quaternion (w, x, y, z) of the frame that both are held in, to that of `position`.
-    """
-
+    # Position in the unit of the file, NaN where missing, shape (3,).
     position: Sequence[float] = (np.nan, np.nan, np.nan)
-    radius: float = np.nan
+    radius: float = np.nan  # radius in the same unit, NaN where missing
     valid: bool = True
-    place: Any = None
-    turn: Any = None
+    place: Any = None  # node of the document that holds the position; None without
+    turn: Any = None  # node that holds the orientation; None without
+    # Quaternion (w, x, y, z) of the frame that both are held in, to that of `position`.
     ray: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
 
 
@@ -115,10 +110,8 @@ def joints_of_frames(
 ) -> JointPositions:
     """Return the joint centres of the hand of the options, else of the one in more frames, and the object's poses.
 
-    `beside` has the values of the file beside its frames, one a frame or a single one.
-
-    Raises:
-        TrajectoryError: No such hand, one of the 21 joints in no frame, or an object's pose that is none.
+    `beside` has the values of the file beside its frames, one a frame or a single one. Raises TrajectoryError for no
+    such hand, one of the 21 joints in no frame, or an object's pose that is none.
     """
     side, shown, findings = frames_with_hand([frame.hands for frame in frames], options.hand)
     hands = [frames[k].hands[side] for k in shown]
@@ -155,10 +148,8 @@ def frame_edits(
 ) -> Iterator[NumberEdit]:
     """Yield the edits of a document's text for a correction of the hand that `joints_of_frames` reads.
 
-    Joints beyond the 21 move with the palm; orientations turn with their bone.
-
-    Raises:
-        InputError: Orientations that are no quaternions.
+    Joints beyond the 21 move with the palm; orientations turn with their bone. Raises InputError for orientations that
+    are no quaternions.
     """
     side, _, _ = frames_with_hand([frame.hands for frame in frames], options.hand)
     hands = [frames[row].hands[side] for row in made.rows]

@@ -45,17 +45,11 @@ _VALID_WORDS = {"valid", "tracked", "active", "confidence"}
 
 
 class JointName(NamedTuple):
-    """Meaning of a name.
+    """Meaning of a name."""
 
-    Attributes:
-        side: Right, left, or "" if the name does not say.
-        joint: One of `OPENXR_JOINTS`; "" if the name has none.
-        part: "x", "y", "z", "radius", "rotation" or "valid"; "" for the joint alone.
-    """
-
-    side: HandSide
-    joint: str
-    part: str
+    side: HandSide  # right, left, or "" if the name does not say
+    joint: str  # one of `OPENXR_JOINTS`; "" if the name has none
+    part: str  # "x", "y", "z", "radius", "rotation" or "valid"; "" for the joint alone
 
 
 def joint_name(text: str) -> JointName:

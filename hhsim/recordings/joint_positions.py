@@ -39,43 +39,30 @@ MOST_REPEATED = 0.2
 
 @dataclass(frozen=True, eq=False)
 class JointPositions:
-    """Positions of the 21 joints of `KEYPOINTS` over time, as a device gave them.
+    """Positions of the 21 joints of `KEYPOINTS` over time, as a device gave them."""
 
-    Attributes:
-        position: Joint centres in the order of `KEYPOINTS`, NaN where missing, shape (T, 21, 3).
-        form: Name of the format.
-        what: Joints that were recognised, for messages.
-        time: Stamps, NaN where missing, shape (T,); None to make them from a rate.
-        time_unit: Word of `TIME_UNITS`; None if the file states none.
-        rate: Samples a second that the file states [Hz].
-        hand: Side of the hand; "" if unknown.
-        unit: Unit of `position` [m]; None if it follows from the length of the hand.
-        up: Axis of the device's world that points up; None if there is no world frame: the wrist stands still.
-        may_be_mirrored: True if the world may be left-handed, as Unity's, which fingers and thumb tell.
-        radius: Distance from the joint to the skin, in the unit of `position`, shape (T, 21). None without any: then
-            the tips are points of the skin, otherwise the centres of the fingertips.
-        doubtful: Samples that the device marked as uncertain, shape (T,); None for none.
-        rows: Row, line or frame of the file of each sample, shape (T,); empty for all in order.
-        joint_order: Place of each joint among those of a row of the file, if it has no names.
-        object_poses: Poses of an object in the coordinates of `position`, one a sample; None without any.
-    """
-
-    position: FloatArray
-    form: str
-    what: str = "21 joints"
-    time: FloatArray | None = None
-    time_unit: str | None = None
-    rate: float | None = None
-    hand: HandSide = ""
-    unit: float | None = None
+    position: FloatArray  # joint centres in the order of `KEYPOINTS`, NaN where missing, shape (T, 21, 3)
+    form: str  # name of the format
+    what: str = "21 joints"  # joints that were recognised, for messages
+    time: FloatArray | None = None  # stamps, NaN where missing, shape (T,); None to make them from a rate
+    time_unit: str | None = None  # word of `TIME_UNITS`; None if the file states none
+    rate: float | None = None  # samples a second that the file states [Hz]
+    hand: HandSide = ""  # side of the hand; "" if unknown
+    unit: float | None = None  # unit of `position` [m]; None if it follows from the length of the hand
+    # Axis of the device's world that points up; None if there is no world frame: the wrist stands still.
     up: str | None = None
-    may_be_mirrored: bool = False
+    may_be_mirrored: bool = False  # True if the world may be left-handed, as Unity's, which fingers and thumb tell
+    # Distance from the joint to the skin, in the unit of `position`, shape (T, 21). None without any: then the tips are
+    # points of the skin, otherwise the centres of the fingertips.
     radius: FloatArray | None = None
-    doubtful: BoolArray | None = None
+    doubtful: BoolArray | None = None  # samples that the device marked as uncertain, shape (T,); None for none
+    # Place of each joint among those of a row of the file, if it has no names.
     joint_order: tuple[int, ...] = tuple(range(len(KEYPOINTS)))
+    # Poses of an object in the coordinates of `position`, one a sample; None without any.
     object_poses: ObjectPoses | None = None
     device: str = ""
     findings: tuple[Finding, ...] = ()
+    # Row, line or frame of the file of each sample, shape (T,); empty for all in order.
     rows: Sequence[int] | IntArray = ()
 
     def __post_init__(self) -> None:
@@ -176,15 +163,9 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
 def fitted_posture(fingers: FloatArray, palm: FloatArray, side: HandSide) -> tuple[HandConfiguration, Finding]:
     """Compute our hand's posture in a recorded palm frame, with our knuckles on the recorded ones.
 
-    Args:
-        fingers: Joints and tip of each finger from its base on [m], world, shape (T, 5, 4, 3).
-        palm: Palm to world, unit (w, x, y, z), shape (T, 4).
-
-    Returns:
-        The posture, NaN where a joint is missing, and the finding about the bones' angle to it.
-
-    Raises:
-        TrajectoryError: No finger is whole in any sample.
+    `fingers` are joints and tip of each finger from its base on [m], world, shape (T, 5, 4, 3); `palm` is palm to
+    world, unit (w, x, y, z), shape (T, 4). Returns the posture, NaN where a joint is missing, and the finding about the
+    bones' angle to it. Raises TrajectoryError where no finger is whole in any sample.
     """
     origin, axes = palm_origin(fingers[:, 1:, 0], palm, side), finger_axes(side)
     joints = in_palm(fingers - origin[:, None, None], palm)

@@ -93,10 +93,8 @@ def joint_edits(
 ) -> Iterator[NumberEdit]:
     """Return the edits of a table's text for a correction of the hand that `joints_of_table` reads.
 
-    Joints beyond the 21 move with the palm; orientations turn with their bone.
-
-    Raises:
-        InputError: Orientations that are no quaternions.
+    Joints beyond the 21 move with the palm; orientations turn with their bone. Raises InputError for orientations that
+    are no quaternions.
     """
     hands = joint_columns(names)
     side, _ = chosen_side({side: len(located(joints)) for side, joints in hands.items()}, options.hand)

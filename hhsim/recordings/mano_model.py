@@ -56,29 +56,17 @@ class ManoParameters(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ManoModel:
-    """MANO hand.
+    """MANO hand."""
 
-    Attributes:
-        template: Vertices at rest [m], shape (778, 3).
-        shapes: Their change with the shape, shape (778, 3, 10).
-        corrections: Their change with the pose, shape (778, 3, 135).
-        regressor: Joints from vertices, shape (16, 778).
-        weights: Weights of the joints on each vertex, shape (778, 16).
-        parents: Parent of each joint, shape (16,); -1 for the wrist.
-        components: Principal components of the poses, one a row, shape (45, 45).
-        mean: Mean pose [rad], shape (45,).
-        faces: Triangles of the skin, outward by the right hand, shape (F, 3); none if the file has no `f`.
-    """
-
-    template: FloatArray
-    shapes: FloatArray
-    corrections: FloatArray
-    regressor: FloatArray
-    weights: FloatArray
-    parents: IntArray
-    components: FloatArray
-    mean: FloatArray
-    faces: IntArray
+    template: FloatArray  # vertices at rest [m], shape (778, 3)
+    shapes: FloatArray  # their change with the shape, shape (778, 3, 10)
+    corrections: FloatArray  # their change with the pose, shape (778, 3, 135)
+    regressor: FloatArray  # joints from vertices, shape (16, 778)
+    weights: FloatArray  # weights of the joints on each vertex, shape (778, 16)
+    parents: IntArray  # parent of each joint, shape (16,); -1 for the wrist
+    components: FloatArray  # principal components of the poses, one a row, shape (45, 45)
+    mean: FloatArray  # mean pose [rad], shape (45,)
+    faces: IntArray  # triangles of the skin, outward by the right hand, shape (F, 3); none if the file has no `f`
 
     def keypoints(
         self, rotation: FloatArray, pose: FloatArray, translation: FloatArray, betas: FloatArray
@@ -130,11 +118,7 @@ def _turns(rotation: FloatArray, pose: FloatArray) -> FloatArray:
 
 
 def read_mano_model(path: Path) -> ManoModel:
-    """Read a MANO model.
-
-    Raises:
-        TrajectoryError: No such file, content that is not data, or arrays missing or of another shape.
-    """
+    """Read a MANO model; TrajectoryError for no such file, other content, or arrays missing or of another shape."""
     with named(path):
         data = Content(path, what="a MANO model").data
         return _model(read_npz(data) if data.startswith(b"PK") else _fields(data))

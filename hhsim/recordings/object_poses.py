@@ -67,21 +67,13 @@ _COLUMN = re.compile(r"(?:(?P<kind>p|t|q)?(?P<axis>[wxyz])|m?(?P<place>[0-9]+))"
 
 
 class ObjectPoses(NamedTuple):
-    """Poses of an object in the coordinates of a file.
+    """Poses of an object in the coordinates of a file."""
 
-    Attributes:
-        position: Origin, NaN where missing, shape (T, 3).
-        orientation: Object to file, unit (w, x, y, z), shape (T, 4).
-        metre: Unit of the positions [m]; None if the file does not say.
-        names: Names of the arrays or columns that were read.
-        findings: Remarks about what was read.
-    """
-
-    position: FloatArray
-    orientation: FloatArray
-    metre: float | None
-    names: tuple[str, ...]
-    findings: tuple[Finding, ...] = ()
+    position: FloatArray  # origin, NaN where missing, shape (T, 3)
+    orientation: FloatArray  # object to file, unit (w, x, y, z), shape (T, 4)
+    metre: float | None  # unit of the positions [m]; None if the file does not say
+    names: tuple[str, ...]  # names of the arrays or columns that were read
+    findings: tuple[Finding, ...] = ()  # remarks about what was read
 
 
 class _Name(NamedTuple):
@@ -141,10 +133,8 @@ def poses_in(
     """Return the poses among named arrays, for `count` samples if it is given; None if no name tells of any.
 
     `order` is that of quaternions whose name does not say it; `alone` takes names without a word for the object. Arrays
-    of another shape are none; a position or an orientation without the other is none, or refused if `strict`.
-
-    Raises:
-        TrajectoryError: Another number of rows, no rotation, a quaternion of unknown order, or as `strict` says.
+    of another shape are none; a position or an orientation without the other is none, or refused if `strict`. Raises
+    TrajectoryError for another number of rows, no rotation, a quaternion of unknown order, or as `strict` says.
     """
     tails = {"position": ((3,),), "pose": POSE_SHAPES}
     meanings = {}
@@ -384,11 +374,9 @@ def read_object_poses(
 
     Poses with stamps are interpolated, others are one a sample, or one a frame of which the samples are `rows`, shape
     (T,), and a single one is of an object at rest. With `options.camera_poses` they are relative to a camera that
-    moves, and camera · object is returned. What was assumed is added to `findings`.
-
-    Raises:
-        TrajectoryError: No such file, another content, number of rows, unit or order, or stamps that end before the
-            recording's; one line that begins with the path.
+    moves, and camera · object is returned. What was assumed is added to `findings`. Raises TrajectoryError for no such
+    file, another content, number of rows, unit or order, or stamps that end before the recording's, in one line that
+    begins with the path.
     """
     rows = np.arange(len(time)) if rows is None else rows
     motion = _read(path, time, rows, options, findings)

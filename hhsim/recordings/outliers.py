@@ -22,24 +22,15 @@ Vectors = Callable[[IntArray, IntArray], FloatArray]
 
 @dataclass(frozen=True)
 class Kind:
-    """Limits of a hand's motion in one kind of coordinate.
+    """Limits of a hand's motion in one kind of coordinate."""
 
-    Attributes:
-        key: Field of a `Recording` that holds it; of joints, "angles".
-        name: Name in messages.
-        speed: Fastest change [unit/s].
-        force: Largest second derivative [unit/s²].
-        noise: Largest change that is noise of the tracker [unit].
-        outlier: Flag of a sample that is replaced.
-    """
-
-    key: str
-    name: str
+    key: str  # field of a `Recording` that holds it; of joints, "angles"
+    name: str  # name in messages
     unit: str
-    speed: float
-    force: float
-    noise: float
-    outlier: SampleFlag
+    speed: float  # fastest change [unit/s]
+    force: float  # largest second derivative [unit/s²]
+    noise: float  # largest change that is noise of the tracker [unit]
+    outlier: SampleFlag  # flag of a sample that is replaced
 
 
 POSITION = Kind("position", "palm position", "m", 10.0, 500.0, 0.01, SampleFlag.PALM_OUTLIER)

@@ -40,35 +40,24 @@ Poses = tuple[FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class PoseLines:
-    """Poses of one hand; missing numbers are NaN.
-
-    Attributes:
-        stamps: Stamps [ns], shape (T,).
-        translation, orientation: Pose of the wrist [m], unit (w, x, y, z), world, shapes (T, 3) and (T, 4).
-        numbers: Numbers under the key, shape (T, N).
-        betas: Shape of the hand, of the first sample that has it; empty for none.
-        rows: Line of each sample, shape (T,).
-        shown: Sample and object of each line with the hand, those of a second camera too.
-    """
+    """Poses of one hand; missing numbers are NaN."""
 
     hand: HandSide
-    stamps: FloatArray
-    translation: FloatArray
-    orientation: FloatArray
-    numbers: FloatArray
-    betas: FloatArray
+    stamps: FloatArray  # stamps [ns], shape (T,)
+    translation: FloatArray  # of the wrist [m], world, shape (T, 3)
+    orientation: FloatArray  # its unit quaternion (w, x, y, z), shape (T, 4)
+    numbers: FloatArray  # numbers under the key, shape (T, N)
+    betas: FloatArray  # shape of the hand, of the first sample that has it; empty for none
     findings: tuple[Finding, ...]
-    rows: list[int]
+    rows: list[int]  # line of each sample, shape (T,)
+    # Sample and object of each line with the hand, those of a second camera too.
     shown: list[tuple[int, dict[str, Any]]]
 
 
 def read_pose_lines(document: Any, key: str, wanted: HandSide) -> PoseLines:
     """Read the poses, under a key, of the wanted hand, or for "" of the one in more lines (of equals the right one).
 
-    The document is as of `read_json`.
-
-    Raises:
-        TrajectoryError: Other content, or no such hand in it.
+    The document is as of `read_json`. Raises TrajectoryError for other content, or no such hand in it.
     """
     lines = list(objects(document if isinstance(document, list) else [document]))
     frames = [_hands(line.get("hand_poses"), key) for line in lines]
@@ -153,11 +142,8 @@ def object_beside(
 ) -> tuple[ObjectMotion | None, Finding | None]:
     """Read the motion of an object from the table beside a recording, and the finding about it.
 
-    It is at the stamps of the hand's samples [ns], shape (T,). Without a wanted uid it is the only object's.
-
-    Raises:
-        InputError: There is no such object.
-        TrajectoryError: A table of other columns.
+    It is at the stamps of the hand's samples [ns], shape (T,). Without a wanted uid it is the only object's. Raises
+    InputError for no such object, TrajectoryError for a table of other columns.
     """
     path = None if recording is None else recording.parent / OBJECTS
     if path is None or not path.is_file():

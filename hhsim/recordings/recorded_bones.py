@@ -23,26 +23,16 @@ BONE_CHANGE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class RecordedBones:
-    """Sizes of the recorded hand, palm frame, and the error of its fit.
-
-    Attributes:
-        hand_length: Length from wrist to middle fingertip [m].
-        base: First joint of each finger [m], shape (5, 3), from the palm's origin in the recording.
-        length: Distances between joints, the last one to the tip [m], shape (5, 3).
-        radius: Radii at the joints and the tip [m], shape (5, 4); None if not recorded.
-        tip_on_surface: True if the tip is a point of the skin, False if it is the centre of the fingertip's sphere.
-        rms: Root mean square of the fit's error of each finger over joints, tip and samples [m], shape (5,).
-        largest: Largest error of each finger [m], shape (5,).
-    """
+    """Sizes of the recorded hand, palm frame, and the error of its fit."""
 
     hand: HandSide
-    hand_length: float
-    base: FloatArray
-    length: FloatArray
-    radius: FloatArray | None
-    tip_on_surface: bool
-    rms: FloatArray
-    largest: FloatArray
+    hand_length: float  # length from wrist to middle fingertip [m]
+    base: FloatArray  # first joint of each finger [m], shape (5, 3), from the palm's origin in the recording
+    length: FloatArray  # distances between joints, the last one to the tip [m], shape (5, 3)
+    radius: FloatArray | None  # radii at the joints and the tip [m], shape (5, 4); None if not recorded
+    tip_on_surface: bool  # True if the tip is a point of the skin, False if it is the centre of the fingertip's sphere
+    rms: FloatArray  # root mean square of the fit's error of each finger over joints, tip and samples [m], shape (5,)
+    largest: FloatArray  # largest error of each finger [m], shape (5,)
 
     def to_json(self) -> dict[str, dict[str, object]]:
         """Return the fit finger by finger, SI units."""
@@ -62,12 +52,9 @@ def recorded_bones(
 ) -> RecordedBones:
     """Compute the bones of recorded fingers, and the distance of a hand of these bones from them in a posture.
 
-    Args:
-        joints: First to last joint and tip of each finger [m], world, shape (T, 5, 4, 3), NaN where missing.
-        wrist: Centre of the wrist [m], world, shape (T, 3).
-        posture: Fitted palm pose and angles.
-        radius: Radii at the joints and the tip [m], shape (T, 5, 4). None if not recorded: then the tips are points of
-            the skin.
+    `joints` are first to last joint and tip of each finger [m], world, shape (T, 5, 4, 3), NaN where missing; `wrist`
+    its centre [m], shape (T, 3); `radius` the radii at joints and tip [m], shape (T, 5, 4), None if not recorded: then
+    the tips are points of the skin.
     """
     at = in_palm(joints - posture.position[:, None, None], posture.orientation)
     base, length = median_bones(at)

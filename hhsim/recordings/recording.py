@@ -40,18 +40,12 @@ FINGER_ARM = 0.04
 
 @dataclass(frozen=True)
 class Finding:
-    """Line about a fault in a recording and its repair.
+    """Line about a fault in a recording and its repair."""
 
-    Attributes:
-        kind: A word of `hhsim.motion.sample_flags.SampleFlag`, or "note".
-        samples: Number of samples with it; 0 if it is not about single samples.
-        first_time: Stamp of the first of them [s], or None.
-    """
-
-    kind: str
+    kind: str  # a word of `hhsim.motion.sample_flags.SampleFlag`, or "note"
     text: str
-    samples: int = 0
-    first_time: float | None = None
+    samples: int = 0  # number of samples with it; 0 if it is not about single samples
+    first_time: float | None = None  # stamp of the first of them [s], or None
 
 
 def note(text: str) -> Finding:
@@ -91,58 +85,46 @@ def readings(key: str, given: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
 class Recording:
     """Samples as they came; frames and units are ours if the reader knows them.
 
-    Attributes:
-        time: Stamps [s], or in another unit if `stated` lacks "time"; any order, NaN where missing, shape (T,).
-        position: Palm origin [m, or another unit if `stated` lacks "length"], world, shape (T, 3).
-        orientation: Palm to world (w, x, y, z), any length and sign, shape (T, 4).
-        flexion: [rad, or another unit if `stated` lacks "angle"], shape (T, 5, 3).
-        abduction: The same, shape (T, 5).
-        flags: Flags that the reader set, shape (T,); empty for none.
-        stated: Units that the file or the user stated, which are not detected: "time", "length", "angle".
-        scaled: True if the reader has made metres of its lengths, by the user's unit if there is one.
-        form: Name of the format.
-        name, source, licence, device, hand, phases, object_position, object_orientation, raw, checksums: As in
-            `Trajectory`.
-        hand_length: Length from wrist crease to middle fingertip [m]; None if unknown.
-        bones: Bones of the recorded hand, with the error of the fit; None without joint centres.
-        object_motion: The object's pose at each sample, in the palm's world and units, NaN where missing; None without
-            any.
-        joints: Joint centres as recorded, in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], our world, NaN
-            where missing, shape (T, 21, 3); None if the file holds angles.
-        file_frame: Coordinates of the file's joints or palm.
-        rows: Row, line or frame of the file that each sample was read from, shape (T,); empty for all in order.
-        joint_order: Place of each joint of `KEYPOINTS` among the joints of a row of the file, if it has no names.
-        first_stamp: Stamp of the file [s] at which `time` is zero.
+    Fields that a `Trajectory` has too are as there, unless a comment says otherwise.
     """
 
+    # Stamps [s], or in another unit if `stated` lacks "time"; any order, NaN where missing, shape (T,).
     time: FloatArray
-    position: FloatArray
-    orientation: FloatArray
-    flexion: FloatArray
-    abduction: FloatArray
+    position: FloatArray  # palm origin [m, or another unit if `stated` lacks "length"], world, shape (T, 3)
+    orientation: FloatArray  # palm to world (w, x, y, z), any length and sign, shape (T, 4)
+    flexion: FloatArray  # [rad, or another unit if `stated` lacks "angle"], shape (T, 5, 3)
+    abduction: FloatArray  # the same, shape (T, 5)
+    # Flags that the reader set, shape (T,); empty for none.
     flags: Flags = field(default_factory=lambda: np.zeros(0, dtype=np.uint32))
+    # Units that the file or the user stated, which are not detected: "time", "length", "angle".
     stated: frozenset[str] = frozenset()
-    scaled: bool = False
-    form: str = ""
+    scaled: bool = False  # True if the reader has made metres of its lengths, by the user's unit if there is one
+    form: str = ""  # name of the format
     name: str = ""
     source: str = ""
     licence: str = ""
     device: str = ""
     hand: HandSide = ""
-    hand_length: float | None = None
+    hand_length: float | None = None  # length from wrist crease to middle fingertip [m]; None if unknown
+    # Bones of the recorded hand, with the error of the fit; None without joint centres.
     bones: RecordedBones | None = None
     phases: tuple[Phase, ...] = ()
     object_position: FloatArray | None = None
     object_orientation: FloatArray | None = None
     raw: tuple[RawChannel, ...] = ()
     findings: tuple[Finding, ...] = ()
+    # The object's pose at each sample, in the palm's world and units, NaN where missing; None without any.
     object_motion: ObjectMotion | None = None
     checksums: Checksums = ""
+    # Joint centres as recorded, in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], our world, NaN where
+    # missing, shape (T, 21, 3); None if the file holds angles.
     joints: FloatArray | None = None
-    file_frame: FileFrame = field(default_factory=FileFrame)
+    file_frame: FileFrame = field(default_factory=FileFrame)  # coordinates of the file's joints or palm
+    # Row, line or frame of the file that each sample was read from, shape (T,); empty for all in order.
     rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    # Place of each joint of `KEYPOINTS` among the joints of a row of the file, if it has no names.
     joint_order: tuple[int, ...] = tuple(range(21))
-    first_stamp: float = 0.0
+    first_stamp: float = 0.0  # stamp of the file [s] at which `time` is zero
 
     def __post_init__(self) -> None:
         count = len(np.atleast_1d(self.time))
@@ -215,19 +197,13 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class HandMotion:
-    """Motion of a hand to be written as a new recording.
+    """Motion of a hand to be written as a new recording."""
 
-    Attributes:
-        time: Increasing stamps [s], shape (T,).
-        joints: Joint centres in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], world, shape (T, 21, 3).
-        configuration: Our hand in the world.
-        side: Side of the hand.
-    """
-
-    time: FloatArray
+    time: FloatArray  # increasing stamps [s], shape (T,)
+    # Joint centres in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], world, shape (T, 21, 3).
     joints: FloatArray
-    configuration: HandConfiguration
-    side: HandSide
+    configuration: HandConfiguration  # our hand in the world
+    side: HandSide  # side of the hand
 
 
 MOTION = ("position", "orientation", "flexion", "abduction")

@@ -41,50 +41,31 @@ MOST_UNREADABLE = 0.1
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """Options for reading a file.
+    """Options for reading a file."""
 
-    Attributes:
-        form: Name of the format; None detects it.
-        columns: Mapping of the columns of a table.
-        hand: Side of the hand, if the file does not say it, or says it wrong.
-        palm_axes: Our palm's x, y, z in the recording's palm frame, such as ("-y", "x", "z"); None takes the file's.
-        world_up: Axis of the recording's world that points up; None takes the file's.
-        usual_up: The same for a file that does not say it; None then holds the wrist still and level.
-        length_unit: Unit for a format whose `Recording.scaled` is true; other recordings are converted after reading.
-        rate: Samples a second [Hz], of a file without stamps.
-        hand_length: Length of the recorded hand [m], if its joints have no scale.
-        mano_model: The user's own file of the MANO model, .pkl or .npz.
-        mano_pose: Meaning of the numbers of a MANO pose, of `hhsim.recordings.formats.mano.READINGS`.
-        profile: File with the sizes of an UmeTrack hand.
-        object_track: Uid of the object that moves with an UmeTrack hand, if there are several.
-        episode: Number of the episode, in a file with several.
-        dexmo: Calibration of a Dexmo glove.
-        poses: Times of the poses for its calibration.
-        joint_order: Order of the joints in rows without names, a key of `hhsim.recordings.joint_names.JOINT_ORDERS`.
-        pose_order: Order of an object's quaternions that no name tells, "wxyz" or "xyzw".
-        pose_unit: Unit of an object's positions, "m", "cm" or "mm".
-        camera_poses: File with the poses of the camera that an object's poses are relative to; None for the world.
-    """
-
-    form: str | None = None
-    columns: ColumnMap | None = None
-    hand: HandSide = ""
+    form: str | None = None  # name of the format; None detects it
+    columns: ColumnMap | None = None  # mapping of the columns of a table
+    hand: HandSide = ""  # side of the hand, if the file does not say it, or says it wrong
+    # Our palm's x, y, z in the recording's palm frame, such as ("-y", "x", "z"); None takes the file's.
     palm_axes: Sequence[str] | None = None
-    world_up: str | None = None
-    usual_up: str | None = None
+    world_up: str | None = None  # axis of the recording's world that points up; None takes the file's
+    usual_up: str | None = None  # the same for a file that does not say it; None then holds the wrist still and level
+    # Unit for a format whose `Recording.scaled` is true; other recordings are converted after reading.
     length_unit: str | None = None
-    rate: float | None = None
-    hand_length: float | None = None
-    mano_model: Path | None = None
-    mano_pose: str | None = None
-    profile: Path | None = None
-    object_track: str | None = None
-    episode: int | None = None
-    dexmo: DexmoRegression | None = None
-    poses: Poses | None = None
+    rate: float | None = None  # samples a second [Hz], of a file without stamps
+    hand_length: float | None = None  # length of the recorded hand [m], if its joints have no scale
+    mano_model: Path | None = None  # the user's own file of the MANO model, .pkl or .npz
+    mano_pose: str | None = None  # meaning of the numbers of a MANO pose, of `hhsim.recordings.formats.mano.READINGS`
+    profile: Path | None = None  # file with the sizes of an UmeTrack hand
+    object_track: str | None = None  # uid of the object that moves with an UmeTrack hand, if there are several
+    episode: int | None = None  # number of the episode, in a file with several
+    dexmo: DexmoRegression | None = None  # calibration of a Dexmo glove
+    poses: Poses | None = None  # times of the poses for its calibration
+    # Order of the joints in rows without names, a key of `hhsim.recordings.joint_names.JOINT_ORDERS`.
     joint_order: str | None = None
-    pose_order: str | None = None
-    pose_unit: str | None = None
+    pose_order: str | None = None  # order of an object's quaternions that no name tells, "wxyz" or "xyzw"
+    pose_unit: str | None = None  # unit of an object's positions, "m", "cm" or "mm"
+    # File with the poses of the camera that an object's poses are relative to; None for the world.
     camera_poses: Path | None = None
 
 
@@ -93,14 +74,11 @@ PICKLES = tuple(bytes((0x80, protocol)) for protocol in range(2, 6))
 
 
 class Content:
-    """Content of a file, read no further than needed.
+    """Content of a file, read no further than needed; `path` is None if only its bytes are given.
 
-    Attributes:
-        path: The file; None if only its bytes are given.
-        name: Name of the recording if the content has none; default: the file's name without its suffix.
-        pickled: Pickle of which `data` has the arrays; empty for any other file.
-        what: Kind of file that is expected, for messages.
-        original: File beside which its hand's sizes and its object's poses may lie; default: `path`.
+    `name` is the recording's if the content has none, by default the file's without its suffix; `what` the kind of file
+    that is expected, for messages; `original` the file beside which its hand's sizes and its object's poses may lie, by
+    default `path`. `pickled` is the pickle of which `data` has the arrays, empty for any other file.
     """
 
     def __init__(
@@ -213,35 +191,26 @@ class Content:
 
 @dataclass(frozen=True)
 class RecordingFormat:
-    """Format of recordings.
+    """Format of recordings."""
 
-    Attributes:
-        name: Name of the format and of its module.
-        description: One line about such a file.
-        suffixes: Suffixes of such files, such as ".npz".
-        sniff: Function that returns True for a content of this format; it may consult the options.
-        read: Function that reads the recording in a content. It raises TrajectoryError for a damaged one and InputError
-            for options that do not fit it, without the file's name.
-        rank: Order of detection: formats with a signature (0), any JSON (1), any text (2).
-        takes_columns: True if it takes `ReadOptions.columns`.
-        write: Function that returns the content of the file with a recording of it corrected; nothing else in it
-            changes. None for a format that is not written.
-        make: Function that returns the content of a new file of a suffix. None for a format in which none is made.
-        made: Suffixes that `make` takes.
-        mano: Function that returns the parameters of the MANO model in every sample, for the skin; None for a format
-            that has none.
-    """
-
-    name: str
-    description: str
-    suffixes: tuple[str, ...]
+    name: str  # name of the format and of its module
+    description: str  # one line about such a file
+    suffixes: tuple[str, ...]  # suffixes of such files, such as ".npz"
+    # Function that returns True for a content of this format; it may consult the options.
     sniff: Callable[[Content, ReadOptions], bool]
+    # Function that reads the recording in a content. It raises TrajectoryError for a damaged one and InputError for
+    # options that do not fit it, without the file's name.
     read: Callable[[Content, ReadOptions], Recording]
-    rank: int = 0
-    takes_columns: bool = False
+    rank: int = 0  # order of detection: formats with a signature (0), any JSON (1), any text (2)
+    takes_columns: bool = False  # True if it takes `ReadOptions.columns`
+    # Function that returns the content of the file with a recording of it corrected; nothing else in it changes. None
+    # for a format that is not written.
     write: Callable[[Content, ReadOptions, Recording, Correction], bytes] | None = None
+    # Function that returns the content of a new file of a suffix. None for a format in which none is made.
     make: Callable[[str, HandMotion], bytes] | None = None
-    made: tuple[str, ...] = ()
+    made: tuple[str, ...] = ()  # suffixes that `make` takes
+    # Function that returns the parameters of the MANO model in every sample, for the skin; None for a format that has
+    # none.
     mano: Callable[[Content, ReadOptions], tuple[FloatArray, FloatArray, FloatArray, FloatArray]] | None = None
 
 

@@ -177,11 +177,7 @@ def _with_clock(recording: Recording, factor: float, shift: float = 0.0) -> Reco
 def in_units(
     recording: Recording, *, time: str | None = None, length: str | None = None, angle: str | None = None
 ) -> Recording:
-    """Convert a recording to our units by those that the user states; None leaves one to the file and to detection.
-
-    Raises:
-        InputError: The file or its mapping states that unit already.
-    """
+    """Convert a recording to our units by those that the user states; InputError for one that the file states too."""
     given = {"time": time, "length": length, "angle": angle}
     given = {key: unit for key, unit in given.items() if unit is not None}
     for key, unit in given.items():

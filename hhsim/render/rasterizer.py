@@ -31,34 +31,21 @@ EDGE = 1e-9
 
 @dataclass(frozen=True)
 class Camera:
-    """An orthographic view.
+    """An orthographic view."""
 
-    Attributes:
-        rotation: Rows right, up and towards the viewer, shape (3, 3), world.
-        center: World point in the picture's middle [m], shape (3,).
-        height: Height of the view [m].
-        shape: Rows and columns of the finished picture [pixels].
-    """
-
-    rotation: FloatArray
-    center: FloatArray
-    height: float
-    shape: tuple[int, int]
+    rotation: FloatArray  # rows right, up and towards the viewer, shape (3, 3), world
+    center: FloatArray  # world point in the picture's middle [m], shape (3,)
+    height: float  # height of the view [m]
+    shape: tuple[int, int]  # rows and columns of the finished picture [pixels]
 
 
 @dataclass(frozen=True)
 class Layer:
-    """A surface as the camera sees it, at `OVERSAMPLING` times the pixels of the picture.
+    """A surface as the camera sees it, at `OVERSAMPLING` times the pixels of the picture."""
 
-    Attributes:
-        color: Shape (rows, columns, 3).
-        depth: Towards the viewer [m], minus infinity without a surface, shape (rows, columns).
-        facing: Cosine between the surface's normal and the direction to the viewer, shape (rows, columns).
-    """
-
-    color: Image
-    depth: FloatArray
-    facing: Image
+    color: Image  # shape (rows, columns, 3)
+    depth: FloatArray  # towards the viewer [m], minus infinity without a surface, shape (rows, columns)
+    facing: Image  # cosine between the surface's normal and the direction to the viewer, shape (rows, columns)
 
     def seen(self) -> BoolArray:
         """Return where the surface is, shape (rows, columns)."""
@@ -204,17 +191,11 @@ def composed(layers: Sequence[tuple[Layer, FloatArray | float]]) -> FloatArray:
 def rasterise(
     screen: FloatArray, towards: FloatArray, faces: IntArray, shape: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Find the nearest triangle at each pixel.
+    """Find the nearest triangle at each pixel of a picture of `shape` rows and columns.
 
-    Args:
-        screen: Column and row of each vertex [pixels], shape (n, 2).
-        towards: Its coordinate towards the viewer [m], shape (n,).
-        faces: Shape (m, 3).
-        shape: Rows and columns of the picture.
-
-    Returns:
-        Coordinate towards the viewer [m], shape (rows, columns); barycentric weights of the pixels of triangles,
-        shape (3, pixels); the triangle or -1, shape (rows, columns).
+    `screen` has column and row of each vertex [pixels], shape (n, 2), `towards` its coordinate towards the viewer [m].
+    Returns that coordinate, shape (rows, columns); barycentric weights of the pixels of triangles, shape (3, pixels);
+    and the triangle or -1, shape (rows, columns).
     """
     rows, columns = shape
     depth, owner = np.full(rows * columns, -np.inf), np.full(rows * columns, -1, dtype=np.int64)

@@ -41,10 +41,9 @@ def viewpoint(
 ) -> View:
     """Return the view that shows most of the marks, then of hand and object, with forces not seen end on.
 
-    Args:
-        marks, forces: Points that the object should not hide [m], shape (k, 3), and vectors, (j, 3); may be none.
-        usual: View of another picture, which only a view better by `GAIN` replaces.
-        below: Depth below the hand's surface from which on the hand hides a mark too [m].
+    Marks are points that the object should not hide [m], shape (k, 3); forces are vectors, (j, 3). Only a view better
+    by `GAIN` replaces the usual one of another picture; from `below` [m] under the hand's surface on the hand hides a
+    mark too.
     """
     rng = np.random.default_rng(0)
     sampled = [face_samples(surface.points, surface.faces, POINTS, rng)[0] for surface in (hand, body)]

@@ -23,18 +23,12 @@ from hhsim.system.progress import Progress, silent
 
 @dataclass(frozen=True)
 class BothRepaired:
-    """Outcomes of the right and of the left hand, in one recording.
-
-    Attributes:
-        recording: Repaired recording.
-        result: Result of both hands; None where they are not in the same frames, and each has its own.
-        nearest: Least distance between the repaired hands [m], negative where one is in the other; NaN without
-            `result`.
-    """
+    """Outcomes of the right and of the left hand, in one recording."""
 
     hands: tuple[RepairOutcome, RepairOutcome]
-    recording: Path
-    result: Path | None
+    recording: Path  # repaired recording
+    result: Path | None  # result of both hands; None where they are not in the same frames, and each has its own
+    # Least distance between the repaired hands [m], negative where one is in the other; NaN without `result`.
     nearest: float
 
     @property

@@ -35,18 +35,11 @@ ORIGIN = np.eye(3, NUMBERS)
 
 
 class FrameHand:
-    """Hand of one frame, moved by one program after the other.
+    """Hand of one frame, moved by one program after the other; `judge` measures the object.
 
-    Args:
-        judge: Measures the object.
-        written: Recorded hand, T = 1.
-        start: Hand on the side of the object where the nearest one is searched, T = 1.
-        goal: Wanted hand, T = 1; None: the recorded one, whose touching fingertips are to touch.
-        frame: Its place in the recording.
-
-    Attributes:
-        posture: The hand, T = 1.
-        found: Last measured hand that does not penetrate, T = 1; None without one.
+    `written` is the recorded hand, `start` one on the side of the object where the nearest one is searched, `goal` the
+    wanted one; None: the recorded one, whose touching fingertips are to touch. `posture` is the hand, `found` the last
+    measured one that does not penetrate, None without one; all have T = 1. `frame` is its place in the recording.
     """
 
     def __init__(

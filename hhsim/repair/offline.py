@@ -47,12 +47,9 @@ def repair_frames(
 ) -> HandConfiguration:
     """Compute hands without penetration near the recorded ones; a frame for which none is found keeps its own.
 
-    Args:
-        hand: Hand model.
-        surface: Closed mesh, in the frame of the hands.
-        frames: Recorded hands as seen from the object; those that are not finite are returned.
-        max_correction: Move of a joint [m] beyond which another way out is looked for.
-        progress: Called with the stage, the frames done and their number.
+    The closed mesh is in the frame of the hands; those that are not finite are returned. Beyond a move of a joint by
+    `max_correction` [m] another way out is looked for. `progress` is called with the stage, the frames done and their
+    number.
     """
     posture = frames.copy()
     known = np.flatnonzero(finite_frames(frames))

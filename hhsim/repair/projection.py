@@ -113,10 +113,8 @@ class Projection:
     ) -> HandConfiguration:
         """Return free hands near the recorded ones; as few frames are changed as a steady motion allows.
 
-        Args:
-            posture: Repaired hands of T frames.
-            needed: True for frames whose written hand penetrates, shape (T,).
-            object_moved: Motion of the object's frame in the world; None: it stands still.
+        `posture` are the repaired hands of T frames, `needed` those whose written hand penetrates, shape (T,),
+        `object_moved` the motion of the object's frame in the world; None: it stands still.
         """
         written = self.written
         start = self._near(posture, needed, progress)
@@ -172,12 +170,10 @@ class Projection:
     def _steady(
         self, start: HandConfiguration, may_change: BoolArray, steadiness: float, progress: Progress
     ) -> HandConfiguration:
-        """Return free hands near the recorded ones whose correction is steady.
+        """Return free hands near the recorded ones whose correction is steady; `steadiness` as of `steady_step`.
 
-        Args:
-            start: Hands of all frames, each on the side of the object on which it stays.
-            may_change: True for frames that may change, shape (T,).
-            steadiness: See `steady_step`.
+        Each hand of `start` is on the side of the object on which it stays; frames of `may_change` may change, shape
+        (T,).
         """
         found, frames = start.copy(), np.flatnonzero(may_change).tolist()
         hands = [FrameHand(self.judge, self.written.at(t), start.part(t, t + 1), frame=t) for t in frames]

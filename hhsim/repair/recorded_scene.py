@@ -29,21 +29,13 @@ from hhsim.trees.sphere_tree import SphereTree
 
 @dataclass(frozen=True, eq=False)
 class RecordedScene:
-    """Recorded hand beside its object.
+    """Recorded hand beside its object."""
 
-    Attributes:
-        scene: Object, hand and frames; a tick is a frame.
-        frames: Samples of the recording with a whole hand and a known object, shape (F,).
-        joints: Recorded joints in these frames as the object sees them [m], shape (F, 21, 3).
-        moved: Motion of the object since the first frame; None if it stands still.
-        tip_on_surface: True if recorded fingertips are points of the skin.
-    """
-
-    scene: Scene
-    frames: IntArray
-    joints: FloatArray
-    moved: RigidMotion | None
-    tip_on_surface: bool
+    scene: Scene  # object, hand and frames; a tick is a frame
+    frames: IntArray  # samples of the recording with a whole hand and a known object, shape (F,)
+    joints: FloatArray  # recorded joints in these frames as the object sees them [m], shape (F, 21, 3)
+    moved: RigidMotion | None  # motion of the object since the first frame; None if it stands still
+    tip_on_surface: bool  # True if recorded fingertips are points of the skin
 
     @property
     def haptic(self) -> HandConfiguration:
@@ -75,14 +67,10 @@ class RecordedScene:
         return Correction(given, moved, turns, joints, whole)
 
     def seen_hand(self, written: Recording, posture: HandConfiguration) -> tuple[FloatArray, HandConfiguration]:
-        """Return the hand of the written recording as the object sees it.
+        """Return the hand of the written recording, which has the same samples, as the object sees it.
 
-        Args:
-            written: Recording with the same samples.
-            posture: Our hand after the repair, as the object sees it.
-
-        Returns:
-            Joints [m], shape (F, 21, 3), and our hand: the given one, or that of a recording of angles.
+        Joints [m] have shape (F, 21, 3); beside them our hand: `posture`, which is the one after the repair, or that of
+        a recording of angles.
         """
         if written.joints is not None:
             joints = written.joints[self.frames]
@@ -116,13 +104,9 @@ class RecordedScene:
 
 
 def recorded_scene(recording: Recording, mesh: Mesh, tree: SphereTree, hand: HandModel, name: str) -> RecordedScene:
-    """Put a recording, in our units, beside its object.
+    """Put a recording, in our units, beside its object, which is in the world's origin if no pose of it is recorded.
 
-    Args:
-        mesh, tree: Object in its own frame; it stands in the origin of the world where the recording has no pose of it.
-
-    Raises:
-        TrajectoryError: Fewer than two frames have a whole hand and an object, or stamps do not increase.
+    Raises TrajectoryError where fewer than two frames have a whole hand and an object, or stamps do not increase.
     """
     objects = recording.object_motion
     known = np.isfinite(recording.time) & np.isfinite(recording.angles).all(axis=1)

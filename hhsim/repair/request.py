@@ -16,39 +16,26 @@ REPORT, RESULT, PICTURE = "report.html", "result.h5", "worst.png"
 
 @dataclass(frozen=True)
 class RepairRequest:
-    """Recording to repair, and how.
-
-    Attributes:
-        object: Name of the catalogue, or path of a mesh file.
-        out: Path of the repaired recording.
-        object_poses: File with the object's pose in each frame; None if the recording has them, or it stands still.
-        hand_file: Hand of a recording of angles; None for the usual one.
-        mano_model: The user's own file of the MANO model.
-        hand: Side of the hand; "" if the recording says it.
-        unit: Unit of the mesh file; None for metres.
-        size: Largest extent that the mesh is scaled to [m]; None keeps it.
-        max_correction: Largest displacement of a point of the hand [m].
-        skin: Vertices of the hand's skin in each frame, see `hhsim.repair.skin.read_skin`; None takes that of the MANO
-            model, or our hand's cones.
-        palm: Palm that stays outside: `fitted` to the skin, or else in proportion to the hand, half as
-            `thin`, or `none`.
-        of_both: Recording of two hands of which this one is repaired; None for that of one hand.
-        options: Further fields of `hhsim.recordings.registry.ReadOptions`.
-    """
+    """Recording to repair, and how."""
 
     recording: Path
-    object: str
-    out: Path
+    object: str  # name of the catalogue, or path of a mesh file
+    out: Path  # path of the repaired recording
+    # File with the object's pose in each frame; None if the recording has them, or it stands still.
     object_poses: Path | None = None
-    hand_file: Path | None = None
-    mano_model: Path | None = None
-    hand: HandSide = ""
-    unit: str | None = None
-    size: float | None = None
-    max_correction: float = MAX_CORRECTION
+    hand_file: Path | None = None  # hand of a recording of angles; None for the usual one
+    mano_model: Path | None = None  # the user's own file of the MANO model
+    hand: HandSide = ""  # side of the hand; "" if the recording says it
+    unit: str | None = None  # unit of the mesh file; None for metres
+    size: float | None = None  # largest extent that the mesh is scaled to [m]; None keeps it
+    max_correction: float = MAX_CORRECTION  # largest displacement of a point of the hand [m]
+    # Vertices of the hand's skin in each frame, see `hhsim.repair.skin.read_skin`; None takes that of the MANO model,
+    # or our hand's cones.
     skin: Path | None = None
+    # Palm that stays outside: `fitted` to the skin, or else in proportion to the hand, half as `thin`, or `none`.
     palm: Literal["fitted", "thin", "none"] = "fitted"
-    of_both: Path | None = None
+    of_both: Path | None = None  # recording of two hands of which this one is repaired; None for that of one hand
+    # Further fields of `hhsim.recordings.registry.ReadOptions`.
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -63,27 +50,16 @@ class RepairRequest:
 
 @dataclass(frozen=True)
 class RepairOutcome:
-    """Outcome of a repair whose recording is written.
+    """Outcome of a repair whose recording is written."""
 
-    Attributes:
-        figures: Figures by name, SI, such as pd_before and pd_after [m].
-        frames: Number of frames.
-        marked: Frames that stay as they were, or that the user should look at.
-        verdict: Judgement in words.
-        ok: True if every limit is met.
-        findings: Remarks of the reader and of the repair, a line each.
-        paths: Files that were written, by what they hold.
-        table: Figures for people.
-    """
-
-    figures: Mapping[str, float]
-    frames: int
-    marked: tuple[int, ...]
-    verdict: str
-    ok: bool
-    findings: tuple[str, ...] = ()
-    paths: Mapping[str, Path] = field(default_factory=dict)
-    table: Table | None = None
+    figures: Mapping[str, float]  # figures by name, SI, such as pd_before and pd_after [m]
+    frames: int  # number of frames
+    marked: tuple[int, ...]  # frames that stay as they were, or that the user should look at
+    verdict: str  # judgement in words
+    ok: bool  # True if every limit is met
+    findings: tuple[str, ...] = ()  # remarks of the reader and of the repair, a line each
+    paths: Mapping[str, Path] = field(default_factory=dict)  # files that were written, by what they hold
+    table: Table | None = None  # figures for people
 
     def to_json(self) -> dict[str, Any]:
         """Return the outcome as plain values, SI units."""

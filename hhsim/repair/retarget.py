@@ -31,19 +31,12 @@ FIRST_WEIGHT = 1e-4
 
 
 class Retargeted(NamedTuple):
-    """Motion of a robot's hand, T frames.
+    """Motion of a robot's hand, T frames."""
 
-    Attributes:
-        angles: Joints [rad, or m of a sliding joint], shape (T, J).
-        position: Origin of the robot's root [m], in the frame of the targets, shape (T, 3).
-        orientation: Root to that frame, (w, x, y, z), shape (T, 4).
-        error: Distance of each fingertip from its target [m], shape (T, F).
-    """
-
-    angles: FloatArray
-    position: FloatArray
-    orientation: FloatArray
-    error: FloatArray
+    angles: FloatArray  # joints [rad, or m of a sliding joint], shape (T, J)
+    position: FloatArray  # origin of the robot's root [m], in the frame of the targets, shape (T, 3)
+    orientation: FloatArray  # root to that frame, (w, x, y, z), shape (T, 4)
+    error: FloatArray  # distance of each fingertip from its target [m], shape (T, F)
 
 
 class _Wrist(NamedTuple):

@@ -43,19 +43,12 @@ OPTIONS = (
 
 
 class LinkShape(NamedTuple):
-    """Convex hull of a shape of a link, in the shape's frame.
+    """Convex hull of a shape of a link, in the shape's frame."""
 
-    Attributes:
-        link: Name of the link.
-        vertices: Corners of the hull [m], shape (V, 3).
-        planes: Outward unit normals and offsets of its faces, shape (P, 4): n·x + d ≤ 0 inside.
-        geom: Number of the shape in MuJoCo's model.
-    """
-
-    link: str
-    vertices: FloatArray
-    planes: FloatArray
-    geom: int
+    link: str  # name of the link
+    vertices: FloatArray  # corners of the hull [m], shape (V, 3)
+    planes: FloatArray  # outward unit normals and offsets of its faces, shape (P, 4): n·x + d ≤ 0 inside
+    geom: int  # number of the shape in MuJoCo's model
 
 
 class RobotPoints(NamedTuple):

@@ -24,20 +24,13 @@ SUFFIXES = (".npz", ".csv")
 
 @dataclass(frozen=True)
 class RobotMotion:
-    """Motion of a robot's hand, world, and how deep it is in the object.
+    """Motion of a robot's hand, world, and how deep it is in the object."""
 
-    Attributes:
-        joints, fingers: Names of joints and mapped fingers, in the order of the arrays of `motion`.
-        time: Of each tick [s], shape (T,).
-        motion: Joints, pose of the robot's root in the world, and fingertip errors.
-        depth: Depth of its links in the object; None for an object without an inside.
-    """
-
-    joints: tuple[str, ...]
+    joints: tuple[str, ...]  # names of joints and mapped fingers, in the order of the arrays of `motion`
     fingers: tuple[str, ...]
-    time: FloatArray
-    motion: Retargeted
-    depth: LinkDepth | None
+    time: FloatArray  # of each tick [s], shape (T,)
+    motion: Retargeted  # joints, pose of the robot's root in the world, and fingertip errors
+    depth: LinkDepth | None  # depth of its links in the object; None for an object without an inside
 
 
 def robot_motion(result: Result, robot: RobotHand, progress: Progress = silent) -> RobotMotion:

@@ -35,17 +35,11 @@ LOOKS = 48
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Skin:
-    """Mesh of the hand's surface, one set of vertices a frame, our world.
+    """Mesh of the hand's surface, one set of vertices a frame, our world."""
 
-    Attributes:
-        vertices: [m], shape (T, V, 3).
-        faces: Triangles, outward by the right hand, shape (F, 3); the wrist may be open.
-        weights: Share of each bone in a vertex's motion, bones in the order of `Correction`, shape (V, 16); rows sum
-            to 1.
-    """
-
-    vertices: FloatArray
-    faces: IntArray
+    vertices: FloatArray  # [m], shape (T, V, 3)
+    faces: IntArray  # triangles, outward by the right hand, shape (F, 3); the wrist may be open
+    # Share of each bone in a vertex's motion, bones in the order of `Correction`, shape (V, 16); rows sum to 1.
     weights: FloatArray
 
     def __repr__(self) -> str:
@@ -162,13 +156,9 @@ def cone_gaps(
 ) -> tuple[FloatArray, FloatArray]:
     """Compute the nearest sphere and the signed distance of points to each round cone of a finger.
 
-    Args:
-        along, across: Coordinates as of `cone_coordinates` [m], shape (…, 3).
-        length: Of the phalanges [m], shape (3,).
-        radius: At the joints and the tip [m], shape (4,).
-
-    Returns:
-        Share of the axis where the nearest sphere lies, and signed distance [m], shapes (…, 3).
+    Coordinates are as of `cone_coordinates` [m], shape (…, 3), lengths those of the phalanges [m], shape (3,), radii at
+    the joints and the tip [m], shape (4,). Returns the share of the axis where the nearest sphere lies, and the
+    distance [m], shapes (…, 3).
     """
     slope = np.array([cone_slope(*cone) for cone in zip(length, radius[:3], radius[1:])])
     share = np.clip((along - across * slope[:, 0]) * slope[:, 1], 0.0, 1.0)
@@ -177,17 +167,10 @@ def cone_gaps(
 
 
 def moved_skin(skin: Skin, joints: FloatArray, correction: Correction) -> FloatArray:
-    """Move every vertex with its bones from the recorded to the corrected hand.
+    """Return the skin's vertices [m], shape (T, V, 3), moved with their bones from the recorded to the corrected hand.
 
-    A frame without a correction keeps its vertices exactly.
-
-    Args:
-        skin: Skin of the recorded hand, our world.
-        joints: Recorded joints in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], our world, (T, 21, 3).
-        correction: Corrected hand of each frame.
-
-    Returns:
-        The vertices after the correction [m], shape (T, V, 3).
+    A frame without a correction keeps its vertices exactly. Recorded joints are in the order of
+    `hhsim.recordings.joint_names.KEYPOINTS` [m], our world, (T, 21, 3).
     """
     moved = skin.vertices.copy()
     changed = np.flatnonzero(correction.changed)

@@ -61,19 +61,13 @@ def skin_depth(mesh: Mesh, vertices: FloatArray) -> tuple[FloatArray, IntArray]:
 
 
 class PushedOut(NamedTuple):
-    """Postures whose skin is outside an object.
+    """Postures whose skin is outside an object."""
 
-    Attributes:
-        posture: The given one in frames that were outside, and in those that could not be freed, T frames.
-        depth: Depth of the skin before [m], shape (T,).
-        depth_after: The same in `posture`, shape (T,).
-        is_freed: True where `depth_after` is 0, shape (T,).
-    """
-
+    # The given one in frames that were outside, and in those that could not be freed, T frames.
     posture: HandConfiguration
-    depth: FloatArray
-    depth_after: FloatArray
-    is_freed: BoolArray
+    depth: FloatArray  # depth of the skin before [m], shape (T,)
+    depth_after: FloatArray  # the same in `posture`, shape (T,)
+    is_freed: BoolArray  # True where `depth_after` is 0, shape (T,)
 
 
 def push_out(
@@ -81,16 +75,9 @@ def push_out(
 ) -> PushedOut:
     """Free the skin of a recorded hand by the least change of its corrected posture, frame by frame.
 
-    The hand's own round cones play no part; all arguments but the hand are in the frame of the mesh.
-
-    Args:
-        mesh: Watertight and wound outward [m].
-        hand: Hand model of both configurations; its limits are kept, or not exceeded further.
-        skin: Skin of the recorded hand in T frames.
-        joints: Recorded joints as of `hhsim.repair.skin.moved_skin` [m], shape (T, 21, 3). A frame with NaN counts as
-            outside.
-        fitted: Configuration of the hand in each recorded frame.
-        posture: Corrected configuration, the one to stay near to.
+    The hand's own round cones play no part; its limits are kept, or not exceeded further. Mesh, watertight and wound
+    outward, skin, recorded joints as of `hhsim.repair.skin.moved_skin`, and both configurations are in one frame. A
+    frame with NaN counts as outside.
     """
     found, vertices = posture.copy(), np.empty_like(skin.vertices)
     for first in range(0, len(vertices), BLOCK_FRAMES):

@@ -52,18 +52,13 @@ class SkinFit:
     """Distances of a skin's vertices to the bodies of their own bones, over all frames.
 
     A finger's bones count as one body; vertices of a palm that is not modelled do not count.
-
-    Attributes:
-        contained: Share of the vertices that lie inside.
-        excess_mean, excess_max: Distance outside [m], mean over all vertices (0 inside) and largest.
-        slack_mean: Mean depth inside [m], over all vertices (0 outside).
-        excess: Largest distance outside for the palm and each finger [m], shape (6,); NaN where nothing counts.
     """
 
-    contained: float
-    excess_mean: float
-    excess_max: float
-    slack_mean: float
+    contained: float  # share of the vertices that lie inside
+    excess_mean: float  # mean distance outside [m], over all vertices (0 inside)
+    excess_max: float  # largest distance outside [m]
+    slack_mean: float  # mean depth inside [m], over all vertices (0 outside)
+    # Largest distance outside for the palm and each finger [m], shape (6,); NaN where nothing counts.
     excess: FloatArray
 
 
@@ -156,13 +151,9 @@ def _vertices_of(skin: Skin, finger: int) -> tuple[IntArray, IntArray]:
 def fit_radii(along: FloatArray, across: FloatArray, phalanx: IntArray, length: FloatArray) -> FloatArray:
     """Fit the radii of a finger of least volume that contains points.
 
-    Args:
-        along, across: Coordinates of the points, as of `hhsim.repair.skin.cone_coordinates` [m], shape (n, 3).
-        phalanx: Phalanx of each point, whose cone is the first to contain it, shape (n,).
-        length: Of the phalanges [m], shape (3,).
-
-    Returns:
-        Radii at the joints and the tip [m], not growing towards the tip, shape (4,); every point is inside.
+    Their coordinates are as of `hhsim.repair.skin.cone_coordinates` [m], shape (n, 3); `phalanx` is that whose cone is
+    the first to contain each, shape (n,). Returns radii at the joints and the tip [m], not growing towards the tip,
+    shape (4,); every point is inside.
     """
     each = np.arange(len(phalanx))
     cone, share = phalanx, np.clip(along / length, 0.0, 1.0)[each, phalanx]
@@ -264,14 +255,9 @@ def ball_cover(points: FloatArray, normal: FloatArray, most: int) -> tuple[Float
     """Cover points of a surface by at most so many balls that stand out of it as little as greedy choice allows.
 
     Candidates touch a point from inside and hold no other (shrinking balls: Ma, Bae & Choi, Visual Computer 28, 2012).
-    All grow by the same length, found by bisection, so that few of them cover all points.
-
-    Args:
-        points: [m], shape (n, 3).
-        normal: Outward, of any length, zero where unknown, shape (n, 3).
-
-    Returns:
-        Centres [m], shape (m, 3), and radii [m], shape (m,).
+    All grow by the same length, found by bisection, so that few of them cover all points. Points [m] and outward
+    normals, of any length, zero where unknown, have shape (n, 3). Returns centres [m], shape (m, 3), and radii [m],
+    shape (m,).
     """
     size = np.linalg.norm(normal, axis=1, keepdims=True)
     inward = -normal / np.where(size > 0.0, size, 1.0)

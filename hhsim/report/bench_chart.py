@@ -50,25 +50,16 @@ SPREAD = 8.0
 
 @dataclass(frozen=True)
 class Chart:
-    """Chart of one suite.
-
-    Attributes:
-        series: Column whose values choose a colour.
-        x: Column of the abscissa.
-        y: Column of the ordinate; "" where each line is one of `labels`.
-        labels: Columns that name a line.
-        of: Computes a row's abscissa where it is no column's; `axis` names it.
-        mark: Abscissa of a line that is drawn.
-    """
+    """Chart of one suite."""
 
     title: str
-    series: str = "method"
-    x: str = ""
-    y: str = ""
-    labels: tuple[str, ...] = ()
-    of: Callable[[Row], float] | None = None
+    series: str = "method"  # column whose values choose a colour
+    x: str = ""  # column of the abscissa
+    y: str = ""  # column of the ordinate; "" where each line is one of `labels`
+    labels: tuple[str, ...] = ()  # columns that name a line
+    of: Callable[[Row], float] | None = None  # computes a row's abscissa where it is no column's; `axis` names it
     axis: str = ""
-    mark: float | None = None
+    mark: float | None = None  # abscissa of a line that is drawn
 
 
 def _share_of_bar(row: Row) -> float:

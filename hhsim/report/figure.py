@@ -61,25 +61,17 @@ class Drawing:
 
 @dataclass(frozen=True, repr=False)
 class ReportFigure:
-    """One picture of a report.
+    """One picture of a report."""
 
-    Attributes:
-        name: Name of its file and anchor: lower case, digits and hyphens.
-        caption: What is drawn and how to read it, plain text.
-        alt: Alternative text.
-        phone_png: The figure for a narrow page; None where `png` will do.
-        drawing: Draws it again; None for a rendered picture.
-    """
-
-    name: str
+    name: str  # name of its file and anchor: lower case, digits and hyphens
     title: str
-    caption: str
-    alt: str
+    caption: str  # what is drawn and how to read it, plain text
+    alt: str  # alternative text
     png: bytes
     width_px: int
     height_px: int
-    phone_png: bytes | None = None
-    drawing: Drawing | None = field(default=None, compare=False)
+    phone_png: bytes | None = None  # the figure for a narrow page; None where `png` will do
+    drawing: Drawing | None = field(default=None, compare=False)  # draws it again; None for a rendered picture
 
     def __repr__(self) -> str:
         return f"ReportFigure({self.name}, {self.width_px} x {self.height_px} pixels: {self.alt})"

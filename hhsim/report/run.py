@@ -18,26 +18,18 @@ from hhsim.result.wording import motion_name, object_name
 
 @dataclass(frozen=True)
 class ReportRun:
-    """One result.
+    """One result."""
 
-    Attributes:
-        result: The file, with depths of its poses.
-        prefix: Begin of the names of its pictures and anchors.
-        rows: The table that replay prints.
-        misstated: Sentence on figures of the file that are not those of its ticks; else "".
-        session: Table of a live session; empty for a replay, and where the recording was cut short.
-        verdict: Verdict by the gate's default limits.
-    """
-
-    result: PosedResult
+    result: PosedResult  # the file, with depths of its poses
     label: str
-    prefix: str
-    rows: tuple[SummaryRow, ...]
-    misstated: str
+    prefix: str  # begin of the names of its pictures and anchors
+    rows: tuple[SummaryRow, ...]  # the table that replay prints
+    misstated: str  # sentence on figures of the file that are not those of its ticks; else ""
+    # Table of a live session; empty for a replay, and where the recording was cut short.
     session: tuple[SummaryRow, ...]
     phases: tuple[dict[str, Any], ...]
     fingers: tuple[dict[str, Any], ...]
-    verdict: Verdict
+    verdict: Verdict  # verdict by the gate's default limits
 
     @property
     def ended(self) -> str:

@@ -32,23 +32,15 @@ PAPER_DEPTH = 1e-4
 
 @dataclass(frozen=True)
 class SpeedError:
-    """One result as a point; NaN where a figure is undefined.
-
-    Attributes:
-        p50, p99: CPU time of a tick in contact [s].
-        depth: Deepest penetration of the touched surface, leaf spheres or mesh, of all ticks [m].
-        mesh: Deepest penetration of the mesh, or largest distance of a contact point from it, of sampled ticks [m].
-        excess: Coupling energy above the optimum, mean of the hold [%].
-        of_paper: True if the scene is one of the paper's.
-    """
+    """One result as a point; NaN where a figure is undefined."""
 
     label: str
-    p50: float
+    p50: float  # CPU time of a tick in contact [s]
     p99: float
-    depth: float
-    mesh: float
-    excess: float
-    of_paper: bool = False
+    depth: float  # deepest penetration of the touched surface, leaf spheres or mesh, of all ticks [m]
+    mesh: float  # deepest penetration of the mesh, or largest distance of a contact point from it, of sampled ticks [m]
+    excess: float  # coupling energy above the optimum, mean of the hold [%]
+    of_paper: bool = False  # True if the scene is one of the paper's
 
 
 AXES = (

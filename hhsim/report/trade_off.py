@@ -50,25 +50,16 @@ PLACES: tuple[Place, ...] = (
 
 @dataclass(frozen=True)
 class Mark:
-    """One mark of a panel.
+    """One mark of a panel."""
 
-    Attributes:
-        cost: Cost, such as the median CPU time of a tick [s]; NaN where undefined.
-        error: Error in the unit of the panel; NaN where undefined.
-        until: Cost at which a line from the mark ends; None for no line.
-        filled: False for a mark with a white face.
-        best: True if a line joins it to the others that are best.
-        name: Text beside it; "" for none.
-    """
-
-    cost: float
-    error: float
+    cost: float  # cost, such as the median CPU time of a tick [s]; NaN where undefined
+    error: float  # error in the unit of the panel; NaN where undefined
     color: str
     shape: str
-    until: float | None = None
-    filled: bool = True
-    best: bool = False
-    name: str = ""
+    until: float | None = None  # cost at which a line from the mark ends; None for no line
+    filled: bool = True  # False for a mark with a white face
+    best: bool = False  # True if a line joins it to the others that are best
+    name: str = ""  # text beside it; "" for none
 
     @property
     def known(self) -> bool:
@@ -78,23 +69,16 @@ class Mark:
 
 @dataclass(frozen=True)
 class TradeOff:
-    """One panel.
-
-    Attributes:
-        least: A tenth of the lowest decade that is shown, in the unit of the errors.
-        paper: Error that the paper states, drawn over its range of times; NaN for its times alone, None for neither.
-        axis: Label of the axis below.
-        budget: Limit of a time, drawn as a line [s]; None for none.
-        spelled: Text of a number on the axis below.
-    """
+    """One panel."""
 
     title: str
     marks: Sequence[Mark]
-    least: float
+    least: float  # a tenth of the lowest decade that is shown, in the unit of the errors
+    # Error that the paper states, drawn over its range of times; NaN for its times alone, None for neither.
     paper: float | None = None
-    axis: str = "CPU time of a tick in contact"
-    budget: float | None = BUDGET
-    spelled: Callable[[float], str] = time_text
+    axis: str = "CPU time of a tick in contact"  # label of the axis below
+    budget: float | None = BUDGET  # limit of a time, drawn as a line [s]; None for none
+    spelled: Callable[[float], str] = time_text  # text of a number on the axis below
 
 
 def trade_off_drawing(

@@ -9,7 +9,6 @@ from typing import Any, Literal
 import numpy as np
 
 from hhsim.errors import InputError
-from hhsim.metrics import metrics
 from hhsim.metrics.run_ticks import HOLD
 from hhsim.render.viewpoint import View
 from hhsim.report.figure import Album, PageFigure
@@ -60,7 +59,7 @@ def _force_steps(result: Result) -> np.ndarray:
     moving[0] = False
     for phase in result.phases:
         if phase.name == HOLD:
-            moving &= ~metrics.phase_mask(result.ticks, phase.first_tick, phase.last_tick)
+            moving[phase.first_tick : phase.last_tick + 1] = False
     if result.live is not None:
         moving[1:] &= np.diff(result[f"{LIVE_TICK}/record"]) == 1
     steps = np.zeros(result.ticks)

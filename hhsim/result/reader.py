@@ -17,37 +17,8 @@ from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameE
 from hhsim.hand.fingers import BODIES
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.motion.trajectory import TickPhase, phase_names
+from hhsim.result import schema
 from hhsim.result.object_frame import TURNS, as_object_sees
-from hhsim.result.schema import (
-    CONTACT,
-    CONTACT_COLUMNS,
-    DRIVEN_SCHEMA_VERSION,
-    FORMAT,
-    FREE_COLUMNS,
-    HANDS,
-    JOINT_COLUMN,
-    JOINTED_SCHEMA_VERSION,
-    LIVE,
-    LIVE_TICK,
-    LIVE_TICK_COLUMNS,
-    OBJECT_COLUMNS,
-    OWN_COLUMNS,
-    PART_COLUMNS,
-    PART_STATIC_COLUMNS,
-    SCHEMA_VERSIONS,
-    SIDES,
-    SKIN,
-    SKIN_COLUMNS,
-    STATIC_COLUMNS,
-    SUFFIXES,
-    THINGS,
-    TICK_COLUMNS,
-    TWO_HANDED,
-    TWO_HANDED_SCHEMA_VERSION,
-    Column,
-    is_one_of_two,
-    wrong_schema,
-)
 from hhsim.system.environment import UNKNOWN
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5, read_numbers
 from hhsim.system.media_kind import media_kind_of
@@ -192,7 +163,7 @@ class Result:
 
     def _object_motion(self, file: h5py.File, rows: slice | int) -> ObjectMotion:
         part = slice(*rows.indices(self.ticks)) if isinstance(rows, slice) else slice(rows, rows + 1)
-        return ObjectMotion(*(_finite_numbers(file["tick"][column.name], part) for column in OBJECT_COLUMNS))
+        return ObjectMotion(*(_finite_numbers(file["tick"][column.name], part) for column in schema.OBJECT_COLUMNS))
 
     def _rows(self, file: h5py.File, name: str, rows: slice | int) -> AnyArray:
         """Read rows of a dataset of /tick in the view's frame."""
@@ -210,7 +181,7 @@ class Result:
     def __getitem__(self, name: str) -> AnyArray:
         if name not in self._loaded:
             with _opened(self.path) as file:
-                of_ticks = not name.startswith((f"{LIVE}/", f"{CONTACT}/", f"{THINGS}/"))
+                of_ticks = not name.startswith((f"{schema.LIVE}/", f"{schema.CONTACT}/", f"{schema.THINGS}/"))
                 dataset = file.get(f"tick/{name}" if of_ticks else name)
                 if not isinstance(dataset, h5py.Dataset):
                     raise self._no_dataset(name, dataset)
@@ -223,7 +194,7 @@ class Result:
         """Names of all datasets: those of /tick, and those under `live/` and `contact/`."""
         with _opened(self.path) as file:
             found = _dataset_names(file["tick"])
-            for group in (LIVE, CONTACT, THINGS):
+            for group in (schema.LIVE, schema.CONTACT, schema.THINGS):
                 if group in file:
                     found += [f"{group}/{name}" for name in _dataset_names(file[group])]
             return found
@@ -235,9 +206,9 @@ class Result:
         if group is not None:
             inside = [known for known in self.keys() if known.startswith(f"{name}/")]
             return InputError(f"{self.path}: {name} is a group; expected one of its datasets: {', '.join(inside)}")
-        if name.startswith(f"{LIVE}/") and self.live is None:
+        if name.startswith(f"{schema.LIVE}/") and self.live is None:
             return InputError(f"{self.path} has no dataset {name}: it is no live session")
-        if name.startswith(f"{CONTACT}/") and not self.free:
+        if name.startswith(f"{schema.CONTACT}/") and not self.free:
             return InputError(f"{self.path} has no dataset {name}: contacts are stored where the object is free")
         return InputError(f"{self.path}: {UnknownNameError('dataset', name, self.keys())}")
 
@@ -246,7 +217,7 @@ class Result:
         with _opened(self.path) as file:
             for first in range(0, self.ticks, size):
                 rows = slice(first, min(first + size, self.ticks))
-                beside = tuple(name for name in names if name.startswith((f"{LIVE}/", f"{THINGS}/")))
+                beside = tuple(name for name in names if name.startswith((f"{schema.LIVE}/", f"{schema.THINGS}/")))
                 yield {
                     name: read_numbers(file[name], rows) if name in beside else self._rows(file, name, rows)
                     for name in names
@@ -261,24 +232,20 @@ class Result:
 
     def _whole_rows(self, dataset: h5py.Dataset) -> int:
         """Number of rows that belong to the ticks: a killed run may have written a block to some datasets only."""
-        if f"/{THINGS}/" in dataset.name:
+        if f"/{schema.THINGS}/" in dataset.name:
             grows = dataset.name.rpartition("/")[2] in {
-                column.name for column in (*PART_COLUMNS, *OWN_COLUMNS, JOINT_COLUMN)
+                column.name for column in (*schema.PART_COLUMNS, *schema.OWN_COLUMNS, schema.JOINT_COLUMN)
             }
             return self.ticks if grows else len(dataset)
         table = dataset.parent
-        if f"{table.name}/".endswith((f"/{LIVE_TICK}/", f"/{LIVE_TICK}/taken/")):
+        if f"{table.name}/".endswith((f"/{schema.LIVE_TICK}/", f"/{schema.LIVE_TICK}/taken/")):
             return self.ticks
-        if not table.name.endswith(f"/{CONTACT}"):
+        if not table.name.endswith(f"/{schema.CONTACT}"):
             return min(len(column) for column in table.values())
         ticks, bodies = table["tick"][...], table["body"][...]
         # Where two hands hold one object, those of the other hand follow.
-        most = 2 * BODIES if self.scene.get(TWO_HANDED) else BODIES
-        if (
-            (np.diff(ticks) < 0).any()
-            or (ticks[:1] < 0).any()
-            or ((bodies < -1 - len(self.parts)) | (bodies >= most)).any()
-        ):
+        most = 2 * BODIES if self.scene.get(schema.TWO_HANDED) else BODIES
+        if (np.diff(ticks) < 0).any() or (ticks[:1] < 0).any() or ((bodies < -1) | (bodies >= most)).any():
             raise InputError(f"{self.path} is damaged: a contact of no tick, or of no body")
         return int(np.searchsorted(ticks, self.ticks))
 
@@ -286,11 +253,11 @@ class Result:
     def skin_faces(self) -> IntArray | None:
         """Triangles of the shown hand's skin, shape (F, 3); None where a result has none; InputError for damage."""
         with _opened(self.path) as file:
-            if SKIN not in file:
+            if schema.SKIN not in file:
                 return None
-            for column in SKIN_COLUMNS:
-                _check_dataset(file[SKIN], column, column.shape, self.path)
-            vertices, found = file[SKIN]["vertices"], np.asarray(file[SKIN]["faces"], np.int64)
+            for column in schema.SKIN_COLUMNS:
+                _check_dataset(file[schema.SKIN], column, column.shape, self.path)
+            vertices, found = file[schema.SKIN]["vertices"], np.asarray(file[schema.SKIN]["faces"], np.int64)
             if len(vertices) < self.ticks or not len(found) or not 0 <= found.min() <= found.max() < vertices.shape[1]:
                 raise InputError(f"{self.path} is damaged: its skin does not fit its ticks or its triangles")
             return found
@@ -298,7 +265,7 @@ class Result:
     def skin(self, rows: slice) -> FloatArray:
         """Read the skin's vertices at some ticks [m], shape (T, V, 3), in the view's frame."""
         with _opened(self.path) as file:
-            found = np.asarray(_finite_numbers(file[SKIN]["vertices"], rows), np.float64)
+            found = np.asarray(_finite_numbers(file[schema.SKIN]["vertices"], rows), np.float64)
         if self.view is None:
             return found
         return self.moved_since_first(rows).seen_points(found)
@@ -318,10 +285,10 @@ class Result:
 
 def hand_paths(path: Path) -> list[Path]:
     """Return the results in a file: its path, or `FILE/right` and `FILE/left` of two hands; errors as `load_result`."""
-    if is_one_of_two(path):
+    if schema.is_one_of_two(path):
         return [path]
     with _opened(path) as file:
-        return [path / side for side in SIDES] if HANDS in file else [path]
+        return [path / side for side in schema.SIDES] if schema.HANDS in file else [path]
 
 
 def load_result(path: str | Path) -> Result:
@@ -336,20 +303,24 @@ def load_result(path: str | Path) -> Result:
         _check_format(file, path)
         tick = file.get("tick", {})
         parts = _parts(file, path)
-        driven = bool(file.attrs["schema_version"] == DRIVEN_SCHEMA_VERSION) or "object/position" in tick
-        columns = (*TICK_COLUMNS, *(OBJECT_COLUMNS if driven else ()), *(FREE_COLUMNS if CONTACT in file else ()))
+        driven = bool(file.attrs["schema_version"] == schema.DRIVEN_SCHEMA_VERSION) or "object/position" in tick
+        columns = (
+            *schema.TICK_COLUMNS,
+            *(schema.OBJECT_COLUMNS if driven else ()),
+            *(schema.FREE_COLUMNS if schema.CONTACT in file else ()),
+        )
         for column in columns:
             _check_dataset(tick, column, (-1, *column.shape), path)
-        for column in STATIC_COLUMNS:
+        for column in schema.STATIC_COLUMNS:
             _check_dataset(file, column, column.shape, path)
         for names in _TOGETHER:
             if len({len(file[name]) for name in names}) > 1:
                 raise InputError(f"{path} is damaged: {' and '.join(names)} are not of the same length")
-        for column in CONTACT_COLUMNS if CONTACT in file else ():
-            _check_dataset(file[CONTACT], column, (-1, *column.shape), path)
+        for column in schema.CONTACT_COLUMNS if schema.CONTACT in file else ():
+            _check_dataset(file[schema.CONTACT], column, (-1, *column.shape), path)
         ticks = min(len(tick[column.name]) for column in columns)
-        if LIVE_TICK in file:
-            ticks = min(ticks, *(len(file[LIVE_TICK][column.name]) for column in LIVE_TICK_COLUMNS))
+        if schema.LIVE_TICK in file:
+            ticks = min(ticks, *(len(file[schema.LIVE_TICK][column.name]) for column in schema.LIVE_TICK_COLUMNS))
         attributes = file.attrs
         dirty = attributes["git_dirty"]
         return Result(
@@ -364,8 +335,8 @@ def load_result(path: str | Path) -> Result:
             packages=_mapping(attributes["packages"]),
             phases=tuple(phase for phase in read_phases(file) if phase.first_tick < ticks),
             summary=_attributes(file["summary"]),
-            static={column.name: _frozen(_finite_numbers(file[column.name])) for column in STATIC_COLUMNS},
-            live=_Stated(_attributes(file[LIVE]), path) if LIVE in file else None,
+            static={column.name: _frozen(_finite_numbers(file[column.name])) for column in schema.STATIC_COLUMNS},
+            live=_Stated(_attributes(file[schema.LIVE]), path) if schema.LIVE in file else None,
             command=tuple(json.loads(attributes["command"])),
             git_revision=str(attributes["git_revision"]),
             git_dirty=dirty if isinstance(dirty, str) else bool(dirty),
@@ -378,14 +349,14 @@ def load_result(path: str | Path) -> Result:
 
 def _parts(file: h5py.File, path: Path) -> tuple[str, ...]:
     """Groups of the parts of a thing, in their order; none in other files."""
-    if file.attrs["schema_version"] != JOINTED_SCHEMA_VERSION:
+    if file.attrs["schema_version"] != schema.JOINTED_SCHEMA_VERSION:
         return ()
     named = _mapping(file.attrs["scene"])["thing"]
-    groups = tuple(f"{THINGS}/{named['name']}/{part}" for part in named["parts"])
+    groups = tuple(f"{schema.THINGS}/{named['name']}/{part}" for part in named["parts"])
     for group in groups:
-        for column in PART_STATIC_COLUMNS:
+        for column in schema.PART_STATIC_COLUMNS:
             _check_dataset(file[group], column, column.shape, path)
-        for column in PART_COLUMNS:
+        for column in schema.PART_COLUMNS:
             _check_dataset(file[group], column, (-1, *column.shape), path)
     return groups
 
@@ -436,12 +407,12 @@ def check_result_path(path: Path) -> None:
             result.
     """
     check_output_path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        raise OutputError(f"{path} is no name for a result: it has to end in {' or '.join(SUFFIXES)}")
+    if path.suffix.lower() not in schema.SUFFIXES:
+        raise OutputError(f"{path} is no name for a result: it has to end in {' or '.join(schema.SUFFIXES)}")
     if not path.exists():
         return
     try:
-        is_result = hdf5_format(path) == FORMAT
+        is_result = hdf5_format(path) == schema.FORMAT
     except BlockingIOError as error:
         raise OutputError(f"{path} is being written by another process: name another file with --out") from error
     if not is_result:
@@ -458,11 +429,11 @@ def read_phases(file: h5py.File) -> Iterator[TickPhase]:
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[h5py.File]:
     """Open for reading, of `FILE.h5/left` that hand's group; raise InputError for every failure of the file."""
-    if is_one_of_two(path):
+    if schema.is_one_of_two(path):
         with _opened(path.parent) as file:
-            if HANDS not in file:
+            if schema.HANDS not in file:
                 raise InputError(f"{path.parent} holds one hand: name it without /{path.name}")
-            yield file[HANDS][path.name]
+            yield file[schema.HANDS][path.name]
         return
     if not path.exists():
         raise InputError(f"{path}: no such file; expected a result (.h5)")
@@ -487,21 +458,21 @@ def _opened(path: Path) -> Iterator[h5py.File]:
 
 def _check_format(file: h5py.File, path: Path) -> None:
     found = file.attrs.get("format")
-    if found != FORMAT:
+    if found != schema.FORMAT:
         what = f"its format is '{found}'" if isinstance(found, str) else "it states no format"
-        raise InputError(f"{path} is no result file: {what}, not '{FORMAT}'{_HINTS.get(str(found), '')}")
+        raise InputError(f"{path} is no result file: {what}, not '{schema.FORMAT}'{_HINTS.get(str(found), '')}")
     version = file.attrs.get("schema_version")
-    if version == TWO_HANDED_SCHEMA_VERSION:
+    if version == schema.TWO_HANDED_SCHEMA_VERSION:
         raise InputError(f"{path} holds two hands: name one of them, {path}/right or {path}/left")
-    if version not in SCHEMA_VERSIONS:
-        raise InputError(f"{path} {wrong_schema(version)}")
+    if version not in schema.SCHEMA_VERSIONS:
+        raise InputError(f"{path} {schema.wrong_schema(version)}")
 
 
 _STORED = {"f": "fiu", "i": "iu", "u": "iu", "S": "SO"}
 """Kinds of values accepted in a file, by the kind of the column."""
 
 
-def _check_dataset(group: Mapping[str, Any], column: Column, shape: tuple[int, ...], path: Path) -> None:
+def _check_dataset(group: Mapping[str, Any], column: schema.Column, shape: tuple[int, ...], path: Path) -> None:
     dataset = group.get(column.name)
     if dataset is None:
         raise InputError(f"{path} is damaged or no result file: it lacks the dataset {column.name}")

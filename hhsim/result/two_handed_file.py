@@ -25,14 +25,10 @@ STATED = ("format", "command", "hhsim_version", "created_utc", "git_revision", "
 
 
 def join_hands(parts: Sequence[Path], between: Mapping[str, AnyArray], path: Path) -> Path:
-    """Join the complete results of the right and the left hand to one file at `path`, and delete them.
+    """Join the complete results of the right and the left hand, in the order of `SIDES`, to one file, and delete them.
 
-    Args:
-        parts: Their paths, in the order of `SIDES`.
-        between: Arrays of `BETWEEN_COLUMNS` by name; empty where the hands have no ticks in common.
-
-    Raises:
-        OutputError: The file cannot be written; the parts stay.
+    `between` has the arrays of `BETWEEN_COLUMNS` by name, none where the hands have no ticks in common. Raises
+    OutputError where the file cannot be written; the parts stay.
     """
     partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:

@@ -23,23 +23,8 @@ import numpy as np
 from hhsim.arrays import AnyArray
 from hhsim.errors import OutputError
 from hhsim.motion.trajectory import TickPhase
+from hhsim.result import schema
 from hhsim.result.reader import CHUNK_TICKS, check_result_path, fits, spelled
-from hhsim.result.schema import (
-    CONTACT,
-    CONTACT_COLUMNS,
-    DRIVEN_SCHEMA_VERSION,
-    FORMAT,
-    FREE_COLUMNS,
-    JOINTED_SCHEMA_VERSION,
-    OBJECT_COLUMNS,
-    PART_STATIC_COLUMNS,
-    SCHEMA_VERSION,
-    SKIN,
-    SKIN_COLUMNS,
-    STATIC_COLUMNS,
-    TICK_COLUMNS,
-    Column,
-)
 from hhsim.system import environment as info
 from hhsim.system.checksummed_file import seal_file
 from hhsim.system.counted import counted
@@ -82,7 +67,7 @@ class ResultWriter:
         scene: Mapping[str, Any],
         static: Mapping[str, AnyArray],
         phases: Sequence[TickPhase] = (),
-        tables: Mapping[str, Sequence[Column]] | None = None,
+        tables: Mapping[str, Sequence[schema.Column]] | None = None,
         attributes: Mapping[str, Mapping[str, Scalar]] | None = None,
         command: Sequence[str] = (),
         driven: bool = False,
@@ -92,12 +77,12 @@ class ResultWriter:
         check_result_path(path)
         self._output_path = path
         self.path = free_name(path.with_name(f"{path.stem}.partial{path.suffix}")) if path.exists() else path
-        of_rigid = DRIVEN_SCHEMA_VERSION if driven or free else SCHEMA_VERSION
-        self._schema, self._parts = JOINTED_SCHEMA_VERSION if parts else of_rigid, parts or {}
-        moving = (*(OBJECT_COLUMNS if driven or free else ()), *(FREE_COLUMNS if free else ()))
-        self._tables = {_TICK: _Table((*TICK_COLUMNS, *moving))}
+        of_rigid = schema.DRIVEN_SCHEMA_VERSION if driven or free else schema.SCHEMA_VERSION
+        self._schema, self._parts = schema.JOINTED_SCHEMA_VERSION if parts else of_rigid, parts or {}
+        moving = (*(schema.OBJECT_COLUMNS if driven or free else ()), *(schema.FREE_COLUMNS if free else ()))
+        self._tables = {_TICK: _Table((*schema.TICK_COLUMNS, *moving))}
         if free:
-            self._tables[CONTACT] = _Table(CONTACT_COLUMNS)
+            self._tables[schema.CONTACT] = _Table(schema.CONTACT_COLUMNS)
         self._tables |= {group: _Table(columns) for group, columns in (tables or {}).items()}
         self._complete = False
         with output_errors(self.path), contextlib.ExitStack() as undo:
@@ -200,12 +185,12 @@ class ResultWriter:
         phases: Sequence[TickPhase],
         attributes: Mapping[str, Mapping[str, Scalar]],
     ) -> None:
-        arrays = _checked(static, STATIC_COLUMNS, lambda column: column.shape)
+        arrays = _checked(static, schema.STATIC_COLUMNS, lambda column: column.shape)
         scene_json = json.dumps(scene, sort_keys=True)
         self._claim(sum(array.nbytes for array in arrays.values()) + len(scene_json) + 2 * _OVERHEAD)
-        first = {"format": FORMAT, "schema_version": self._schema, "complete": 0}
+        first = {"format": schema.FORMAT, "schema_version": self._schema, "complete": 0}
         self._file.attrs.update({**first, **info.file_attributes(), "scene": scene_json})
-        for column in STATIC_COLUMNS:
+        for column in schema.STATIC_COLUMNS:
             describe_dataset(self._file.create_dataset(column.name, data=arrays[column.name]), column)
         for group, table in self._tables.items():
             for column in table.columns:
@@ -218,9 +203,9 @@ class ResultWriter:
                 )
                 describe_dataset(dataset, column)
         for part, of_part in self._parts.items():
-            arrays = _checked(of_part, PART_STATIC_COLUMNS, lambda column: column.shape)
+            arrays = _checked(of_part, schema.PART_STATIC_COLUMNS, lambda column: column.shape)
             self._claim(sum(array.nbytes for array in arrays.values()) + _OVERHEAD)
-            for column in PART_STATIC_COLUMNS:
+            for column in schema.PART_STATIC_COLUMNS:
                 dataset = self._file.create_dataset(f"{part}/{column.name}", data=arrays[column.name])
                 describe_dataset(dataset, column)
         self._file.create_group("summary")
@@ -234,11 +219,11 @@ class ResultWriter:
             del self._file["phase"]
         group = self._file.create_group("phase")
         names = group.create_dataset("name", data=[phase.name for phase in phases], dtype=h5py.string_dtype())
-        describe_dataset(names, Column("name", (-1,), "", "1", "name of each phase of the trajectory"))
+        describe_dataset(names, schema.Column("name", (-1,), "", "1", "name of each phase of the trajectory"))
         for name in ("first_tick", "last_tick"):
             dataset = group.create_dataset(name, data=np.array([getattr(phase, name) for phase in phases], dtype="<i8"))
             what = f"{name.split('_')[0]} tick of each phase, from 0"
-            describe_dataset(dataset, Column(name, (-1,), "<i8", "1", what))
+            describe_dataset(dataset, schema.Column(name, (-1,), "<i8", "1", what))
 
     def _claim(self, size: int) -> None:
         """Allocate `size` bytes of the file system behind HDF5's own."""
@@ -270,9 +255,7 @@ def state(path: Path, name: str, document: Mapping[str, Any]) -> None:
     """Add a JSON document as attribute `name` to a complete result, and seal it anew.
 
     Of several runs, `repeated` has `runs`, how many, and `times`: mean and std by the name of the figure, SI or %.
-
-    Raises:
-        OutputError: The file cannot be written.
+    Raises OutputError where the file cannot be written.
     """
     with output_errors(path), _amended(path) as file:
         file.attrs[name] = json.dumps(document)
@@ -283,15 +266,17 @@ def add_skin(path: Path, vertices: AnyArray, faces: AnyArray) -> None:
 
     Vertices [m], world, have shape (T, V, 3), triangles (F, 3). OutputError leaves the file as it was.
     """
-    arrays = _checked({"vertices": vertices, "faces": faces}, SKIN_COLUMNS, lambda column: column.shape)
+    arrays = _checked({"vertices": vertices, "faces": faces}, schema.SKIN_COLUMNS, lambda column: column.shape)
     partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with output_errors(path):
             shutil.copyfile(path, partial)
             with _amended(partial) as file:
-                file.pop(SKIN, None)
-                for column in SKIN_COLUMNS:
-                    describe_dataset(file.create_dataset(f"{SKIN}/{column.name}", data=arrays[column.name]), column)
+                file.pop(schema.SKIN, None)
+                for column in schema.SKIN_COLUMNS:
+                    describe_dataset(
+                        file.create_dataset(f"{schema.SKIN}/{column.name}", data=arrays[column.name]), column
+                    )
             partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
@@ -311,7 +296,7 @@ def _amended(path: Path) -> Iterator[h5py.File]:
 class _Table:
     """Group whose datasets grow together."""
 
-    columns: Sequence[Column]
+    columns: Sequence[schema.Column]
     rows: int = 0
 
     def growth(self, arrays: Mapping[str, AnyArray]) -> int:
@@ -325,7 +310,7 @@ class _Table:
         return sum(np.dtype(column.dtype).itemsize * math.prod(column.shape) for column in self.columns)
 
 
-def _rows(arrays: Mapping[str, AnyArray], columns: Sequence[Column]) -> dict[str, AnyArray]:
+def _rows(arrays: Mapping[str, AnyArray], columns: Sequence[schema.Column]) -> dict[str, AnyArray]:
     """Convert the rows of a table to the file's types; all columns have the same length."""
     rows = _checked(arrays, columns, lambda column: (-1, *column.shape))
     counts = {len(array) for array in rows.values()}
@@ -339,7 +324,9 @@ def _count(arrays: Mapping[str, AnyArray]) -> int:
 
 
 def _checked(
-    arrays: Mapping[str, AnyArray], columns: Sequence[Column], shape_of: Callable[[Column], tuple[int, ...]]
+    arrays: Mapping[str, AnyArray],
+    columns: Sequence[schema.Column],
+    shape_of: Callable[[schema.Column], tuple[int, ...]],
 ) -> dict[str, AnyArray]:
     """Convert each column's array to the file's type; raise ValueError for a caller's wrong arrays."""
     names = {column.name for column in columns}
@@ -356,13 +343,13 @@ def _checked(
     return checked
 
 
-def _stored_type(column: Column) -> Any:
+def _stored_type(column: schema.Column) -> Any:
     if column.dtype.startswith("S"):
         return h5py.string_dtype("utf-8", int(column.dtype[1:]))
     return column.dtype
 
 
-def describe_dataset(dataset: h5py.Dataset, column: Column) -> None:
+def describe_dataset(dataset: h5py.Dataset, column: schema.Column) -> None:
     """Set unit and description of a dataset."""
     dataset.attrs["units"] = column.units
     dataset.attrs["long_name"] = column.long_name

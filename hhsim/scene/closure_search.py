@@ -100,11 +100,8 @@ def plan_finger_closure(
 ) -> FingerClosure:
     """Find how the hand of a script closes on an object at rest (`tree`, world frame), whose leaves are touched.
 
-    Beside another hand, which comes and goes at the same time, it keeps clear of that.
-
-    Raises:
-        TrajectoryError: No named finger reaches the object from any side, or the palm cannot touch it; no place is free
-            beside the other hand.
+    Beside another hand, which comes and goes at the same time, it keeps clear of that. Raises TrajectoryError where no
+    named finger reaches the object from any side, the palm cannot touch it, or no place is free beside the other hand.
     """
     closing = _closing(script)
     if other is None:

@@ -144,10 +144,7 @@ def touch_distances(
 
     The least distance of the body to a sphere that it would touch within the region, by brute force over all spheres.
     `joints` (5, 4, 3) [m], `position` (3,) [m] and `rotation` (3, 3) of the hand are in the frame of the object at
-    rest, a catalogue object if a touch names a region.
-
-    Raises:
-        UnknownNameError: The object has no such region.
+    rest, a catalogue object if a touch names a region. Raises UnknownNameError where the object has no such region.
     """
     bodies = {part: _bodies(part, hand, joints, position, rotation) for part in {touch.part for touch in touches}}
     return np.array(

@@ -34,39 +34,28 @@ MOST_START_DEPTH = 0.005
 
 
 class SceneWords(Settings, frozen=True, kw_only=True):
-    """Arguments of a scene, as `hhsim replay` takes them; None where an argument was not given.
+    """Arguments of a scene, as `hhsim replay` takes them; None where an argument was not given."""
 
-    Attributes:
-        object, trajectory: Name of the catalogue, or a file.
-        unit, size_mm, thickness_mm: Unit of a mesh file, its longest extent [mm], thickness of its open parts' sheets
-            [mm].
-        level, max_error: Level of the tree, or error that it was chosen by [m].
-        tree, hand_file: Files of the tree and of the hand's sizes.
-        hand: Side of the hand.
-        tremor_mm_deg: Amplitudes of a script's tremor: position [mm] and rotation [°].
-        samples: Interpolation between two samples of the motion.
-        place_object: Placement of a recording's object; None: as recorded, unless the hand touches nothing there, or
-            begins inside in an import (which has flags) without an object place; then where the fingers close.
-        object_pose: "recorded", or "fixed" for an object that stands still although its recording moves it.
-        ticks: Number of first ticks to run.
-    """
-
-    object: str
-    trajectory: str
-    unit: str | None = None
-    size_mm: float | None = None
-    thickness_mm: float | None = None
-    level: Annotated[int, between(1, MOST_LEVEL)] | None = None
-    max_error: Annotated[float, between(1e-6, 1.0)] | None = None
-    tree: str | None = None
-    hand: Side | None = None
-    hand_file: str | None = None
+    object: str  # name of the catalogue, or a file
+    trajectory: str  # name of the catalogue, or a file
+    unit: str | None = None  # unit of a mesh file
+    size_mm: float | None = None  # its longest extent [mm]
+    thickness_mm: float | None = None  # thickness of its open parts' sheets [mm]
+    level: Annotated[int, between(1, MOST_LEVEL)] | None = None  # level of the tree
+    max_error: Annotated[float, between(1e-6, 1.0)] | None = None  # error that the level was chosen by [m]
+    tree: str | None = None  # file of the tree
+    hand: Side | None = None  # side of the hand
+    hand_file: str | None = None  # file of the hand's sizes
+    # Amplitudes of a script's tremor: position [mm] and rotation [°].
     tremor_mm_deg: Annotated[tuple[Tremor, Tremor], Meta(description=TWO)] | None = None
-    samples: ResampleMode = "interpolate"
+    samples: ResampleMode = "interpolate"  # interpolation between two samples of the motion
+    # Placement of a recording's object; None: as recorded, unless the hand touches nothing there, or begins inside in
+    # an import (which has flags) without an object place; then where the fingers close.
     place_object: Place | None = None
+    # "recorded", or "fixed" for an object that stands still although its recording moves it.
     object_pose: str = "recorded"
     rate: Annotated[float, between(1.0, 100_000.0)] = 1000.0
-    ticks: int | None = None
+    ticks: int | None = None  # number of first ticks to run
     seed: int = 0
 
     def check(self) -> None:
@@ -77,18 +66,13 @@ class SceneWords(Settings, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class PlacedScene:
-    """A scene, and the placement of its object.
-
-    Attributes:
-        placement: Placement of a recording's object; None where the motion states it or a script finds it.
-        by_itself: True if the object was placed because the recording states no place, not on demand.
-        note: A sentence for the user, or "".
-    """
+    """A scene, and the placement of its object."""
 
     scene: Scene
+    # Placement of a recording's object; None where the motion states it or a script finds it.
     placement: GraspPlacement | None = None
-    by_itself: bool = False
-    note: str = ""
+    by_itself: bool = False  # True if the object was placed because the recording states no place, not on demand
+    note: str = ""  # a sentence for the user, or ""
 
     @property
     def place(self) -> Place:
@@ -113,10 +97,8 @@ def described_scene(
     """Make a scene with its description, and place the object of a recording that is in no world.
 
     Keypoints of a camera are such a recording. Mesh [m] and tree are in the object's own frame; `fingers` are used.
-    `other` is a hand beside which the one of a script finds its place; `thing` is as of `make_scene`.
-
-    Raises:
-        TrajectoryError: The motion cannot be done on this object, or cannot be placed as demanded.
+    `other` is a hand beside which the one of a script finds its place; `thing` is as of `make_scene`. Raises
+    TrajectoryError for a motion that cannot be done on this object, or cannot be placed as demanded.
     """
     placed = _placed_scene(words, mesh, tree, hand, motion, fingers, other, thing)
     scene = placed.scene

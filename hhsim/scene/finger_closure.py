@@ -14,7 +14,6 @@ from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays
 from hhsim.mesh.catalogue import object_description, thing_names
-from hhsim.reproducible import matmul
 from hhsim.scene.script import Placement, Script
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -32,34 +31,21 @@ REACH_DEPTH = 0.0005
 
 @dataclass(frozen=True, eq=False)
 class FingerClosure:
-    """A grasp of one object: palm pose, open hand, and the postures that touch and press.
+    """A grasp of one object: palm pose, open hand, and the postures that touch and press."""
 
-    Attributes:
-        rotation: Palm to world, shape (3, 3).
-        back: Unit direction of the retreat, shape (3,), world; by default the palm's normal.
-        position: Palm origin where the fingers close [m], shape (3,), world; a palm that is to touch does so there.
-        open: Flexion of the open hand [rad], shape (5, 3).
-        contact: Flexion at first contact; the open one for fingers that do not close [rad], shape (5, 3).
-        command: Flexion commanded into the object [rad], shape (5, 3).
-        abduction: [rad], shape (5,).
-        reached: Named fingers whose command lies inside the object.
-        missed: Named fingers that do not reach it.
-        slide: Unit direction of a slide, shape (3,), world; zeros where the script has none.
-        touching: 1 for each phalanx that touches at first contact, else 0, shape (5, 3).
-        distance: Signed distance of each body with the palm and all named fingers as commanded [m], shape (16,).
-    """
-
-    rotation: FloatArray
-    back: FloatArray
+    rotation: FloatArray  # palm to world, shape (3, 3)
+    back: FloatArray  # unit direction of the retreat, shape (3,), world; by default the palm's normal
+    # Palm origin where the fingers close [m], shape (3,), world; a palm that is to touch does so there.
     position: FloatArray
-    open: FloatArray
-    contact: FloatArray
-    command: FloatArray
-    abduction: FloatArray
-    reached: tuple[str, ...]
-    missed: tuple[str, ...]
-    slide: FloatArray
-    touching: FloatArray
+    open: FloatArray  # flexion of the open hand [rad], shape (5, 3)
+    contact: FloatArray  # flexion at first contact; the open one for fingers that do not close [rad], shape (5, 3)
+    command: FloatArray  # flexion commanded into the object [rad], shape (5, 3)
+    abduction: FloatArray  # [rad], shape (5,)
+    reached: tuple[str, ...]  # named fingers whose command lies inside the object
+    missed: tuple[str, ...]  # named fingers that do not reach it
+    slide: FloatArray  # unit direction of a slide, shape (3,), world; zeros where the script has none
+    touching: FloatArray  # 1 for each phalanx that touches at first contact, else 0, shape (5, 3)
+    # Signed distance of each body with the palm and all named fingers as commanded [m], shape (16,).
     distance: FloatArray
 
     def require_touch(self, script: Script, target: str) -> None:
@@ -91,11 +77,9 @@ class Closer:
     ) -> FingerClosure:
         """Close fingers until they touch, and command them deeper; shapes as in `FingerClosure`.
 
-        Args:
-            place: Position, rotation and back of the palm.
-            opened: Flexion of the open hand [rad].
-            fingers: Indices of the fingers that close; the script's others count as missed.
-            unclosed: Command of fingers that do not close [rad]; None: the open hand's.
+        `place` is position, rotation and back of the palm, `opened` the flexion of the open hand [rad]. The script's
+        other fingers count as missed. Fingers that do not close get the command `unclosed` [rad], None for the open
+        hand's.
         """
         (position, rotation, back), work = place, self.work
         contact, touching = opened.copy(), np.zeros((len(FINGERS), 3))
@@ -159,10 +143,8 @@ def body_distances(
 def find_placement(script: Script, hand: HandModel, tree: SphereTree, *, of_two: bool = False) -> Placement | None:
     """Return the script's own placement on the object of a tree; None where a search finds one.
 
-    Of two hands that are to move the object together the left one is the mirror image of the right one.
-
-    Raises:
-        TrajectoryError: The script is made for other objects, or for a right hand.
+    Of two hands that are to move the object together the left one is the mirror image of the right one. Raises
+    TrajectoryError for a script that is made for other objects, or for a right hand.
     """
     for placement in script.placements:
         if _is_of(placement.object_name, tree):
@@ -196,21 +178,14 @@ class PlacedCloser(Closer):
         return np.ascontiguousarray(np.clip(wide, self.hand.flexion_min, self.hand.flexion_max))
 
     def close(
-        self,
-        placement: Placement,
-        object_position: FloatArray | None = None,
-        object_rotation: FloatArray | None = None,
-        clear: Callable[[FloatArray, FloatArray, FloatArray], bool] | None = None,
+        self, placement: Placement, clear: Callable[[FloatArray, FloatArray, FloatArray], bool] | None = None
     ) -> FingerClosure:
-        """Close the fingers with the palm at a place on the object, which is at the origin and upright by default.
+        """Close the fingers with the palm at a place on the object.
 
-        Its position [m] has shape (3,), world, its rotation to the world (3, 3). If `clear` refuses position, rotation
-        and open flexion of a place, the fingers stay open.
+        If `clear` refuses position, rotation and open flexion of a place, the fingers stay open.
         """
-        turn = np.eye(3) if object_rotation is None else object_rotation
-        rotation = matmul(turn, rotation_matrix(placement.orientation))
-        back = matmul(turn, placement.back)
-        position = matmul(turn, placement.position) + (0.0 if object_position is None else object_position)
+        rotation = rotation_matrix(placement.orientation)
+        position, back = placement.position, placement.back
         opened, abduction = self.opened(placement), np.ascontiguousarray(placement.abduction)
         if self.script.palm_depth > 0.0:
             start = position + PALM_WAY * back
@@ -218,4 +193,4 @@ class PlacedCloser(Closer):
             travel, _ = kernel.advance_hand(start, rotation, opened, abduction, -back, gap, limit, self.work)
             position = start - travel * back
         fingers = self.fingers if clear is None or clear(position, rotation, opened) else []
-        return self.closed((position, rotation, back), opened, abduction, matmul(turn, placement.slide), fingers)
+        return self.closed((position, rotation, back), opened, abduction, placement.slide, fingers)

@@ -26,36 +26,19 @@ LAW = "Coulomb with de Saxcé's correction, cone of 4 directions turned to the l
 
 @dataclass(frozen=True)
 class FreeObject:
-    """Physical properties of a free object.
+    """Physical properties of a free object; InputError for a number out of its range, or an inertia of no body."""
 
-    Attributes:
-        mass: [kg].
-        center: Centre of mass [m], in the frame of the scene's mesh, which is the world's at the first tick.
-        inertia: About the centre [kg·m²], in the same axes, row by row.
-        friction: μ of hand and object.
-        torsion: Largest torsional moment of a contact with the hand over its normal force [m]; 0: none.
-        table: Height z of a horizontal plane under the object [m], world; None: there is none.
-        table_friction: μ of table and object; None: as `friction`.
-        gravity: [m/s²], world.
-        damping: Decay rate of both velocities [1/s].
-        velocity: Initial velocity of the centre [m/s], world.
-        angular_velocity: Initial [rad/s], world.
-
-    Raises:
-        InputError: A number out of its range (`hhsim.ranges`), or an inertia that no body has.
-    """
-
-    mass: float
-    center: Triple
-    inertia: tuple[Triple, Triple, Triple]
-    friction: float = USUAL_FRICTION
-    torsion: float = 0.0
-    table: float | None = None
-    table_friction: float | None = None
-    gravity: Triple = GRAVITY
-    damping: float = 0.0
-    velocity: Triple = (0.0, 0.0, 0.0)
-    angular_velocity: Triple = (0.0, 0.0, 0.0)
+    mass: float  # [kg]
+    center: Triple  # centre of mass [m], in the frame of the scene's mesh, which is the world's at the first tick
+    inertia: tuple[Triple, Triple, Triple]  # about the centre [kg·m²], in the same axes, row by row
+    friction: float = USUAL_FRICTION  # μ of hand and object
+    torsion: float = 0.0  # largest torsional moment of a contact with the hand over its normal force [m]; 0: none
+    table: float | None = None  # height z of a horizontal plane under the object [m], world; None: there is none
+    table_friction: float | None = None  # μ of table and object; None: as `friction`
+    gravity: Triple = GRAVITY  # [m/s²], world
+    damping: float = 0.0  # decay rate of both velocities [1/s]
+    velocity: Triple = (0.0, 0.0, 0.0)  # initial velocity of the centre [m/s], world
+    angular_velocity: Triple = (0.0, 0.0, 0.0)  # initial [rad/s], world
 
     def __post_init__(self) -> None:
         for name in ("mass", "friction", "torsion", "damping", "table", "table_friction"):

@@ -66,23 +66,14 @@ class Grasp(NamedTuple):
 
 
 class GraspPlacement(NamedTuple):
-    """An object placed at a recorded grasp.
+    """An object placed at a recorded grasp."""
 
-    Attributes:
-        motion: Recording, with the object's pose.
-        grasp: Grasp at which the object was placed.
-        time: Time of the grasp from the first sample on [s].
-        fingers: Fingers that are in the object then.
-        depth: Depth of the deepest of them [m].
-        start_gap: Distance of the hand from the object at the first sample [m]; negative where it begins inside.
-    """
-
-    motion: Trajectory
-    grasp: Grasp
-    time: float
-    fingers: tuple[str, ...]
-    depth: float
-    start_gap: float
+    motion: Trajectory  # recording, with the object's pose
+    grasp: Grasp  # grasp at which the object was placed
+    time: float  # time of the grasp from the first sample on [s]
+    fingers: tuple[str, ...]  # fingers that are in the object then
+    depth: float  # depth of the deepest of them [m]
+    start_gap: float  # distance of the hand from the object at the first sample [m]; negative where it begins inside
 
     @property
     def text(self) -> str:

@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel, Side
-from hhsim.hand.quaternion import quaternion, quaternion_from_matrix, rotation_matrix
+from hhsim.hand.quaternion import quaternion, quaternion_from_matrix
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.motion.trajectory import Phase, Trajectory
-from hhsim.motion.tremor import Disturbance
 from hhsim.reproducible import sine_and_cosine
 from hhsim.scene.closure_search import OtherHand, level, plan_finger_closure
 from hhsim.scene.finger_closure import FingerClosure, PlacedCloser, find_placement
@@ -112,43 +111,32 @@ def synthesize(
     tree: SphereTree,
     seed: int = 0,
     *,
-    disturbance: Disturbance | None = None,
     placement: Placement | None = None,
-    object_position: ArrayLike = (0.0, 0.0, 0.0),
-    object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
     other: OtherHand | None = None,
 ) -> Trajectory:
     """Make the trajectory of a script on an object at rest (`tree`, world); the same arguments give the same bytes.
 
-    Args:
-        seed: Seed of tremor and sensor noise; the motion itself is the same for every seed.
-        disturbance, placement: Replace the script's own, the latter also a search.
-        object_position, object_orientation: Recorded with the motion [m], shape (3,), and (w, x, y, z), shape (4,);
-            `tree` is already there.
-        other: Hand beside which this one finds its place.
-
-    Raises:
-        TrajectoryError: The script cannot be done on this object.
+    `seed` is of tremor and sensor noise; the motion itself is the same for every seed. Further arguments and errors as
+    for `planned`.
     """
-    closure = planned(script, hand, tree, object_position, object_orientation, placement, other)
+    closure = planned(script, hand, tree, placement, other)
     time = np.arange(script.sample_count) / script.rate
     course = _Course(script, time, hand.side)
     position = closure.position + course.retreat[:, None] * closure.back + course.slide[:, None] * closure.slide
     command = closure.command + course.ease[:, None, None] * (closure.contact - closure.command)
     flexion = closure.open + course.closure[:, :, None] * (command - closure.open)
     orientation = np.tile(quaternion_from_matrix(closure.rotation), (len(time), 1))
-    noise = disturbance if disturbance is not None else script.disturbance
-    position, orientation, flexion = noise.apply(seed, time, position, orientation, flexion)
+    position, orientation, flexion = script.disturbance.apply(seed, time, position, orientation, flexion)
     # Two hands take what they hold along as the first one goes.
     leading = closure if other is None else other.closure
     taken = taken_along(script, time, leading.rotation, tree.bounds.mean(axis=0))
     if taken is not None:
         position, orientation = taken.points(position), taken.orientations(orientation)
-    moved = carried(script, time, np.asarray(object_position, dtype=np.float64))
+    moved = carried(script, time, np.zeros(3))
     object_motion = None
     if moved is not None:
         position, orientation = moved.points(position), moved.orientations(orientation)
-        place, turn = (np.tile(values, (len(time), 1)) for values in (object_position, object_orientation))
+        place, turn = np.zeros((len(time), 3)), np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
         object_motion = ObjectMotion(moved.points(place), moved.orientations(turn))
     return Trajectory(
         time=time,
@@ -158,10 +146,8 @@ def synthesize(
         flexion=flexion,
         abduction=np.tile(closure.abduction, (len(time), 1)),
         phases=course.phases,
-        object_position=np.asarray(object_position, dtype=np.float64),
-        object_orientation=np.asarray(object_orientation, dtype=np.float64),
         name=script.name,
-        source=_source(script, closure, hand, seed, noise),
+        source=_source(script, closure, hand, seed),
         licence="Apache-2.0",
     )
 
@@ -170,31 +156,29 @@ def planned(
     script: Script,
     hand: HandModel,
     tree: SphereTree,
-    object_position: ArrayLike = (0.0, 0.0, 0.0),
-    object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
     placement: Placement | None = None,
     other: OtherHand | None = None,
 ) -> FingerClosure:
     """Return the closed hand: at the given place, at the script's own on this object, or where a search finds the best.
 
-    Arguments and errors as for `synthesize`.
+    `other` is a hand beside which this one finds its place. Raises TrajectoryError for a script that cannot be done on
+    this object.
     """
     if placement is None:
         placement = find_placement(script, hand, tree, of_two=other is not None)
     if placement is None:
         return plan_finger_closure(script, hand, tree, other)
-    position = np.asarray(object_position, dtype=np.float64)
-    closure = PlacedCloser(script, hand, tree).close(placement, position, rotation_matrix(object_orientation))
+    closure = PlacedCloser(script, hand, tree).close(placement)
     closure.require_touch(script, "the object from its place")
     return closure
 
 
-def _source(script: Script, closure: FingerClosure, hand: HandModel, seed: int, noise: Disturbance) -> str:
+def _source(script: Script, closure: FingerClosure, hand: HandModel, seed: int) -> str:
     parts = [f"hhsim script '{script.name}' for a {hand.side} hand of {1000.0 * hand.hand_length:.0f} mm"]
     if closure.missed:
         parts.append(f"fingers that do not reach this object: {', '.join(closure.missed)}")
-    if not noise.is_off:
-        parts.append(f"{noise}, seed {seed}")
+    if not script.disturbance.is_off:
+        parts.append(f"{script.disturbance}, seed {seed}")
     return "; ".join(parts)
 
 

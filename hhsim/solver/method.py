@@ -39,39 +39,23 @@ class Engine(Protocol):
 
 @dataclass(frozen=True)
 class Method:
-    """A method that can be selected and measured.
+    """A method that can be selected and measured."""
 
-    Attributes:
-        summary: One line for help texts and tables.
-        engine: Makes the engine for a `hhsim.solver.workspace.TickWorkspace`; imports what it needs only then.
-        never_penetrates: Promised; without the promise penetration is measured, but misses no bar.
-        nearest_to_user: Promised: no hand near the shown one is closer to the user's in coupling energy.
-        follows_input: Promised: where nothing is near, the shown hand is the user's.
-        takes_threads: The fingers' programs of a tick can be shared among threads.
-        takes_backends: Its programs can be solved by any QP solver that qpsolvers offers.
-        takes_self_contact: It can keep the hand's own parts out of each other.
-        refuses_surfaces: Reason for taking no surface but spheres; "" if it takes any.
-        defaults: Defaults of the options named in `USUAL`.
-        gives: Subset of `EVERYTHING`; what is missing has no row in a table.
-        compiled: True if its ticks run in hhsim's own compiled blocks.
-        missing: What has to be installed first, in one line; "" if it can run.
-        source: SHA-256 of the file of a class from outside; "" for hhsim's own, and without a file.
-    """
-
-    summary: str
+    summary: str  # one line for help texts and tables
+    # Makes the engine for a `hhsim.solver.workspace.TickWorkspace`; imports what it needs only then.
     engine: Callable[[Any], Engine]
-    never_penetrates: bool = False
-    nearest_to_user: bool = False
-    follows_input: bool = False
-    takes_threads: bool = False
-    takes_backends: bool = False
-    takes_self_contact: bool = False
-    refuses_surfaces: str = ""
-    defaults: Mapping[str, Any] = field(default_factory=lambda: USUAL)
-    gives: frozenset[str] = EVERYTHING
-    compiled: bool = True
-    missing: str = ""
-    source: str = ""
+    never_penetrates: bool = False  # promised; without the promise penetration is measured, but misses no bar
+    nearest_to_user: bool = False  # promised: no hand near the shown one is closer to the user's in coupling energy
+    follows_input: bool = False  # promised: where nothing is near, the shown hand is the user's
+    takes_threads: bool = False  # the fingers' programs of a tick can be shared among threads
+    takes_backends: bool = False  # its programs can be solved by any QP solver that qpsolvers offers
+    takes_self_contact: bool = False  # it can keep the hand's own parts out of each other
+    refuses_surfaces: str = ""  # reason for taking no surface but spheres; "" if it takes any
+    defaults: Mapping[str, Any] = field(default_factory=lambda: USUAL)  # defaults of the options named in `USUAL`
+    gives: frozenset[str] = EVERYTHING  # subset of `EVERYTHING`; what is missing has no row in a table
+    compiled: bool = True  # True if its ticks run in hhsim's own compiled blocks
+    missing: str = ""  # what has to be installed first, in one line; "" if it can run
+    source: str = ""  # SHA-256 of the file of a class from outside; "" for hhsim's own, and without a file
 
     @property
     def promises(self) -> frozenset[str]:

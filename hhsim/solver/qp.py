@@ -110,20 +110,13 @@ class QpProblem:
 
 @dataclass(frozen=True)
 class QpSolution:
-    """Solution of a backend.
+    """Solution of a backend."""
 
-    Attributes:
-        x: δ, shape (n,) [m] and [rad]; the target where there is no solution.
-        multiplier: λ >= 0 of each row, shape (m,); [N] for contact rows; zeros where there is no solution.
-        status: See `QpStatus`; compares equal to its string.
-        message: Reason, empty for an optimum.
-    """
-
-    x: FloatArray
-    multiplier: FloatArray
-    status: QpStatus
+    x: FloatArray  # δ, shape (n,) [m] and [rad]; the target where there is no solution
+    multiplier: FloatArray  # λ >= 0 of each row, shape (m,); [N] for contact rows; zeros where there is no solution
+    status: QpStatus  # see `QpStatus`; compares equal to its string
     backend: str
-    message: str = ""
+    message: str = ""  # reason, empty for an optimum
 
 
 def available_backends() -> list[str]:
@@ -149,8 +142,7 @@ def solve(problem: QpProblem, backend: str = ACTIVE_SET) -> QpSolution:
 def solve_active_set(problem: QpProblem, relaxation: float = 0.0) -> QpSolution:
     """Solve `problem` by our own solver, without a check of the answer.
 
-    Args:
-        relaxation: Distance [√J] by which rows that contradict each other may be moved back.
+    Rows that contradict each other may be moved back by `relaxation` [√J].
     """
     root, unit, norm = problem.conditioned()
     m, n = unit.shape

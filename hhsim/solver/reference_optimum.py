@@ -24,10 +24,8 @@ REFERENCE_STEP_TOLERANCE = 1e-8
 def best_hands(hand: HandModel, mesh_surface: Any, options: SolverOptions, haptic: HandConfiguration) -> TickRecord:
     """Return the least-energy pose of every tick: `coupled` on the triangles, converged, from the haptic hand on.
 
-    `mesh_surface` is the object's surface `mesh`, world; the options give stiffness and lengths.
-
-    Raises:
-        HhsimError: More pairs than the solver holds: the optimum on this mesh cannot be had.
+    `mesh_surface` is the object's surface `mesh`, world; the options give stiffness and lengths. Raises HhsimError
+    where the optimum has more pairs than the solver holds.
     """
     on_mesh = _converged(options, surface="mesh", skin=BY_SURFACE, touch=BY_SURFACE)
     return HandSolver(hand, mesh_surface, on_mesh).run(*haptic)
@@ -56,13 +54,9 @@ def reference_excess(
 ) -> FloatArray:
     """Compute the coupling energy above the reference optimum, (E - E*) / E*, at some ticks, shape (len(ticks),).
 
-    The optimum is the local one that `coupled` converges to from the method's own graphic hand with the input held. NaN
-    in free space, and where the graphic hand is too deep inside for the reference.
-
-    Args:
-        surface: Object's surface, world frame, as `HandSolver` takes it.
-        options: Options of the method; stiffness and lengths are kept.
-        haptic, graphic: Hands at every tick.
+    The optimum is the local one that `coupled` converges to from the method's own graphic hand with the input held,
+    with the stiffness and lengths of the options. NaN in free space, and where the graphic hand is too deep inside for
+    the reference. The surface is in the world, as `HandSolver` takes it; the hands are those of every tick.
     """
     solver = HandSolver(hand, surface, _converged(options))
     diagonal = options.stiffness.diagonal()

@@ -56,23 +56,10 @@ def tick_options(options: SolverOptions, model: HandModel) -> TickOptions:
 
 
 class TickWorkspace:
-    """One hand, one object, and the memory of their ticks, of whatever method.
+    """One hand, one object, and the memory of their ticks, of whatever method, all in the kernels' form.
 
-    Args:
-        surface: Object's surface, world frame: a `ContactSurface`, or its arrays alone.
-        options: Method, stiffness and lengths.
-
-    Raises:
-        InputError: Arrays of another surface than the options name.
-
-    Attributes:
-        hand: Hand in the kernels' form.
-        surface: Object's arrays.
-        mesh, tree: Source of the arrays; None if not given.
-        tick_options: Options in the kernels' form.
-        states: Tick's state, shape (1,).
-        qp: Workspace of the active-set solver.
-        thread_team: Helping threads.
+    The surface, world frame, is a `ContactSurface`, or its arrays alone, without mesh and tree. Raises InputError for
+    arrays of another surface than the options name.
     """
 
     def __init__(self, model: HandModel, surface: Any, options: SolverOptions) -> None:

@@ -1,21 +1,6 @@
 """Submissions, format `hhsim-poses`: the hand that some other software shows at every tick of a scene, CSV or HDF5.
 
-CSV is UTF-8 and comma separated (semicolons or tabs are read too), with decimal points: lines `# key: value`, one
-header line, a line a tick. A heading is the name of a column and its unit in brackets; columns stand in any order.
-
-| columns | unit | HDF5 dataset | meaning |
-|---|---|---|---|
-| time | s | time (T,) | since the start of the motion: tick / rate |
-| px, py, pz | m | position (T, 3) | palm origin, world |
-| qw, qx, qy, qz | 1 | orientation (T, 4) | palm to world |
-| thumb_flex1, thumb_flex2, thumb_flex3, index_flex1, …, little_flex3 | rad | flexion (T, 5, 3) | proximal to distal |
-| thumb_abd, index_abd, …, little_abd | rad | abduction (T, 5) | positive towards the thumb side |
-| thumb_1_fx, thumb_1_fy, …, little_3_fz (optional) | N | phalanx_force (T, 5, 3, 3) | contact force, world |
-| palm_fx, palm_fy, palm_fz (optional) | N | palm_force (T, 3) | contact force on the palm, world |
-| duration (optional) | s | duration (T,) | computing time of the tick |
-
-Keys, and attributes of the HDF5 file: `scene`, the digest that `hhsim scene` printed; `made_by`, the words that the
-scene is made by; `method`, a name for the table; `hand`, right or left.
+docs/submissions.md lists columns, datasets and keys.
 """
 
 import json
@@ -75,29 +60,21 @@ COLUMNS = {column: name for name, part in PARTS.items() for column in part.colum
 
 @dataclass(frozen=True, eq=False)
 class Submission:
-    """Hand that a method shows at every tick of a scene.
+    """Hand that a method shows at every tick of a scene."""
 
-    Attributes:
-        method: Name of the method.
-        scene: Digest of the scene (`hhsim.submissions.scene_file.scene_digest`), or its first digits; "" if not stated.
-        time: Time since the start of the motion [s], shape (T,).
-        poses: The shown hand, fields of T rows.
-        phalanx_force: Contact force on each phalanx [N], world, shape (T, 5, 3, 3); None without forces.
-        palm_force: Contact force on the palm [N], world, shape (T, 3); None for none.
-        duration: Computing time of each tick [s], measured by the method, shape (T,); None if not measured.
-        made_by: Words that the scene is made by (`hhsim.submissions.scene_file.scene_names`).
-        hand: Side of the hand, right or left; "" if not stated.
-    """
-
-    method: str
+    method: str  # name of the method
+    # Digest of the scene (`hhsim.submissions.scene_file.scene_digest`), or its first digits; "" if not stated.
     scene: str
-    time: FloatArray
-    poses: HandConfiguration
+    time: FloatArray  # time since the start of the motion [s], shape (T,)
+    poses: HandConfiguration  # the shown hand, fields of T rows
+    # Contact force on each phalanx [N], world, shape (T, 5, 3, 3); None without forces.
     phalanx_force: FloatArray | None = None
-    palm_force: FloatArray | None = None
+    palm_force: FloatArray | None = None  # contact force on the palm [N], world, shape (T, 3); None for none
+    # Computing time of each tick [s], measured by the method, shape (T,); None if not measured.
     duration: FloatArray | None = None
+    # Words that the scene is made by (`hhsim.submissions.scene_file.scene_names`).
     made_by: Mapping[str, Any] = field(default_factory=dict)
-    hand: str = ""
+    hand: str = ""  # side of the hand, right or left; "" if not stated
     path: Path | None = None
 
     @property

@@ -132,11 +132,7 @@ def tick_trajectory(ticks: TickInput, **about: Any) -> Trajectory:
 
 
 def load_scene(path: Path) -> Scene:
-    """Read a scene's file.
-
-    Raises:
-        InputError: No such file, another format, a damaged one, or arrays that differ from its checksums.
-    """
+    """Read a scene's file; InputError for no such file, another format, or arrays that differ from its checksums."""
     if not path.is_file():
         raise InputError(f"{path}: no such file; expected the scene.h5 of a folder that hhsim scene made")
     try:

@@ -47,15 +47,11 @@ OFF_BEST_MAX = Figure("off_best_max", "off the least-energy pose, max", 3, "mm")
 
 
 class PoseErrors(NamedTuple):
-    """Measures of poses besides the figures of a run; NaN where undefined.
+    """Measures of poses besides the figures of a run; NaN where undefined."""
 
-    Attributes:
-        mesh_depth_max: Largest depth of the hand in the mesh [m]; undefined if the mesh encloses nothing.
-        off_best_mean, off_best_max: Largest distance of the fingertips and the palm from the pose of least coupling
-            energy outside the mesh (`hhsim.solver.reference_optimum.best_hands`) [m], over the ticks in contact.
-    """
-
-    mesh_depth_max: float
+    mesh_depth_max: float  # largest depth of the hand in the mesh [m]; undefined if the mesh encloses nothing
+    # Largest distance of the fingertips and the palm from the pose of least coupling energy outside the mesh
+    # (`hhsim.solver.reference_optimum.best_hands`) [m], over the ticks in contact.
     off_best_mean: float
     off_best_max: float
 
@@ -122,13 +118,9 @@ class Score:
 
 
 def scene_of(submission: Submission, folder: Path | None = None) -> Scene:
-    """Find the scene of a submission: in a folder, beside the submission, or made again by its names.
+    """Find the scene of a submission: in a folder that `hhsim scene` made, beside the submission, or made by its names.
 
-    Args:
-        folder: Folder that `hhsim scene` made; None looks beside the submission.
-
-    Raises:
-        InputError: Another scene, or an unknown one.
+    Raises InputError for another scene, or an unknown one.
     """
     if folder is not None:
         return load_scene(folder / SCENE_FILE if folder.is_dir() else folder)

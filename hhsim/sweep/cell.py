@@ -55,25 +55,19 @@ class SweptMotion(Settings, frozen=True, rename={"word": "file"}):
 
 @dataclass(frozen=True)
 class Cell:
-    """Replay of a sweep.
-
-    Attributes:
-        surface: Surface of the object that the hand touches.
-        options_name: Name of the options in the plan.
-        options: Those of `OF_THE_SOLVER` and `OF_THE_SCENE` that the plan states, SI.
-        ticks: Number of ticks from the first; None for all.
-        repeat: Number of runs. The last one is kept, with the mean and the deviation of all their times. No part of the
-            digest, since it changes only times.
-    """
+    """Replay of a sweep."""
 
     object: SweptObject
     motion: SweptMotion
     method: str
-    surface: str
-    options_name: str = "usual"
+    surface: str  # surface of the object that the hand touches
+    options_name: str = "usual"  # name of the options in the plan
+    # Those of `OF_THE_SOLVER` and `OF_THE_SCENE` that the plan states, SI.
     options: Mapping[str, Any] = field(default_factory=dict)
     seed: int = 0
-    ticks: int | None = None
+    ticks: int | None = None  # number of ticks from the first; None for all
+    # Number of runs. The last one is kept, with the mean and the deviation of all their times. No part of the digest,
+    # since it changes only times.
     repeat: int = 1
 
     @property

@@ -41,23 +41,15 @@ ONE_AT_A_TIME = threading.Lock()
 
 @dataclass(frozen=True)
 class CellTask:
-    """Task for a process.
-
-    Attributes:
-        plan_folder: Absolute folder that the plan's files are relative to.
-        folder: Absolute output folder, visible to every process that runs cells.
-        keeps_result: True if the result is kept, not the row alone.
-        wants_core: True if it waits for a core of its own.
-        sources: Digest of the hhsim that planned it.
-    """
+    """Task for a process."""
 
     cell: Cell
     digest: str
-    plan_folder: str
-    folder: str
-    keeps_result: bool = True
-    wants_core: bool = True
-    sources: str = ""
+    plan_folder: str  # absolute folder that the plan's files are relative to
+    folder: str  # absolute output folder, visible to every process that runs cells
+    keeps_result: bool = True  # True if the result is kept, not the row alone
+    wants_core: bool = True  # True if it waits for a core of its own
+    sources: str = ""  # digest of the hhsim that planned it
 
     def run(self) -> TaskEnd:
         """Run the cell, as `run_cell`."""

@@ -26,17 +26,12 @@ PATIENCE = 10
 
 @dataclass(frozen=True)
 class TaskEnd:
-    """Outcome of a task.
-
-    Attributes:
-        reason: Reason of its failure; "" if what it makes is written.
-        ticks: Number of ticks in all its runs.
-        seconds: Duration of all of it; for the first cell of a process without its scene, in which code is loaded.
-    """
+    """Outcome of a task."""
 
     digest: str
-    reason: str = ""
-    ticks: int = 0
+    reason: str = ""  # reason of its failure; "" if what it makes is written
+    ticks: int = 0  # number of ticks in all its runs
+    # Duration of all of it; for the first cell of a process without its scene, in which code is loaded.
     seconds: float = 0.0
 
 
@@ -150,14 +145,9 @@ def require_dask() -> None:
 
 
 def run_on_dask(tasks: Sequence[Task], scheduler: str, jobs: int) -> Generator[TaskEnd, None, None]:
-    """Run tasks; they end in any order.
+    """Run tasks on a scheduler, such as tcp://10.0.0.1:8786, or `LOCAL` with `jobs` processes; they end in any order.
 
-    Args:
-        scheduler: Address of a scheduler, such as tcp://10.0.0.1:8786, or `LOCAL`.
-        jobs: Processes of a local cluster.
-
-    Raises:
-        InputError: No Dask, or no scheduler at that address.
+    Raises InputError without Dask, or a scheduler at that address.
     """
     require_dask()
     from distributed import Client, LocalCluster

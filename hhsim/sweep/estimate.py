@@ -24,21 +24,14 @@ LEAST_RATE = 10.0
 
 @dataclass(frozen=True)
 class Estimate:
-    """Size and duration of a sweep.
+    """Size and duration of a sweep."""
 
-    Attributes:
-        cells, done, failed: Numbers of cells of the plan, and of those that finished or failed before.
-        ticks: Ticks of the cells that are left, in all their runs.
-        seconds: Duration of these one after the other, with scenes and files; NaN if none could be tried.
-        by: Basis of the estimate.
-    """
-
-    cells: int
-    done: int
-    failed: int
-    ticks: int
-    seconds: float
-    by: str
+    cells: int  # number of cells of the plan
+    done: int  # number of those that finished before
+    failed: int  # number of those that failed before
+    ticks: int  # ticks of the cells that are left, in all their runs
+    seconds: float  # duration of these one after the other, with scenes and files; NaN if none could be tried
+    by: str  # basis of the estimate
 
     @property
     def left(self) -> int:

@@ -30,11 +30,7 @@ PARTIAL = ".partial.h5"
 
 
 class SweepFolder:
-    """Folder of a sweep, which may not exist yet.
-
-    Raises:
-        OutputError: Another file or folder is there.
-    """
+    """Folder of a sweep, which may not exist yet; OutputError where another file or folder is."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -146,11 +142,7 @@ def has_format(path: Path, form: str) -> bool:
 
 
 def write_row(path: Path, cell: Cell, digest: str, content: Mapping[str, Any]) -> None:
-    """Write the row of a cell, or its failure, in one step; NaN and infinity become null.
-
-    Raises:
-        OutputError: It cannot be written.
-    """
+    """Write the row of a cell, or its failure, in one step, null for NaN and infinity; OutputError if it cannot be."""
     row = {**content, "format": ROW_FORMAT, "version": VERSION, "digest": digest, "cell": _named(cell)}
     write_atomically(path, (json.dumps(plain_json(row), indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
 

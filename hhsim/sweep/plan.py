@@ -1,23 +1,7 @@
 """Plan of a sweep: a TOML file of objects, motions, methods, surfaces and options, each combined with each.
 
-Keys, with their defaults if they have one::
-
-    version = 1
-    name = "first"                          # of the folder in results/; default: the file's
-    objects = ["cube", { file = "mug.stl", unit = "mm" }]       # also name, size_mm, thickness_mm
-    motions = ["grasp", "takes/*.npz", { file = "take.h5", name = "third" }]
-    methods = ["coupled"]
-    surfaces = ["spheres"]
-    seeds = [0]
-    ticks = 500                             # only the first so many of each motion; default: all
-    repeat = 5                              # runs of each cell, for the mean and the deviation of its times; default: 1
-
-    [options.usual]                         # sets of options, each under its name; default: one that changes nothing
-    [options.coarse]
-    level = 3
-    linearisations = 3
-
-Files are relative to the plan's folder. Options are named as a result states them, in SI units.
+docs/sweeps.md lists its keys. Files are relative to the plan's folder. Options are named as a result states them, in SI
+units.
 """
 
 from collections import Counter
@@ -81,18 +65,13 @@ class PlannedCell:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """Plan with its cells.
-
-    Attributes:
-        folder: The plan's folder; its files are relative to it.
-        notes: Sentences about combinations that are left out or the same, and about recordings.
-    """
+    """Plan with its cells."""
 
     name: str
-    folder: Path
+    folder: Path  # the plan's folder; its files are relative to it
     text: str
     cells: tuple[PlannedCell, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # sentences about combinations that are left out or the same, and about recordings
 
 
 def load_plan(path: Path) -> SweepPlan:
@@ -105,12 +84,9 @@ def load_plan(path: Path) -> SweepPlan:
 
 
 def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
-    """Read the text of a plan; errors as of `load_plan`.
+    """Read the text of a plan, whose files are relative to `folder`; errors as of `load_plan`.
 
-    Args:
-        name: Name of the sweep if the plan states none.
-        folder: Folder that files are relative to.
-        where: Name of the text in messages.
+    `name` is the sweep's if the plan states none, `where` the text's in messages.
     """
     plan = parse_settings(text, _PlanTable, where)
     objects = _unique(where, "objects", [checked_object(where, folder, entry) for entry in plan.objects])

@@ -34,48 +34,34 @@ State = Literal["repaired", "missed", "refused", "failed"]
 
 
 class RowOutcome(Settings, frozen=True, kw_only=True):
-    """Outcome of a row.
-
-    Attributes:
-        digest: Digest of what it depends on.
-        state: "repaired" within all limits; "missed", repaired but a limit is missed; "refused", a recording that
-            cannot be read or used; "failed" for any other reason.
-        reason: Reason of a state other than "repaired".
-        is_final: False if the same row may come to another end next time, as after a crash.
-        figures, frames, marked, verdict, findings: As in `hhsim.repair.request.RepairOutcome`; null for NaN.
-        paths: Names of files in the row's folder, by what they hold.
-    """
+    """Outcome of a row."""
 
     format: Literal["hhsim-repair"] = "hhsim-repair"
     version: Version = 1
-    digest: str
+    digest: str  # digest of what it depends on
+    # "repaired" within all limits; "missed", repaired but a limit is missed; "refused", a recording that cannot be read
+    # or used; "failed" for any other reason.
     state: State
-    reason: str = ""
-    is_final: bool = True
+    reason: str = ""  # reason of a state other than "repaired"
+    is_final: bool = True  # False if the same row may come to another end next time, as after a crash
+    # As in `hhsim.repair.request.RepairOutcome`; null for NaN.
     figures: dict[str, float | None] = field(default_factory=dict)
     frames: int = 0
     marked: tuple[int, ...] = ()
     verdict: str = ""
     findings: tuple[str, ...] = ()
-    paths: dict[str, str] = field(default_factory=dict)
+    paths: dict[str, str] = field(default_factory=dict)  # names of files in the row's folder, by what they hold
 
 
 @dataclass(frozen=True)
 class RowTask:
-    """Task for a process.
-
-    Attributes:
-        digest: Digest of the row, its name included.
-        repair: Function of a module that the process can import.
-        attempt: Name of the run that it belongs to.
-        sources: Digest of the hhsim that planned it.
-    """
+    """Task for a process."""
 
     row: PlannedRepair
-    digest: str
-    repair: Repair
-    attempt: str
-    sources: str
+    digest: str  # digest of the row, its name included
+    repair: Repair  # function of a module that the process can import
+    attempt: str  # name of the run that it belongs to
+    sources: str  # digest of the hhsim that planned it
 
     def run(self) -> TaskEnd:
         """Repair the recording; the end has a reason if that left no outcome in the row's folder."""

@@ -19,19 +19,12 @@ from hhsim.system.progress import Progress, silent
 
 @dataclass(frozen=True)
 class SweepOptions:
-    """Options of a sweep.
+    """Options of a sweep."""
 
-    Attributes:
-        jobs: Processes of this machine; 0 for one per physical core.
-        scheduler: Address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`; "" for processes.
-        retry_failed: Run cells again that failed before.
-        keep_results: Keep the result of each cell, not its row alone.
-    """
-
-    jobs: int = 0
-    scheduler: str = ""
-    retry_failed: bool = False
-    keep_results: bool = True
+    jobs: int = 0  # processes of this machine; 0 for one per physical core
+    scheduler: str = ""  # address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`; "" for processes
+    retry_failed: bool = False  # run cells again that failed before
+    keep_results: bool = True  # keep the result of each cell, not its row alone
 
     @property
     def workers(self) -> int:
@@ -57,9 +50,8 @@ class SweepSummary:
 def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progress: Progress = silent) -> SweepSummary:
     """Run the cells that are not done yet.
 
-    Raises:
-        InputError: No Dask, or no scheduler.
-        OutputError: The folder cannot be written, or another sweep works in it.
+    Raises InputError without Dask or a scheduler, OutputError for a folder that cannot be written, or where another
+    sweep works.
     """
     if options.scheduler:
         require_dask()

@@ -13,16 +13,11 @@ UNKNOWN = -1
 
 
 class CpuAccounts:
-    """Accounts of the thread that opens it, and of the processors that it may use.
+    """Accounts of the thread that opens it, and of the `processors` that it may use, or `cpu` alone.
 
-    All are totals; read twice for a difference. The descriptors stay open, so that a reading is one system call: 1 µs
-    for `run_delay_ns`, some 20 µs for `steal_ns` on two processors.
-
-    Attributes:
-        processors: Processors whose steal counts: `cpu`, or all that the thread may use together.
-        schedule, stat: Descriptors of the thread's schedstat and of /proc/stat, -1 if missing.
-        stat_bytes: Largest size of the lines of all processors in it [byte].
-        steal_step_ns: Resolution of `steal_ns` [ns]: 10 ms on most systems.
+    All are totals; read twice for a difference. The descriptors, -1 if missing, stay open, so that a reading is one
+    system call: 1 µs for `run_delay_ns`, some 20 µs for `steal_ns` on two processors, whose resolution is
+    `steal_step_ns`, 10 ms on most systems.
     """
 
     def __init__(self, cpu: int | None = None, proc: Path = Path("/proc")) -> None:

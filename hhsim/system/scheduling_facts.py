@@ -33,9 +33,7 @@ class SchedulingFact:
 def scheduling_facts(priority: int, root: Path = Path("/")) -> list[SchedulingFact]:
     """Return settings of kernel, processors, governor, limits, host and container.
 
-    Args:
-        priority: Highest priority under SCHED_FIFO that the loop asks for.
-        root: Folder of /proc and /sys.
+    `priority` is the highest under SCHED_FIFO that the loop asks for, `root` the folder of /proc and /sys.
     """
     found = re.search(r"^CapEff:\s*([0-9a-f]+)$", _text(root / "proc/self/status"), re.MULTILINE)
     capabilities = int(found[1], 16) if found else 0

@@ -51,12 +51,9 @@ def unit_size(unit: str) -> float:
 
 
 def shown(value: Any, digits: int | None = None, missing: str = MISSING) -> str:
-    """Return a value as people read it.
+    """Return a value as people read it, `missing` for None and NaN; text is returned as it is.
 
-    Args:
-        value: Text is returned as it is; None and NaN are missing.
-        digits: Digits behind the point; None for four significant ones, and all of a whole number.
-        missing: Stands for a missing value.
+    `digits` are those behind the point; None for four significant ones, and all of a whole number.
     """
     if isinstance(value, str):
         return value
@@ -87,25 +84,16 @@ class Marked(str):
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table.
+    """One column of a table."""
 
-    Attributes:
-        name: Name of the figure; with the unit it is the heading. Key or attribute of a row where `of` is not given.
-        says: Meaning of the column, for people.
-        unit: Unit of what is shown; the values of rows are in its `stored_unit`.
-        of: A row's value: a key, a position, an attribute or its path with dots, or a function of the row.
-        digits: Digits behind the point; None as for `shown`.
-        missing: Stands for a missing value.
-        is_number: True if its cells are aligned right and never broken.
-    """
-
-    name: str
-    says: str = ""
-    unit: str = ""
+    name: str  # name of the figure; with the unit it is the heading. Key or attribute of a row where `of` is not given.
+    says: str = ""  # meaning of the column, for people
+    unit: str = ""  # unit of what is shown; the values of rows are in its `stored_unit`
+    # A row's value: a key, a position, an attribute or its path with dots, or a function of the row.
     of: str | int | Callable[[Any], Any] = ""
-    digits: int | None = None
-    missing: str = MISSING
-    is_number: bool = True
+    digits: int | None = None  # digits behind the point; None as for `shown`
+    missing: str = MISSING  # stands for a missing value
+    is_number: bool = True  # True if its cells are aligned right and never broken
 
     @property
     def heading(self) -> str:

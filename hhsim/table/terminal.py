@@ -43,13 +43,9 @@ class LaidColumn:
 def terminal_text(table: Table, *, in_terminal: bool, optional: Sequence[str] = ()) -> str:
     """Return a table as a terminal shows it; without any heading it has no rule either.
 
-    Where it is too wide, optional columns go, then text is folded at words; where a row would have many lines, each row
-    becomes a card.
-
-    Args:
-        table: Its title is a line above it; its notes are left out.
-        in_terminal: True if it is as wide as the terminal allows; else lines are as long as they need to be.
-        optional: Headings of the columns that a narrow terminal does without, the first to go first.
+    Its title is a line above it; its notes are left out. Where it is too wide, optional columns go, named by their
+    headings, the first to go first; then text is folded at words; where a row would have many lines, each row becomes a
+    card. Lines are as wide as the terminal allows, or as long as they need to be outside of one.
     """
     from rich import box
     from rich.console import Console

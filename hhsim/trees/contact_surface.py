@@ -11,17 +11,11 @@ from hhsim.trees.sphere_tree import SphereTree
 
 
 class ContactSurface(NamedTuple):
-    """A surface in the kernels' form, and its origin.
+    """A surface in the kernels' form, and its origin."""
 
-    Attributes:
-        arrays: Arrays of a surface of `hhsim.kernels.surfaces`, in the frame of mesh and tree.
-        notes: What of the object cannot be touched or is unknown, a sentence each.
-        mesh, tree: Source of the arrays; None where the object has none.
-    """
-
-    arrays: Any
-    notes: tuple[str, ...] = ()
-    mesh: Mesh | None = None
+    arrays: Any  # arrays of a surface of `hhsim.kernels.surfaces`, in the frame of mesh and tree
+    notes: tuple[str, ...] = ()  # what of the object cannot be touched or is unknown, a sentence each
+    mesh: Mesh | None = None  # source of the arrays; None where the object has none
     tree: SphereTree | None = None
 
 
@@ -31,16 +25,9 @@ def encloses(mesh: Mesh) -> bool:
 
 
 def contact_surface(name: str, mesh: Mesh | None, tree: SphereTree | None) -> ContactSurface:
-    """Make the surface that an option names.
+    """Make the surface `spheres` or `mesh` of an object [m], and its sphere tree in the same frame.
 
-    Args:
-        name: `spheres` or `mesh`.
-        mesh: Object [m]; None where it is spheres alone.
-        tree: Its sphere tree, in the same frame; None where it is triangles alone.
-
-    Raises:
-        InputError: A surface that no object has, or not this one.
-        MeshError: No triangle has an area.
+    Raises InputError for a surface that no object has, or not this one, MeshError where no triangle has an area.
     """
     if name not in ("spheres", "mesh"):
         raise InputError(f"no object has the surface '{name}': expected spheres or mesh")

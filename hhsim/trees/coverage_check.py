@@ -7,16 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhsim.kernels.cover.check_certificate import (
-    CORNER_OUTSIDE,
-    HOLDS,
-    NO_SUCH_CODE,
-    NO_SUCH_SPHERE,
-    TOO_DEEP,
-    TOO_LONG,
-    TOO_SHORT,
-    check_proof,
-)
+from hhsim.kernels.cover import check_certificate
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 
@@ -27,12 +18,12 @@ _ROUNDING = 1e-14
 _DEPTH_ROUNDING = 1e-9
 
 _WRONG = {
-    NO_SUCH_SPHERE: "names a sphere that does not exist",
-    CORNER_OUTSIDE: "puts a corner into a sphere that does not contain it",
-    NO_SUCH_CODE: "has a code without a meaning",
-    TOO_SHORT: "ends too early",
-    TOO_LONG: "goes on after the last face",
-    TOO_DEEP: "halves a face too often",
+    check_certificate.NO_SUCH_SPHERE: "names a sphere that does not exist",
+    check_certificate.CORNER_OUTSIDE: "puts a corner into a sphere that does not contain it",
+    check_certificate.NO_SUCH_CODE: "has a code without a meaning",
+    check_certificate.TOO_SHORT: "ends too early",
+    check_certificate.TOO_LONG: "goes on after the last face",
+    check_certificate.TOO_DEEP: "halves a face too often",
 }
 
 
@@ -49,8 +40,8 @@ def faults(mesh: Mesh, covers: "tuple[LevelCover, ...]") -> tuple[str, ...]:
         if not cover.proved:
             found.append(f"level {level}: no proof that it covers the mesh")
         else:
-            what, face, code = check_proof(corner, cover.center, grown, _ROUNDING * size, cover.proof)
-            if what != HOLDS:
+            what, face, code = check_certificate.check_proof(corner, cover.center, grown, _ROUNDING * size, cover.proof)
+            if what != check_certificate.HOLDS:
                 found.append(f"level {level}: the proof {_WRONG[what]}, face {face}, code {code}")
         short = cover.depth + mesh_signed_distance(bvh, cover.center)
         if not short.max() <= _DEPTH_ROUNDING * size:

@@ -35,8 +35,7 @@ def sample_spheres(
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Sample about `count` points on spheres, at least `LEAST_SAMPLES_EACH` on each.
 
-    Returns:
-        Points [m], shape (n, 3); sphere of each, (n,); area that each stands for [m²], (n,).
+    Returns points [m], shape (n, 3); the sphere of each, (n,); and the area that each stands for [m²], (n,).
     """
     area = 4.0 * np.pi * radius**2
     share = area / area.sum() if area.sum() > 0.0 else np.full(len(radius), 1.0 / len(radius))
@@ -58,9 +57,8 @@ def prove_cover(
 ) -> tuple[IntArray, Codes]:
     """Prove that spheres, centres (n, 3) and radii (n,) [m], cover a mesh, vertices (V, 3) [m] and faces (F, 3).
 
-    Returns:
-        Faces without a proof, and the codes of the proof as in `hhsim.kernels.cover.certify`; no codes if a face has
-        none.
+    Returns the faces without a proof, and the proof's codes as of `hhsim.kernels.cover.certify`; no codes if a face has
+    none.
     """
     corner = np.ascontiguousarray(vertices[faces], np.float64).reshape(-1, 9)
     size = max(float(np.abs(vertices[faces]).max()), float(np.abs(center).max()))
@@ -93,10 +91,8 @@ def measure_levels(
 ) -> tuple[LevelError, ...]:
     """Measure every level of a tree, in the frame of the mesh: its cover, or else its nodes.
 
-    Args:
-        seed: Seed of the samples; those of a level do not depend on the other levels.
-        progress: Called with ("measure", levels done, levels).
-        workers: Threads to measure with; None for the calling one.
+    The samples of a level do not depend on the other levels. `progress` is called with ("measure", levels done,
+    levels); `workers` are threads to measure with, None the calling one.
     """
     workers = workers or Workers()
     surface = sample_mesh(vertices, faces, MESH_SAMPLES, np.random.default_rng([seed, 0]))

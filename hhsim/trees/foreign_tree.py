@@ -35,19 +35,12 @@ _OFF_PLACE = 0.1
 
 
 class ImportedTree(NamedTuple):
-    """A tree from a file, in the mesh's frame and in metres, with the measured errors of its levels.
+    """A tree from a file, in the mesh's frame and in metres, with the measured errors of its levels."""
 
-    Attributes:
-        tree: Tree, with the hash of the mesh that it was measured against.
-        frame: Origin of its centres: "mesh" or "centred".
-        notes: Assumptions, repairs, and what its leaves do not prove, a sentence each.
-        unproved: Number of faces of the mesh that the leaves are not proved to cover.
-    """
-
-    tree: SphereTree
-    frame: str
-    notes: tuple[str, ...]
-    unproved: int
+    tree: SphereTree  # tree, with the hash of the mesh that it was measured against
+    frame: str  # origin of its centres: "mesh" or "centred"
+    notes: tuple[str, ...]  # assumptions, repairs, and what its leaves do not prove, a sentence each
+    unproved: int  # number of faces of the mesh that the leaves are not proved to cover
 
 
 def import_tree(

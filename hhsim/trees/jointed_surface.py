@@ -16,14 +16,10 @@ from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
 
 
 def jointed_surface(parts: Sequence[Any], path: FloatArray) -> JointedSurface:
-    """Put the surfaces of parts together, and place the parts where they are at the first tick.
+    """Put the surfaces of parts, each in its part's frame, together, with the parts where they are at the first tick.
 
-    Args:
-        parts: Arrays of one kind of surface, each in its part's frame.
-        path: Position [m] and orientation (w, x, y, z) of each part in the thing's frame at each tick, (T, P, 7).
-
-    Raises:
-        InputError: Parts of different surfaces.
+    `path` has position [m] and orientation (w, x, y, z) of each part in the thing's frame at each tick, (T, P, 7).
+    Raises InputError for parts of different surfaces.
     """
     kinds = {type(arrays) for arrays in parts}
     joined: tuple[Any, Any]

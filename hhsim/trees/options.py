@@ -19,28 +19,18 @@ COVERS = ("outer", "balanced")
 
 @dataclass(frozen=True)
 class TreeOptions:
-    """Options of the builder.
+    """Options of the builder; InputError for a value out of its range, UnknownNameError for an unknown cover."""
 
-    Attributes:
-        level: Level of the leaves, 1 to 5; the root is level 0. None for as many as `leaves` or `max_error` need, 4 if
-            neither is given.
-        branching: Most children of a node.
-        leaves: Most leaves; None for branching ** level.
-        seed: Seed of the samples that measure the errors; the spheres do not depend on it.
-        cover: "outer" for covers that contain the whole surface, "balanced" for the least error to both sides.
-        max_error: Largest proved distance of the leaves from the mesh [m]; the fewest leaves that reach it are taken,
-            see `hhsim.trees.builder.find_fewest`. None to take all.
-
-    Raises:
-        InputError: A value out of its range.
-        UnknownNameError: No such cover.
-    """
-
+    # Level of the leaves, 1 to 5; the root is level 0. None for as many as `leaves` or `max_error` need, 4 if neither
+    # is given.
     level: int | None = None
-    branching: int = 8
-    leaves: int | None = None
-    seed: int = 0
+    branching: int = 8  # most children of a node
+    leaves: int | None = None  # most leaves; None for branching ** level
+    seed: int = 0  # seed of the samples that measure the errors; the spheres do not depend on it
+    # "outer" for covers that contain the whole surface, "balanced" for the least error to both sides.
     cover: str = "outer"
+    # Largest proved distance of the leaves from the mesh [m]; the fewest leaves that reach it are taken, see
+    # `hhsim.trees.builder.find_fewest`. None to take all.
     max_error: float | None = None
 
     def __post_init__(self) -> None:

@@ -22,27 +22,17 @@ ENCLOSING_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class LevelError:
-    """Error of the spheres of one level.
+    """Error of the spheres of one level."""
 
-    Attributes:
-        level: 0 is the root.
-        spheres: Number of spheres.
-        gap_max: Largest distance of the mesh surface outside the spheres [m]; 0 for a complete cover.
-        gap_mean, gap_p99: Mean and 99th percentile over the mesh surface [m].
-        protrusion_max: Largest sampled distance of the surface of the union of the spheres outside the mesh [m].
-        protrusion_mean, protrusion_p99: Mean and 99th percentile over that surface outside the mesh [m].
-        bound: Proved upper bound of the protrusion [m]: the largest of (radius − depth of the centre).
-    """
-
-    level: int
-    spheres: int
-    gap_max: float
-    gap_mean: float
-    gap_p99: float
-    protrusion_max: float
-    protrusion_mean: float
-    protrusion_p99: float
-    bound: float
+    level: int  # 0 is the root
+    spheres: int  # number of spheres
+    gap_max: float  # largest distance of the mesh surface outside the spheres [m]; 0 for a complete cover
+    gap_mean: float  # mean over the mesh surface [m]
+    gap_p99: float  # 99th percentile [m]
+    protrusion_max: float  # largest sampled distance of the surface of the union of the spheres outside the mesh [m]
+    protrusion_mean: float  # mean over that surface outside the mesh [m]
+    protrusion_p99: float  # 99th percentile [m]
+    bound: float  # proved upper bound of the protrusion [m]: the largest of (radius − depth of the centre)
 
 
 LENGTHS = tuple(item.name for item in fields(LevelError) if item.name not in ("level", "spheres"))
@@ -53,22 +43,17 @@ LENGTHS = tuple(item.name for item in fields(LevelError) if item.name not in ("l
 class LevelCover:
     """Spheres that stand for a mesh at one level of a sphere tree.
 
-    Attributes:
-        center: [m], shape (n, 3), frame of the mesh.
-        radius: [m], shape (n,).
-        depth: Depth of each centre inside the mesh, negative outside [m], shape (n,).
-        gap: Largest distance of the surface outside the spheres [m]: grown by this they cover it. 0 for a full cover.
-        proof: Proof that the grown spheres cover each face, as `hhsim.kernels.cover.certify` writes it, shape (m,);
-            empty if nothing is proved.
-
     Raises:
         InputError: Wrong shapes, no sphere, a value not finite, a negative radius or gap.
     """
 
-    center: FloatArray
-    radius: FloatArray
-    depth: FloatArray
+    center: FloatArray  # [m], shape (n, 3), frame of the mesh
+    radius: FloatArray  # [m], shape (n,)
+    depth: FloatArray  # depth of each centre inside the mesh, negative outside [m], shape (n,)
+    # Largest distance of the surface outside the spheres [m]: grown by this they cover it. 0 for a full cover.
     gap: float
+    # Proof that the grown spheres cover each face, as `hhsim.kernels.cover.certify` writes it, shape (m,); empty if
+    # nothing is proved.
     proof: Codes
 
     def __post_init__(self) -> None:
@@ -125,32 +110,21 @@ class SphereTree:
 
     All leaves lie at the same depth, and every node encloses the leaves below it, so that a walk may reject all of them
     at once. Such a node is a poor model of the mesh: each level has a cover of its own for that, with as many spheres,
-    as tight as those of a tree that ends there. `at_level` makes that tree.
-
-    Attributes:
-        center: [m], shape (N, 3), frame of the mesh.
-        radius: [m], shape (N,).
-        level: Depth of each node, shape (N,).
-        parent: Index of each node's parent, −1 for the root, shape (N,).
-        errors: Measured error of each level, coarse to fine; empty if it was not measured.
-        mesh_sha256: Content hash of the mesh that the tree was built for; empty if unknown.
-        options: Options of the builder.
-        covers: Cover of each level, 0 to the leaves', whose spheres are the leaves; empty if there are none.
-        cpu_seconds: CPU time of each cover's build [s]; empty for a tree from a file, since files hold no times.
-
-    Raises:
-        InputError: Wrong shapes or order, a value not finite, a negative radius, a leaf outside an ancestor, or covers
-            that are not one a level, the last of them the leaves.
+    as tight as those of a tree that ends there. `at_level` makes that tree. Raises InputError for wrong shapes or
+    order, a value not finite, a negative radius, a leaf outside an ancestor, or covers that are not one a level, the
+    last of them the leaves.
     """
 
-    center: FloatArray
-    radius: FloatArray
-    level: IntArray
-    parent: IntArray
-    errors: tuple[LevelError, ...] = ()
-    mesh_sha256: str = ""
-    options: Mapping[str, Any] = field(default_factory=dict)
+    center: FloatArray  # [m], shape (N, 3), frame of the mesh
+    radius: FloatArray  # [m], shape (N,)
+    level: IntArray  # depth of each node, shape (N,)
+    parent: IntArray  # index of each node's parent, −1 for the root, shape (N,)
+    errors: tuple[LevelError, ...] = ()  # measured error of each level, coarse to fine; empty if it was not measured
+    mesh_sha256: str = ""  # content hash of the mesh that the tree was built for; empty if unknown
+    options: Mapping[str, Any] = field(default_factory=dict)  # options of the builder
+    # Cover of each level, 0 to the leaves', whose spheres are the leaves; empty if there are none.
     covers: tuple[LevelCover, ...] = ()
+    # CPU time of each cover's build [s]; empty for a tree from a file, since files hold no times.
     cpu_seconds: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:

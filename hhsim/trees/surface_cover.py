@@ -199,17 +199,11 @@ _TIE = 1e-6
 
 @dataclass(frozen=True)
 class CanonicalFrame:
-    """A similarity: a point p [m] has the coordinates rotation @ (p − origin) / size.
+    """A similarity: a point p [m] has the coordinates rotation @ (p − origin) / size."""
 
-    Attributes:
-        origin: Mean of the vertices [m], shape (3,).
-        rotation: Rows are the axes of the frame, shape (3, 3).
-        size: Distance of the farthest vertex from the origin [m].
-    """
-
-    origin: FloatArray
-    rotation: FloatArray
-    size: float
+    origin: FloatArray  # mean of the vertices [m], shape (3,)
+    rotation: FloatArray  # rows are the axes of the frame, shape (3, 3)
+    size: float  # distance of the farthest vertex from the origin [m]
 
     def into(self, points: FloatArray) -> FloatArray:
         """Return the coordinates of points [m], shape (n, 3), on the grid."""
@@ -279,12 +273,8 @@ def cover_of(
 ) -> tuple[FloatArray, FloatArray]:
     """Cover a mesh with at most `spheres` spheres; its place, rotation and size make no difference.
 
-    Args:
-        progress: Called with ("cover", cycles done, cycles).
-        workers: Threads to build with; None for the calling one. The bytes do not depend on their number.
-
-    Returns:
-        Centres [m], shape (n, 3), and radii [m], shape (n,).
+    `progress` is called with ("cover", cycles done, cycles); `workers` are threads to build with, None the calling one:
+    the bytes do not depend on them. Returns centres [m], shape (n, 3), and radii [m], shape (n,).
     """
     corner = np.ascontiguousarray(mesh.vertices[mesh.faces]).reshape(-1, 9)
     edge = edges_for(corner, np.ones(len(corner)), COARSE * spheres)

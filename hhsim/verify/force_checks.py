@@ -8,20 +8,10 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.result.schema import HANDS_APART
 from hhsim.system.counted import counted
+from hhsim.verify import forces
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import leaves
-from hhsim.verify.forces import (
-    Moment,
-    balance,
-    explained,
-    fingertip_normals,
-    moment,
-    on_another_part,
-    on_its_way,
-    proxy_forces,
-    residual,
-)
 from hhsim.verify.kinematics import turn_between
 from hhsim.verify.own_parts import with_meetings
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_OTHER, NO_PLACE, STUCK, JudgedTicks
@@ -77,7 +67,7 @@ def _wrench(judge: JudgedTicks) -> Claim:
 def _fingertips(judge: JudgedTicks) -> Claim:
     bears = np.abs(np.asarray(judge.result["force/phalanx"])).sum(axis=(2, 3)) > 0.0
     stiffness = float(judge.options["stiffness"]["contact"])
-    tips = fingertip_normals(judge.shown_posed, judge.wanted_posed, bears, stiffness)
+    tips = forces.fingertip_normals(judge.shown_posed, judge.wanted_posed, bears, stiffness)
     off = np.abs(tips - judge.result["force/fingertip_normal"]).max(axis=(1, 2))
     tolerance = FORCE * (1.0 + np.abs(tips).max(axis=(1, 2)))
     says = "Fig. 9: k |E E₁| across the distal phalanx"
@@ -94,15 +84,15 @@ def _judgeable(judge: JudgedTicks, without: int) -> IntArray:
     return np.flatnonzero(judge.status[judge.chosen] & (without | CAPACITY_EXCEEDED | NO_PLACE) == 0)
 
 
-def _moment(judge: JudgedTicks, i: int) -> Moment:
+def _moment(judge: JudgedTicks, i: int) -> forces.Moment:
     flexion, pull = judge.chosen_shown.flexion[i], judge.pull[int(judge.chosen[i])]
-    at = moment(judge.hand, judge.chosen_posed, flexion, judge.bearing_at(i), i, pull)
+    at = forces.moment(judge.hand, judge.chosen_posed, flexion, judge.bearing_at(i), i, pull)
     return with_meetings(at, judge.chosen_posed, judge.meetings_at(i), i) if judge.self_contact else at
 
 
-def _stationarity(judge: JudgedTicks, moment_at: Callable[[int], Moment]) -> Claim:
+def _stationarity(judge: JudgedTicks, moment_at: Callable[[int], forces.Moment]) -> Claim:
     chosen = _judgeable(judge, STUCK | LAG)
-    off = np.array([balance(moment_at(int(i)), judge.scale) for i in chosen])
+    off = np.array([forces.balance(moment_at(int(i)), judge.scale) for i in chosen])
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
     tolerance = force_slack(judge, size, judge.chosen)[chosen]
     says = "a settled tick is at the optimum: w = Jᵀλ + μ, λ ≥ 0 at what touches"
@@ -132,7 +122,7 @@ def _complementarity(judge: JudgedTicks) -> Claim:
     return judged("complementarity", says, off, FORCE, "N", "rounding of a sum", ticks=judge.chosen[chosen])
 
 
-def _balance(judge: JudgedTicks, moment_at: Callable[[int], Moment]) -> Claim:
+def _balance(judge: JudgedTicks, moment_at: Callable[[int], forces.Moment]) -> Claim:
     chosen = _judgeable(judge, STUCK)
     stored = judge.stored_forces(judge.chosen).reshape(len(judge.chosen), -1)
     size, lags = np.linalg.norm(stored, axis=1), judge.status[judge.chosen] & LAG > 0
@@ -143,19 +133,21 @@ def _balance(judge: JudgedTicks, moment_at: Callable[[int], Moment]) -> Claim:
     for n, i in enumerate(chosen):
         at, force, late = moment_at(int(i)), stored[i], bool(lags[i])
         explanations = [] if late else [(at.pull, True), (at.pull, False)] if progressive else [(at.pull, False)]
-        off[n] = min((explained(at, judge.scale, force, pull, apart) for pull, apart in explanations), default=np.inf)
+        off[n] = min(
+            (forces.explained(at, judge.scale, force, pull, apart) for pull, apart in explanations), default=np.inf
+        )
         # On its way, or where the palm of `progressive` yields to a finger, contacts bear what they can.
         yields = late or (progressive and off[n] > slack[i])
         if yields and (judge.on_mesh or judge.against_other_hand.of(int(i)).body.size):
             # Where the other hand goes meanwhile is not known here; the features of a mesh that are rows are the
             # solver's choice. All must be pushes, wherever they act.
-            alone = residual(at.bodies.T, force)
+            alone = forces.residual(at.bodies.T, force)
             if late and judge.on_mesh and alone < off[n]:
                 slack[i] += LEAN * size[i]
             off[n] = min(off[n], alone)
         elif yields:
-            pull = on_its_way(at, judge.diagonal, offset)
-            off[n] = min(off[n], explained(at, judge.scale, force, pull, False))
+            pull = forces.on_its_way(at, judge.diagonal, offset)
+            off[n] = min(off[n], forces.explained(at, judge.scale, force, pull, False))
     says = "forces push along the normals of what touches, and balance the coupling"
     return judged("force balance", says, off, slack[chosen], "N", WHY_SLACK, ticks=judge.chosen[chosen])
 
@@ -181,7 +173,7 @@ def _eq_14(judge: JudgedTicks) -> Claim:
     if judge.options["method"] == "paper":
         unclear |= judge.miscounted
         closed = judge.options["frustum_ends"] == "spheres"
-        other = on_another_part(judge.hand, judge.chosen_posed, judge.touching, *leaves(judge.result), closed)
+        other = forces.on_another_part(judge.hand, judge.chosen_posed, judge.touching, *leaves(judge.result), closed)
         unclear[judge.touching.tick[other]] = True
     chosen = np.flatnonzero(~unclear & (judge.status[judge.chosen] & CAPACITY_EXCEEDED == 0))
     wanted = judge.wanted_posed.at(judge.chosen)
@@ -190,7 +182,7 @@ def _eq_14(judge: JudgedTicks) -> Claim:
     stiffness = float(judge.options["stiffness"]["contact"])
     own = np.array(
         [
-            proxy_forces(judge.touching.of(int(i)), judge.chosen_posed, wanted, turn[i], int(i), stiffness)
+            forces.proxy_forces(judge.touching.of(int(i)), judge.chosen_posed, wanted, turn[i], int(i), stiffness)
             for i in chosen
         ]
     ).reshape(len(chosen), PALM + 1, 3)

@@ -57,13 +57,10 @@ def balance(at: Moment, scale: FloatArray) -> float:
 
 
 def explained(at: Moment, scale: FloatArray, stored: FloatArray, pull: FloatArray, apart: bool) -> float:
-    """Residual [N] of explaining stored forces by contact pushes that also balance a pull.
+    """Residual [N] of explaining stored forces by contact pushes that also balance a pull, shape (21,).
 
-    Args:
-        scale: Factors of the 21 rows, to N.
-        stored: Force of each body [N], the palm's last, shape (48,).
-        pull: Shape (21,).
-        apart: Palm and fingers balance separately: contacts of a finger do not push the palm.
+    `scale` has the factors of the 21 rows, to N; `stored` the force of each body [N], the palm's last, shape (48,). If
+    `apart`, palm and fingers balance separately: contacts of a finger do not push the palm.
     """
     jacobian = at.jacobian
     if apart:
@@ -124,13 +121,8 @@ def on_another_part(
 
     Its phalanx is a cone frustum with a sphere at its thin end, and the foot of a leaf's centre decides between the
     two. That is the nearest feature while the two only touch; with deep penetration feature and normal may differ. The
-    sphere at a finger's first joint belongs to the palm.
-
-    Args:
-        posed: Postures at the ticks of the pairs.
-        pairs: N pairs of a hand body and a leaf sphere that touch.
-        center, radius: All leaf spheres [m], world, shapes (L, 3) and (L,).
-        closed: Spheres close both ends of every frustum, not the fingertip's alone.
+    sphere at a finger's first joint belongs to the palm. Leaf spheres [m], world, have shapes (L, 3) and (L,); if
+    `closed`, spheres close both ends of every frustum, not the fingertip's alone.
     """
     found = np.zeros(len(pairs.body), bool)
     of_phalanx = np.flatnonzero(pairs.body != PALM)

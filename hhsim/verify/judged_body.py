@@ -18,22 +18,15 @@ from hhsim.verify.kinematics import Posed, rotations
 
 @dataclass(frozen=True, eq=False)
 class JudgedBody:
-    """Mesh and leaf spheres in a frame of their own, and where that is at n ticks.
+    """Mesh and leaf spheres in a frame of their own, and where that is at n ticks."""
 
-    Attributes:
-        mesh: In the body's frame [m].
-        center, radius: Leaf spheres [m], shapes (L, 3) and (L,).
-        first: Number of its first sphere or triangle among those of all bodies.
-        on_mesh: True if the hand touched triangles.
-        turn, shift: Rotation matrix (n, 3, 3) and translation [m] (n, 3) to the judge's frame; None: the body stands
-            still there, in its place.
-    """
-
-    mesh: Mesh
-    center: FloatArray
+    mesh: Mesh  # in the body's frame [m]
+    center: FloatArray  # leaf spheres [m], shapes (L, 3) and (L,)
     radius: FloatArray
-    first: int
-    on_mesh: bool
+    first: int  # number of its first sphere or triangle among those of all bodies
+    on_mesh: bool  # True if the hand touched triangles
+    # Rotation matrix (n, 3, 3) and translation [m] (n, 3) to the judge's frame; None: the body stands still there, in
+    # its place.
     turn: FloatArray | None
     shift: FloatArray
 

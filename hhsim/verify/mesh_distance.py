@@ -26,16 +26,7 @@ _MOST_PIECES = 200
 
 
 class HandReferee:
-    """Distances of hands to one mesh.
-
-    Args:
-        mesh: Watertight and wound outward [m], world.
-        open_too: As for `TrueSurface`.
-
-    Raises:
-        InputError: coal is not installed.
-        MeshError: The mesh is not watertight.
-    """
+    """Distances of hands to one mesh [m], world, as of `TrueSurface`, which says what `open_too` is, and the errors."""
 
     def __init__(self, mesh: Mesh, *, open_too: bool = False) -> None:
         import coal

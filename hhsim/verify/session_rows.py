@@ -28,43 +28,33 @@ LOOP_DIED = "the loop failed or was killed"
 
 
 class SessionRows:
-    """Tables of a session.
-
-    Attributes:
-        live, limits: Description of the session, and its limits of output and safety.
-        dry_run: True if nothing was sent.
-        period_ns, bend_step: Period of a tick [ns], and most that a bend moves in it.
-        numbers, follows: Number of each row, and whether its row before is the tick before, shape (T,).
-        period, deadline, early, wakeup, latency, missed, at_once, safety: As /live/tick, shape (T,).
-        bend, stiffness: Command to each finger, shape (T, 5).
-        woke: Wake-up of the loop, or begin of the tick [ns], shape (T,).
-        closed: True where the end of the tick's span is known, shape (T,).
-        over: That end: the next deadline slept for, or the begin of a tick at once [ns], shape (T,).
-    """
+    """Tables of a session; arrays have shape (T,) and are as /live/tick unless a comment says otherwise."""
 
     def __init__(self, result: Result) -> None:
         self.result = result
-        self.live: dict[str, Any] = dict(result.live or {})
-        self.limits: dict[str, Any] = result.told("limits")
-        self.dry_run = bool(self.live["dry_run"])
-        self.period_ns = round(1e9 / float(result.scene["rate"]))
+        self.live: dict[str, Any] = dict(result.live or {})  # description of the session
+        self.limits: dict[str, Any] = result.told("limits")  # of output and safety
+        self.dry_run = bool(self.live["dry_run"])  # True if nothing was sent
+        self.period_ns = round(1e9 / float(result.scene["rate"]))  # of a tick
+        # Most that a bend moves in it.
         self.bend_step = float(self.limits["output"]["bend_speed"]) * 1e-9 * self.period_ns
         self.numbers = np.arange(result.ticks)
-        self.follows = follows(result)
+        self.follows = follows(result)  # True if the row before is the tick before
         self.period, self.deadline, self.early, self.wakeup, self.latency, self.missed, self.safety = (
             np.asarray(result[f"live/tick/{name}"], np.int64)
             for name in ("period", "deadline", "early", "wakeup", "latency", "missed", "safety")
         )
         self.at_once = np.asarray(result["live/tick/at_once"], bool)
-        self.bend = np.asarray(result["live/tick/command_bend"])
-        self.stiffness = np.asarray(result["live/tick/command_stiffness"])
+        self.bend = np.asarray(result["live/tick/command_bend"])  # command to each finger, (T, 5)
+        self.stiffness = np.asarray(result["live/tick/command_stiffness"])  # (T, 5)
         slept_over = self.wakeup // self.period_ns * self.period_ns
-        self.woke = self.deadline + self.wakeup - slept_over
+        self.woke = self.deadline + self.wakeup - slept_over  # wake-up of the loop, or begin of the tick [ns]
         # The span of a tick that is not in the file, because the solver failed, is unknown.
         whole = np.zeros(result.ticks, bool)
         whole[1:] = np.diff(self.period) == 1 + self.missed[1:]
         whole &= self.follows
-        self.closed = np.append(whole[1:], False)
+        self.closed = np.append(whole[1:], False)  # True where the end of the tick's span is known
+        # That end: the next deadline slept for, or the begin of a tick at once [ns].
         self.over = np.append(np.where(self.at_once, self.woke, self.deadline - slept_over)[1:], 0)
 
     @cached_property

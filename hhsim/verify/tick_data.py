@@ -52,53 +52,41 @@ class Nearness(NamedTuple):
 
 
 class JudgedTicks:
-    """Ticks of a result, judged lazily.
+    """Ticks of a replay or a session, judged lazily.
 
-    Args:
-        result: Of a replay or a session.
-        chosen: Ticks whose distances and forces are judged, ascending.
-        asked: Those of them at which a slow library is asked; None: all.
-
-    Attributes:
-        asked: Indices of these ticks in `chosen`.
-        fingers: True for modelled fingers, shape (5,).
-        status, numbers: Status flags and numbers of all ticks, shape (T,).
-        shown, wanted: Graphic and haptic hand of all ticks; the haptic hand holds its last usable value.
-        shown_posed, wanted_posed: Their postures.
-        chosen_shown, chosen_posed: Graphic hand of the chosen ticks, and its posture.
-        diagonal: Stiffness of the coupling: palm 3 [N/m] and 3 [N·m/rad], flexion 15 [N·m/rad].
-        scale: Factors of the same 21 rows, to N.
-        safe: True if the method promises that nothing penetrates.
-        self_contact: True if it promises that the hand's own parts keep out of each other.
-        other: Result of the other hand, as the object sees it, of two that keep out of each other; None without one.
-        on_mesh: True if the hand touched the triangles of the mesh, not spheres.
-        touch, margin: Largest distances of a touching and of a candidate pair [m].
-        bearing: Largest distance of a pair that bears a force in a tick that lags [m]: its last step was not the last.
-        surely: Distance up to which pairs are certainly listed [m]: of triangles, the reach of a tick's final step.
+    Distances and forces are judged at the chosen ticks, ascending; a slow library is asked at those of them that are
+    `asked`, None: all.
     """
 
     def __init__(self, result: Result, chosen: IntArray, asked: IntArray | None = None) -> None:
         self.result, self.chosen = result, chosen
+        # Indices in `chosen`.
         self.asked = np.arange(len(chosen)) if asked is None else np.flatnonzero(np.isin(chosen, asked))
         self.hand = own_hand(result)
         self.options = result.scene["solver"]
-        self.fingers = np.array([name in self.options["fingers"] for name in FINGERS])
+        self.fingers = np.array([name in self.options["fingers"] for name in FINGERS])  # True for modelled ones
         self.status: IntArray = np.asarray(result["status"])
         self.numbers = np.arange(result.ticks)
-        self.shown = configurations(result, "graphic")
+        self.shown = configurations(result, "graphic")  # graphic hand of all ticks
+        # Haptic hand of all ticks, which holds its last usable value.
         last_usable = np.maximum.accumulate(np.where(usable(result), self.numbers, 0))
         self.wanted = configurations(result, "haptic").at(last_usable)
         self.shown_posed, self.wanted_posed = pose(self.hand, self.shown), pose(self.hand, self.wanted)
         self.chosen_shown = self.shown.at(chosen)
         self.chosen_posed = self.shown_posed.at(chosen)
+        # Stiffness of the coupling: palm 3 [N/m] and 3 [N·m/rad], flexion 15 [N·m/rad]; and its rows' factors, to N.
         g = self.options["stiffness"]
         self.diagonal = np.repeat([g["translation"], g["rotation"], g["flexion"]], [3, 3, 15]).astype(np.float64)
         self.scale = np.sqrt(g["translation"] / self.diagonal)
+        # Whether the method promises that nothing penetrates, and the hand touched triangles.
         self.safe, self.on_mesh = never_penetrates(self.options["method"]), result.surface == "mesh"
         self.self_contact = bool(self.options.get("self_contact", False))
         self.other = other_hand(result)
+        # Largest distances [m] of a touching and of a candidate pair, and of one that bears a force in a lagging tick,
+        # whose last step was not the last.
         self.touch, self.margin = float(self.options["touch"]), float(self.options["margin"])
         self.bearing = max(self.touch, ON_THE_WAY * float(self.options["offset"]))
+        # Distance up to which pairs are certainly listed [m]: of triangles, the reach of a tick's final step.
         self.surely = min(self.margin, 2.0 * float(self.options["step_tolerance"])) if self.on_mesh else self.margin
         self._listed = max(2.0 * self.bearing, self.margin + 2.0 * LENGTH if self.safe else 0.0)
 

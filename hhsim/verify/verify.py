@@ -45,25 +45,15 @@ SAMPLED = ("candidates", "distance by coal", "mesh", "contacts off the mesh")
 
 @dataclass(frozen=True, repr=False)
 class Verification:
-    """Verdicts of the referee.
+    """Verdicts of the referee."""
 
-    Attributes:
-        claims: Every claim with its verdict.
-        ticks: Number of ticks in the file.
-        looked_at: Number of ticks at which the claims of `SAMPLED` were judged; all others are judged at every tick.
-        every: Sampling interval of those [ticks].
-        sphere_penetration: Maximum depth in the leaf spheres [m]; NaN for a hand that touched the mesh.
-        mesh_penetration: Maximum depth in the true mesh [m]; NaN where it could not be judged.
-        stationarity: Worst imbalance of coupling and contacts [N]; NaN where no optimum is claimed.
-    """
-
-    claims: tuple[Claim, ...]
-    ticks: int
-    looked_at: int
-    every: int
-    sphere_penetration: float
-    mesh_penetration: float
-    stationarity: float
+    claims: tuple[Claim, ...]  # every claim with its verdict
+    ticks: int  # number of ticks in the file
+    looked_at: int  # number of ticks at which the claims of `SAMPLED` were judged; all others are judged at every tick
+    every: int  # sampling interval of those [ticks]
+    sphere_penetration: float  # maximum depth in the leaf spheres [m]; NaN for a hand that touched the mesh
+    mesh_penetration: float  # maximum depth in the true mesh [m]; NaN where it could not be judged
+    stationarity: float  # worst imbalance of coupling and contacts [N]; NaN where no optimum is claimed
 
     def __repr__(self) -> str:
         found = Counter(claim.verdict for claim in self.claims)

@@ -32,10 +32,9 @@ def blueprint(
 ) -> "rrb.Blueprint":
     """Arrange the views of a scene of this middle [m], world, shape (3,), and extent [m], plots from top to bottom.
 
-    Args:
-        hidden: Entities of the scene that are hidden at first.
-        tops: Upper end of a plot's axis from 0 at first, instead of its largest value.
-        live: Follow the newest tick and show the last `LIVE_WINDOW` seconds, instead of playing a recording.
+    Entities of `hidden` are hidden at first; `tops` are upper ends of plots' axes from 0 at first, instead of their
+    largest values. `live` follows the newest tick and shows the last `LIVE_WINDOW` seconds, instead of playing a
+    recording.
     """
     import rerun.blueprint as rrb
 

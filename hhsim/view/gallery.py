@@ -50,21 +50,14 @@ STILLS = 50
 
 @dataclass(frozen=True)
 class Shown:
-    """One file that is shown.
-
-    Attributes:
-        root: Begin of its entities' names.
-        content: `Result`, `Trajectory`, `SphereTree` or `Mesh`.
-        bounds: Its least and largest corner [m], shape (2, 3).
-        samples: Number of ticks or samples; 0 where it does not move.
-    """
+    """One file that is shown."""
 
     path: Path
     kind: Kind
-    root: str
-    content: Any
-    bounds: FloatArray
-    samples: int
+    root: str  # begin of its entities' names
+    content: Any  # `Result`, `Trajectory`, `SphereTree` or `Mesh`
+    bounds: FloatArray  # its least and largest corner [m], shape (2, 3)
+    samples: int  # number of ticks or samples; 0 where it does not move
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values for JSON."""

@@ -21,22 +21,14 @@ PER_FINGER = dict(zip(FINGERS, FINGER_COLORS))
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """One plot of a viewer.
+    """One plot of a viewer."""
 
-    Attributes:
-        path: Its entity.
-        series: Names and colours of its lines.
-        worst: True if a thinned plot shows the largest value of the ticks that each shown one stands for.
-        legend: True if it names its lines.
-        height: Height relative to the other plots.
-    """
-
-    path: str
+    path: str  # its entity
     title: str
-    series: Mapping[str, Color]
-    worst: bool = True
-    legend: bool = True
-    height: float = 1.0
+    series: Mapping[str, Color]  # names and colours of its lines
+    worst: bool = True  # True if a thinned plot shows the largest value of the ticks that each shown one stands for
+    legend: bool = True  # True if it names its lines
+    height: float = 1.0  # height relative to the other plots
 
     def thinned(self, values: FloatArray, shown: IntArray, starts: IntArray) -> FloatArray:
         """Return the values that are shown, shape (N, series); arguments as in `hhsim.view.plots`."""
@@ -110,28 +102,18 @@ def loop_values(wakeup: AnyArray, latency: AnyArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class ShownTicks:
-    """T ticks as a viewer gets them.
+    """T ticks as a viewer gets them."""
 
-    Attributes:
-        tick: Their numbers, shape (T,).
-        time: [s], shape (T,).
-        joints: Joints of the graphic hand [m], shape (T, 5, 4, 3).
-        phalanx: Contact force on each phalanx [N], shape (T, 5, 3, 3).
-        total: Sum of all contact forces [N], shape (T, 3).
-        touching: Ticks in which something may touch, indices from 0.
-        plots: Values of each plot, shape (T, its series).
-        moved: Motion of the object since the first tick, or of each part from its own frame; empty without motion.
-    """
-
-    tick: IntArray
-    time: FloatArray
+    tick: IntArray  # their numbers, shape (T,)
+    time: FloatArray  # [s], shape (T,)
     haptic: HandConfiguration
     graphic: HandConfiguration
-    joints: FloatArray
-    phalanx: FloatArray
-    total: FloatArray
-    touching: IntArray
-    plots: Mapping[Plot, FloatArray]
+    joints: FloatArray  # joints of the graphic hand [m], shape (T, 5, 4, 3)
+    phalanx: FloatArray  # contact force on each phalanx [N], shape (T, 5, 3, 3)
+    total: FloatArray  # sum of all contact forces [N], shape (T, 3)
+    touching: IntArray  # ticks in which something may touch, indices from 0
+    plots: Mapping[Plot, FloatArray]  # values of each plot, shape (T, its series)
+    # Motion of the object since the first tick, or of each part from its own frame; empty without motion.
     moved: tuple[RigidMotion, ...] = ()
 
 
@@ -145,10 +127,8 @@ def shown_ticks(
 ) -> ShownTicks:
     """Return what a viewer gets of N ticks, of which `column` returns any of `SHOWN_COLUMNS` by its name.
 
-    Args:
-        shown: Indices of the ticks that are shown, shape (T,).
-        starts: First index of the ticks that each shown one stands for, shape (T,).
-        more: Further plots and their values, shape (N, series).
+    `shown` are the indices of the ticks that are shown, shape (T,), `starts` the first of those that each stands for,
+    shape (T,); `more` has further plots and their values, shape (N, series).
     """
     kept, begins = np.asarray(shown), np.asarray(starts)
     haptic, graphic = (

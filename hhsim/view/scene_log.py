@@ -92,25 +92,16 @@ WORDS = (
 
 @dataclass(frozen=True, eq=False)
 class ShownScene:
-    """A scene without what changes with time.
+    """A scene without what changes with time."""
 
-    Attributes:
-        mesh, tree: The object and its sphere tree [m], world; a thing of several parts where it begins.
-        fingers: True for each finger that the scene uses, shape (5,); the others go through the object.
-        touch: Distance [m] below which pairs touch.
-        surface: Name of the surface that the hand touches.
-        spheres: True to send the leaf spheres too.
-        text: What was run, Markdown.
-    """
-
-    mesh: Mesh
+    mesh: Mesh  # the object and its sphere tree [m], world; a thing of several parts where it begins
     tree: SphereTree
     hand: HandModel
-    fingers: BoolArray
-    touch: float
-    surface: str = "spheres"
-    spheres: bool = False
-    text: str = ""
+    fingers: BoolArray  # True for each finger that the scene uses, shape (5,); the others go through the object
+    touch: float  # distance [m] below which pairs touch
+    surface: str = "spheres"  # name of the surface that the hand touches
+    spheres: bool = False  # True to send the leaf spheres too
+    text: str = ""  # what was run, Markdown
     parts: MovingParts | None = None
 
     @property

@@ -99,10 +99,8 @@ def check_target(target: RerunTarget) -> None:
 def rerun_stream(target: RerunTarget, application: str, blueprint: "rrb.Blueprint") -> "Iterator[rr.RecordingStream]":
     """Open a recording that goes to the target, with the views' arrangement; it is complete when the `with` is left.
 
-    A file appears when it is whole; where the `with` is left by an exception, there is none.
-
-    Raises:
-        InputError, OutputError: As `check_target`; a viewer that does not start or does not take the recording.
+    A file appears when it is whole; where the `with` is left by an exception, there is none. Errors are those of
+    `check_target`, and of a viewer that does not start or does not take the recording.
     """
     check_target(target)
     import rerun as rr

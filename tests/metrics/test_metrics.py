@@ -99,7 +99,7 @@ class TestForceVariation:
 class TestStatistics:
     def test_undefined_values_do_not_count(self) -> None:
         values = np.array([np.nan, 1.0, 3.0, np.nan, 100.0])
-        result = metrics.statistics(values, metrics.phase_mask(5, 0, 3))
+        result = metrics.statistics(values, np.arange(5) < 4)
         assert (result.mean, result.std, result.max, result.count) == (2.0, 1.0, 3.0, 2)
 
     @pytest.mark.parametrize("values", [np.full(4, np.nan), np.zeros(0)])
@@ -162,12 +162,12 @@ class TestRipple:
 class TestForceStep:
     def test_largest_change_while_moving_relative_to_the_hold(self) -> None:
         force = along(0, np.array([0.0, 1.0, 4.0, 4.0, 4.0, 40.0]))
-        moving, hold = metrics.phase_mask(6, 0, 2), metrics.phase_mask(6, 3, 4)
+        moving, hold = np.arange(6) < 3, np.isin(np.arange(6), (3, 4))
         assert metrics.force_step(force, moving, hold) == pytest.approx(75.0)
 
     def test_a_turning_force_steps_even_at_constant_size(self) -> None:
         force = np.array([[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 2.0, 0.0]])
-        step = metrics.force_step(force, metrics.phase_mask(3, 1, 1), metrics.phase_mask(3, 2, 2))
+        step = metrics.force_step(force, np.arange(3) == 1, np.arange(3) == 2)
         assert step == pytest.approx(100.0 * np.sqrt(2.0))
 
     def test_empty_phases_and_no_hold_force_are_undefined(self) -> None:

@@ -166,23 +166,6 @@ def test_closing_where_the_search_ended_gives_the_same_hand() -> None:
         assert closure.reached == best.reached
 
 
-def test_a_placed_script_moves_with_the_object() -> None:
-    motion = load_script("handle")
-    angle = 0.7
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
-    shift = np.array([0.3, -0.2, 0.1])
-    here = synthesize(motion, HAND, CUP)
-    there = synthesize(
-        motion,
-        HAND,
-        CUP.transformed(turn, shift),
-        object_position=shift,
-        object_orientation=quaternion_from_matrix(turn),
-    )
-    assert there.position == pytest.approx(here.position @ turn.T + shift, abs=1e-4)
-    assert there.flexion == pytest.approx(here.flexion, abs=5e-3)
-
-
 def test_a_script_that_is_made_for_one_object_says_so() -> None:
     with pytest.raises(TrajectoryError, match="script handle is made for cup, not for this object"):
         synthesize(load_script("handle"), HAND, BALL)

@@ -13,29 +13,8 @@ from typing import Annotated, Any
 import numpy as np
 
 from hhsim.arrays import BoolArray
+from hhsim.bench.manipulation import stage
 from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS, mujoco_pinch, mujoco_rest
-from hhsim.bench.manipulation.stage import (
-    BEHIND,
-    INDEX,
-    RATE,
-    REACH,
-    THUMB,
-    Pinch,
-    PinchOutcome,
-    Played,
-    Rest,
-    away,
-    ball,
-    block,
-    closed,
-    gripped,
-    gripper,
-    gripper_options,
-    own_outcome,
-    play,
-    touched,
-    turned_by,
-)
 from hhsim.errors import check_known
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
@@ -110,17 +89,23 @@ def _near(case: str, what: str, unit: str, exact: float, measured: float) -> Ans
 
 def _way(acceleration: float, ticks: int) -> float:
     """Way from the end of the first tick to that of the last one, by implicit Euler from rest [m]."""
-    return acceleration * (ticks * (ticks + 1) / 2 - 1) / RATE**2
+    return acceleration * (ticks * (ticks + 1) / 2 - 1) / stage.RATE**2
 
 
-def _alone(free: FreeObject, size: tuple[float, float, float], ticks: int) -> Played:
-    return play(free, touched(block(size)), gripper(0.05, TIP_RADIUS), gripper_options(), away(ticks))
+def _alone(free: FreeObject, size: tuple[float, float, float], ticks: int) -> stage.Played:
+    return stage.play(
+        free,
+        stage.touched(stage.block(size)),
+        stage.gripper(0.05, TIP_RADIUS),
+        stage.gripper_options(),
+        stage.away(ticks),
+    )
 
 
 def slope(options: ManipulationOptions) -> list[Answer]:
     """Answer for a block on a slope of 30° that slides, and one that sticks."""
     size, ticks = (0.06, 0.06, 0.04), 300
-    free = FreeObject.of_mesh(block(size), mass=0.1, friction=0.3, table=-0.02, gravity=DOWN)
+    free = FreeObject.of_mesh(stage.block(size), mass=0.1, friction=0.3, table=-0.02, gravity=DOWN)
     slides, sticks = _alone(free, size, ticks), _alone(replace(free, friction=0.6), size, 10 * ticks)
     pull = GRAVITY * (math.sin(SLOPE) - 0.3 * math.cos(SLOPE))
     creep = float(np.linalg.norm(sticks.center - sticks.center[0], axis=1).max())
@@ -143,7 +128,7 @@ def rolling(options: ManipulationOptions) -> list[Answer]:
     for friction in (0.6, 0.1):
         free = FreeObject(mass, (0.0, 0.0, 0.0), rows, friction=friction, table=-radius, gravity=DOWN)
         solver = SolverOptions(method="coupled", surface="spheres", fingers=("thumb", "index"))
-        played = play(free, ball(radius), gripper(0.05, TIP_RADIUS), solver, away(ticks))
+        played = stage.play(free, stage.ball(radius), stage.gripper(0.05, TIP_RADIUS), solver, stage.away(ticks))
         rolls = friction > 2.0 / 7.0 * math.tan(SLOPE)
         rolled = 5.0 / 7.0 * GRAVITY * math.sin(SLOPE)
         slid = GRAVITY * (math.sin(SLOPE) - friction * math.cos(SLOPE))
@@ -152,7 +137,7 @@ def rolling(options: ManipulationOptions) -> list[Answer]:
         way = float(played.center[-1, 0] - played.center[0, 0])
         found.append(_near(case, "way in 0.5 s", "m", _way(rolled if rolls else slid, ticks), way))
         found.append(
-            _near(case, "spin after 0.5 s", "rad/s", spun * ticks / RATE, float(played.angular_velocity[-1, 1]))
+            _near(case, "spin after 0.5 s", "rad/s", spun * ticks / stage.RATE, float(played.angular_velocity[-1, 1]))
         )
     return found
 
@@ -161,7 +146,11 @@ def flight(options: ManipulationOptions) -> list[Answer]:
     """Answer for a body in free flight, and one that tumbles on a table."""
     size, ticks = (0.1, 0.06, 0.02), 2000
     free = FreeObject.of_mesh(
-        block(size), mass=0.3, gravity=(0.0, 0.0, 0.0), velocity=(1.0, 2.0, 3.0), angular_velocity=(1.0, 12.0, 0.5)
+        stage.block(size),
+        mass=0.3,
+        gravity=(0.0, 0.0, 0.0),
+        velocity=(1.0, 2.0, 3.0),
+        angular_velocity=(1.0, 12.0, 0.5),
     )
     flies = _alone(free, size, ticks)
     momentum = 0.3 * np.linalg.norm(flies.velocity - np.array(free.velocity), axis=1).max()
@@ -169,7 +158,7 @@ def flight(options: ManipulationOptions) -> list[Answer]:
     free = replace(free, gravity=(0.0, 0.0, -GRAVITY), table=-0.3, friction=0.5)
     free = replace(free, velocity=(0.5, 0.0, 0.0), angular_velocity=(3, 5, 0.5))
     falls = _alone(free, size, ticks)
-    force = falls.table_wrench[:, :3].sum(axis=0) / RATE + 0.3 * np.array(free.gravity) * ticks / RATE
+    force = falls.table_wrench[:, :3].sum(axis=0) / stage.RATE + 0.3 * np.array(free.gravity) * ticks / stage.RATE
     gained = 0.3 * (falls.velocity[-1] - np.array(free.velocity))
     return [
         Answer("body in flight", "momentum gained in 2 s", "N·s", 0.0, float(momentum), 1e-9),
@@ -192,17 +181,19 @@ def tipping(options: ManipulationOptions) -> list[Answer]:
 
 
 def _tips(side: float, friction: float, height: float) -> bool:
-    hand = gripper(0.05, TIP_RADIUS)
+    hand = stage.gripper(0.05, TIP_RADIUS)
     base = hand.base.copy()
-    base[INDEX], base[THUMB] = 0.0, BEHIND
-    mesh = block([side] * 3, [0.0, REACH + TIP_RADIUS + 0.001 + 0.5 * side, 0.0])
+    base[stage.INDEX], base[stage.THUMB] = 0.0, stage.BEHIND
+    mesh = stage.block([side] * 3, [0.0, stage.REACH + TIP_RADIUS + 0.001 + 0.5 * side, 0.0])
     free = FreeObject.of_mesh(mesh, mass=0.24, friction=0.0, table_friction=friction, table=-0.5 * side)
     ticks = 800
     position = np.zeros((ticks, 3))
     position[:, 1], position[:, 2] = 0.015 * np.arange(1, ticks + 1) / ticks, height - 0.5 * side
-    options = replace(gripper_options(), fingers=("index",))
-    played = play(free, touched(mesh), replace(hand, base=base), options, closed(np.zeros(ticks), position))
-    return max(turned_by(played.orientation[0], turn) for turn in played.orientation[::50]) > math.radians(1.0)
+    options = replace(stage.gripper_options(), fingers=("index",))
+    played = stage.play(
+        free, stage.touched(mesh), replace(hand, base=base), options, stage.closed(np.zeros(ticks), position)
+    )
+    return max(stage.turned_by(played.orientation[0], turn) for turn in played.orientation[::50]) > math.radians(1.0)
 
 
 def thresholds(options: ManipulationOptions) -> list[Answer]:
@@ -211,9 +202,9 @@ def thresholds(options: ManipulationOptions) -> list[Answer]:
     for mass in (0.01, 0.1, 1.0):
         for friction in (0.2, 0.5, 1.0):
             # The same sag for every block that is not light.
-            pinch = Pinch(mass=mass, friction=friction, hold=0.1, easing=4.0, stiffness=max(1000.0, 1e4 * mass))
+            pinch = stage.Pinch(mass=mass, friction=friction, hold=0.1, easing=4.0, stiffness=max(1000.0, 1e4 * mass))
             pinch = replace(pinch, squeeze=EASED_FROM * pinch.threshold, eased=EASED_TO / EASED_FROM)
-            played = gripped(pinch)
+            played = stage.gripped(pinch)
             case = f"pinch of {1e3 * mass:g} g, μ {friction:g}"
             slips = played.slipped(of_table=False) > SLIPS
             measured = _normal_before(played, slips, pinch)
@@ -229,18 +220,18 @@ def torsion(options: ManipulationOptions) -> list[Answer]:
     """
     found = []
     for limit, off_center in ((0.005, 0.01), (0.002, 0.01), (0.01, 0.015)):
-        pinch = Pinch(friction=2.0, hold=0.1, easing=4.0)
+        pinch = stage.Pinch(friction=2.0, hold=0.1, easing=4.0)
         exact = math.hypot(pinch.threshold, 0.5 * pinch.mass * pinch.gravity * off_center / limit)
         pinch = replace(pinch, squeeze=EASED_FROM * exact, eased=EASED_TO / EASED_FROM)
-        played = gripped(pinch, torsion=limit, off_center=off_center)
+        played = stage.gripped(pinch, torsion=limit, off_center=off_center)
         first = played.orientation[pinch.eased_from]
-        turned = np.array([turned_by(first, turn) for turn in played.orientation]) > TURNS
+        turned = np.array([stage.turned_by(first, turn) for turn in played.orientation]) > TURNS
         case = f"block held {1e3 * off_center:g} mm off, γ {1e3 * limit:g} mm"
         found.append(_near(case, "squeeze at which it turns", "N", exact, _normal_before(played, turned, pinch)))
     return found
 
 
-def _normal_before(played: Played, event: BoolArray, pinch: Pinch) -> float:
+def _normal_before(played: stage.Played, event: BoolArray, pinch: stage.Pinch) -> float:
     """Normal force on a fingertip [N] right before an event in the easing; NaN without one."""
     normal = 0.5 * played.summed(played.normal_force, of_table=False)
     at = np.flatnonzero(event[pinch.eased_from :])
@@ -249,13 +240,13 @@ def _normal_before(played: Played, event: BoolArray, pinch: Pinch) -> float:
 
 def held(options: ManipulationOptions) -> list[Answer]:
     """Answer for a block that is held at 1.05 times the least squeeze: its height, and that it stays there."""
-    pinch = Pinch(hold=options.held, easing=1.0)
+    pinch = stage.Pinch(hold=options.held, easing=1.0)
     pinch = replace(pinch, squeeze=1.3 * pinch.threshold, eased=1.05 / 1.3)
-    played = gripped(pinch)
-    quiet = pinch.held_from + round(0.25 * RATE)
+    played = stage.gripped(pinch)
+    quiet = pinch.held_from + round(0.25 * stage.RATE)
     center = played.center[quiet:]
     height = float(center[-1, 2] - played.center[0, 2])
-    sinks = pinch.mass * pinch.gravity * (1.0 + REACH**2) / pinch.stiffness
+    sinks = pinch.mass * pinch.gravity * (1.0 + stage.REACH**2) / pinch.stiffness
     case = "100 g held at 1.05 times the least squeeze"
     creep = float(np.linalg.norm(center - center[0], axis=1).max()) if height > 0.5 * pinch.lift else math.nan
     return [
@@ -266,15 +257,15 @@ def held(options: ManipulationOptions) -> list[Answer]:
 
 def rest(options: ManipulationOptions) -> list[Answer]:
     """Answer for a cube on a table."""
-    task = Rest(options.rest)
+    task = stage.Rest(options.rest)
     size, table = (task.side, task.side, task.side), -0.5 * task.side
-    free = FreeObject.of_mesh(block(size), mass=task.mass, friction=task.friction, table=table)
-    played = _alone(free, size, round(RATE * task.seconds))
+    free = FreeObject.of_mesh(stage.block(size), mass=task.mass, friction=task.friction, table=table)
+    played = _alone(free, size, round(stage.RATE * task.seconds))
     creep = task.creep(played.center, played.orientation[[0, -1]])
     return rest_answers(task, creep, max(0.0, -float(played.table_distance.min())))
 
 
-def rest_answers(task: Rest, creep: float, depth: float) -> list[Answer]:
+def rest_answers(task: stage.Rest, creep: float, depth: float) -> list[Answer]:
     """Return the answers of a rest from the creep of the cube and its depth in the table [m]."""
     return [
         Answer("cube on a table", f"creep in {task.seconds:g} s", "m", 0.0, creep, 1e-9),
@@ -328,7 +319,7 @@ def measure(options: ManipulationOptions, progress: Progress = silent) -> list[R
         progress(name, done, len(chosen))
         answers += pinch_answers(options.held) if name == PINCH else CASES[name](options)
         if name == REST and has_mujoco():
-            task = Rest(options.rest)
+            task = stage.Rest(options.rest)
             for engine, configuration in CONFIGURATIONS.items():
                 found = rest_answers(task, *mujoco_rest(task, configuration))
                 answers += [answer.of_engine(engine) for answer in found]
@@ -340,16 +331,16 @@ def pinch_answers(held: float) -> list[Answer]:
     answers = []
     for share in SQUEEZES:
         case = f"100 g pinched with {share:g} times the least squeeze, μ 0.5"
-        pinch = Pinch(hold=held)
+        pinch = stage.Pinch(hold=held)
         pinch = replace(pinch, squeeze=share * pinch.threshold)
-        answers += _pinched(case, held, own_outcome(pinch))
+        answers += _pinched(case, held, stage.own_outcome(pinch))
         for engine, configuration in CONFIGURATIONS.items() if has_mujoco() else ():
             found = _pinched(case, held, mujoco_pinch(pinch, configuration))
             answers += [answer.of_engine(engine) for answer in found]
     return answers
 
 
-def _pinched(case: str, held: float, found: PinchOutcome) -> list[Answer]:
+def _pinched(case: str, held: float, found: stage.PinchOutcome) -> list[Answer]:
     return [
         Answer(case, "lifted", "1", 1.0, float(found.lifted), 0.0),
         Answer(case, f"creep in {held - 0.5:g} s", "m", 0.0, found.creep, 1e-6),

@@ -37,34 +37,23 @@ TABLE = -1
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """Motion of a free object, world frame.
+    """Motion of a free object, world frame."""
 
-    Attributes:
-        free: Object at the start.
-        center: Centre of mass [m], shape (T, 3).
-        orientation: Relative to the start, (w, x, y, z), shape (T, 4).
-        velocity, angular_velocity: [m/s] and [rad/s], shape (T, 3).
-        hand_wrench, table_wrench: On the object, [N] and [N·m] about the centre of mass, shape (T, 6).
-        table_distance: Of its lowest point [m], shape (T,).
-        joints: Of the graphic hand [m], in the object's frame, shape (T, 5, 4, 3).
-        tick, body, normal_force, slip: Of every contact that bears a force, first axis the contact.
-        period: Of a tick [s].
-    """
-
-    free: FreeObject
-    center: FloatArray
-    orientation: FloatArray
-    velocity: FloatArray
-    angular_velocity: FloatArray
-    hand_wrench: FloatArray
+    free: FreeObject  # object at the start
+    center: FloatArray  # centre of mass [m], shape (T, 3)
+    orientation: FloatArray  # relative to the start, (w, x, y, z), shape (T, 4)
+    velocity: FloatArray  # [m/s], shape (T, 3)
+    angular_velocity: FloatArray  # [rad/s], shape (T, 3)
+    hand_wrench: FloatArray  # on the object, [N] and [N·m] about the centre of mass, shape (T, 6)
     table_wrench: FloatArray
-    table_distance: FloatArray
-    joints: FloatArray
+    table_distance: FloatArray  # of its lowest point [m], shape (T,)
+    joints: FloatArray  # of the graphic hand [m], in the object's frame, shape (T, 5, 4, 3)
+    # Of every contact that bears a force, first axis the contact.
     tick: NDArray[np.int64]
     body: NDArray[np.int64]
     normal_force: FloatArray
     slip: FloatArray
-    period: float
+    period: float  # of a tick [s]
 
     @property
     def ticks(self) -> int:
@@ -182,37 +171,24 @@ class PinchOutcome:
 
 @dataclass(frozen=True)
 class Pinch:
-    """Task of a pinch.
+    """Task of a pinch."""
 
-    Attributes:
-        mass: Of the block [kg].
-        friction: μ of all contacts.
-        squeeze: Normal force of each fingertip [N].
-        hold: Duration of the hold [s].
-        side: Of the block, a cube [m].
-        stiffness: Of the coupling of each fingertip, in all directions [N/m].
-        lift: Height of the lift [m].
-        gap: Between fingertip and block at first [m].
-        closing, settling, lifting, easing: Durations before the hold [s].
-        eased: Share of the squeeze that is left after the easing.
-        gravity: [m/s²].
-    """
-
-    mass: float = 0.1
-    friction: float = 0.5
-    squeeze: float = 1.03
-    hold: float = 20.0
-    side: float = 0.04
+    mass: float = 0.1  # of the block [kg]
+    friction: float = 0.5  # μ of all contacts
+    squeeze: float = 1.03  # normal force of each fingertip [N]
+    hold: float = 20.0  # duration of the hold [s]
+    side: float = 0.04  # of the block, a cube [m]
     tip_radius: float = 0.008
-    stiffness: float = 1000.0
-    lift: float = 0.03
-    gap: float = 0.002
+    stiffness: float = 1000.0  # of the coupling of each fingertip, in all directions [N/m]
+    lift: float = 0.03  # height of the lift [m]
+    gap: float = 0.002  # between fingertip and block at first [m]
+    # Durations before the hold [s].
     closing: float = 0.3
     settling: float = 0.2
     lifting: float = 1.0
     easing: float = 0.0
-    eased: float = 1.0
-    gravity: float = 9.81
+    eased: float = 1.0  # share of the squeeze that is left after the easing
+    gravity: float = 9.81  # [m/s²]
 
     @property
     def threshold(self) -> float:
@@ -337,9 +313,8 @@ def closed(inward: FloatArray, position: FloatArray) -> HandConfiguration:
 def gripped(pinch: Pinch, *, torsion: float = TORSION, off_center: float = 0.0) -> Played:
     """Pinch, lift, ease and hold.
 
-    Args:
-        torsion: Limit of the torsional moment of a contact over its normal force [m].
-        off_center: Distance of the centre of mass before the line between the fingertips [m].
+    `torsion` limits the torsional moment of a contact over its normal force [m]; the centre of mass is `off_center` [m]
+    before the line between the fingertips.
     """
     mesh = block([pinch.side] * 3, [0.0, REACH, 0.0])
     free = FreeObject.of_mesh(mesh, mass=pinch.mass, friction=pinch.friction, torsion=torsion, table=-0.5 * pinch.side)

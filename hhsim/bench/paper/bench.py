@@ -32,22 +32,15 @@ CONTACTS = {"TF": 131.0, "WH": 250.0}
 
 @dataclass(frozen=True, kw_only=True)
 class PaperOptions:
-    """Options of the evaluation.
-
-    Attributes:
-        objects: Names of the catalogue; None for all.
-        level: Of every sphere tree; None for the paper's, 3 for the simple objects and 4 for the complex ones.
-        instances: Limit of the instances of a case of Fig. 15.
-        repetitions: Of every run.
-        seed: Of the instances' places.
-    """
+    """Options of the evaluation."""
 
     methods: Names = ("paper", "progressive", "coupled")
-    objects: Names | None = None
+    objects: Names | None = None  # names of the catalogue; None for all
+    # Of every sphere tree; None for the paper's, 3 for the simple objects and 4 for the complex ones.
     level: int | None = None
-    instances: Count = 100
-    repetitions: Count = 3
-    seed: int = 0
+    instances: Count = 100  # limit of the instances of a case of Fig. 15
+    repetitions: Count = 3  # of every run
+    seed: int = 0  # of the instances' places
 
     def __post_init__(self) -> None:
         """Raise InputError for unknown names, empty lists and numbers out of range."""
@@ -134,11 +127,7 @@ def play_in_turns(
 def make_stages(
     scenarios: Sequence[Scenario], hand: HandModel, level: int | None, instances: int, seed: int, progress: Progress
 ) -> list[Stage]:
-    """Return the stages of scenes, on trees of a level; None for the paper's levels.
-
-    Raises:
-        TrajectoryError: A motion that cannot be done on an object.
-    """
+    """Return the stages of scenes, on trees of a level or the paper's; TrajectoryError if a motion cannot be done."""
     trees: dict[str, SphereTree] = {}
     stages = []
     for number, scenario in enumerate(scenarios):

@@ -77,35 +77,24 @@ class SceneRun:
     """A scene played by one method; ticks are those of all motions, one after the other.
 
     A run of many instances keeps no poses and forces: they would be gigabytes.
-
-    Attributes:
-        candidates, touching: Numbers of candidate pairs and touching pairs, shape (T,).
-        status: Of each tick, shape (T,).
-        digest: Of the poses and forces.
-        shown: Ends of the holds and middles of the slides, in order; none for instances.
-        curves: Forces; None for instances.
-        contact: Ticks with candidate pairs while fingers close, hold or slide, shape (T,).
-        depth: Penetration of the object's spheres at each tick [m], shape (T,).
-        touches: Demanded touches and their distances [m], at every hold of every motion.
-        variation: Of the index finger's force in the first hold, by the names of NOISES; none for instances.
-        cpu, wall: Times of every tick [s], shape (T,), an array a repetition.
-        parts: Times of detection, palm, fingers and force [s], shape (T, 4), an array a repetition.
     """
 
     stage: Stage
     options: SolverOptions
-    candidates: NDArray[np.int32]
-    touching: NDArray[np.int32]
-    status: NDArray[np.int32]
-    digest: str
-    shown: list[Moment]
-    curves: Curves | None
-    contact: BoolArray
-    depth: FloatArray
-    touches: list[tuple[Touch, float]]
+    candidates: NDArray[np.int32]  # number of candidate pairs, shape (T,)
+    touching: NDArray[np.int32]  # number of touching pairs, shape (T,)
+    status: NDArray[np.int32]  # of each tick, shape (T,)
+    digest: str  # of the poses and forces
+    shown: list[Moment]  # ends of the holds and middles of the slides, in order; none for instances
+    curves: Curves | None  # forces; None for instances
+    contact: BoolArray  # ticks with candidate pairs while fingers close, hold or slide, shape (T,)
+    depth: FloatArray  # penetration of the object's spheres at each tick [m], shape (T,)
+    touches: list[tuple[Touch, float]]  # demanded touches and their distances [m], at every hold of every motion
+    # Of the index finger's force in the first hold, by the names of NOISES; none for instances.
     variation: dict[str, Variation]
-    cpu: list[Times] = field(default_factory=list)
+    cpu: list[Times] = field(default_factory=list)  # times of every tick [s], shape (T,), an array a repetition
     wall: list[Times] = field(default_factory=list)
+    # Times of detection, palm, fingers and force [s], shape (T, 4), an array a repetition.
     parts: list[Times] = field(default_factory=list)
 
     @property

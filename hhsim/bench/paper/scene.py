@@ -48,20 +48,13 @@ CASES = ("SF", "TF", "FF", "WH")
 
 @dataclass(frozen=True)
 class Scenario:
-    """One scene of the paper.
+    """One scene of the paper."""
 
-    Attributes:
-        figure: Of `FIGURES`.
-        motion: Script of the catalogue.
-        case: Of `CASES` in Fig. 15, else empty.
-        instances: Number of seeded variations of the hand's place.
-    """
-
-    figure: str
+    figure: str  # of `FIGURES`
     object_name: str
-    motion: str
-    case: str = ""
-    instances: int = 1
+    motion: str  # script of the catalogue
+    case: str = ""  # of `CASES` in Fig. 15, else empty
+    instances: int = 1  # number of seeded variations of the hand's place
 
     @property
     def name(self) -> str:
@@ -117,14 +110,10 @@ class Stage:
 
 
 def make_stage(scenario: Scenario, hand: HandModel, tree: SphereTree, instances: int, seed: int = 0) -> Stage:
-    """Find the hand's places and make the motions.
+    """Find the hand's places and make the motions, at most `instances`; a scene that is shown once has one.
 
-    Args:
-        instances: Limit of the motions; a scene that is shown once has one.
-
-    Raises:
-        TrajectoryError: The motion cannot be done on this object.
-        HhsimError: No place was found for an instance.
+    Raises TrajectoryError for a motion that cannot be done on this object, HhsimError where no place was found for an
+    instance.
     """
     script = load_script(scenario.motion)
     if scenario.instances == 1:

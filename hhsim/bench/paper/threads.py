@@ -37,23 +37,15 @@ STARVED = 0.8
 
 @dataclass(frozen=True, kw_only=True)
 class ThreadsOptions:
-    """Options of the suite.
+    """Options of the suite."""
 
-    Attributes:
-        objects: Objects of Fig. 15; the paper's picture shows a cup and a bunny.
-        threads: Numbers of threads, up to the five fingers and the palm; 1 is always among them.
-        level: Level of the sphere trees.
-        instances: Limit of the instances of a case.
-        rounds: Plays of each scene, of which the median counts.
-        seed: Seed of the instances' places.
-    """
-
-    objects: tuple[str, ...] = ("cup", "bunny")
+    objects: tuple[str, ...] = ("cup", "bunny")  # objects of Fig. 15; the paper's picture shows a cup and a bunny
+    # Numbers of threads, up to the five fingers and the palm; 1 is always among them.
     threads: tuple[Annotated[int, between(1, FINGER_COUNT)], ...] = (1, 2)
-    level: int = 4
-    instances: Count = 100
-    rounds: Count = 9
-    seed: int = 0
+    level: int = 4  # level of the sphere trees
+    instances: Count = 100  # limit of the instances of a case
+    rounds: Count = 9  # plays of each scene, of which the median counts
+    seed: int = 0  # seed of the instances' places
 
     def __post_init__(self) -> None:
         """Raise InputError for objects that are not in Fig. 15, and numbers out of range."""

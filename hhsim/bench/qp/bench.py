@@ -23,22 +23,14 @@ RESIDUAL_LIMIT = 1e-9
 
 @dataclass
 class SolvedPrograms:
-    """Programs of one kind, and our answers to them.
-
-    Attributes:
-        variables: Number of variables, the largest of all.
-        rows: Number of rows of each.
-        residual: KKT residual of each answer, in sizes of the program.
-        infeasible: Number of programs whose rows contradict each other.
-        missed: Number of programs without an answer, or with a residual above `RESIDUAL_LIMIT`.
-    """
+    """Programs of one kind, and our answers to them."""
 
     kind: str
-    variables: int = 0
-    rows: list[int] = field(default_factory=list)
-    residual: list[float] = field(default_factory=list)
-    infeasible: int = 0
-    missed: int = 0
+    variables: int = 0  # number of variables, the largest of all
+    rows: list[int] = field(default_factory=list)  # number of rows of each
+    residual: list[float] = field(default_factory=list)  # KKT residual of each answer, in sizes of the program
+    infeasible: int = 0  # number of programs whose rows contradict each other
+    missed: int = 0  # number of programs without an answer, or with a residual above `RESIDUAL_LIMIT`
 
     def add(self, program: TickProgram) -> None:
         """Solve a program and count the answer."""
@@ -75,11 +67,7 @@ def bench_qp(
 ) -> list[dict[str, Any]]:
     """Harvest programs and solve them; return a row for each kind, by the names of `COLUMNS`.
 
-    Args:
-        programs: File of the programs, see `export_programs`; None for none.
-
-    Raises:
-        OutputError: The programs cannot be written.
+    The programs are written to the file `programs`, see `export_programs`; raises OutputError where they cannot be.
     """
     kinds: dict[str, SolvedPrograms] = {}
     harvested = harvest(options, progress)

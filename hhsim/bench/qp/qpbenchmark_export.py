@@ -60,10 +60,7 @@ def export_programs(programs: Iterable[TickProgram], path: Path) -> Iterator[Tic
     A row is a conditioned program, see `QpProblem.conditioned`: `P` (the identity), `q`, `G`, `h` (matrices row by
     row), `A`, `b`, `lb` and `ub`, which are empty, and `name`: kind, number and scene. The rows are in the order in
     which a run solves them, so that warm starts can be judged. Further columns, which qpbenchmark ignores: `scene`,
-    `kind`, `tick` and `step` (linearisation of the tick, from 0).
-
-    Raises:
-        OutputError: It cannot be written.
+    `kind`, `tick` and `step` (linearisation of the tick, from 0). Raises OutputError where it cannot be written.
     """
     import pyarrow
     from pyarrow import parquet

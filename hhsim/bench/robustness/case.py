@@ -45,29 +45,19 @@ class Figure:
 
 @dataclass(frozen=True, eq=False)
 class HardRun:
-    """One hand that moves against one object.
-
-    Attributes:
-        motion: Haptic hand, tick by tick.
-        tree: Leaf spheres of the object, world; None for an object of triangles alone.
-        mesh: Triangles of the object, world; None for an object of spheres alone.
-        adapt: Changes the options of the method for this run.
-        lead: Ticks before the motion, judged like it.
-        repeats: Number of times that the motion is done, one after the other.
-        marks: Ticks of the motion whose graphic hand is kept each time.
-        scale: Lengths of the scene over those of a usual hand; penetrations are judged in proportion.
-    """
+    """One hand that moves against one object."""
 
     name: str
-    motion: HandConfiguration
-    tree: SphereTree | None = None
-    mesh: Mesh | None = None
+    motion: HandConfiguration  # haptic hand, tick by tick
+    tree: SphereTree | None = None  # leaf spheres of the object, world; None for an object of triangles alone
+    mesh: Mesh | None = None  # triangles of the object, world; None for an object of spheres alone
     hand: HandModel = field(default_factory=right_hand)
+    # Changes the options of the method for this run.
     adapt: Callable[[SolverOptions], SolverOptions] = lambda options: options
-    lead: HandConfiguration | None = None
-    repeats: int = 1
-    marks: tuple[int, ...] = ()
-    scale: float = 1.0
+    lead: HandConfiguration | None = None  # ticks before the motion, judged like it
+    repeats: int = 1  # number of times that the motion is done, one after the other
+    marks: tuple[int, ...] = ()  # ticks of the motion whose graphic hand is kept each time
+    scale: float = 1.0  # lengths of the scene over those of a usual hand; penetrations are judged in proportion
 
     def solver(self, options: SolverOptions) -> SolverOptions:
         """Return the options of this run: with spheres if the object has no triangles, and adapted."""
@@ -83,25 +73,18 @@ def ball_run(name: str, motion: HandConfiguration) -> HardRun:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Result of a run by one method.
-
-    Attributes:
-        options: Options that it was solved with.
-        record: Ticks of the last repeat of the motion; None if the method refused the scene.
-        refusal: Message of the refusal, else empty.
-        safety: Figures of all ticks.
-        limit_excess: Largest excess of a joint beyond its limits [rad].
-        marked: Graphic hands at the marks: joints and palm [m], shape (repeats, marks, 21, 3).
-        memory: Resident memory of the process after each repeat [B], shape (repeats,).
-    """
+    """Result of a run by one method."""
 
     run: HardRun
-    options: SolverOptions
-    record: TickRecord | None
-    refusal: str = ""
+    options: SolverOptions  # options that it was solved with
+    record: TickRecord | None  # ticks of the last repeat of the motion; None if the method refused the scene
+    refusal: str = ""  # message of the refusal, else empty
+    # Figures of all ticks.
     safety: SafetyFigures = SafetyFigures()  # noqa: RUF009
-    limit_excess: float = 0.0
+    limit_excess: float = 0.0  # largest excess of a joint beyond its limits [rad]
+    # Graphic hands at the marks: joints and palm [m], shape (repeats, marks, 21, 3).
     marked: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 21, 3)))
+    # Resident memory of the process after each repeat [B], shape (repeats,).
     memory: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
@@ -118,24 +101,16 @@ class Outcome:
 
 @dataclass(frozen=True)
 class HardCase:
-    """A named scene that breaks methods.
+    """A named scene that breaks methods."""
 
-    Attributes:
-        name: In kebab-case.
-        description: One line.
-        build: Returns the runs of a seed.
-        judge: Returns the case's own figures, from the outcomes in the order of the runs; penetration, finite numbers,
-            joint limits and stuck ticks are judged for every case.
-        may_refuse: True if a clear refusal is as good as a sound motion.
-        mesh_only: True if its objects are triangles alone.
-    """
-
-    name: str
-    description: str
-    build: Callable[[int], Sequence[HardRun]]
+    name: str  # in kebab-case
+    description: str  # one line
+    build: Callable[[int], Sequence[HardRun]]  # returns the runs of a seed
+    # Returns the case's own figures, from the outcomes in the order of the runs; penetration, finite numbers, joint
+    # limits and stuck ticks are judged for every case.
     judge: Callable[[Sequence[Outcome]], Sequence[Figure]] = lambda outcomes: ()
-    may_refuse: bool = False
-    mesh_only: bool = False
+    may_refuse: bool = False  # True if a clear refusal is as good as a sound motion
+    mesh_only: bool = False  # True if its objects are triangles alone
 
 
 def rest_figure(outcome: Outcome, ticks: slice, name: str = "ticks to rest") -> Figure:

@@ -65,17 +65,12 @@ class Shrunk:
 
 
 def delta_debug(motion: HandConfiguration, trial: Trial, *, graphic: HandConfiguration | None = None) -> Shrunk:
-    """Shrink a failing motion.
+    """Shrink a failing motion; InputError if neither it nor any end of it fails.
 
-    It cuts off the ticks after the failure, starts later and drops ticks between, as long as the motion still fails.
-
-    Args:
-        motion: Haptic hand, tick by tick; ticks that are no reading repeat the last one, as for the solver.
-        graphic: Graphic hand after each tick of a longer run that `motion` is the last stretch of and whose last tick
-            fails; needed if the motion alone does not fail from its first sample on.
-
-    Raises:
-        InputError: Neither the motion nor any end of it fails.
+    It cuts off the ticks after the failure, starts later and drops ticks between, as long as the motion still fails;
+    ticks that are no reading repeat the last one, as for the solver. `graphic` is the hand after each tick of a longer
+    run that `motion` is the last stretch of and whose last tick fails; needed if the motion alone does not fail from
+    its first sample on.
     """
     search = _Search(trial)
     whole = replayed(motion)
@@ -202,30 +197,18 @@ def make_trial(hand: HandModel, solver: Solver, fails: Fails) -> Trial:
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """Origin of a kept motion.
+    """Origin of a kept motion."""
 
-    Attributes:
-        kind: Name of the failure, see `failure_of`.
-        object: Name of the catalogue or file.
-        object_options: Options of the object that a replay needs, such as "--level 3".
-        seed: Of the random targets.
-        tick: Of the long run, at which it failed.
-        failing_tick: Of the kept motion, at which it fails.
-        depth: Penetration there [m].
-        stress: Options of the random targets.
-        solver: Options of the method, the surface among them.
-    """
-
-    kind: str
-    object: str
-    object_options: str
+    kind: str  # name of the failure, see `failure_of`
+    object: str  # name of the catalogue or file
+    object_options: str  # options of the object that a replay needs, such as "--level 3"
     method: str
-    seed: int
-    tick: int
-    failing_tick: int = -1
-    depth: float = 0.0
-    stress: dict[str, Any] = field(default_factory=dict)
-    solver: dict[str, Any] = field(default_factory=dict)
+    seed: int  # of the random targets
+    tick: int  # of the long run, at which it failed
+    failing_tick: int = -1  # of the kept motion, at which it fails
+    depth: float = 0.0  # penetration there [m]
+    stress: dict[str, Any] = field(default_factory=dict)  # options of the random targets
+    solver: dict[str, Any] = field(default_factory=dict)  # options of the method, the surface among them
     hand: str = "right"
 
     def command(self, path: Path) -> str:

@@ -42,13 +42,8 @@ def hard_cases(
 ) -> tuple[HardCase, ...]:
     """Return the cases of these names in the catalogue's order; without names all that the surfaces allow.
 
-    Args:
-        ticks: Length of the case `endurance`.
-        surfaces: Surfaces that are touched; without `mesh` there are no cases of triangles alone.
-
-    Raises:
-        UnknownNameError: No case of that name; the message lists the near ones.
-        InputError: A named case needs the surface `mesh`.
+    `ticks` is the length of the case `endurance`. Without the surface `mesh` there are no cases of triangles alone.
+    Raises UnknownNameError for no case of that name, InputError for one that needs the surface `mesh`.
     """
     cases = (*INPUT_CASES, *CONTACT_CASES, *INVARIANCE_CASES, endurance_case(ticks), *TRIANGLE_CASES)
     check_known("hard case", names, [case.name for case in cases])
@@ -61,24 +56,16 @@ def hard_cases(
 
 @dataclass(frozen=True)
 class CaseResult:
-    """Result of one method in one case.
-
-    Attributes:
-        surface: Surface that the hand touched: spheres in a case of spheres alone.
-        figures: The common ones first; empty if an exception ended the case.
-        reason: Message of the exception or of the refusal, else empty.
-        refused: True if the method refused the scene.
-        may_refuse: True if a refusal is as good as a sound motion in this case.
-        safety: Figures of all ticks of all runs.
-    """
+    """Result of one method in one case."""
 
     case: str
     method: str
-    surface: str
-    figures: tuple[Figure, ...]
-    reason: str = ""
-    refused: bool = False
-    may_refuse: bool = False
+    surface: str  # surface that the hand touched: spheres in a case of spheres alone
+    figures: tuple[Figure, ...]  # the common ones first; empty if an exception ended the case
+    reason: str = ""  # message of the exception or of the refusal, else empty
+    refused: bool = False  # True if the method refused the scene
+    may_refuse: bool = False  # True if a refusal is as good as a sound motion in this case
+    # Figures of all ticks of all runs.
     safety: SafetyFigures = SafetyFigures()  # noqa: RUF009
 
     @property

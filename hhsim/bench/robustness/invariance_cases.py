@@ -38,19 +38,13 @@ in two runs, would be 1.2 MB there."""
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """A scene that must come out like the usual one.
+    """A scene that must come out like the usual one."""
 
-    Attributes:
-        run: The scene.
-        back: Maps the shown points [m], shape (T, 21, 3), to those of the usual scene.
-        stronger: Its forces over the usual ones.
-        turned: Rotation of its forces, shape (3, 3).
-    """
-
-    run: HardRun
+    run: HardRun  # the scene
+    # Maps the shown points [m], shape (T, 21, 3), to those of the usual scene.
     back: Callable[[FloatArray], FloatArray] = lambda points: points
-    stronger: float = 1.0
-    turned: FloatArray | None = None
+    stronger: float = 1.0  # its forces over the usual ones
+    turned: FloatArray | None = None  # rotation of its forces, shape (3, 3)
 
 
 def usual() -> tuple[HardRun, SphereTree, Mesh]:

@@ -53,12 +53,7 @@ def way_out(
 
     The step is as long as the solver's longest near the object, follows the optimum of the linearised contacts, and
     keeps the abduction. It counts if all pieces stay clear of the hand and the energy falls as the program promised.
-
-    Args:
-        pieces: Of the object, world.
-        options: Stiffness, margin and offset.
-        graphic: One tick, at which the hand stood still.
-        haptic: One tick, a reading of a hand.
+    `graphic` is one tick, at which the hand stood still, `haptic` one, a reading of a hand; pieces are in the world.
     """
     here: Pose = tuple(values[0] for values in graphic)
     goal: Pose = tuple(values[0] for values in haptic)

@@ -26,10 +26,8 @@ RIM = 0.01
 def handling(ticks: int) -> HandConfiguration:
     """Return a hand that comes to the ball of 38 mm in 200 ticks, closes on it a little, and is moved and tilted there.
 
-    It is so gentle that nothing slips or jumps: two methods, or two runs of one, can be compared tick by tick.
-
-    Args:
-        ticks: At least 300.
+    It is so gentle that nothing slips or jumps: two methods, or two runs of one, can be compared tick by tick. `ticks`
+    are at least 300.
     """
     above = still((0.0, -0.045, 0.12), flexion=HALF)
     pressed = still((0.0, -0.045, 0.058), flexion=np.full((5, 3), 0.7))
@@ -77,9 +75,8 @@ def poke() -> HandConfiguration:
 def crossings(points: FloatArray, radius: float) -> int:
     """Return how often a point of a hand goes through a disc in the plane z = 0 from one tick to the next.
 
-    Args:
-        points: [m], shape (T, n, 3).
-        radius: Of the disc about the origin [m]; less than the object's, so that the way around its rim does not count.
+    Points [m] have shape (T, n, 3). The radius of the disc about the origin [m] is less than the object's, so that the
+    way around its rim does not count.
     """
     before, after = points[:-1], points[1:]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -92,11 +89,8 @@ def crossings(points: FloatArray, radius: float) -> int:
 def threaded(joints: FloatArray, center: FloatArray, axis: FloatArray, radius: float) -> BoolArray:
     """Return the ticks at which a finger's centre line goes through a ring, shape (T,).
 
-    Args:
-        joints: Of the finger [m], shape (T, 4, 3).
-        center: Of the ring [m], shape (3,).
-        axis: Unit vector, shape (3,).
-        radius: To the middle of the ring's profile [m].
+    Joints [m] have shape (T, 4, 3), the ring's centre [m] and unit axis (3,); `radius` [m] is that of the middle of its
+    profile.
     """
     height = (joints - center) @ axis
     before, after = height[:, :-1], height[:, 1:]

@@ -26,28 +26,21 @@ Bound = Literal["palm", "hand", "none"]
 
 @dataclass(frozen=True, kw_only=True)
 class StressOptions:
-    """Distribution of the random targets, and the way to them.
+    """Distribution of the random targets, and the way to them."""
 
-    Attributes:
-        hold: Ticks from one target to the next.
-        position_spread: Standard deviation of each coordinate of the palm's position [m].
-        rotation_spread: Standard deviation of each component of the palm's rotation vector [rad].
-        flexion_range: Part of each joint's range that is drawn from, 0 its lower and 1 its upper limit.
-        sweep: True to draw the abduction within its limits; else it stays 0.
-        longest_step: Largest way in a tick [m].
-        bound: Point that `longest_step` bounds: the palm's origin (turning fingers go several times as far), every
-            point of the hand (it seldom arrives within 60 ticks), or none: the hand jumps.
-        wild: True to add faults of broken devices in about every other hold.
-    """
-
-    hold: Annotated[int, between(1, 1_000_000_000)] = 60
+    hold: Annotated[int, between(1, 1_000_000_000)] = 60  # ticks from one target to the next
+    # Standard deviation of each coordinate of the palm's position [m].
     position_spread: Annotated[float, between(0.0)] = 0.06
+    # Standard deviation of each component of the palm's rotation vector [rad].
     rotation_spread: Annotated[float, between(0.0)] = 0.8
+    # Part of each joint's range that is drawn from, 0 its lower and 1 its upper limit.
     flexion_range: tuple[float, float] = (0.0, 1.0)
-    sweep: bool = True
-    longest_step: Positive = 2e-3
+    sweep: bool = True  # True to draw the abduction within its limits; else it stays 0
+    longest_step: Positive = 2e-3  # largest way in a tick [m]
+    # Point that `longest_step` bounds: the palm's origin (turning fingers go several times as far), every point of the
+    # hand (it seldom arrives within 60 ticks), or none: the hand jumps.
     bound: Bound = "palm"
-    wild: bool = False
+    wild: bool = False  # True to add faults of broken devices in about every other hold
 
     def __post_init__(self) -> None:
         """Raise InputError for a value out of its range."""
@@ -58,12 +51,9 @@ class StressOptions:
 
 
 class RandomTargets:
-    """Endless motion towards random targets, taken in pieces of any length.
+    """Endless motion towards random targets about a centre [m], shape (3,), world, taken in pieces of any length.
 
-    Args:
-        options: None for the defaults.
-        center: Centre of the targets [m], world, shape (3,); None for the origin.
-        height: Of the first hand above the centre [m], upright with straight fingers; the first target too.
+    The first hand is upright with straight fingers, `height` [m] above the centre, as is the first target.
     """
 
     def __init__(

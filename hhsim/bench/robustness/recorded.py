@@ -113,27 +113,18 @@ class BenchObject:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedOptions:
-    """Options of every run.
+    """Options of every run."""
 
-    Attributes:
-        rate: Tick rate [Hz].
-        mode: Between two samples: interpolate, or hold the last one.
-        place: Place of the object: where the closing fingers meet it, or as recorded.
-        ticks: Number of ticks to run, around the grasp, or the first ones of an object placed as recorded; None: all.
-    """
-
-    rate: float = 1000.0
-    mode: ResampleMode = "interpolate"
+    rate: float = 1000.0  # tick rate [Hz]
+    mode: ResampleMode = "interpolate"  # between two samples: interpolate, or hold the last one
+    # Place of the object: where the closing fingers meet it, or as recorded.
     place: Literal["auto", "recorded"] = "auto"
+    # Number of ticks to run, around the grasp, or the first ones of an object placed as recorded; None: all.
     ticks: int | None = None
 
 
 def recording_files(paths: Sequence[Path]) -> list[Path]:
-    """Return the recordings among files and in folders, where the suffix tells them.
-
-    Raises:
-        InputError: A path that is not there, a folder without recordings, or no path.
-    """
+    """Return the recordings among files and in folders, by their suffix; InputError where there is none."""
     found: list[Path] = []
     suffixes = (*RECORDING_SUFFIXES, *imported_suffixes())
     for path in paths:

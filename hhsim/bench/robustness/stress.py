@@ -99,27 +99,18 @@ LEAST_FORCE = 1.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StressCase:
-    """One object, one method, one long motion.
+    """One object, one method, one long motion."""
 
-    Attributes:
-        object: Its name or file.
-        object_options: Options of the object that a replay needs, such as "--level 3 --unit mm".
-        mesh: Its triangles, in the frame of the tree; None for an object of spheres alone.
-        stress: Options of the random targets.
-        seed: Of the random targets.
-        keep: Folder for failing stretches, made when one is kept; None keeps none.
-    """
-
-    object: str
-    object_options: str = ""
+    object: str  # its name or file
+    object_options: str = ""  # options of the object that a replay needs, such as "--level 3 --unit mm"
     tree: SphereTree
-    mesh: Mesh | None = None
+    mesh: Mesh | None = None  # its triangles, in the frame of the tree; None for an object of spheres alone
     hand: HandModel
     solver: SolverOptions
-    stress: StressOptions
-    seed: int
+    stress: StressOptions  # options of the random targets
+    seed: int  # of the random targets
     ticks: int
-    keep: Path | None = None
+    keep: Path | None = None  # folder for failing stretches, made when one is kept; None keeps none
 
     def targets(self) -> RandomTargets:
         """Return the motion from its start: around the object's root sphere, the first hand above it."""

@@ -107,9 +107,7 @@ def sheet_mesh(width: float, depth: float) -> Mesh:
 def strips_mesh(columns: Sequence[float], rows: Sequence[ArrayLike]) -> Mesh:
     """Return rectangles in the plane z = 0, two triangles each; columns of different rows meet at T-junctions.
 
-    Args:
-        columns: Borders of the columns along x [m], ascending.
-        rows: Borders of the rectangles of each column along y [m], ascending.
+    The borders of the columns along x, and of the rectangles of each column along y, ascend [m].
     """
     corners: list[tuple[float, float, float]] = []
     for left, right, ys in zip(columns[:-1], columns[1:], rows, strict=True):

@@ -59,27 +59,17 @@ class ServedOptions(ReachedOptions):
 
 @dataclass(frozen=True)
 class Glove:
-    """Glove that can be chosen.
+    """Glove that can be chosen."""
 
-    Attributes:
-        about: Description in half a line.
-        driver: Its `GloveDevice`, as "module:Class"; called with a `GloveConfig`.
-        options: Type of its settings.
-        calibration: Reader of its `Calibration`, as "module:function", called with settings and hand; "" for none.
-        plays: True if its fingers make a motion: it is given a playback.
-        ends: True if a session ends with that motion.
-        holds: True if fingers stay held without further commands: the watchdog needs a connection of its own.
-        palm: True if it gives the pose of the palm.
-    """
-
-    about: str
-    driver: str
-    options: type[GloveOptions] = GloveOptions
+    about: str  # description in half a line
+    driver: str  # its `GloveDevice`, as "module:Class"; called with a `GloveConfig`
+    options: type[GloveOptions] = GloveOptions  # type of its settings
+    # Reader of its `Calibration`, as "module:function", called with settings and hand; "" for none.
     calibration: str = ""
-    plays: bool = False
-    ends: bool = False
-    holds: bool = True
-    palm: bool = False
+    plays: bool = False  # True if its fingers make a motion: it is given a playback
+    ends: bool = False  # True if a session ends with that motion
+    holds: bool = True  # True if fingers stay held without further commands: the watchdog needs a connection of its own
+    palm: bool = False  # True if it gives the pose of the palm
 
 
 @dataclass(frozen=True)

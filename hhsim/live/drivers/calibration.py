@@ -40,21 +40,14 @@ FAR = (-0.5, 1.5)
 
 @dataclass(frozen=True, eq=False)
 class GloveCalibration:
-    """Calibration of a live glove.
+    """Calibration of a live glove."""
 
-    Attributes:
-        regression: From the channels that the glove sends to joint angles.
-        counts: Regression for raw counts; None where the counts of the open and the closed hand are unknown.
-        doubtful: Messages about channels of too small a span.
-        kept_free: Numbers of the fingers whose bend has too small a span to push on.
-        name: Source, for messages; "" for the default.
-    """
-
-    regression: DexmoRegression
+    regression: DexmoRegression  # from the channels that the glove sends to joint angles
+    # Regression for raw counts; None where the counts of the open and the closed hand are unknown.
     counts: DexmoRegression | None = None
-    doubtful: tuple[str, ...] = ()
-    kept_free: tuple[int, ...] = ()
-    name: str = ""
+    doubtful: tuple[str, ...] = ()  # messages about channels of too small a span
+    kept_free: tuple[int, ...] = ()  # numbers of the fingers whose bend has too small a span to push on
+    name: str = ""  # source, for messages; "" for the default
 
     @property
     def counted(self) -> bool:

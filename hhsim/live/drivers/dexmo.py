@@ -18,17 +18,7 @@ from hhsim.live.device import FINGER_COUNT, UNKNOWN, Capability, DeviceError, Fi
 from hhsim.live.devices.dexmo import DexmoOptions
 from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.drivers.stream_glove import MOST_MALFORMED, StreamGlove
-from hhsim.live.link.dexmo_codec import (
-    CHANNELS,
-    FramingError,
-    GloveMessage,
-    MessageStream,
-    WireError,
-    decode_frame,
-    encode_impedance,
-    framed,
-    message_classes,
-)
+from hhsim.live.link import dexmo_codec
 from hhsim.live.link.tcp import TcpLink
 
 if TYPE_CHECKING:
@@ -53,7 +43,7 @@ class DexmoGlove(StreamGlove):
 
     def __init__(self, config: GloveConfig) -> None:
         assert isinstance(config.options, DexmoOptions)
-        message_classes()  # built here, not when the fingers are to be freed
+        dexmo_codec.message_classes()  # built here, not when the fingers are to be freed
         host, port, self._wanted_id = config.options.host, config.options.port, config.options.device_id
         super().__init__(TcpLink(host, port, f"dexmo at {host}:{port}"))
         self._configured = cast("GloveCalibration", config.calibration)
@@ -93,7 +83,9 @@ class DexmoGlove(StreamGlove):
             stiffness, set_point = list(FREE), list(FREE)
         # A command that frees a finger must be kept; others are replaced within a tick, and would only queue up.
         kept = any(now < before for now, before in zip(stiffness, self._stiffness))
-        sent = self._send(framed(encode_impedance(self._device_id, stiffness, set_point, kept=kept)))
+        sent = self._send(
+            dexmo_codec.framed(dexmo_codec.encode_impedance(self._device_id, stiffness, set_point, kept=kept))
+        )
         if sent:
             self._stiffness = stiffness
         return sent
@@ -118,29 +110,29 @@ class DexmoGlove(StreamGlove):
         self.info = GloveInfo(
             name=self._link.name,
             capabilities=Capability.POSITION_LIMIT | Capability.STIFFNESS | Capability.SPLAY | Capability.BATTERY,
-            channels=CHANNELS,
+            channels=dexmo_codec.CHANNELS,
             hand=self._hand,
             unit="count" if counted else "",
             doubtful=calibration.doubtful,
             kept_free=calibration.kept_free,
         )
 
-    def _find(self, timeout: float) -> GloveMessage:
+    def _find(self, timeout: float) -> dexmo_codec.GloveMessage:
         """Connect and wait for a finite sample of the glove; received frames are kept for `read`."""
         deadline = time.monotonic() + timeout
         self._connect(timeout)
         self._device_id = None
         self._other_hand = False
-        seen: dict[int, GloveMessage] = {}
+        seen: dict[int, dexmo_codec.GloveMessage] = {}
         settled, received, looked_at = deadline, 0, 0
         try:
             while (now := time.monotonic()) < min(deadline, settled):
                 self._link.wait(min(deadline, settled) - now)
                 received += len(super()._receive())
                 if received > MOST_KEPT:
-                    raise FramingError(f"more than {MOST_KEPT >> 20} MB without its glove")
+                    raise dexmo_codec.FramingError(f"more than {MOST_KEPT >> 20} MB without its glove")
                 for frame, _ in itertools.islice(self._waiting, looked_at, None):
-                    for message in decode_frame(frame):
+                    for message in dexmo_codec.decode_frame(frame):
                         if message.channels is not None and all(map(math.isfinite, message.channels)):
                             seen[message.device_id] = message
                 looked_at = len(self._waiting)
@@ -148,18 +140,18 @@ class DexmoGlove(StreamGlove):
                     break
                 if self._wanted_id is None and settled == deadline and self._candidates(seen):
                     settled = time.monotonic() + SETTLE
-        except (FramingError, WireError) as error:
+        except (dexmo_codec.FramingError, dexmo_codec.WireError) as error:
             self._link.close()
             raise DeviceError(f"{self._link.name}: what answers there is no Dexmo server: {error}") from None
         return self._chosen(seen, timeout)
 
-    def _candidates(self, seen: dict[int, GloveMessage]) -> list[GloveMessage]:
+    def _candidates(self, seen: dict[int, dexmo_codec.GloveMessage]) -> list[dexmo_codec.GloveMessage]:
         """Return the gloves of our hand; without any, those of unknown hand."""
         wanted = self._hand == "right"
         ours = [message for message in seen.values() if message.right is wanted]
         return ours or [message for message in seen.values() if message.right is None]
 
-    def _chosen(self, seen: dict[int, GloveMessage], timeout: float) -> GloveMessage:
+    def _chosen(self, seen: dict[int, dexmo_codec.GloveMessage], timeout: float) -> dexmo_codec.GloveMessage:
         number = self._wanted_id
         if number is None:
             found, wanted = self._candidates(seen), f"{self._hand} glove"
@@ -178,7 +170,7 @@ class DexmoGlove(StreamGlove):
         raise DeviceError(f"{self._link.name}: no {wanted} within {timeout:g} s; gloves there: {there}")
 
     def _begin_stream(self) -> None:
-        self._stream = MessageStream()
+        self._stream = dexmo_codec.MessageStream()
         self._stiffness = list(UNKNOWN_STIFFNESS)
 
     def _cut(self, data: bytes) -> Iterator[bytes]:
@@ -189,7 +181,7 @@ class DexmoGlove(StreamGlove):
     def _receive(self) -> bytes:
         try:
             return super()._receive()
-        except FramingError as error:
+        except dexmo_codec.FramingError as error:
             self._give_up(f"the stream from its server makes no sense: {error}")
             return b""
 
@@ -208,9 +200,9 @@ class DexmoGlove(StreamGlove):
 
     def _release_message(self) -> bytes:
         assert self._device_id is not None
-        return framed(encode_impedance(self._device_id, FREE, FREE, kept=True))
+        return dexmo_codec.framed(dexmo_codec.encode_impedance(self._device_id, FREE, FREE, kept=True))
 
-    def _is_of_our_hand(self, glove: GloveMessage) -> bool:
+    def _is_of_our_hand(self, glove: dexmo_codec.GloveMessage) -> bool:
         """True if our glove's samples can be used; the first of the other hand frees the fingers and is an error."""
         ours = glove.right in (None, self._hand == "right")
         if not ours and not self._other_hand:
@@ -224,8 +216,8 @@ class DexmoGlove(StreamGlove):
     def _store(self, message: bytes, now: int, row: np.void) -> int:
         self.counters.frames += 1
         try:
-            gloves = decode_frame(message)
-        except WireError as error:
+            gloves = dexmo_codec.decode_frame(message)
+        except dexmo_codec.WireError as error:
             self.counters.malformed += 1
             self._malformed_run += 1
             if self._malformed_run >= MOST_MALFORMED:

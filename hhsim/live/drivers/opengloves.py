@@ -19,15 +19,7 @@ from hhsim.live.device import FINGER_COUNT, Capability, DeviceError, FingerComma
 from hhsim.live.devices.opengloves import OpenGlovesOptions
 from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.drivers.stream_glove import MOST_MALFORMED, StreamGlove
-from hhsim.live.link.opengloves_codec import (
-    FULL_LIMIT,
-    RELEASE,
-    GloveLine,
-    LineError,
-    LineStream,
-    format_limits,
-    parse_line,
-)
+from hhsim.live.link import opengloves_codec
 from hhsim.live.link.serial import SerialLink
 from hhsim.live.link.tcp import TcpLink
 
@@ -70,8 +62,8 @@ class OpenGlovesGlove(StreamGlove):
             self._link.wait(left)
             seen = (seen + self._receive())[:40]
             for line, _ in list(self._waiting)[bad:]:
-                with contextlib.suppress(LineError):
-                    if (found := parse_line(line)) is not None:
+                with contextlib.suppress(opengloves_codec.LineError):
+                    if (found := opengloves_codec.parse_line(line)) is not None:
                         self._begin(found)
                         return
                 bad += 1
@@ -88,12 +80,12 @@ class OpenGlovesGlove(StreamGlove):
 
     def send(self, command: FingerCommand) -> bool:
         """See `GloveDevice.send`; fingers of a command that is not finite are free."""
-        return self._send(format_limits(limits(command)))
+        return self._send(opengloves_codec.format_limits(limits(command)))
 
     def _release_message(self) -> bytes:
-        return RELEASE
+        return opengloves_codec.RELEASE
 
-    def _begin(self, line: GloveLine) -> None:
+    def _begin(self, line: opengloves_codec.GloveLine) -> None:
         """Set `info` from the first sample."""
         from hhsim.hand.fingers import FINGERS
 
@@ -124,7 +116,7 @@ class OpenGlovesGlove(StreamGlove):
 
     def _begin_stream(self) -> None:
         # TCP begins with a whole line, a serial line anywhere.
-        self._stream, self._overlong = LineStream(whole=not self._serial), 0
+        self._stream, self._overlong = opengloves_codec.LineStream(whole=not self._serial), 0
 
     def _cut(self, data: bytes) -> list[bytes]:
         lines = self._stream.feed(data)
@@ -137,8 +129,8 @@ class OpenGlovesGlove(StreamGlove):
     def _store(self, message: bytes, now: int, row: np.void) -> int:
         self.counters.frames += 1
         try:
-            found = parse_line(message)
-        except LineError:
+            found = opengloves_codec.parse_line(message)
+        except opengloves_codec.LineError:
             self.counters.malformed += 1
             self._malformed_run += 1
             if self._malformed_run == MOST_MALFORMED:
@@ -153,7 +145,7 @@ class OpenGlovesGlove(StreamGlove):
         self._write_sample(row, now, good, channels, (self._flexion, self._abduction))
         return 1
 
-    def _angles(self, line: GloveLine) -> bool:
+    def _angles(self, line: opengloves_codec.GloveLine) -> bool:
         """Set the hand's angles from a sample; False beyond a hand's range."""
         calibration, scale = self._calibration, self._scale
         curl, splay = np.array(line.curl) / scale, np.array(line.splay) / scale
@@ -186,6 +178,6 @@ def limits(command: FingerCommand) -> list[int]:
     if not all(map(math.isfinite, bend)) or not all(map(math.isfinite, stiffness)):
         return [0] * FINGER_COUNT
     return [
-        round(FULL_LIMIT * (1.0 - min(max(b, 0.0), 1.0)) * min(max(k, 0.0) / FULL_STIFFNESS, 1.0))
+        round(opengloves_codec.FULL_LIMIT * (1.0 - min(max(b, 0.0), 1.0)) * min(max(k, 0.0) / FULL_STIFFNESS, 1.0))
         for b, k in zip(bend, stiffness)
     ]

@@ -25,10 +25,8 @@ _POSITIONS = np.array([8 * OPENXR_JOINTS.index(name) + 4 + k for name in KEYPOIN
 class TrackedHand:
     """Fit of our hand; making one compiles the kernel, so that no tick does.
 
-    Attributes:
-        joints: `KEYPOINTS` of the last sample [m], the runtime's world, shape (21, 3).
-        position, orientation: Palm origin [m] and unit quaternion (w, x, y, z), z up, of the last usable sample.
-        flexion, abduction: Its angles [rad], shapes (5, 3) and (5,).
+    `joints` are `KEYPOINTS` of the last sample [m], the runtime's world, shape (21, 3); palm [m], (w, x, y, z), z up,
+    and angles [rad], shapes (5, 3) and (5,), those of the last usable one.
     """
 
     def __init__(self, side: HandSide) -> None:

@@ -39,23 +39,17 @@ SLOW_PERIODS = 2.5
 
 @dataclass(frozen=True)
 class OutputLimits:
-    """Limits of the finger commands; raises InputError for a value out of range.
+    """Limits of the finger commands; raises InputError for a value out of range."""
 
-    Attributes:
-        stiffness: Stiffness of each finger in contact, 0 (free) to 1, five numbers.
-        stiffness_rise: Largest rate at which the stiffness grows [1/s]; it falls at once.
-        bend_speed: Largest rate at which the bend limit moves, both ways [1/s].
-        ramp: Time in which the stiffness reaches its full value at the start and after every fault [s].
-        contact_force: Force on all phalanges of a finger together below which it is free [N].
-        ease: Time in which the full stiffness falls to 0 if a stall is eased [s].
-    """
-
+    # Stiffness of each finger in contact, 0 (free) to 1, five numbers.
     stiffness: Annotated[tuple[Stiffness, ...], OF_FINGERS] = (0.3,) * FINGER_COUNT
-    stiffness_rise: Positive = 20.0
-    bend_speed: Positive = 10.0
+    stiffness_rise: Positive = 20.0  # largest rate at which the stiffness grows [1/s]; it falls at once
+    bend_speed: Positive = 10.0  # largest rate at which the bend limit moves, both ways [1/s]
+    # Time in which the stiffness reaches its full value at the start and after every fault [s].
     ramp: Annotated[float, between(0.0)] = 1.0
+    # Force on all phalanges of a finger together below which it is free [N].
     contact_force: Annotated[float, between(0.0)] = 0.02
-    ease: Positive = 0.1
+    ease: Positive = 0.1  # time in which the full stiffness falls to 0 if a stall is eased [s]
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -63,22 +57,14 @@ class OutputLimits:
 
 @dataclass(frozen=True)
 class SafetyLimits:
-    """Limits beyond which the fingers are freed; raises InputError for a value out of range.
+    """Limits beyond which the fingers are freed; raises InputError for a value out of range."""
 
-    Attributes:
-        stale: Age of the newest sample, or of the pose if its source can go silent [s].
-        overruns: Number of periods missed in a row.
-        watchdog: True if a watchdog is required.
-        watchdog_stale: Age of the watchdog's heartbeat [s].
-        heartbeat_stale: Age of the loop's heartbeat at which the watchdog frees the fingers [s].
-        after_stall: Treatment of held fingers after `overruns` missed periods, one of `AFTER_STALL`.
-    """
-
-    stale: Positive = 0.025
-    overruns: Annotated[int, between(1, 1_000_000_000)] = 10
-    watchdog: bool = True
-    watchdog_stale: Positive = 0.1
-    heartbeat_stale: Positive = 0.02
+    stale: Positive = 0.025  # age of the newest sample, or of the pose if its source can go silent [s]
+    overruns: Annotated[int, between(1, 1_000_000_000)] = 10  # number of periods missed in a row
+    watchdog: bool = True  # True if a watchdog is required
+    watchdog_stale: Positive = 0.1  # age of the watchdog's heartbeat [s]
+    heartbeat_stale: Positive = 0.02  # age of the loop's heartbeat at which the watchdog frees the fingers [s]
+    # Treatment of held fingers after `overruns` missed periods, one of `AFTER_STALL`.
     after_stall: Annotated[str, one_of(AFTER_STALL)] = "release"
 
     def __post_init__(self) -> None:
@@ -98,41 +84,28 @@ class SafetyLimits:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LiveSetup:
-    """Settings of a live session; raises InputError for a rate or a duration out of range.
+    """Settings of a live session; raises InputError for a rate or a duration out of range."""
 
-    Attributes:
-        mesh, tree: The object and its sphere tree [m], world frame; of a free object, at its first pose.
-        options: Options of the solver; the loop replaces their period by its own.
-        device: The glove; its calibration relates bend to joint angles, and so makes the set points.
-        pose: Source of the palm's pose.
-        free: Body of a free object; None for a fixed one.
-        rate: Ticks a second [Hz].
-        duration: Duration [s]; None until it is stopped.
-        record: File of the session; None records nothing.
-        rerun: "spawn", an address or a file for the viewer; None shows nothing.
-        description: Further plain values of the scene for the file; `object_position` [m] and `object_orientation`
-            (w, x, y, z) are the object's pose if its own frame is not the world's.
-        supervisor: Process id of the supervisor; the loop ends with it.
-    """
-
-    mesh: Mesh
+    mesh: Mesh  # the object and its sphere tree [m], world frame; of a free object, at its first pose
     tree: SphereTree
     hand: HandModel
-    options: SolverOptions
-    device: GloveConfig
-    pose: PoseConfig
-    free: FreeObject | None = None
-    rate: float = 1000.0
-    duration: float | None = None
+    options: SolverOptions  # options of the solver; the loop replaces their period by its own
+    device: GloveConfig  # the glove; its calibration relates bend to joint angles, and so makes the set points
+    pose: PoseConfig  # source of the palm's pose
+    free: FreeObject | None = None  # body of a free object; None for a fixed one
+    rate: float = 1000.0  # ticks a second [Hz]
+    duration: float | None = None  # duration [s]; None until it is stopped
     output: OutputLimits = field(default_factory=OutputLimits)
     safety: SafetyLimits = field(default_factory=SafetyLimits)
     real_time: RealTimeWishes = field(default_factory=RealTimeWishes)
-    record: Path | None = None
-    rerun: str | None = None
+    record: Path | None = None  # file of the session; None records nothing
+    rerun: str | None = None  # "spawn", an address or a file for the viewer; None shows nothing
     dry_run: bool = False
     command: tuple[str, ...] = ()
+    # Further plain values of the scene for the file; `object_position` [m] and `object_orientation` (w, x, y, z) are
+    # the object's pose if its own frame is not the world's.
     description: Mapping[str, Any] = field(default_factory=dict)
-    supervisor: int = field(default_factory=os.getpid)
+    supervisor: int = field(default_factory=os.getpid)  # process id of the supervisor; the loop ends with it
 
     def __post_init__(self) -> None:
         low, high = RATE_RANGE

@@ -108,23 +108,15 @@ class LoopProcess:
 
 @dataclass(frozen=True)
 class WatchdogSetup:
-    """Settings of the watchdog, without scene and calibration; `supervisor` is a process id.
+    """Settings of the watchdog, without scene and calibration; `supervisor` is a process id."""
 
-    Attributes:
-        status: Descriptor of the status block.
-        device: The glove; None in a dry run, in which nothing is sent.
-        oldest_ns: Age of the loop's heartbeat at which the fingers are freed [ns].
-        periods: Number of periods after which the loop ends by itself, -1 for none.
-        faults: Bits of `Safety` that free the user's other hand, too.
-    """
-
-    status: int
-    device: GloveConfig | None
-    oldest_ns: int
+    status: int  # descriptor of the status block
+    device: GloveConfig | None  # the glove; None in a dry run, in which nothing is sent
+    oldest_ns: int  # age of the loop's heartbeat at which the fingers are freed [ns]
     real_time: RealTimeWishes
     supervisor: int
-    periods: int = -1
-    faults: int = 0
+    periods: int = -1  # number of periods after which the loop ends by itself, -1 for none
+    faults: int = 0  # bits of `Safety` that free the user's other hand, too
 
 
 @dataclass(frozen=True)

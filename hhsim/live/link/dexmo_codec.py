@@ -47,18 +47,13 @@ class WireError(HhsimError):
 
 
 class GloveMessage(NamedTuple):
-    """Data of one glove in a frame.
-
-    Attributes:
-        channels: Values in the order of `CHANNELS`, None without hand data; they may be NaN or infinite.
-        right: True for a right hand, None if unknown.
-        battery: Charge [%], None if unknown.
-    """
+    """Data of one glove in a frame."""
 
     device_id: int
+    # Values in the order of `CHANNELS`, None without hand data; they may be NaN or infinite.
     channels: tuple[float, ...] | None = None
-    right: bool | None = None
-    battery: int | None = None
+    right: bool | None = None  # True for a right hand, None if unknown
+    battery: int | None = None  # charge [%], None if unknown
 
 
 @cache
@@ -100,10 +95,8 @@ def decode_frame(payload: bytes) -> list[GloveMessage]:
 def encode_impedance(device_id: int, stiffness: Sequence[float], set_point: Sequence[float], *, kept: bool) -> bytes:
     """Encode a command to the fingers of one glove, thumb to little finger, without its length.
 
-    Args:
-        stiffness: 0 (free) to 1.
-        set_point: Bend at which a force begins, 0 to 1; positive against closing, negative against opening.
-        kept: True if the server may not drop the command for a newer one (has_index).
+    `stiffness` is 0 (free) to 1, `set_point` the bend at which a force begins, 0 to 1, positive against closing,
+    negative against opening. The server may not drop a `kept` command for a newer one (has_index).
     """
     fingers = zip(FINGER_FIELDS, stiffness, set_point, strict=True)
     commands = {name: {"stiffness": hard, "set_point": place} for name, hard, place in fingers}

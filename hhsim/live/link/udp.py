@@ -42,12 +42,8 @@ class UdpPort:
 
     Once a sender is kept to, the system itself discards those of all others, other programs of the same host included:
     their flood costs the reader nothing. A sender that is silent for `SESSION_SILENCE_NS` is kept to no longer.
-    `decode` raises `PacketError` for a malformed datagram.
-
-    Attributes:
-        strangers: Number of datagrams from others.
-        malformed: Number of datagrams that are no packets.
-        hint: Description of the last unusable datagram.
+    `decode` raises `PacketError` for a malformed datagram. `strangers` and `malformed` count datagrams from others and
+    those that are no packets; `hint` describes the last unusable one.
     """
 
     def __init__(self, host: str, port: int, decode: Callable[[bytes], Any] = decode_packet) -> None:

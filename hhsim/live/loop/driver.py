@@ -47,13 +47,10 @@ _DEVICE_LOST = int(Safety.DEVICE_LOST)
 
 
 class GloveDriver:
-    """Carries samples and commands between a glove and the memory of a session.
+    """Carries samples and commands between a glove and the memory of a session; in a `dry_run` it sends nothing.
 
-    Args:
-        device, pose: The glove and the source of the palm's pose, not yet opened.
-        dry_run: True to send nothing.
-        oldest_ns: Age of the loop's heartbeat at which its command is void [ns].
-        now: Clock, CLOCK_MONOTONIC [ns].
+    Glove and source of the palm's pose are not yet opened. A command is void where the loop's heartbeat is older than
+    `oldest_ns`; `now` is the clock, CLOCK_MONOTONIC [ns].
     """
 
     def __init__(

@@ -71,18 +71,10 @@ def object_row(rows: Any) -> ObjectRecord:
 
 
 class LiveLoop:
-    """Loop of a session.
+    """Loop of a session with a glove as its driver describes it; `now` is the clock of `begin` [ns].
 
-    A tick whose haptic hand is not known yet, or whose solver raised, is not published: it cannot be replayed.
-
-    Args:
-        info: The glove, as its driver describes it.
-        now: Clock of `begin` [ns].
-
-    Attributes:
-        live: Records of the compiled loop.
-        at: Its record of `LOOP`.
-        story: Log of the loop.
+    A tick whose haptic hand is not known yet, or whose solver raised, is not published: it cannot be replayed. `live`
+    has the records of the compiled loop, `at` its record of `LOOP`, `story` the log of the loop.
     """
 
     def __init__(

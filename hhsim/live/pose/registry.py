@@ -16,24 +16,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Pose:
-    """Source of the palm's pose that can be chosen.
+    """Source of the palm's pose that can be chosen."""
 
-    Attributes:
-        about: Description in half a line.
-        source: Its `PoseSource`, as "module:Class"; called with a `PoseConfig` and the session's status block, or
-            the glove if `by_glove`.
-        placed: True if it is, or begins, at a configured pose.
-        plays: True if it plays a motion.
-        back: Distance of the default beginning from the grasp [m].
-        by_glove: True if the glove gives it.
-    """
-
-    about: str
+    about: str  # description in half a line
+    # Its `PoseSource`, as "module:Class"; called with a `PoseConfig` and the session's status block, or the glove if
+    # `by_glove`.
     source: str
-    placed: bool = False
-    plays: bool = False
-    back: float = 0.0
-    by_glove: bool = False
+    placed: bool = False  # True if it is, or begins, at a configured pose
+    plays: bool = False  # True if it plays a motion
+    back: float = 0.0  # distance of the default beginning from the grasp [m]
+    by_glove: bool = False  # True if the glove gives it
 
 
 POSES = {
@@ -52,21 +44,15 @@ USUAL_POSE_PORT = 24172
 
 @dataclass(frozen=True)
 class PoseConfig:
-    """Settings of a pose source.
+    """Settings of a pose source."""
 
-    Attributes:
-        kind: One of `POSES`.
-        position, orientation: Pose of `fixed`, and first one of `keyboard` and `glove` [m], (w, x, y, z), world.
-        playback: Motion of `replay`; the same as the glove's keeps palm and fingers together.
-        host, port: Sender of the packets of `udp`, and the port at which they arrive.
-    """
-
-    kind: str = "fixed"
+    kind: str = "fixed"  # one of `POSES`
+    # Pose of `fixed`, and first one of `keyboard` and `glove` [m], (w, x, y, z), world.
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    playback: "Playback | None" = None
-    host: str = "127.0.0.1"
-    port: int = USUAL_POSE_PORT
+    playback: "Playback | None" = None  # motion of `replay`; the same as the glove's keeps palm and fingers together
+    host: str = "127.0.0.1"  # sender of the packets of `udp`
+    port: int = USUAL_POSE_PORT  # port at which they arrive
 
 
 class PoseSource(ABC):
@@ -84,16 +70,10 @@ class PoseSource(ABC):
 
     @abstractmethod
     def read(self, now_ns: int, position_out: "FloatArray", orientation_out: "FloatArray") -> int:
-        """Write the newest pose.
+        """Write the newest pose: palm origin [m], shape (3,), and unit (w, x, y, z), shape (4,), all finite.
 
-        Args:
-            now_ns: CLOCK_MONOTONIC of the tick [ns].
-            position_out: Palm origin [m], shape (3,).
-            orientation_out: Unit (w, x, y, z), shape (4,).
-
-        Returns:
-            CLOCK_MONOTONIC [ns] at which this pose came; `now_ns` if it cannot age, -1 if there is none yet and nothing
-            was written. A written pose is finite.
+        Returns CLOCK_MONOTONIC [ns] at which it came; `now_ns`, that of the tick, if it cannot age, -1 if there is none
+        yet and nothing was written.
         """
 
     def close(self) -> None:

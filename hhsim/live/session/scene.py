@@ -49,13 +49,9 @@ def make_live_scene(
 ) -> LiveScene:
     """Put the object and its sphere tree [m], in their own frame, glove and palm together.
 
-    Args:
-        motion: Motion of a simulated or replayed glove, or of a replayed palm; None if neither plays one.
-        placed: True to begin at the pose of `pose`; otherwise the palm begins where it can grasp.
-        seed: Seed of a script's tremor and sensor noise.
-        other: The user's other hand, beside which this one grasps.
-
-    TrajectoryError if the motion cannot be done on this object.
+    `motion` is that of a simulated or replayed glove, or of a replayed palm; None if neither plays one. If `placed`,
+    the palm begins at the pose of `pose`; otherwise where it can grasp, beside the user's `other` hand. `seed` is of a
+    script's tremor and sensor noise. Raises TrajectoryError for a motion that cannot be done on this object.
     """
     where = {}
     palm = POSES[pose.kind]

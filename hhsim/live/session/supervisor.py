@@ -62,35 +62,25 @@ RESTART_SECONDS = 0.5
 
 @dataclass
 class SessionOutcome:
-    """Outcome of a session.
-
-    Attributes:
-        seconds: Duration of the loop.
-        missed: Periods without a tick.
-        missed_by: The same by cause.
-        facts: Facts that the loop wrote (`SessionMemory.facts`).
-        record: File of the recording, with `recorded` ticks; it lacks `record_lost`.
-        record_failed, loop_failed: Failure that ended recording or loop early; "" if there was none.
-        notices: Reported events: seconds since the beginning, level, text.
-        watchdog_releases: Number of times that the watchdog freed the fingers.
-    """
+    """Outcome of a session."""
 
     reason: str
-    seconds: float
+    seconds: float  # duration of the loop
     ticks: int
-    missed: int
+    missed: int  # periods without a tick
     tally: LiveTally
-    facts: dict[str, Any]
+    facts: dict[str, Any]  # facts that the loop wrote (`SessionMemory.facts`)
     counters: DeviceCounters
-    record: Path | None = None
+    record: Path | None = None  # file of the recording, with `recorded` ticks; it lacks `record_lost`
     recorded: int = 0
     record_lost: int = 0
-    record_failed: str = ""
-    missed_by: dict[str, int] = field(default_factory=dict)
+    record_failed: str = ""  # failure that ended the recording early; "" if there was none
+    missed_by: dict[str, int] = field(default_factory=dict)  # periods without a tick, by cause
+    # Reported events: seconds since the beginning, level, text.
     notices: list[tuple[float, int, str]] = field(default_factory=list)
     watchdog_restarts: int = 0
-    watchdog_releases: int = 0
-    loop_failed: str = ""
+    watchdog_releases: int = 0  # number of times that the watchdog freed the fingers
+    loop_failed: str = ""  # failure that ended the loop early; "" if there was none
 
 
 class Supervisor:

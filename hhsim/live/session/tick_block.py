@@ -25,12 +25,10 @@ class SessionColumns:
         self._next = 0
 
     def block(self, first: int, records: Records, began_ns: int) -> Columns:
-        """Build the columns of the next ticks, as a result file holds them.
+        """Build the columns of the next ticks, as a result file holds them, from one record of the ring or more.
 
-        Args:
-            first: Number of the first record, counted from the loop's beginning; earlier ones may be lost.
-            records: Records of the ring, at least one.
-            began_ns: CLOCK_MONOTONIC at which the session's first tick was due [ns].
+        `first` is the number of the first record, counted from the loop's beginning; earlier ones may be lost.
+        `began_ns` is CLOCK_MONOTONIC at which the session's first tick was due [ns].
         """
         if first != self._next:
             self._columns.forget()

@@ -24,16 +24,9 @@ from hhsim.system.output_path import free_name
 class TwoGloves:
     """A session of the right and the left glove, as a context manager that ends it in order on every way out.
 
-    Args:
-        setups: Those of the right and of the left hand, of one object, time and file; what each hand records lies in
-            files of their own until the session has ended.
-        say: As of `Supervisor`; lines begin with the hand.
-
-    Attributes:
-        hands: Sessions of the right and of the left hand.
-
-    Raises:
-        InputError: Setups that do not go together.
+    Setups are of one object, time and file, InputError otherwise; what each hand records lies in files of their own
+    until the session has ended. `say` is as of `Supervisor`, with lines that begin with the hand; `hands` are both
+    sessions.
     """
 
     def __init__(self, setups: Sequence[LiveSetup], say: Say = lambda text, level: None) -> None:

@@ -58,4 +58,3 @@ def _figures(place: int, threshold: float) -> tuple[FieldMetric, ...]:
 
 
 METRICS = (*_figures(40, THRESHOLDS[0]), *_figures(43, THRESHOLDS[1]))
-"""Figures of this module."""

@@ -40,4 +40,3 @@ METRICS = (
         compute=of_each(contact_deviation),
     ),
 )
-"""Figures of this module."""

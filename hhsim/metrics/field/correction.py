@@ -60,4 +60,3 @@ METRICS = placed(
     ),
     _figure(LARGEST, "correction of a joint, max", "21 joints", lambda pair: largest(joint_shift(pair))),
 )
-"""Figures of this module."""

@@ -41,4 +41,3 @@ METRICS = (
     *_figures(2, "skin", "skin", lambda hands: hands.skin_distance, "vertices of the skin"),
     *_figures(4, "cones", "cones", lambda hands: hands.cone_distance, "surface of cones and palm spheres"),
 )
-"""Figures of this module."""

@@ -142,4 +142,3 @@ METRICS = placed(
         f"{len(pair.displacement_frames)} frames, {STEPS} steps of 1/240 s, friction {FRICTION:g}, {MASS:g} kg"
     ),
 )
-"""Figures of this module."""

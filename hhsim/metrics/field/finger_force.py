@@ -34,4 +34,3 @@ METRICS = placed(
     ),
     parameters="of the coupling",
 )
-"""Figures of this module."""

@@ -28,33 +28,20 @@ class FieldHands:
     """Hand at each frame of a recording, in the object's frame.
 
     The surface of the hand is its skin, its round cones and palm spheres, or both; without either it is its joints.
-
-    Attributes:
-        time: Stamps [s], shape (T,).
-        joints: Joint centres in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], shape (T, 21, 3).
-        mesh: Closed surface of the object.
-        shape: Radii of the cones and palm spheres; None without cones.
-        placed: Axes of the cones and the palm's pose; None without cones.
-        skin: Vertices of the skin [m], shape (T, V, 3); None without a skin.
-        faces: Triangles of the skin, shape (F, 3).
-        truth: Skin of the true hand [m], shape (T, V, 3); None if unknown.
-        world: Joint centres in the world [m], shape (T, 21, 3); None for an object that stands still.
-        down: Direction of gravity in the object's frame, shape (T, 3); None for -z.
-
-    Raises:
-        InputError: An array of another shape, or a hand with only one of `shape` and `placed`, `skin` and `faces`.
+    Raises InputError for an array of another shape, or only one of `shape` and `placed`, `skin` and `faces`.
     """
 
-    time: FloatArray
-    joints: FloatArray
-    mesh: Mesh
-    shape: HandShape | None = None
-    placed: PlacedHand | None = None
-    skin: FloatArray | None = None
-    faces: IntArray | None = None
-    truth: FloatArray | None = None
+    time: FloatArray  # stamps [s], shape (T,)
+    joints: FloatArray  # joint centres in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], shape (T, 21, 3)
+    mesh: Mesh  # closed surface of the object
+    shape: HandShape | None = None  # radii of the cones and palm spheres; None without cones
+    placed: PlacedHand | None = None  # axes of the cones and the palm's pose; None without cones
+    skin: FloatArray | None = None  # vertices of the skin [m], shape (T, V, 3); None without a skin
+    faces: IntArray | None = None  # triangles of the skin, shape (F, 3)
+    truth: FloatArray | None = None  # skin of the true hand [m], shape (T, V, 3); None if unknown
+    # Joint centres in the world [m], shape (T, 21, 3); None for an object that stands still.
     world: FloatArray | None = None
-    down: FloatArray | None = None
+    down: FloatArray | None = None  # direction of gravity in the object's frame, shape (T, 3); None for -z
 
     def __post_init__(self) -> None:
         frames = len(self.time)
@@ -151,22 +138,14 @@ class FieldHands:
 class FieldPair:
     """Recorded hand and its repair, and what the figures of both need.
 
-    Attributes:
-        recorded: Hand before.
-        repaired: Hand after, at the same frames.
-        force: Force of each finger after the repair [N], shape (T, 5); None if unknown.
-        pitch: Edge of the voxels of the intersection volume [m].
-        displacement_frames: Frames whose simulation displacement is computed.
-
-    Raises:
-        InputError: Hands of different numbers of frames or vertices, or with different objects.
+    Raises InputError for hands of different numbers of frames or vertices, or with different objects.
     """
 
-    recorded: FieldHands
-    repaired: FieldHands
-    force: FloatArray | None = None
-    pitch: float = 0.005
-    displacement_frames: tuple[int, ...] = ()
+    recorded: FieldHands  # hand before
+    repaired: FieldHands  # hand after, at the same frames
+    force: FloatArray | None = None  # force of each finger after the repair [N], shape (T, 5); None if unknown
+    pitch: float = 0.005  # edge of the voxels of the intersection volume [m]
+    displacement_frames: tuple[int, ...] = ()  # frames whose simulation displacement is computed
 
     def __post_init__(self) -> None:
         before, after = len(self.recorded.time), len(self.repaired.time)

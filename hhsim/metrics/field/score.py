@@ -42,7 +42,6 @@ def field_score(
     *,
     max_correction: float,
     poses: Path | None = None,
-    pitch: float = 0.005,
     displacement_frames: tuple[int, ...] = (),
 ) -> FieldScore:
     """Compute the table of the field of two files, and judge the repair.
@@ -56,7 +55,7 @@ def field_score(
         options: Options for reading both files.
         poses: File of the object's poses, for a recording that has none.
         max_correction: Largest displacement of a joint that the verdict allows [m].
-        pitch, displacement_frames: As of `FieldPair`.
+        displacement_frames: As of `FieldPair`.
 
     Raises:
         TrajectoryError: A file that is no recording of joint centres, or files of other samples or stamps.
@@ -77,25 +76,15 @@ def field_score(
         raise TrajectoryError(f"{repaired}: sample {k} is at {stamps}, as {recorded} has")
     if poses is not None:
         before = with_object_poses(before, poses, options or ReadOptions())
-    pair = recorded_pair(before, after, mesh, motion, pitch=pitch, displacement_frames=displacement_frames)
-    rows = field_rows(pair)
+    hands = _judged_pair(before, after, mesh, before.object_motion if motion is None else motion)
+    rows = field_rows(FieldPair(*hands, displacement_frames=displacement_frames))
     return FieldScore(rows, field_verdict(rows, max_correction))
 
 
-def recorded_pair(
-    before: Recording,
-    after: Recording,
-    mesh: Mesh,
-    motion: ObjectMotion | None = None,
-    *,
-    pitch: float = 0.005,
-    displacement_frames: tuple[int, ...] = (),
-) -> FieldPair:
-    """Return two recordings of joint centres as the hands that are judged; arguments as of `field_score`.
-
-    Both hands have the radii and the palm of the hand that fits the recorded one, around their own joints.
-    """
-    motion = before.object_motion if motion is None else motion
+def _judged_pair(
+    before: Recording, after: Recording, mesh: Mesh, motion: ObjectMotion | None
+) -> tuple[FieldHands, FieldHands]:
+    """Return both hands with the radii and the palm of the hand that fits the recorded one, around their own joints."""
     samples = before.sample_count
     if motion is not None and len(motion.position) != samples:
         raise InputError(f"{len(motion.position):,} poses of the object; expected {samples:,}, one a sample")
@@ -107,8 +96,7 @@ def recorded_pair(
     shift = in_palm(fitted.position - before.position, before.orientation)
     # Tips on the skin: the sphere of a fingertip has its centre a radius before it.
     tip = hand.radius[:, 3:] if before.bones is not None and before.bones.tip_on_surface else np.zeros((5, 1))
-    recorded, repaired = (_judged(recording, hand, shift, tip, mesh, frame) for recording in (before, after))
-    return FieldPair(recorded, repaired, pitch=pitch, displacement_frames=displacement_frames)
+    return _judged(before, hand, shift, tip, mesh, frame), _judged(after, hand, shift, tip, mesh, frame)
 
 
 def _judged(

@@ -58,4 +58,3 @@ METRICS = placed(
     FieldMetric(RATIO, "ACC, after over before", 3, compute=of_repair(acceleration_ratio)),
     parameters=_rate,
 )
-"""Figures of this module."""

@@ -116,4 +116,3 @@ METRICS = (
     *_figures(22, 1, "volume_voxels", "voxels inside", "centres in object and hand"),
     *_figures(24, 2, "volume_trimesh", "GraspTTA's line", "trimesh's voxelized"),
 )
-"""Figures of this module."""

@@ -11,11 +11,7 @@ from hhsim.result.schema import TICK_COLUMNS
 
 @cache
 def run_metrics() -> dict[str, RunMetric]:
-    """Return every figure by its name, in the order of the table.
-
-    Raises:
-        ValueError: Two figures have one name, or one has both or neither of compute and own_run.
-    """
+    """Return every figure by its name, in the order of the table; ValueError for one declared twice or in part."""
     metrics: dict[str, RunMetric] = declared_figures(hhsim.metrics.run)
     strange = [metric.name for metric in metrics.values() if (metric.compute is None) != bool(metric.own_run)]
     if strange:
