@@ -178,7 +178,7 @@ def planned(
     Arguments and errors as for `synthesize`.
     """
     if placement is None:
-        placement = find_placement(script, hand, tree, of_two=other is not None)
+        placement = find_placement(script, hand, tree)
     if placement is None:
         return plan_finger_closure(script, hand, tree, other)
     position = np.asarray(object_position, dtype=np.float64)

@@ -127,6 +127,8 @@ def _made_again(result: Result) -> tuple[TickInput, MovingParts | None]:
     mode = scene.get("samples", "interpolate")
     if isinstance(motion, Script) and scene.get("tremor_mm_deg"):
         motion = motion.shaken(scene["tremor_mm_deg"])
+    if isinstance(motion, Script) and scene.get(TWO_HANDED):
+        motion = motion.of_two()
     if scene.get("object_pose") == "fixed" and isinstance(motion, Trajectory):
         motion = motion.placed(motion.object_position, motion.object_orientation)
     hand, seed = stored_hand(result), int(scene.get("seed") or 0)

@@ -13,7 +13,7 @@ from short_grasp import short_grasp, shortened
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import distance_of_hands
@@ -25,7 +25,7 @@ from hhsim.result.two_handed_file import BETWEEN_COLUMNS
 from hhsim.scene.described_scene import SceneWords
 from hhsim.scene.free_object import CLEARANCE, FreeObject
 from hhsim.scene.motion_catalogue import load_script
-from hhsim.scene.scene import Scene, make_scene
+from hhsim.scene.scene import Scene, make_scene, open_scene
 from hhsim.scene.two_hands import two_handed_motions, two_handed_scenes
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -260,3 +260,22 @@ def test_the_referee_and_a_second_run_know_what_two_hands_hold(lifted: TwoHanded
     seal_file(alone, alone.stat().st_size)
     with pytest.raises(InputError, match="the other one's result is not there"):
         run_again(load_result(alone))
+
+
+@pytest.mark.parametrize("name", ["open", "close"])
+def test_two_hands_at_a_lid_are_mirror_images_each_at_its_side(name: str) -> None:
+    motions = two_handed_motions(name)
+    right, left = (
+        open_scene("laptop", motion, solid=False, level=2, hand=hand) for motion, hand in zip(motions, HANDS)
+    )
+    rows = slice(None, None, 50)
+    haptic = [HandConfiguration(*(part[rows] for part in HandConfiguration.of(one.ticks))) for one in (right, left)]
+    placed = [forward_kinematics(hand, *configuration) for hand, configuration in zip(HANDS, haptic)]
+    joints = [each.joints for each in placed]
+    np.testing.assert_allclose(right.ticks.position * [-1.0, 1.0, 1.0], left.ticks.position, atol=1e-12)
+    assert joints[0][..., 0].min() > 0.0 > joints[1][..., 0].max()
+    assert distance_of_hands(HANDS, (placed[0], placed[1])).min() > 0.01
+    # One hand has the middle, the left one too.
+    for hand in HANDS:
+        alone = open_scene("laptop", name, solid=False, level=2, hand=hand)
+        assert abs(alone.ticks.position[:, 0]).max() < 1e-12
