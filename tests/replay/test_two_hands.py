@@ -15,6 +15,7 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.replay.repeat import run_again
@@ -26,6 +27,7 @@ from hhsim.scene.described_scene import SceneWords
 from hhsim.scene.free_object import CLEARANCE, FreeObject
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, make_scene, open_scene
+from hhsim.scene.synthesis import planned
 from hhsim.scene.two_hands import two_handed_motions, two_handed_scenes
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -228,6 +230,29 @@ def test_two_hands_lift_what_they_press_from_both_sides(lifted: TwoHandedReplay)
         assert result.summary["energy_gained"] == 0.0
     flip = [-1.0, 1.0, 1.0]
     np.testing.assert_allclose(left["haptic/position"] * flip, right["haptic/position"], atol=1e-6)
+
+
+def test_fingers_close_behind_both_handles() -> None:
+    tree = cached_sphere_tree(load_object("handle-box").mesh, TreeOptions(level=4))
+    for hand in HANDS:
+        found = planned(load_script("lift-both").of_two(), hand, tree)
+        assert set(found.reached) == {"index", "middle", "ring", "little"}
+        turn = quaternion_from_matrix(found.rotation)[None]
+        closed = forward_kinematics(hand, found.position[None], turn, found.contact[None], found.abduction[None])
+        away, height = np.abs(closed.joints[0, 1:, :, 0]), closed.joints[0, 1:, :, 2]
+        # The bar is 90 to 102 mm from the middle, its lower side at -6 mm.
+        assert (away[:, 3] < 0.09).all() and (away[:, 0] > 0.102).all() and (height.min(axis=1) < -0.006).all()
+
+
+@pytest.mark.soak
+def test_a_box_hangs_by_its_handles(tmp_path: Path) -> None:
+    placed = scenes_of("handle-box", load_script("lift-both").of_two(), level=4)
+    mesh, path = placed[0].mesh, tmp_path / "box.h5"
+    box = FreeObject.of_mesh(mesh, mass=1.2, table=float(mesh.bounds[0, 2]) - CLEARANCE)
+    replay_two_hands([replace(scene, free=box) for scene in placed], SolverOptions(), path)
+    right = load_result(hand_paths(path)[0])
+    time, height = right["time"], right["object/position"][:, 2] - right["object/position"][0, 2]
+    assert height[(time > 2.6) & (time < 2.9)].min() > 0.1 and abs(height[-1]) < 1e-3
 
 
 @pytest.mark.soak
