@@ -26,14 +26,18 @@ from hhsim.result.two_handed_file import BETWEEN_COLUMNS
 from hhsim.scene.described_scene import SceneWords
 from hhsim.scene.free_object import CLEARANCE, FreeObject
 from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.parts_of_thing import load_thing
 from hhsim.scene.scene import Scene, make_scene, open_scene
 from hhsim.scene.synthesis import planned
 from hhsim.scene.two_hands import two_handed_motions, two_handed_scenes
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.system.checksummed_file import seal_file
+from hhsim.system.progress import silent
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
+from hhsim.verify.again import again_claims
+from hhsim.verify.claim import HOLDS
 from hhsim.verify.verify import verify
 
 HANDS = HandModel.default("right"), HandModel.default("left")
@@ -304,3 +308,15 @@ def test_two_hands_at_a_lid_are_mirror_images_each_at_its_side(name: str) -> Non
     for hand in HANDS:
         alone = open_scene("laptop", name, solid=False, level=2, hand=hand)
         assert abs(alone.ticks.position[:, 0]).max() < 1e-12
+
+
+@pytest.mark.soak
+def test_the_referee_finds_the_left_hand_s_place_beside_the_right_one_at_a_thing_of_parts(tmp_path: Path) -> None:
+    thing, motions = load_thing("scissors"), two_handed_motions("pinch")
+    trees = thing.trees(lambda mesh: cached_sphere_tree(mesh, TreeOptions(level=2)))
+    words = SceneWords(object="scissors", trajectory="pinch", ticks=40)
+    made = two_handed_scenes(words, thing.mesh, thing.tree(trees), HANDS, motions, thing=(thing, trees))
+    replay_two_hands([placed.scene for placed in made], SolverOptions(), tmp_path / "both.h5")
+    for path in hand_paths(tmp_path / "both.h5"):
+        claims = again_claims(load_result(path), silent)
+        assert [claim.verdict for claim in claims if claim.name == "again: motion"] == [HOLDS]
