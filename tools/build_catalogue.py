@@ -2,7 +2,7 @@
 
     python -m tools.build_catalogue objects/ bunny-1.0.1.tgz teapot-1.0.0.tgz
 
-writes the ten .ply files and prints the content hash of each mesh, which its TOML file states. It also writes those of
+writes the .ply files and prints the content hash of each mesh, which its TOML file states. It also writes those of
 `REFERENCE_SHAPES`, on which `hhsim bench trees` holds our trees against published ones.
 """
 

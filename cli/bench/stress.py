@@ -89,7 +89,7 @@ def command(
 ) -> int:
     """Run the hand to random targets around OBJECTs, by every method, and look for penetration at every tick.
 
-    OBJECT is a name (hhsim objects) or a mesh file; without one, all ten of the catalogue are run. Penetration is
+    OBJECT is a name (hhsim objects) or a mesh file; without one, all of the catalogue are run. Penetration is
     recomputed from the hand that each tick shows. The exit code is 1 where coupled or progressive penetrates by more
     than 1 µm, is not finite, or is stuck although there was a way.
 

@@ -140,21 +140,21 @@ def body_distances(
     return distance
 
 
-def find_placement(script: Script, hand: HandModel, tree: SphereTree, *, of_two: bool = False) -> Placement | None:
+def find_placement(script: Script, hand: HandModel, tree: SphereTree) -> Placement | None:
     """Return the script's own placement on the object of a tree; None where a search finds one.
 
-    Of two hands that are to move the object together the left one is the mirror image of the right one. Raises
-    TrajectoryError for a script that is made for other objects, or for a right hand.
+    That of a left hand is the mirror image of a right hand's, where the placement has a mirror. Raises TrajectoryError
+    for a script that is made for other objects, or for a right hand.
     """
     for placement in script.placements:
         if _is_of(placement.object_name, tree):
             if hand.side == "right":
                 return placement
-            if of_two and script.moves_object:
+            if placement.mirror.any():
                 return placement.mirrored()
             if script.objects:
                 raise TrajectoryError(
-                    f"script {script.name}: its place on the {placement.object_name} is a right hand's"
+                    f"script {script.name}: its place on the {placement.object_name} is a right hand's, with no mirror"
                 )
             return None
     if script.objects:

@@ -20,9 +20,12 @@ Keys, with their defaults::
     joint.limits = [0.0, 2.4]            # least and greatest value, [rad] of a hinge, [m] of a slider
     joint.motion = [[0.0, 0.0], [1.0, 1.5]]   # (time [s], value); straight between, constant before and after
     # or: joint.recording = { file = "lid.csv", column = "angle", time = "t" }   # columns of a CSV, arrays of an .npz
+    # or: joint.recording = { file = "box.object.npy", column = 0, rate = 30.0 }   # of rows without stamps, [Hz]
 
 The value of a joint turns the part about its axis by the right hand's rule, or shifts it along. A script may move the
-joints instead, see `hhsim.scene.script`.
+joints instead, see `hhsim.scene.script`. ARCTIC's `.object.npy` has the angle in column 0 of rows at 30 Hz; its axis is
+(0, 0, -1) through the origin of the object, whose two meshes are in one frame (github.com/zc-alexfan/arctic:
+docs/data/data_doc.md, common/object_tensors.py).
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,7 +40,8 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known
 from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
 from hhsim.motion.csv_table import read_table
-from hhsim.motion.npz_arrays import numbers, read_npz
+from hhsim.motion.npz_arrays import numbers, read_npy, read_npz
+from hhsim.motion.validation import as_numbers
 from hhsim.reproducible import norm
 from hhsim.system.input_file import read_input, read_input_text
 from hhsim.system.settings_file import Settings, a_list, between, read_settings
@@ -52,26 +56,45 @@ Keyframe = tuple[Annotated[float, between(0.0, 1e6)], Number]
 
 
 class JointRecording(Settings, frozen=True):
-    """Columns of a CSV file, or arrays of an .npz, that hold a joint's values; the path is relative to the thing's."""
+    """Columns of a CSV file, or arrays of an .npz, that hold a joint's values; the path is relative to the thing's.
+
+    An .npy has a number of its column, from 0 on, and the rate of its rows [Hz], the first of which is at 0 s.
+    """
 
     file: str
-    column: str
-    time: str = "t"
+    column: str | int
+    time: str | None = None
+    rate: Annotated[float, between(1e-3, 1e6, "Hz")] | None = None
+
+    def check(self) -> None:
+        """Check that an .npy has a column's number and a rate, and any other file names."""
+        rows, numbered = Path(self.file).suffix == ".npy", isinstance(self.column, int)
+        fits = (numbered and self.rate and self.time is None) if rows else not numbered and self.rate is None
+        if not fits:
+            expected = "column = 0 and rate = 30.0, no time" if rows else "names of column and time, no rate"
+            raise InputError(f"{self.file} has {'no names and no stamps' if rows else 'names'}; expected {expected}")
 
     def read(self, folder: Path) -> tuple[Keyframe, ...]:
         """Return (time [s], value) of each sample; InputError for no such file or column, or what is no number."""
-        path, names = folder / self.file, (self.time, self.column)
+        path, names = folder / self.file, (self.time or "t", str(self.column))
         try:
-            if path.suffix == ".npz":
+            if isinstance(self.column, int):
+                rows = as_numbers("array", read_npy(read_input(path)))
+                if rows.ndim != 2 or not 0 <= self.column < rows.shape[1]:
+                    raise InputError(f"no column {self.column} in an array of shape {rows.shape}; expected (T, 7)")
+                assert self.rate is not None
+                time, values = np.arange(len(rows)) / self.rate, rows[:, self.column]
+            elif path.suffix == ".npz":
                 arrays = read_npz(read_input(path))
                 check_known("array", names, arrays)
-                time, values = numbers(arrays, self.time), numbers(arrays, self.column)
+                time, values = numbers(arrays, names[0]), numbers(arrays, names[1])
                 if time.ndim != 1 or time.shape != values.shape:
                     raise InputError(f"shapes {time.shape} and {values.shape}; expected (T,) of both")
             else:
                 time, values = read_table(read_input_text(path), strict=True).numbers(names)[0].T
             if not (len(time) and np.isfinite(time).all() and np.isfinite(values).all()):
-                raise InputError(f"{self.time} or {self.column} is empty or lacks a number; expected one a sample")
+                missing = " or ".join(names) if isinstance(self.column, str) else f"column {self.column}"
+                raise InputError(f"{missing} is empty or lacks a number; expected one a sample")
         except OSError as reason:
             raise InputError(f"{path}: cannot be read: {reason.strerror or reason}") from None
         except (InputError, UnicodeDecodeError) as reason:

@@ -41,6 +41,8 @@ tree needs no other place. Keys, with their defaults::
     open = [0.0, 0.2, 0.0, 0.0, 0.0]     # flexion of the first joints beyond the open hand's [rad]
     abduction = [0.0, 0.0, 0.0, 0.0, 0.0]   # [rad]
     slide = [1.0, 0.0, 0.0]              # direction of a slide; only in scripts that have one
+    mirror = [1.0, 0.0, 0.0]             # normal of a plane through the origin: the left hand's place is the image
+    hands = "one"                        # both: the right hand's place beside the left one; else both have that of one
 
     [joint]                # motion of joints of a thing of several parts (jointed_thing.py), instead of its own
     lid = [[0.0, 1.5], [2.0, 0.3]]       # (time [s], value [rad] or [m]), straight between
@@ -53,7 +55,7 @@ Each phase moves by minimum jerk: 10τ³ − 15τ⁴ + 6τ⁵ (Flash & Hogan, J.
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -139,7 +141,8 @@ class PaperUse(Settings, frozen=True):
 class Placement:
     """Place of a hand on one object; the module's docstring explains the fields.
 
-    Directions have unit length; `open` and `abduction` have shape (5,); `slide` is zero in a script without one.
+    Directions have unit length; `open` and `abduction` have shape (5,); `slide` is zero in a script without one,
+    `mirror` where the place is the right hand's alone.
     """
 
     object_name: str
@@ -149,13 +152,13 @@ class Placement:
     open: FloatArray = field(default_factory=lambda: np.zeros(len(FINGERS)))
     abduction: FloatArray = field(default_factory=lambda: np.zeros(len(FINGERS)))
     slide: FloatArray = field(default_factory=lambda: np.zeros(3))
+    mirror: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     def mirrored(self) -> "Placement":
-        """Return the other hand's place opposite: its image in the upright plane across `back`, through the origin."""
-        across = self.back * [1.0, 1.0, 0.0] / norm(self.back[:2])
-        mirror = np.eye(3) - 2.0 * np.outer(across, across)
-        rotation = matmul(mirror, rotation_matrix(self.orientation)) * [-1.0, 1.0, 1.0]
-        places: dict[str, Any] = {name: matmul(mirror, getattr(self, name)) for name in ("position", "back", "slide")}
+        """Return the other hand's place: its image in the plane through the origin whose normal is `mirror`."""
+        image = np.eye(3) - 2.0 * np.outer(self.mirror, self.mirror)
+        rotation = matmul(image, rotation_matrix(self.orientation)) * [-1.0, 1.0, 1.0]
+        places: dict[str, Any] = {name: matmul(image, getattr(self, name)) for name in ("position", "back", "slide")}
         return replace(self, orientation=quaternion_from_matrix(rotation), **places)
 
 
@@ -174,20 +177,24 @@ class PlacementTable(Settings, frozen=True):
     open: OfFingers | None = None
     abduction: OfFingers | None = None
     slide: Three | None = None
+    mirror: Three | None = None
+    hands: Literal["one", "both"] = "one"
 
     def check(self) -> None:
-        """Check the object's name and the unit length of directions."""
+        """Check the object's name, the unit length of directions, and that the place of both hands has a mirror."""
         check_known("object", [self.object], [*object_names(), *thing_names()])
-        for key in ("orientation", "back", "slide"):
+        for key in ("orientation", "back", "slide", "mirror"):
             size = float(norm(getattr(self, key) or [1.0]))
             if not math.isclose(size, 1.0, abs_tol=1e-2):
                 raise InputError(f"{key} has length {size:.3g}; expected 1")
+        if self.hands == "both" and self.mirror is None:
+            raise InputError("hands = 'both' and no mirror; expected one, such as [1.0, 0.0, 0.0]")
 
     def placement(self) -> Placement:
         """Return the placement, with directions normalised."""
-        names = ("position", "orientation", "back", "open", "abduction", "slide")
+        names = ("position", "orientation", "back", "open", "abduction", "slide", "mirror")
         given = {name: np.array(value) for name in names if (value := getattr(self, name)) is not None}
-        for key in given.keys() & {"orientation", "back", "slide"}:
+        for key in given.keys() & {"orientation", "back", "slide", "mirror"}:
             given[key] /= norm(given[key])
         return Placement(self.object, **given)
 
@@ -214,6 +221,7 @@ class Script:
     paper: tuple[PaperUse, ...] = ()
     # Not in the text that names a kept closure: the search does not depend on it.
     joints: tuple[tuple[str, tuple[Keyframe, ...]], ...] = field(default=(), repr=False)
+    placements_of_two: tuple[Placement, ...] = field(default=(), repr=False)
 
     @property
     def duration(self) -> float:
@@ -230,6 +238,10 @@ class Script:
         position, rotation = tremor_mm_deg
         shaken = replace(self.disturbance, tremor_position=1e-3 * position, tremor_rotation=math.radians(rotation))
         return replace(self, disturbance=shaken)
+
+    def of_two(self) -> "Script":
+        """Return the script as two hands do it: their places come before those of one hand."""
+        return replace(self, placements=(*self.placements_of_two, *self.placements))
 
     def has(self, *names: str) -> bool:
         """Return True if any phase has one of these names."""
@@ -361,8 +373,8 @@ class ScriptTable(Settings, frozen=True, kw_only=True):
             raise InputError(f"palm_depth = {self.palm_depth:g} with contact = false; expected one of them")
         if {"slide", "push"}.isdisjoint(names) and any(place.slide for place in self.placement):
             raise InputError("placement: slide belongs to a script with a slide")
-        if len({place.object for place in self.placement}) < len(self.placement):
-            raise InputError("two placements on one object; expected one for each")
+        if len({(place.object, place.hands) for place in self.placement}) < len(self.placement):
+            raise InputError("two placements on one object; expected one for each, and one of both hands")
         touches = (touch for phase in self.phase for touch in touches_of(phase.touch or {}))
         named = {touch.region for touch in touches if touch.region != ANYWHERE}
         if named and not self.objects:
@@ -381,7 +393,8 @@ class ScriptTable(Settings, frozen=True, kw_only=True):
             name,
             tuple(phase.phase() for phase in self.phase),
             disturbance=self.disturbance(),
-            placements=tuple(place.placement() for place in self.placement),
+            placements=tuple(place.placement() for place in self.placement if place.hands == "one"),
+            placements_of_two=tuple(place.placement() for place in self.placement if place.hands == "both"),
             joints=tuple(self.joint.items()),
             **as_they_are,
         )

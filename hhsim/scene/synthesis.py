@@ -165,7 +165,7 @@ def planned(
     this object.
     """
     if placement is None:
-        placement = find_placement(script, hand, tree, of_two=other is not None)
+        placement = find_placement(script, hand, tree)
     if placement is None:
         return plan_finger_closure(script, hand, tree, other)
     closure = PlacedCloser(script, hand, tree).close(placement)

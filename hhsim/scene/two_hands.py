@@ -57,7 +57,7 @@ def two_handed_motions(word: str) -> tuple[Motion, Motion]:
     motion = resolve_trajectory(word)
     if not isinstance(motion, Script):
         raise TrajectoryError(f"{word} is of one hand; --hand both expects a script, or a recording of two hands")
-    return motion, motion
+    return motion.of_two(), motion.of_two()
 
 
 def two_handed_scenes(

@@ -228,9 +228,9 @@ class FreeEngine:
         self.ticks = object_record(count)
         own: Any = self.ticks
         if things > 1:
-            rows = np.zeros(count * ACTIVE_CAPACITY, np.int64)
+            rows, points = np.zeros(count * ACTIVE_CAPACITY, np.int64), np.zeros((count * ACTIVE_CAPACITY, 3))
             of_each = (own, *(object_record(count, 0) for _ in range(1, things)))
-            own = self.all_ticks = ThingsRecord(of_each, rows, np.zeros((things, count, 6)))
+            own = self.all_ticks = ThingsRecord(of_each, rows, points, np.zeros((things, count, 6)))
         given = self.method, self.workspace.hand, self.workspace.surface, self.states, self.qp
         done = int(run_many(*given, haptic, record, own))
         if things > 1:
@@ -285,9 +285,11 @@ def of_first(record: ThingsRecord) -> ObjectRecord:
     sign = np.where(on_first & (other >= 0), -1.0, 1.0)[chosen, None]
     tick = np.repeat(np.arange(len(first.turn)), np.diff(first.contact))[chosen]
     body = np.where(by_first, -2 - record.thing[:count], first.body[:count])[chosen]
-    rows = {name: getattr(first, name)[chosen] for name in ("point", "normal_force", "torsional_moment", "slip")}
+    rows = {name: getattr(first, name)[chosen] for name in ("normal_force", "torsional_moment", "slip")}
+    point = np.where(by_first[:, None], record.other_point[:count], first.point[:count])[chosen]
     return first._replace(
         **rows,
+        point=point,
         body=body,
         normal=sign * first.normal[chosen],
         friction_force=sign * first.friction_force[chosen],

@@ -127,27 +127,29 @@ def _made_again(result: Result) -> tuple[TickInput, MovingParts | None]:
     mode = scene.get("samples", "interpolate")
     if isinstance(motion, Script) and scene.get("tremor_mm_deg"):
         motion = motion.shaken(scene["tremor_mm_deg"])
+    if isinstance(motion, Script) and scene.get(TWO_HANDED):
+        motion = motion.of_two()
     if scene.get("object_pose") == "fixed" and isinstance(motion, Trajectory):
         motion = motion.placed(motion.object_position, motion.object_orientation)
     hand, seed = stored_hand(result), int(scene.get("seed") or 0)
-    parts = result_parts(result)
+    parts, thing = result_parts(result), None
     if parts is not None:
-        thing = load_thing(str(scene["object"]), motion, solid=result.surface != "mesh")
-        given = thing.mesh, thing.tree(parts.trees), hand, motion
-        made = make_scene(*given, rate=result.rate, mode=mode, seed=seed, thing=(thing, parts.trees))
-        return made.driven or made.ticks, made.parts
-    mesh = own_object(result, True)
-    tree = None if mesh is None else own_tree(result, mesh, True)
-    if isinstance(motion, Trajectory) and scene.get("place_object") != "auto":
-        return motion.resampled(result.rate, mode), None
-    if mesh is None or tree is None:
-        raise InputError("the motion was made for an object and a tree that are not to be had")
-    if isinstance(motion, Trajectory):
-        motion = place_at_grasp(motion, hand, tree).motion
+        loaded = load_thing(str(scene["object"]), motion, solid=result.surface != "mesh")
+        mesh, tree, thing = loaded.mesh, loaded.tree(parts.trees), (loaded, parts.trees)
+    else:
+        found = own_object(result, True)
+        own = None if found is None else own_tree(result, found, True)
+        if isinstance(motion, Trajectory) and scene.get("place_object") != "auto":
+            return motion.resampled(result.rate, mode), None
+        if found is None or own is None:
+            raise InputError("the motion was made for an object and a tree that are not to be had")
+        mesh, tree = found, own
+        if isinstance(motion, Trajectory):
+            motion = place_at_grasp(motion, hand, tree).motion
     other = None
     if isinstance(motion, Script) and scene.get(TWO_HANDED) and result.side != SIDES[0] and is_one_of_two(result.path):
         # The left hand found its place beside the right one.
         first = stored_hand(load_result(result.path.with_name(SIDES[0])))
         other = OtherHand(first, planned(motion, first, tree))
-    made = make_scene(mesh, tree, hand, motion, rate=result.rate, mode=mode, seed=seed, other=other)
-    return made.driven or made.ticks, None
+    made = make_scene(mesh, tree, hand, motion, rate=result.rate, mode=mode, seed=seed, other=other, thing=thing)
+    return made.driven or made.ticks, made.parts

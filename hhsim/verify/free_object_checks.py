@@ -61,10 +61,10 @@ class FreeMotion:
             np.asarray(result[f"contact/{name}"]) for name in ("normal_force", "friction_force")
         )
         self.torsion, self.slip = (np.asarray(result[f"contact/{name}"]) for name in ("torsional_moment", "slip"))
-        # Other things count as the table does.
-        self.of_table = self.body <= ON_TABLE
+        # Other things count as the table does; their own motion is not in the slip that is computed here.
+        self.of_table, of_thing = self.body <= ON_TABLE, self.body < ON_TABLE
         # Contacts of another hand, whose poses are in its own result.
-        self.of_other = self.body > PALM
+        self.of_other = (self.body > PALM) | of_thing
         self.own = ~(self.of_table | self.of_other)
 
     @cached_property

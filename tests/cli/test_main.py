@@ -163,7 +163,7 @@ def test_an_encoding_without_our_letters_is_no_crash(run: Run) -> None:
     assert (table.returncode, table.stderr) == (0, "")
     assert " ? " in table.stdout
     document = run("objects", "--json").out
-    assert document.isascii() and len(json.loads(document)["objects"]) == 10
+    assert document.isascii() and len(json.loads(document)["objects"]) == 11
 
 
 def test_info_tells_people_and_machines_the_same_and_each_thing_once(run: Run) -> None:

@@ -1,4 +1,4 @@
-"""The ten shipped objects: sound, graspable, described, licensed, and the same as their makers make them."""
+"""The shipped objects: sound, graspable, described, licensed, and the same as their makers make them."""
 
 import subprocess
 import sys
@@ -18,15 +18,16 @@ from tools.build_catalogue import REFERENCE_SHAPES, derived_object, made_object,
 from tools.shapes.generators import GENERATORS
 
 SIMPLE = ["sphere", "cylinder", "triangular-prism", "cube", "hexagonal-prism"]
-COMPLEX = ["rock", "shamrock", "cup", "teapot", "bunny"]
-GENUS = {"cup": 1, "teapot": 1}
+COMPLEX = ["rock", "shamrock", "cup", "teapot", "bunny", "handle-box"]
+"""The last is not the paper's: it is for two hands."""
+GENUS = {"cup": 1, "teapot": 1, "handle-box": 2}
 
 
 def test_names_in_the_order_of_the_paper() -> None:
     assert object_names() == SIMPLE + COMPLEX
 
 
-@pytest.mark.parametrize("name", sampled(SIMPLE + COMPLEX, lambda _, name: name in ("cube", "cup")))
+@pytest.mark.parametrize("name", sampled(SIMPLE + COMPLEX, lambda _, name: name in ("cube", "cup", "handle-box")))
 def test_mesh_is_a_sound_solid_of_graspable_size(name: str) -> None:
     mesh = load_object(name).mesh
     other = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
@@ -36,7 +37,7 @@ def test_mesh_is_a_sound_solid_of_graspable_size(name: str) -> None:
     assert len(np.unique(mesh.vertices, axis=0)) == len(mesh.vertices) == len(np.unique(mesh.faces))
     assert other.area_faces.min() > 1e-9 or name == "teapot"
     assert 1 - other.euler_number // 2 == GENUS.get(name, 0)
-    assert 0.06 <= mesh.extent.max() <= 0.13
+    assert 0.06 <= mesh.extent.max() <= (0.21 if name == "handle-box" else 0.13)
     np.testing.assert_allclose(mesh.bounds.mean(axis=0), 0.0, atol=1e-9)
     assert mesh.volume > 0.0
     faulty, tested, low, high = winding_faults(mesh.vertices, mesh.faces)
@@ -101,7 +102,7 @@ def test_teapot_is_what_its_steps_make(shared_data: Path) -> None:
 def test_names_come_without_numpy() -> None:
     script = "import sys, hhsim.mesh.catalogue as c; print(len(c.object_names()), 'numpy' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert run.stdout.split() == ["10", "False"]
+    assert run.stdout.split() == ["11", "False"]
 
 
 def test_unknown_name_lists_the_near_ones() -> None:

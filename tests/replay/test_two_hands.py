@@ -13,8 +13,9 @@ from short_grasp import short_grasp, shortened
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.replay.repeat import run_again
@@ -25,13 +26,18 @@ from hhsim.result.two_handed_file import BETWEEN_COLUMNS
 from hhsim.scene.described_scene import SceneWords
 from hhsim.scene.free_object import CLEARANCE, FreeObject
 from hhsim.scene.motion_catalogue import load_script
-from hhsim.scene.scene import Scene, make_scene
+from hhsim.scene.parts_of_thing import load_thing
+from hhsim.scene.scene import Scene, make_scene, open_scene
+from hhsim.scene.synthesis import planned
 from hhsim.scene.two_hands import two_handed_motions, two_handed_scenes
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.system.checksummed_file import seal_file
+from hhsim.system.progress import silent
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
+from hhsim.verify.again import again_claims
+from hhsim.verify.claim import HOLDS
 from hhsim.verify.verify import verify
 
 HANDS = HandModel.default("right"), HandModel.default("left")
@@ -230,6 +236,29 @@ def test_two_hands_lift_what_they_press_from_both_sides(lifted: TwoHandedReplay)
     np.testing.assert_allclose(left["haptic/position"] * flip, right["haptic/position"], atol=1e-6)
 
 
+def test_fingers_close_behind_both_handles() -> None:
+    tree = cached_sphere_tree(load_object("handle-box").mesh, TreeOptions(level=4))
+    for hand in HANDS:
+        found = planned(load_script("lift-both").of_two(), hand, tree)
+        assert set(found.reached) == {"index", "middle", "ring", "little"}
+        turn = quaternion_from_matrix(found.rotation)[None]
+        closed = forward_kinematics(hand, found.position[None], turn, found.contact[None], found.abduction[None])
+        away, height = np.abs(closed.joints[0, 1:, :, 0]), closed.joints[0, 1:, :, 2]
+        # The bar is 90 to 102 mm from the middle, its lower side at -6 mm.
+        assert (away[:, 3] < 0.09).all() and (away[:, 0] > 0.102).all() and (height.min(axis=1) < -0.006).all()
+
+
+@pytest.mark.soak
+def test_a_box_hangs_by_its_handles(tmp_path: Path) -> None:
+    placed = scenes_of("handle-box", load_script("lift-both").of_two(), level=4)
+    mesh, path = placed[0].mesh, tmp_path / "box.h5"
+    box = FreeObject.of_mesh(mesh, mass=1.2, table=float(mesh.bounds[0, 2]) - CLEARANCE)
+    replay_two_hands([replace(scene, free=box) for scene in placed], SolverOptions(), path)
+    right = load_result(hand_paths(path)[0])
+    time, height = right["time"], right["object/position"][:, 2] - right["object/position"][0, 2]
+    assert height[(time > 2.6) & (time < 2.9)].min() > 0.1 and abs(height[-1]) < 1e-3
+
+
 @pytest.mark.soak
 def test_one_hand_gives_the_cup_to_the_other(tmp_path: Path) -> None:
     placed = scenes_of("cup", load_script("hand-over"), level=4)
@@ -260,3 +289,34 @@ def test_the_referee_and_a_second_run_know_what_two_hands_hold(lifted: TwoHanded
     seal_file(alone, alone.stat().st_size)
     with pytest.raises(InputError, match="the other one's result is not there"):
         run_again(load_result(alone))
+
+
+@pytest.mark.parametrize("name", ["open", "close"])
+def test_two_hands_at_a_lid_are_mirror_images_each_at_its_side(name: str) -> None:
+    motions = two_handed_motions(name)
+    right, left = (
+        open_scene("laptop", motion, solid=False, level=2, hand=hand) for motion, hand in zip(motions, HANDS)
+    )
+    rows = slice(None, None, 50)
+    haptic = [HandConfiguration(*(part[rows] for part in HandConfiguration.of(one.ticks))) for one in (right, left)]
+    placed = [forward_kinematics(hand, *configuration) for hand, configuration in zip(HANDS, haptic)]
+    joints = [each.joints for each in placed]
+    np.testing.assert_allclose(right.ticks.position * [-1.0, 1.0, 1.0], left.ticks.position, atol=1e-12)
+    assert joints[0][..., 0].min() > 0.0 > joints[1][..., 0].max()
+    assert distance_of_hands(HANDS, (placed[0], placed[1])).min() > 0.01
+    # One hand has the middle, the left one too.
+    for hand in HANDS:
+        alone = open_scene("laptop", name, solid=False, level=2, hand=hand)
+        assert abs(alone.ticks.position[:, 0]).max() < 1e-12
+
+
+@pytest.mark.soak
+def test_the_referee_finds_the_left_hand_s_place_beside_the_right_one_at_a_thing_of_parts(tmp_path: Path) -> None:
+    thing, motions = load_thing("scissors"), two_handed_motions("pinch")
+    trees = thing.trees(lambda mesh: cached_sphere_tree(mesh, TreeOptions(level=2)))
+    words = SceneWords(object="scissors", trajectory="pinch", ticks=40)
+    made = two_handed_scenes(words, thing.mesh, thing.tree(trees), HANDS, motions, thing=(thing, trees))
+    replay_two_hands([placed.scene for placed in made], SolverOptions(), tmp_path / "both.h5")
+    for path in hand_paths(tmp_path / "both.h5"):
+        claims = again_claims(load_result(path), silent)
+        assert [claim.verdict for claim in claims if claim.name == "again: motion"] == [HOLDS]

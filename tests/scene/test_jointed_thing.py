@@ -76,6 +76,73 @@ def test_a_recorded_motion_of_either_kind_is_as_its_keyframes(tmp_path: Path) ->
         assert read_jointed_thing(path).joint_values(np.array([0.5]))["lid"] == 0.75
 
 
+ROWS = RECORDED.replace('"angle"', "0, rate = 30.0")
+
+
+def test_arctics_articulation_is_a_column_of_rows_at_a_rate(tmp_path: Path) -> None:
+    rows = np.zeros((31, 7), np.float32)
+    rows[:, 0] = np.linspace(0.0, 1.5, 31)
+    rows[:, 4:] = [1500.0, -900.0, 1200.0]
+    np.save(tmp_path / "box.object.npy", rows)
+    path = tmp_path / "thing.toml"
+    path.write_text(ROWS.format("box.object.npy"))
+    values = read_jointed_thing(path).joint_values(np.array([0.0, 1.0 / 60.0, 0.5, 1.0, 2.0]))["lid"]
+    assert values == pytest.approx([0.0, 0.025, 0.75, 1.5, 1.5], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("array", "text", "expected"),
+    [
+        (np.zeros(7), ROWS, "no column 0 in an array of shape (7,); expected (T, 7)"),
+        (np.zeros((4, 7)), ROWS.replace("column = 0", "column = 7"), "no column 7 in an array of shape (4, 7)"),
+        (np.zeros((4, 7)), ROWS.replace("column = 0", "column = -1"), "no column -1"),
+        (np.zeros((0, 7)), ROWS, "column 0 is empty or lacks a number"),
+        (np.full((4, 7), np.nan), ROWS, "column 0 is empty or lacks a number"),
+        (np.full((4, 7), 2.5), ROWS, "motion[1] has the value 2.5, beyond the limits"),
+        (np.array([["a"] * 7]), ROWS, "array does not hold numbers"),
+        (b"\x93NUMPY", ROWS, "not an .npy array"),
+        (None, ROWS, "lid.npy: "),
+    ],
+)
+def test_a_fault_of_rows_names_their_file(array: np.ndarray | bytes, text: str, expected: str, tmp_path: Path) -> None:
+    file = tmp_path / "lid.npy"
+    if isinstance(array, bytes):
+        file.write_bytes(array)
+    elif array is not None:
+        np.save(file, array)
+    path = tmp_path / "thing.toml"
+    path.write_text(text.format("lid.npy"))
+    with pytest.raises(InputError) as raised:
+        read_jointed_thing(path)
+    message = str(raised.value)
+    assert message.startswith(f"{file}: ")
+    assert expected in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("file", "keys"),
+    [
+        ("lid.npy", "column = 0"),
+        ("lid.npy", 'column = "angle"'),
+        ("lid.npy", 'column = "angle", rate = 30.0'),
+        ("lid.npy", 'column = 0, rate = 30.0, time = "t"'),
+        ("lid.csv", "column = 0, rate = 30.0"),
+        ("lid.csv", "column = 0"),
+        ("lid.npz", 'column = "angle", rate = 30.0'),
+    ],
+)
+def test_rows_are_named_by_number_and_rate_and_tables_by_names(file: str, keys: str, tmp_path: Path) -> None:
+    path = tmp_path / "thing.toml"
+    path.write_text(RECORDED.replace('column = "angle"', keys).format(file))
+    with pytest.raises(InputError) as raised:
+        read_jointed_thing(path)
+    rows = file.endswith("npy")
+    expected = "column = 0 and rate = 30.0, no time" if rows else "names of column and time, no rate"
+    assert str(raised.value).startswith(f"{path}: part[2].joint.recording: {file} has ")
+    assert str(raised.value).endswith(f"expected {expected}")
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [

@@ -62,7 +62,7 @@ def test_joints_that_a_script_moves_are_those_of_the_thing() -> None:
 
 
 def test_the_catalogue_has_things_that_open_and_close() -> None:
-    assert thing_names() == ["book", "laptop"]
+    assert thing_names() == ["book", "laptop", "scissors"]
     assert names_a_thing("laptop")
     assert names_a_thing("my/thing.toml")
     assert not names_a_thing("cube")

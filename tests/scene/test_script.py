@@ -116,10 +116,19 @@ def test_each_object_has_one_place() -> None:
     place = f"[[placement]]\n{chr(10).join(f'{key} = {value!r}' for key, value in PLACE.items())}\n"
     for tables, message in (
         (place + place, "two placements on one object"),
+        (f"{place}hands = 'both'\n", "hands = 'both' and no mirror; expected one"),
+        (f"{place}mirror = [0.0, 0.0, 2.0]\n", "mirror has length 2; expected 1"),
         (f"{place}slide = [1.0, 0.0, 0.0]\n", "slide belongs to a script with a slide"),
     ):
         with pytest.raises(TrajectoryError, match=message):
             script(tables)
+
+
+def test_two_hands_have_a_place_of_their_own() -> None:
+    place = f"[[placement]]\n{chr(10).join(f'{key} = {value!r}' for key, value in PLACE.items())}\n"
+    found = script(f"{place}{place}hands = 'both'\nmirror = [1.0, 0.0, 0.0]\n")
+    assert [one.mirror.any() for one in found.placements] == [False]
+    assert [one.mirror.any() for one in found.of_two().placements] == [True, False]
 
 
 def script(head: str = "", touch: str = "") -> Script:

@@ -12,11 +12,23 @@ from numpy.typing import NDArray
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 from tools.shapes.cup import cup
+from tools.shapes.handle_box import handle_box
 from tools.shapes.rock import rock
 from tools.shapes.shamrock import shamrock
 from tools.shapes.surface_parts import band, circle, fan, finished_mesh, icosphere
 
-__all__ = ["GENERATORS", "cube", "cup", "cylinder", "hexagonal_prism", "rock", "shamrock", "sphere", "triangular_prism"]
+__all__ = [
+    "GENERATORS",
+    "cube",
+    "cup",
+    "cylinder",
+    "handle_box",
+    "hexagonal_prism",
+    "rock",
+    "shamrock",
+    "sphere",
+    "triangular_prism",
+]
 
 
 def sphere(diameter: float = 0.076, subdivisions: int = 4) -> Mesh:
@@ -68,6 +80,7 @@ GENERATORS: dict[str, Callable[..., Mesh]] = {
     "rock": rock,
     "shamrock": shamrock,
     "cup": cup,
+    "handle-box": handle_box,
 }
 """The generators by the name of the object they make."""
 

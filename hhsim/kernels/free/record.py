@@ -44,6 +44,7 @@ def borne_dtype(things: int) -> "np.dtype[Any]":
             ("friction", np.float64, (ACTIVE_CAPACITY, 3)),  # tangential force [N]
             ("moment", np.float64, (ACTIVE_CAPACITY,)),  # about the normal [N·m]
             ("slip", np.float64, (ACTIVE_CAPACITY,)),  # tangential way of the contact in the tick [m]
+            ("lever", np.float64, (ACTIVE_CAPACITY, 3)),  # point from the centre of another thing, in its frame [m]
             # of hands on each thing: force [N], moment about its centre of mass [N·m]
             ("hand_wrench", np.float64, (things, 6)),
             ("table_wrench", np.float64, (things, 6)),  # the same of the table
@@ -182,6 +183,7 @@ def find_borne(
             pose = states[of // BODY_COUNT].pose
             _push(r, m, -force, -moment, n, borne.thing_wrench[thing])
             r = turned_back(pose.rotation, p[0] - pose.position[0], p[1] - pose.position[1], p[2] - pose.position[2])
+            borne.lever[at, 0], borne.lever[at, 1], borne.lever[at, 2] = r
             _push(r, turned_back(pose.rotation, mx, my, mz), force, 0.0, n, borne.thing_wrench[other])
         else:
             _push(r, m, -force, -moment, n, borne.hand_wrench[thing])
@@ -220,6 +222,7 @@ def copy_borne(source: Record, target: Record) -> None:
         target.slip[i] = source.slip[i]
         for j in range(3):
             target.point[i, j] = source.point[i, j]
+            target.lever[i, j] = source.lever[i, j]
             target.normal[i, j] = source.normal[i, j]
             target.friction[i, j] = source.friction[i, j]
 
@@ -246,11 +249,13 @@ class ThingsRecord(NamedTuple):
     |---|---|---|
     | things | of each thing; all contacts are in the first one's, with `body` -2 - k where thing k touches | (K,) |
     | thing | of each contact | (rows,) |
+    | other_point | of each contact as it goes with the other thing [m] | (rows, 3) |
     | thing_wrench | of the other things on each: force [N], moment about its centre [N·m] | (K, B, 6) |
     """
 
     things: tuple[ObjectRecord, ...]
     thing: Indices
+    other_point: Array
     thing_wrench: Array
 
 
@@ -316,7 +321,10 @@ def _record_things(record: ThingsRecord, state: Record, i: int) -> None:
         of = borne.body[k]
         thing, other = thing_of(problem, of), other_of(problem, of)
         if other >= 0:
-            name = -2 - other
+            name, body = -2 - other, state.bodies[other]
+            _out(body, borne.lever[k], record.other_point[row])
+            for j in range(3):
+                record.other_point[row, j] += body.position[j]
         elif of >= 0:
             name = of % BODY_COUNT + BODY_COUNT * problem.hand[of // BODY_COUNT]
         else:
