@@ -16,7 +16,7 @@ from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.metrics.moving_parts import result_parts
 from hhsim.replay.moving_object import FreeFrame, MovingFrame, StillFrame
-from hhsim.replay.stored_scene import require_whole, stored_hand, stored_options, stored_surface
+from hhsim.replay.stored_scene import require_whole, stored_hand, stored_options, stored_others, stored_surface
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import (
@@ -213,11 +213,13 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
         raise InputError(f"{result.path} holds no ticks: there is nothing to run again")
     hand, options = stored_hand(result), stored_options(result)
     parts, free = result_parts(result), FreeObject.from_json(result.scene["free"]) if result.free else None
-    surface = stored_surface(result) if parts is None else parts.surface(result.surface)
+    others = [] if parts is None else stored_others(result, parts)
+    jointed = parts is not None and not others
+    surface = parts.surface(result.surface) if parts is not None and jointed else stored_surface(result)
     other = _other_hand(result)
     alone = free if other is None else None
-    warm_up(hand, options, alone, jointed=parts is not None)
-    solver = HandSolver(hand, surface, options, alone)
+    warm_up(hand, options, alone, jointed=jointed, others=len(others))
+    solver = HandSolver(hand, surface, options, alone, others)
     both = None if other is None else _of_both(result, solver, other, surface, options, free)
     columns = TickColumns(surface.arrays, hand, options, parts)
     total, notes = _runnable(result)

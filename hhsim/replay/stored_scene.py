@@ -18,6 +18,7 @@ from hhsim.result.schema import JOINT_COLUMN, OWN_COLUMNS, PART_COLUMNS, PART_ST
 from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS, result_hand, sphere_tree_of
 from hhsim.scene.free_object import LAW, FreeObject
 from hhsim.scene.scene import all_pairs
+from hhsim.solver.free_engine import Thing
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
@@ -159,6 +160,16 @@ def stored_tree(result: Result) -> SphereTree:
 def stored_surface(result: Result) -> ContactSurface:
     """Return the surface of one object that the hand touched, world [m]; InputError if hhsim has no such surface."""
     return contact_surface(result.surface, stored_mesh(result), stored_tree(result))
+
+
+def stored_others(result: Result, parts: MovingParts) -> list[Thing]:
+    """Return the things beside the first one of a result; none of a thing of several parts."""
+    surfaces = parts.surfaces(result.surface)[1:]
+    found = []
+    for surface, stated, name in zip(surfaces, result.scene.get("others", ()), parts.names[1:]):
+        free = {key: value for key, value in stated.items() if key != "fixed"}
+        found.append(Thing(surface, FreeObject.from_json(free), stated["fixed"], name))
+    return found
 
 
 def stored_hand(result: Result) -> HandModel:

@@ -112,7 +112,7 @@ class ThingParts:
 def require_apart(names: Sequence[str], meshes: Sequence[Mesh], joined: Container[frozenset[str]] = ()) -> None:
     """Raise InputError for meshes in the world that begin inside each other; `joined` has those that share a joint."""
     shells = [build_mesh_bvh(mesh.vertices, mesh.faces) if encloses(mesh) else None for mesh in meshes]
-    points = [_points_on(mesh) for mesh in meshes]
+    points = [points_on(mesh) for mesh in meshes]
     for i, (one, shell) in enumerate(zip(names, shells)):
         for j, other in enumerate(names):
             if i == j or shell is None:
@@ -127,7 +127,7 @@ def require_apart(names: Sequence[str], meshes: Sequence[Mesh], joined: Containe
                 )
 
 
-def _points_on(mesh: Mesh) -> FloatArray:
+def points_on(mesh: Mesh) -> FloatArray:
     """Return points on the triangles, at most `SPACING` apart where an edge has no more than `MOST_PIECES`, (n, 3)."""
     found = []
     for a, b, c in mesh.triangles:

@@ -9,7 +9,7 @@ from hhsim.metrics.run_ticks import result_ticks
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.replay.repeat import RunAgain, run_again
-from hhsim.replay.stored_scene import stored_hand, stored_options, stored_surface
+from hhsim.replay.stored_scene import stored_hand, stored_mesh, stored_options, stored_surface, stored_tree
 from hhsim.replay.summary import figures_of_own_runs
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import SIDES, TWO_HANDED, is_one_of_two
@@ -133,7 +133,9 @@ def _made_again(result: Result) -> tuple[TickInput, MovingParts | None]:
         motion = motion.placed(motion.object_position, motion.object_orientation)
     hand, seed = stored_hand(result), int(scene.get("seed") or 0)
     parts, thing = result_parts(result), None
-    if parts is not None:
+    if parts is not None and parts.free:
+        mesh, tree = stored_mesh(result), stored_tree(result)
+    elif parts is not None:
         loaded = load_thing(str(scene["object"]), motion, solid=result.surface != "mesh")
         mesh, tree, thing = loaded.mesh, loaded.tree(parts.trees), (loaded, parts.trees)
     else:

@@ -121,9 +121,13 @@ class FreeMotion:
 
     @property
     def coefficient(self) -> FloatArray:
-        """Friction coefficient μ of each contact, shape (C,)."""
-        table, of_hand = self.free["table_friction"], self.free["friction"]
-        return np.asarray(np.where(self.of_table, of_hand if table is None else table, of_hand))
+        """Friction coefficient μ of each contact, shape (C,): of two things the geometric mean of theirs."""
+        table, *others = (
+            one["friction"] if one["table_friction"] is None else one["table_friction"]
+            for one in (self.free, *self.result.scene.get("others", ()))
+        )
+        known = [*(np.sqrt(table * other) for other in others[::-1]), table, self.free["friction"]]
+        return np.asarray(known)[np.clip(self.body, -1 - len(others), 0) + len(others) + 1]
 
 
 def free_claims(result: Result) -> list[Claim]:

@@ -31,6 +31,7 @@ from hhsim.verify.origin_checks import origin_claims
 from hhsim.verify.posture_checks import posture_claims
 from hhsim.verify.self_contact_checks import hands_apart_claims, self_contact_claims
 from hhsim.verify.session_checks import session_claims
+from hhsim.verify.thing_checks import thing_claims
 from hhsim.verify.tick_data import JudgedTicks
 
 MESH_LIMIT = 1e-6
@@ -131,7 +132,7 @@ def verify(
         *session_claims(result),
         *origin_claims(result, again),
     ]
-    claims += free_claims(result)
+    claims += [*free_claims(result), *thing_claims(result)]
     if result.free:
         claims += [free_hand_claim(JudgedTicks(result, numbers)), free_complementarity_claim(judge)]
     if again:
