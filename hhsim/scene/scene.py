@@ -171,7 +171,8 @@ def open_scene(
     """Load an object and a motion, take the object's sphere tree from the cache or build it, and put them together.
 
     Args:
-        object_: A name (`hhsim objects`), a mesh file, the TOML of a thing of several parts, or a mesh [m].
+        object_: A name (`hhsim objects`), a mesh file, the TOML of a thing of several parts or of several things, or a
+            mesh [m].
         motion: A name (`hhsim trajectories`), a script (.toml), a recording, a result, or a loaded motion.
         unit, size: Of a mesh file, as for `hhsim.mesh.mesh.load_mesh`: m, cm, mm or inch, and [m]; None is m.
         solid: False takes the triangles of a mesh file as they are, for `SolverOptions(surface="mesh")`.
@@ -185,15 +186,22 @@ def open_scene(
         UnknownNameError: No such object, trajectory or hand side; the message lists the near names.
         InputError: A file or an option that cannot be used, or a motion that cannot be done on this object.
     """
+    # What reads several things places them in a scene, and needs this module.
+    from hhsim.scene.things import load_things, names_things
+
     moved = resolve_trajectory(motion) if isinstance(motion, str | Path) else motion
-    thing = None
+    thing = things = None
     if isinstance(object_, Mesh):
         mesh, usual = object_, MESH_LEVEL
     elif names_a_thing(str(object_)):
         if unit is not None or size is not None:
             raise InputError(f"unit and size are for mesh files; {object_} has its size")
-        thing = load_thing(object_, moved, solid=solid)
-        mesh, usual = thing.mesh, MESH_LEVEL
+        if names_things(str(object_)):
+            things = load_things(str(object_), solid=solid)
+            mesh, usual = things.mesh, MESH_LEVEL
+        else:
+            thing = load_thing(object_, moved, solid=solid)
+            mesh, usual = thing.mesh, MESH_LEVEL
     else:
         mesh, usual = resolve_object(object_, unit, size, solid=solid)
         require_no_joints(moved, str(object_))
@@ -221,4 +229,6 @@ def open_scene(
         check_known("hand", [hand], SIDES)
     model = hand if isinstance(hand, HandModel) else hand_of(moved, hand)
     parts = None if thing is None else (thing, trees)
-    return make_scene(mesh, tree, model, moved, rate=rate, mode=mode, seed=seed, description=description, thing=parts)
+    given: dict[str, Any] = {"rate": rate, "mode": mode, "seed": seed, "description": description, "thing": parts}
+    scene = make_scene(mesh, tree, model, moved, **given)
+    return scene if things is None else things.placed(scene, make)
