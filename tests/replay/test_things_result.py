@@ -24,7 +24,9 @@ RED, GREEN, BLUE = (f"things/blocks/{name}" for name in ("red", "green", "blue")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
     path = tmp_path_factory.mktemp("things") / "blocks.h5"
     scene = open_scene("blocks", "stack", solid=False, level=2)
-    replay_scene(replace(scene, ticks=scene.ticks.first(TICKS)), SolverOptions(surface="mesh"), path)
+    assert scene.parts is not None
+    scene = replace(scene, ticks=scene.ticks.first(TICKS), parts=scene.parts.at(slice(TICKS)))
+    replay_scene(scene, SolverOptions(surface="mesh"), path)
     return load_result(path)
 
 
