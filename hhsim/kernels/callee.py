@@ -185,10 +185,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
 
     def entry(self, *arguments: Any) -> Callable[..., Any]:
-        """Return the machine code for arguments of these types, to be called with such arguments only.
-
-        It skips the look at the arguments' types, which takes milliseconds where they are many.
-        """
+        """Return the machine code for arguments of these types only: a look at many types takes milliseconds."""
         found: Callable[..., Any] = self._compiled_for(arguments).entry_point
         return found
 

@@ -97,10 +97,7 @@ def _reach(center: Array, radius: Array, i: int, sphere: Array) -> float:
 
 @jit_allocating
 def enclosing_sphere(center: Array, radius: Array, members: Indices, sphere_out: Array) -> None:
-    """Compute the smallest sphere (x, y, z, r) [m] around the spheres `members`, at least one, of n.
-
-    It encloses every member whatever the rounding: its radius is larger by 1e-12 (relative).
-    """
+    """Compute the smallest sphere (x, y, z, r) [m] around `members`, at least one; 1e-12 larger, for the rounding."""
     basis = np.empty(5, np.int64)
     chosen = np.empty(4, np.int64)
     trial, best = np.empty(4), np.empty(4)

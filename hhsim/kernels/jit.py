@@ -34,10 +34,7 @@ JIT_ENABLED = not numba.config.DISABLE_JIT
 
 
 def as_argument(values: ArrayLike) -> NDArray[np.float64]:
-    """Return an array as kernels are compiled for: of floats, C-contiguous and writable.
-
-    A read-only array, as in a stored result, is another type to numba, which compiles the kernel once more for it.
-    """
+    """Return an array as kernels are compiled for: floats, C-contiguous, writable (else numba compiles once more)."""
     return np.require(values, np.float64, ["C", "W"])
 
 
@@ -89,10 +86,7 @@ class Lowering(Protocol):
 
 
 def lowered(declare: Callable[..., Any]) -> Lowering:
-    """Replace a function in kernels by an intrinsic of numba's, whose maker is `declare`.
-
-    The function itself says the same in Python, and runs where nothing is compiled.
-    """
+    """Replace a function in kernels by a numba intrinsic, made by `declare`; uncompiled, the function itself runs."""
 
     def lower(function: F) -> F:
         return cast(F, intrinsic(declare)) if JIT_ENABLED else function

@@ -1,7 +1,4 @@
-"""Requests for memory before it is needed, so that a walk through a hierarchy does not wait at each node.
-
-No result depends on them. With the compiler disabled they do nothing.
-"""
+"""Requests for memory before it is needed; no result depends on them, and without the compiler they do nothing."""
 
 from typing import Any
 

@@ -97,10 +97,7 @@ def rotate_quaternion(quaternion: Array, vx: float, vy: float, vz: float, quater
 
 @jit_inline
 def diagonalise(matrix: Array, axes: Array) -> None:
-    """Turn a symmetric matrix, shape (3, 3), to its eigenvalues on the diagonal, and the columns of `axes` with it.
-
-    Cyclic Jacobi rotations (Golub & Van Loan, Matrix Computations, section 8.5).
-    """
+    """Diagonalise a symmetric matrix (3, 3), with eigenvectors, by Jacobi rotations (Golub & Van Loan, section 8.5)."""
     for _ in range(JACOBI_SWEEPS):
         for p in range(2):
             for q in range(p + 1, 3):

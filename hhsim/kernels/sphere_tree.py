@@ -103,10 +103,7 @@ def gather_round_cone(
 
 @jit
 def nearest_leaf_round_cone(tree: TreeArrays, cone: RoundCone, limit: float, stack: Indices) -> tuple[float, int]:
-    """Compute the least signed distance [m] of a round cone to the leaves, and that leaf's node.
-
-    (limit, -1) if no distance is below `limit`.
-    """
+    """Compute the least signed distance [m] of a round cone to the leaves, and its node; (limit, -1) if not below."""
     best = limit
     best_leaf = -1
     stack[0] = 0

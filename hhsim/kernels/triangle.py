@@ -122,10 +122,7 @@ def closest_on_triangle(px: float, py: float, pz: float, triangle: Triangle) -> 
 
 @jit_inline
 def ray_crossing(t: Array, px: float, py: float, pz: float, dx: float, dy: float, dz: float) -> tuple[float, float]:
-    """Return s where p + s·d meets a triangle, shape (9,), −1 if it does not, and a number < 0 if from behind.
-
-    Möller and Trumbore, 1997.
-    """
+    """Return s where p + s·d meets a triangle (9,), −1 if nowhere, < 0 if from behind (Möller and Trumbore, 1997)."""
     ux, uy, uz = t[3] - t[0], t[4] - t[1], t[5] - t[2]
     vx, vy, vz = t[6] - t[0], t[7] - t[1], t[8] - t[2]
     hx, hy, hz = dy * vz - dz * vy, dz * vx - dx * vz, dx * vy - dy * vx

@@ -30,15 +30,10 @@ def read_ticks(result: Result, more: Sequence[str] = ()) -> RunTicks:
 
 
 class CheckedFigures(NamedTuple):
-    """Figures of a result.
+    """Figures of a result."""
 
-    Attributes:
-        rows: What its replay printed; what the file lacks, as of a session, is computed from its ticks.
-        misstated: Sentence on figures of the file that are not those of its ticks; else "".
-    """
-
-    rows: tuple[SummaryRow, ...]
-    misstated: str
+    rows: tuple[SummaryRow, ...]  # what its replay printed; what the file lacks is computed from its ticks
+    misstated: str  # sentence on figures of the file that are not those of its ticks; else ""
 
 
 def checked_figures(result: Result, ticks: RunTicks) -> CheckedFigures:

@@ -70,13 +70,9 @@ IDENTICAL, WITHIN, DIFFERENT, PARTLY = "identical", "within rounding", "differen
 class ArrayComparison:
     """One dataset of a result beside that of the second run, compared block by block.
 
-    Attributes:
-        name, units: Name under /tick, and unit.
-        bound: Largest difference that counts as rounding, in `units`; 0 for integers, infinite for counters of work.
-        ticks: Number of ticks that differ.
-        largest: Largest difference, in `units`; NaN or infinite where one side alone is so.
-        first_tick: First tick that differs; -1 if none does.
-        first_beyond: First tick that differs by more than the bound; -1 if none does.
+    `bound` is the largest difference that counts as rounding, in `units`: 0 for integers, infinite for counters of
+    work. Of the ticks that differ, `ticks` is the number, `largest` the largest difference, NaN or infinite where one
+    side alone is so; `first_tick` is the first that differs, `first_beyond` the first beyond the bound, -1 if none.
     """
 
     def __init__(self, column: Column) -> None:
@@ -121,27 +117,15 @@ class ArrayComparison:
 
 @dataclass(frozen=True)
 class RunAgain:
-    """Outcome of a second run.
+    """Outcome of a second run."""
 
-    Attributes:
-        path: Result.
-        complete: True if the file is whole; otherwise its ticks were run.
-        ticks: Number of ticks that were run and compared.
-        ticks_stored: Number of ticks in the file; more than `ticks` where a session lost some, whose successors cannot
-            be run.
-        arrays: All computed arrays.
-        notes: Remarks for a reader, a sentence each.
-        made_elsewhere: True if something differs, and hhsim or the machine is not the file's: other bits are then
-            expected.
-    """
-
-    path: Path
-    complete: bool
-    ticks: int
-    ticks_stored: int
-    arrays: tuple[ArrayComparison, ...]
-    notes: tuple[str, ...]
-    made_elsewhere: bool = False
+    path: Path  # of the result
+    complete: bool  # True if the file is whole; otherwise its ticks were run
+    ticks: int  # number that was run and compared
+    ticks_stored: int  # more than `ticks` where a session lost some, whose successors cannot be run
+    arrays: tuple[ArrayComparison, ...]  # all computed arrays
+    notes: tuple[str, ...]  # remarks for a reader, a sentence each
+    made_elsewhere: bool = False  # True if something differs, as expected of another hhsim or machine
 
     @property
     def identical(self) -> bool:
@@ -202,10 +186,8 @@ class RunAgain:
 def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     """Run all ticks of a result again, complete or not, with the hand, the tree and the options that it holds.
 
-    `progress` is called with the current stage, how much is done and how much there is.
-
-    Raises:
-        InputError: An object, a tree or a hand that is not the one of the run; no ticks.
+    `progress` is called with the stage, how much is done and how much there is. Raises InputError for an object, a tree
+    or a hand that is not the run's, and for a result without ticks.
     """
     report = progress or silent
     require_whole(result)

@@ -1,7 +1,4 @@
-"""Main loop: run a hand through a motion, and write down everything.
-
-The ticks run in compiled blocks; each is measured and written before the next one starts, outside of the timed ticks.
-"""
+"""Main loop: run a hand through a motion in compiled blocks; measure and write each one outside of the timed ticks."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -54,17 +51,13 @@ def replay_scene(
 ) -> ReplaySummary:
     """Replay the scene's motion, write a result file, and return the figures of the table.
 
-    Args:
-        output_path: Result file; an existing one is replaced when the new one is complete.
-        description: Further description of the scene as plain values, over the scene's own.
-        command: Command line that makes the result, for the file to record; empty in a program.
-        before_ticks: Called once before the first tick: the place to wait for disturbances to end.
-        progress: Called with the current stage, how much is done and how much there is.
+    An existing file is replaced when the new one is complete. `description` is further description as plain values,
+    over the scene's own; `command` the command line for the file to record, empty in a program. `before_ticks` is
+    called once before the first tick: the place to wait for disturbances to end; `progress` with the stage, how much is
+    done and how much there is.
 
-    Raises:
-        InputError: Invalid options, or a method that lacks what it needs.
-        OutputError: The file cannot be written.
-        HhsimError: More pairs were near than the solver holds.
+    Raises InputError for invalid options, or a method that lacks what it needs, OutputError where the file cannot be
+    written, and HhsimError where more pairs were near than the solver holds.
     """
     run, report = Replay(scene, options, description), progress or silent
     with run.writer(Path(output_path), command):
@@ -80,11 +73,9 @@ def replay_scene(
 
 
 class Replay:
-    """Run of one hand: its solver, and what is written of each block of ticks.
+    """Run of one hand: its solver, and what is written of each block of ticks; arguments as of `replay_scene`.
 
-    Args:
-        scene, options, description: As of `replay_scene`, which says what is raised.
-        alone: False for one of two hands that move a free object together: `solver` then only places the hand.
+    `alone` is False for one of two hands that move a free object together: `solver` then only places the hand.
     """
 
     def __init__(

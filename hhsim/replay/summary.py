@@ -45,25 +45,17 @@ GRAPHIC_HAND = ("graphic/position", "graphic/orientation", "graphic/flexion", "g
 
 @dataclass(frozen=True, repr=False)
 class ReplaySummary:
-    """Figures and notes of a replay.
+    """Figures and notes of a replay."""
 
-    Attributes:
-        rows: Whole table.
-        notes: Remarks for a reader, a sentence each.
-        warm_up: Preparation of the kernels; no part of any tick.
-        surface: Surface that the hand touched.
-        promises: Promises of the method, of `hhsim.solver.method.PROMISES`.
-    """
-
-    rows: tuple[SummaryRow, ...]
-    notes: tuple[str, ...]
+    rows: tuple[SummaryRow, ...]  # whole table
+    notes: tuple[str, ...]  # remarks for a reader, a sentence each
     ticks: int
-    warm_up: WarmUp
+    warm_up: WarmUp  # preparation of the kernels; no part of any tick
     method: str
     object_name: str
     motion_name: str
-    surface: str = "spheres"
-    promises: frozenset[str] = frozenset(PROMISES)
+    surface: str = "spheres"  # that the hand touched
+    promises: frozenset[str] = frozenset(PROMISES)  # of the method
     path: Path | None = None
 
     def __repr__(self) -> str:

@@ -56,12 +56,9 @@ def trembling_hold(
 ) -> tuple[TickRecord, BoolArray]:
     """Repeat a hold with a trembling hand; return its ticks, and True for those after the onset, shape (T,).
 
-    Args:
-        surface: Object's surface, world frame, as `HandSolver` takes it.
-        haptic, graphic: Hands at each tick of the hold; the repetition starts from the first graphic one.
-        rate: Ticks per second [Hz].
-        disturbance: Tremor, of this seed.
-        sample_rate: Samples per second [Hz] of the measuring device, each held; None for a sample every tick.
+    The surface is as `HandSolver` takes it, world. `haptic` and `graphic` are the hands at each tick of the hold,
+    `rate` its ticks per second [Hz]; the repetition starts from the first graphic hand. The device measures
+    `sample_rate` samples per second [Hz], each held; None for a sample every tick.
     """
     time = np.arange(len(haptic.position)) / rate
     sample = np.arange(len(time)) if sample_rate is None else np.floor(time * sample_rate + 1e-9).astype(np.int64)

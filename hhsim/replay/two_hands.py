@@ -36,26 +36,16 @@ from hhsim.system.progress import Progress, silent
 
 @dataclass(frozen=True)
 class TwoHandedReplay:
-    """Outcome of a replay of two hands.
+    """Outcome of a replay of two hands."""
 
-    Attributes:
-        path: Result file of both.
-        hands: Table of the right and of the left hand.
-        tick_p50, tick_p99: Time of a tick of both, side by side the longer one's [s].
-        together: True if both have one program, with a free object.
-        keeps_apart: True if the graphic hands keep out of each other.
-        haptic_distance, graphic_distance: Least distance between the haptic and between the graphic hands [m],
-            negative where one is in the other.
-    """
-
-    path: Path
-    hands: tuple[ReplaySummary, ReplaySummary]
-    tick_p50: float
+    path: Path  # result file of both
+    hands: tuple[ReplaySummary, ReplaySummary]  # tables of the right and of the left hand
+    tick_p50: float  # time of a tick of both, side by side the longer one's [s]
     tick_p99: float
-    haptic_distance: float
-    graphic_distance: float
-    together: bool = False
-    keeps_apart: bool = False
+    haptic_distance: float  # least distance between the haptic hands [m], negative where one is in the other
+    graphic_distance: float  # the same between the graphic hands
+    together: bool = False  # True if both have one program, with a free object
+    keeps_apart: bool = False  # True if the graphic hands keep out of each other
 
     @property
     def note(self) -> str:
@@ -88,10 +78,7 @@ def replay_two_hands(
     """Replay the scenes of the right and the left hand, which have the object and its motion in common.
 
     Until both are complete, each hand has a result file of its own beside `output_path`. Other arguments and errors are
-    those of `hhsim.replay.replay.replay_scene`.
-
-    Raises:
-        InputError: Scenes that are not of one object and time.
+    those of `hhsim.replay.replay.replay_scene`; raises InputError, too, for scenes not of one object and time.
     """
     _check(scenes)
     path = Path(output_path)

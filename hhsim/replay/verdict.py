@@ -24,21 +24,13 @@ ELSEWHERE = "Put the object elsewhere (a recording: --place-object auto), or loo
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict on one run.
+    """Verdict on one run."""
 
-    Attributes:
-        word: One of the words.
-        sentences: Reasons, missed limits last.
-        missed: Names of the figures over their limits.
-        mostly_stuck: True if more than half of the ticks are stuck.
-        line: Word and reason, for the head of a table that has the figures themselves.
-    """
-
-    word: str
-    sentences: tuple[str, ...]
-    missed: tuple[str, ...] = ()
-    mostly_stuck: bool = False
-    line: str = ""
+    word: str  # one of the words
+    sentences: tuple[str, ...]  # reasons, missed limits last
+    missed: tuple[str, ...] = ()  # names of the figures over their limits
+    mostly_stuck: bool = False  # True if more than half of the ticks are stuck
+    line: str = ""  # word and reason, for the head of a table that has the figures themselves
 
 
 def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
@@ -81,15 +73,10 @@ def run_verdict(
 ) -> Verdict:
     """Judge a run by the default limits of `hhsim gate`.
 
-    A figure that is undefined, missing, or not promised by the method is not judged. A depth over the limit that is not
-    judged is the verdict itself: such a run is never "within limits".
-
-    Args:
-        promises: Promises of the method, of `hhsim.solver.method.PROMISES`.
-        complete: False if it was stopped.
-        late: Periods of a session that had no tick.
-        repairs: Repairs of the object's mesh; an assumed solid is a reservation.
-        surface: Surface that the hand touched.
+    A figure that is undefined, missing, or not among the method's `promises` (`hhsim.solver.method.PROMISES`) is not
+    judged. A depth over the limit that is not judged is the verdict itself: such a run is never "within limits".
+    `complete` is False if it was stopped; `late` counts periods of a session without a tick; of `repairs` of the
+    object's mesh an assumed solid is a reservation.
     """
     if ticks == 0:
         return Verdict(EMPTY, ("The file holds no tick.",), line=f"{EMPTY}: the file holds none")

@@ -55,10 +55,7 @@ def require_free(options: SolverOptions) -> None:
 
 
 class Thing(NamedTuple):
-    """Object of a scene of several: its surface, in the world before the first tick, and its physical properties.
-
-    One that is fixed stays where it is; of its properties only friction counts.
-    """
+    """Object of a scene of several: surface, in the world at first, and properties; if fixed, only friction counts."""
 
     surface: ContactSurface
     free: FreeObject
@@ -109,10 +106,7 @@ def _edges_of(surface: Any, center: FloatArray) -> Edges:
 
 
 class FreeEngine:
-    """Runs the ticks of a hand, or of a hand and a second one, and free objects.
-
-    `ticks` is the record of the first object in the last block; `things` is that of all where there are several.
-    """
+    """Runs the ticks of one or two hands and free objects; `ticks` has the record of the first, `things` of all."""
 
     def __init__(
         self,

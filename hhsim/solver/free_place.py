@@ -20,10 +20,7 @@ SHARES = 64
 
 
 def clearance(workspace: TickWorkspace) -> float:
-    """Signed distance [m] of the graphic hand to the object's surface, up to ten times the margin.
-
-    The tick's own lists are not made for a hand deep inside.
-    """
+    """Signed distance [m] of the graphic hand to the surface, also deep inside, up to ten times the margin."""
     pose, options = workspace.states[0].pose, workspace.options
     joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
     rotation = np.empty((3, 3))
@@ -58,10 +55,7 @@ def retreat(workspace: TickWorkspace) -> None:
 
 
 def shift_until(positions: Sequence[FloatArray], away: FloatArray, distance: Callable[[], float], clear: float) -> None:
-    """Shift palms by the least distance that brings a signed distance to `clear` [m], a second one to the other side.
-
-    Directions are 26, and `away`.
-    """
+    """Shift palms least, in 26 directions and `away`, to a signed distance `clear` [m]; a second one opposite."""
     origins = [position.copy() for position in positions]
     directions = [np.array(d) - 1.0 for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]
     if norm(away) > 0.0:

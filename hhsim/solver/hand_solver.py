@@ -79,16 +79,9 @@ class HandSolver:
     def run(
         self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
     ) -> TickRecord:
-        """Run one tick for each haptic configuration.
+        """Run one tick for each haptic configuration; raise HhsimError where more pairs were near than the arrays hold.
 
-        Args:
-            position: Palm origin [m], shape (B, 3), world.
-            orientation: Palm quaternion (w, x, y, z), shape (B, 4).
-            flexion: Joint angles [rad], shape (B, 5, 3).
-            abduction: [rad], shape (B, 5).
-
-        Raises:
-            HhsimError: More pairs were near than the arrays hold.
+        Palm origin [m], (B, 3), and quaternion (w, x, y, z), (B, 4), world; flexion (B, 5, 3), abduction (B, 5) [rad].
         """
         haptic = HapticBlock(*(as_argument(values) for values in (position, orientation, flexion, abduction)))
         record = tick_record(len(haptic.position))
@@ -99,16 +92,10 @@ class HandSolver:
     def tick(self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None) -> int:
         """Run one tick for each haptic configuration with records that the caller allocated, for a loop in real time.
 
-        It gives the same bytes as `run`, but states in the status, instead of raising, that more pairs were near than
-        the arrays hold.
-
-        Args:
-            haptic: As in `run`, at least one, float64 and C-contiguous.
-            record: Record of as many ticks; overwritten.
-            object_ticks: Record of a free object; None allocates one.
-
-        Returns:
-            Status bits of the last tick (`hhsim.kernels.tick.state`).
+        It gives the same bytes as `run`, but returns the status bits of the last tick (`hhsim.kernels.tick.state`)
+        instead of raising that more pairs were near than the arrays hold. The input, at least one, is float64 and
+        C-contiguous; `record` has as many ticks and is overwritten, as `object_ticks` of a free object; None allocates
+        one.
         """
         start, engine = 0 if self._started else self.begin(haptic), self.engine
         own = [object_ticks] if isinstance(engine, FreeEngine) else []
@@ -120,16 +107,8 @@ class HandSolver:
         """Place the graphic hand at the first finite haptic configuration; the first tick does it if nobody has.
 
         Where that is inside the object, or its own parts are in each other, start at a free place nearby and come as
-        near as possible.
-
-        Args:
-            haptic: As in `tick`; the first tick must be given the same.
-
-        Returns:
-            Status bits of the first tick: STATUS_START_INSIDE, or 0.
-
-        Raises:
-            HhsimError: More pairs were near than the arrays hold.
+        near as possible. The first tick must be given the same input. Returns STATUS_START_INSIDE or 0; raises
+        HhsimError where more pairs were near than the arrays hold.
         """
         self._started = True
         workspace = self.workspace
@@ -167,13 +146,9 @@ class HandSolver:
     def compiled_tick(
         self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None
     ) -> tuple[int, TickBlock]:
-        """Return the machine code of a `tick` that has begun, and its arguments, for a loop in compiled code.
+        """Return the address of a begun `tick`'s machine code, and its arguments, for a loop in compiled code.
 
-        Args:
-            haptic, record, object_ticks: As in `tick`; each tick reads and writes these very arrays.
-
-        Returns:
-            Address of the machine code and its arguments; the address is 0 where Python takes part in every tick.
+        Arguments as in `tick`; each tick reads and writes these very arrays. The address is 0 where Python takes part.
         """
         options, workspace = self.options, self.workspace
         if not (JIT_ENABLED and options.qp == "active-set" and self.method.compiled):
@@ -186,10 +161,7 @@ class HandSolver:
         return compiled.address(*block), block
 
     def place(self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray) -> None:
-        """Place the graphic hand at a configuration, shapes (3,), (4,), (5, 3), (5,), that does not penetrate.
-
-        Method `paper` takes any.
-        """
+        """Place the graphic hand, shapes (3,), (4,), (5, 3), (5,), where it is free; method `paper` takes any pose."""
         state = self.workspace.states[0]
         for name, values in zip(HapticBlock._fields, (position, orientation, flexion, abduction)):
             state.pose[name][:] = values

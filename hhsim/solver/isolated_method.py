@@ -52,18 +52,11 @@ MEMORY_SHARE = 0.9
 
 
 class IsolatedMethod:
-    """A method in a process of its own, which ends with this object.
+    """A method, named as for `hhsim.solver.method_names.outside_class`, in a process that ends with this object.
 
-    Args:
-        name: Name of the method, as `hhsim.solver.method_names.outside_class` takes it.
-
-    Attributes:
-        facts: Facts of the class, see `hhsim.solver.method_names.facts_of`.
-
-    Raises:
-        InputError: It cannot be imported; so each call where the method fails, its process ends, or its answer is no
-            hand.
-        KeyboardInterrupt: Ctrl-C was pressed and the method does not come to an end.
+    `facts` are those of its class, see `hhsim.solver.method_names.facts_of`. Raises InputError where it cannot be
+    imported; so does each call where the method fails, its process ends, or its answer is no hand. KeyboardInterrupt:
+    Ctrl-C was pressed and the method does not come to an end.
     """
 
     def __init__(self, name: str) -> None:

@@ -1,7 +1,4 @@
-"""Method records: promises, options, and the engine of a method's ticks.
-
-To add a method, add a module to `hhsim.solver.methods` that declares a `METHOD`.
-"""
+"""Method records: promises, options, engine. A new method is a module of `hhsim.solver.methods` with a `METHOD`."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -36,12 +36,7 @@ def method_names() -> list[str]:
 
 
 def outside_class(name: str) -> Any:
-    """Import the class of a declared method, or of `package.module:Class`.
-
-    Raises:
-        InputError: It cannot be imported, or is no method.
-        UnknownNameError: No such method.
-    """
+    """Import the class of a declared method or `package.module:Class`; raises InputError or UnknownNameError."""
     if name in declared_methods():
         found = _imported(name, declared_methods()[name].load)
     elif ":" in name:
@@ -82,10 +77,7 @@ def isolated_name(name: str) -> str:
 
 
 def facts_of(made: Any) -> dict[str, Any]:
-    """Return the facts of a method's class: `summary`, `forces`, `work`, `never_penetrates`, `missing` and `source`.
-
-    The last is the SHA-256 of its file; "" without one.
-    """
+    """Return `summary`, `forces`, `work`, `never_penetrates`, `missing` and `source` (SHA-256, or "") of a class."""
     lines = (getattr(made, "__doc__", None) or "").strip().splitlines()
     return {
         "summary": str(getattr(made, "summary", lines[0] if lines else "a method from outside")).rstrip("."),

@@ -48,20 +48,13 @@ class Stiffness:
 
     Our defaults: a palm that is 1 mm off pulls with 1 N; the rotation's is the translation's times (70 mm)²; one joint
     holds the tip of a finger 80 mm long with 80 N/m.
-
-    Attributes:
-        translation: k_t [N/m].
-        rotation: k_r [N·m/rad].
-        flexion: k_θ [N·m/rad].
-        contact: k of Eq. 14 and Fig. 9 [N/m].
-        penalty: Stiffness of every contact of the method `penalty` [N/m].
     """
 
-    translation: float = 1000.0
-    rotation: float = 5.0
-    flexion: float = 0.5
-    contact: float = 300.0
-    penalty: float = 100_000.0
+    translation: float = 1000.0  # k_t [N/m]
+    rotation: float = 5.0  # k_r [N·m/rad]
+    flexion: float = 0.5  # k_θ [N·m/rad]
+    contact: float = 300.0  # k of Eq. 14 and Fig. 9 [N/m]
+    penalty: float = 100_000.0  # of every contact of the method `penalty` [N/m]
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -207,11 +200,7 @@ class SolverOptions:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> "SolverOptions":
-        """Return the options of plain values; those that are left out get their defaults.
-
-        Raises:
-            InputError: An unknown option, a value of another type, and as for the class.
-        """
+        """Return the options of plain values, defaults for those left out; raise InputError for an unfit one."""
         try:
             given = dict(values)
             if "stiffness" in given:

@@ -1,7 +1,4 @@
-"""Methods from outside: a class that is given the haptic hand tick by tick, and returns the graphic hand.
-
-hhsim times it, and measures its hands like those of its own methods. See docs/outside-methods.md.
-"""
+"""Methods from outside: a class that returns the graphic hand tick by tick, see docs/outside-methods.md."""
 
 import copy
 from collections.abc import Callable
@@ -37,10 +34,7 @@ UNIT = 1e-6
 
 @dataclass(frozen=True)
 class MethodScene:
-    """Scene of a method before the first tick: copies, which it may change, of hand, options, mesh and sphere tree.
-
-    Mesh and tree are in the world [m], None where the object is only the other of them.
-    """
+    """Copies of hand, options, mesh and tree for a method: world [m], None where the object has only one of the two."""
 
     hand: HandModel
     mesh: Mesh | None
@@ -54,21 +48,13 @@ class MethodScene:
 
 
 class TickAnswer(NamedTuple):
-    """Answer of a method to a tick.
+    """Answer of a method to a tick."""
 
-    Attributes:
-        pose: Graphic hand.
-        phalanx_force: Contact force on each phalanx [N], world, shape (5, 3, 3); None where the method has no forces.
-        palm_force: Contact force on the palm [N], world, shape (3,); None is zero.
-        native_ns: Time of the method's own engine [ns], as it measured; 0 where it has none.
-        work: Work of the tick in the method's own unit: a count that is the same on every machine.
-    """
-
-    pose: HandConfiguration
-    phalanx_force: FloatArray | None = None
-    palm_force: FloatArray | None = None
-    native_ns: int = 0
-    work: int = 0
+    pose: HandConfiguration  # graphic hand
+    phalanx_force: FloatArray | None = None  # on each phalanx [N], world, (5, 3, 3); None without forces
+    palm_force: FloatArray | None = None  # on the palm [N], world, (3,); None is zero
+    native_ns: int = 0  # time of the method's own engine [ns], as it measured; 0 where it has none
+    work: int = 0  # in the method's own unit: a count that is the same on every machine
 
     def __repr__(self) -> str:
         forces = "without forces" if self.phalanx_force is None and self.palm_force is None else "with forces"
@@ -138,8 +124,7 @@ class MethodHere:
 def checked_answer(name: str, tick: int, found: Timed, forces: bool) -> TickAnswer:
     """Return the answer to a tick as arrays of float64 with a unit quaternion; `forces` requires forces.
 
-    Raises:
-        InputError: It is no hand, or claims a time that the tick did not take.
+    Raises InputError where it is no hand, or claims a time that the tick did not take.
     """
 
     def wrong(what: str) -> InputError:

@@ -140,10 +140,7 @@ def solve(problem: QpProblem, backend: str = ACTIVE_SET) -> QpSolution:
 
 
 def solve_active_set(problem: QpProblem, relaxation: float = 0.0) -> QpSolution:
-    """Solve `problem` by our own solver, without a check of the answer.
-
-    Rows that contradict each other may be moved back by `relaxation` [√J].
-    """
+    """Solve by our own solver, unchecked; rows that contradict each other may be moved back by `relaxation` [√J]."""
     root, unit, norm = problem.conditioned()
     m, n = unit.shape
     # Columns of zeros fill up the strips that the kernel reads.

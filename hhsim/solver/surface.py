@@ -1,7 +1,4 @@
-"""Surfaces that an object can have for the solver.
-
-To add a surface, add a module to `hhsim.kernels.surfaces` that declares a `SURFACE` and the kernels for its arrays.
-"""
+"""Surfaces for the solver. A new one is a module of `hhsim.kernels.surfaces` with a `SURFACE` and its kernels."""
 
 from typing import TYPE_CHECKING, Any
 

@@ -42,11 +42,8 @@ class SideBySideSolver:
 
     Where they cannot meet each hand's ticks are those that it has alone, on a thread of its own. Where they can, the
     ticks are made one by one, and those in which they might have met by one program of both. Methods that promise no
-    distance to the object, other QP solvers and things of several parts have the former alone.
-
-    Args:
-        hands: Solver of the right and of the left hand, of one surface and the same options.
-        threads: Where each hand's ticks run.
+    distance to the object, other QP solvers and things of several parts have the former alone. `hands` are the right
+    and the left hand's solvers, of one surface and the same options; `threads` is where their ticks run.
     """
 
     def __init__(self, hands: Sequence[HandSolver], threads: ThreadPoolExecutor) -> None:
@@ -62,11 +59,7 @@ class SideBySideSolver:
             self._both[0].pairs.reach[:] = [hand_reach(arrays) for arrays in self._arrays]
 
     def run(self, *haptic: HandConfiguration) -> tuple[TickRecord, TickRecord]:
-        """Run one tick for each pair of haptic configurations; arguments as of `HandSolver.run`.
-
-        Raises:
-            HhsimError: More pairs were near than the arrays hold.
-        """
+        """Run one tick for each pair of haptic configurations; arguments and errors as of `HandSolver.run`."""
         right, left = (HapticBlock(*(as_argument(values) for values in given)) for given in haptic)
         begun = [0, 0]
         if not self._started and len(right.position):
@@ -159,15 +152,10 @@ def _return_to(kept: dict[str, Any], space: TickWorkspace) -> None:
 
 
 class TwoHandedSolver:
-    """Keeps two hands and a free object between ticks.
+    """Keeps two hands and a free object between ticks; raises InputError as for a free object of one hand.
 
-    Args:
-        hands: Solver of each hand at the object where it is at first, of one surface and the same options; each places
-            its hand at the start.
-        free: Physical properties of the object.
-
-    Raises:
-        InputError: As for a free object of one hand.
+    `hands` are the solvers of each at the object where it is at first, of one surface and the same options; each places
+    its hand at the start. `free` are the object's physical properties.
     """
 
     def __init__(self, hands: Sequence[HandSolver], free: FreeObject) -> None:
@@ -177,12 +165,9 @@ class TwoHandedSolver:
         self._started = False
 
     def run(self, *haptic: HandConfiguration) -> tuple[TickRecord, TickRecord]:
-        """Run one tick for each pair of haptic configurations; arguments, world, as of `HandSolver.run`.
+        """Run one tick for each pair of haptic configurations; arguments, world, and errors as of `HandSolver.run`.
 
         The ticks are returned as seen from the object, whose own motion is in `object_ticks`.
-
-        Raises:
-            HhsimError: More pairs were near than the arrays hold.
         """
         right, left = (HapticBlock(*(as_argument(values) for values in given)) for given in haptic)
         records = tick_record(len(right.position)), tick_record(len(left.position))

@@ -25,10 +25,8 @@ COUNT_GATHERS = 2
 """Indices of the work counters."""
 
 CONTACT_ROWS = 4088
-"""Most contacts; the paper's heaviest scenes have a few hundred.
-
-An odd number of cache lines, as the size of every list: columns whole pages apart would evict each other in the cache.
-"""
+"""Most contacts; the paper's heaviest scenes have a few hundred. An odd number of cache lines, as the size of every
+list: columns whole pages apart would evict each other in the cache."""
 
 FULL = 1
 """Status: more pairs are near than the arrays hold, even without a skin."""

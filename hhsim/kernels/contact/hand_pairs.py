@@ -161,10 +161,9 @@ def bound_motions(hands: Any, states: Any, rows: Record) -> None:
 def look_at_pairs(hands: Any, states: Any, extra: float, within: float, offset: float, rows: Record) -> None:
     """Compute distances of the parts of two hands, and find what the step at hand breaks.
 
-    Args:
-        extra: Parts that the step leaves farther apart than this [m] are passed over.
-        within: Of pairs farther apart than this before it [m] no row is tried, and a lower bound is as good.
-        offset: Clearance [m]; infinite where no row is tried at all.
+    Parts that the step leaves farther apart than `extra` [m] are passed over. Of pairs farther apart than `within` [m]
+    before it no row is tried, and a lower bound is as good. The clearance `offset` [m] is infinite where none is tried
+    at all.
     """
     one, other, most = states[0][0].pose, states[1][0].pose, 0.0
     rows.least = np.inf

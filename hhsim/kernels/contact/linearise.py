@@ -26,10 +26,8 @@ LIMIT_ROWS = 2 * FINGER_COUNT * PHALANX_COUNT
 
 
 LEVER_FLOOR = 2e-5
-"""Share of the finger's first phalanx below which a joint's lever of a contact counts as zero.
-
-The levers of contacts at the joint itself are rounding, and normalising such a row would demand any angle.
-"""
+"""Share of the finger's first phalanx below which a joint's lever of a contact counts as zero: levers of contacts at
+the joint itself are rounding, and normalising such a row would demand any angle."""
 ROW_CAPACITY = CONTACT_ROWS + LIMIT_ROWS
 
 PROBLEM = np.dtype(

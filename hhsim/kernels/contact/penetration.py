@@ -18,10 +18,7 @@ from hhsim.kernels.sphere_tree import STACK_SIZE
 
 @jit_allocating
 def clearances(surface: Any, hand: StoredHands, limit: float, palm_out: Array, finger_out: Array) -> None:
-    """Compute the least signed distance [m] of the palm, (T,), and of each finger, (T, 5), to the object's surface.
-
-    Negative inside, `limit` [m] from there on, NaN if the palm's pose or a joint is.
-    """
+    """Compute the least signed distances [m] of palm, (T,), and fingers, (T, 5), up to `limit`; NaN for a bad pose."""
     shape, joints, position, rotation = hand
     stack = np.empty(STACK_SIZE, dtype=np.int64)
     for tick in range(joints.shape[0]):

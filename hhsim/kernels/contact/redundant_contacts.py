@@ -112,11 +112,7 @@ def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts:
 
 @jit_inline
 def drop_redundant_contacts(hand: HandArrays, reach: float, contacts: Record, open_distance: Array) -> None:
-    """Keep only the contacts, in their order, that do not follow from others of their body.
-
-    No axis point of a body with contacts moves farther than `reach` [m] in the step; `open_distance` is workspace of
-    shape (CONTACT_ROWS,).
-    """
+    """Keep, in order, the contacts that do not follow from others of their body in a step of up to `reach` [m]."""
     start = contacts.start[0]
     stop = contacts.start[1]
     row = _thin(start, stop, start, hand.turning_lever[PALM_BODY], reach, contacts, open_distance)

@@ -187,8 +187,7 @@ def self_clearances(
 ) -> None:
     """Compute the least signed distance [m] of T hands' own parts, shape (T,), or a lower bound that is not negative.
 
-    Flexion [rad] has shape (T, 5, 3), abduction (T, 5); NaN where one is not finite. Workspace are a record of
-    `HAND_POSE` and a fresh one of `SELF_CONTACT`, each of shape (1,).
+    Flexion (T, 5, 3), abduction (T, 5) [rad]; NaN where not finite. Workspace: `poses`, a fresh `contacts`, each (1,).
     """
     pose, own = poses[0], contacts[0]
     for t in range(flexion.shape[0]):
@@ -265,10 +264,7 @@ def _is_violated(options: Any, row: int, state: Record) -> bool:
 
 @jit_inline
 def _leave_room(offset: float, row: int, state: Record) -> None:
-    """Reduce the abduction of the pair's fingers to what brings them no nearer than the offset by itself.
-
-    Abduction is given, and no variable. Joints with shorter levers than it has would turn farther than it to make room.
-    """
+    """Reduce the abduction, which is given, to what brings the pair's fingers no nearer than the offset by itself."""
     own, step = state.self_contact, state.problem.abduction_step
     closing, opening, excess = 0.0, max(own.distance[row] - offset, 0.0), 0.0
     for f in range(FINGER_COUNT):

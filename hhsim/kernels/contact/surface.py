@@ -56,10 +56,7 @@ def gather_pairs(
 
 @generic
 def measure_pairs(surface: Any, hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
-    """Compute signed distances of the listed pairs of a body, at least one, and return the least [m].
-
-    Pairs that are not measured are farther than `candidates.needed` and than the least.
-    """
+    """Return a body's least signed distance [m] of at least one pair; those not measured are beyond it and `needed`."""
 
 
 @generic

@@ -26,13 +26,9 @@ def tier_of(near: float, depth: float) -> int:
 
 @jit
 def start_tiers(near: Array, count: int, depth: float, end_out: Indices) -> None:
-    """Write where each tier of a list starts, shape (TIERS,); who fills the list in order raises it to where it ends.
+    """Write where each tier starts, shape (TIERS,), of `count` distances `near` [m] or bounds, in tiers of `depth` [m].
 
-    Args:
-        near: Distances [m], or lower bounds of them, shape (>= count,).
-        count: Length of the list.
-        depth: Depth of a tier [m].
-        end_out: Places in the list, written.
+    Who fills the list in order raises these places to where the tiers end.
     """
     for t in range(TIERS):
         end_out[t] = 0
@@ -48,12 +44,8 @@ def start_tiers(near: Array, count: int, depth: float, end_out: Indices) -> None
 def next_tier(tier: int, depth: float, moved: float, needed: float, least: float) -> int:
     """Return the tier up to which to measure next; `tier` itself where nothing beyond it can matter.
 
-    Args:
-        tier: Tiers below this one are measured.
-        depth: Depth of a tier [m].
-        moved: Bound on the body's motion since it was listed [m].
-        needed: Pairs up to this far are to be measured [m].
-        least: Least distance measured so far [m].
+    Those below `tier` are measured, with the least distance `least`; the body has moved by at most `moved` since it was
+    listed; pairs up to `needed` are to be measured; all [m].
     """
     left = tier * depth - moved
     if tier == TIERS or (left > needed and left >= least):

@@ -286,10 +286,9 @@ def longest_edges(corner: Array, longest_out: Array) -> None:
 def spare_spheres(
     candidates: Indices, first: Indices, order: Indices, second_owner: Indices, most: int, spared_out: NDArray[np.bool_]
 ) -> int:
-    """Mark at most `most` spheres to remove, such that no micro-triangle loses both its best and its second.
+    """Mark up to `most` spheres to remove; no micro-triangle loses both its best and its second. Returns the number.
 
-    Candidates are in order of preference; first and order are as of `sphere_descent.move_spheres`. Returns the number
-    of spheres.
+    Candidates are in order of preference; first and order are as of `sphere_descent.move_spheres`.
     """
     needed = np.zeros(spared_out.shape[0], np.bool_)
     spared_out[:] = False

@@ -23,16 +23,10 @@ OBJECT_DOF = 6
 
 
 class Support(NamedTuple):
-    """Parts of the object that can stand on a plane: spheres, or points, on its convex hull, in the object's frame.
+    """Parts of the object that can stand on a plane: spheres, or points, on its convex hull, in the object's frame."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | point | centres [m] | (S, 3) |
-    | radius | [m], 0 for a vertex | (S,) |
-    """
-
-    point: Array
-    radius: Array
+    point: Array  # centres [m], (S, 3)
+    radius: Array  # [m], 0 for a vertex, (S,)
 
 
 BODY = np.dtype(
@@ -183,11 +177,10 @@ def move_body(body: Record, step: Array, fraction: float) -> None:
 
 @jit_once
 def take_velocity(body: Record) -> None:
-    """Compute the velocities of the tick that ends.
+    """Compute the velocities of the tick that ends, from what was moved over the period.
 
-    Of a whole step they are what was moved over the period. A tick that lags has made a share of its last program's
-    whole way, and is that share of a tick: the velocities change by as much of what the way would have changed them by.
-    With all of it the springs would push the object for a whole tick, and again for what is left in the next one.
+    A tick that lags has made a share of its last program's way: the velocities change by that share of what the whole
+    way would have changed them by, else the springs would push for a whole tick, and again for what is left.
     """
     if body.is_free == 0:
         return
@@ -247,14 +240,9 @@ def as_other_moves(body: Record, rotation: Array, step: Array, step_out: Array) 
 
 @jit
 def as_object_moves(body: Record, origin: Array, hand: Array, step: Array, relative_out: Array) -> None:
-    """Compute the palm's step in the object's frame after the object's own step.
+    """Compute the palm's step (δp, δφ), shape (6,), in the frame that has made the object's step, of `body_target`.
 
-    Args:
-        body: The object.
-        origin: The palm's [m], shape (3,), object's frame.
-        hand: The palm's step (δp, δφ), shape (6,), object's frame before the tick's step.
-        step: The object's, as `body_target` gives it.
-        relative_out: (δp, δφ) in the frame that has made the object's step, shape (6,).
+    Its origin [m], shape (3,), and its step `hand` are in the object's frame before the tick's step.
     """
     center = body.center
     wx, wy, wz = turned_back(body.axes, step[3], step[4], step[5])

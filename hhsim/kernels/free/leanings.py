@@ -131,11 +131,10 @@ def find_leanings(
 ) -> None:
     """Find which way the contacts that rub are to rub next, shape (contacts, 4): along the surface, about the normal.
 
-    That is the friction that a contact bears, and what its slip would add to it were it held [N]: what has hardly begun
-    to slip turns as far as its slip relieves it, what slips far rubs against its slip. One that bears nothing: the slip
-    itself [m]. What sticks is right as it is, and leans to its e_1. Where contacts are about to slip, by no more than a
-    contact may float [m], what they bear against each other can be anything; they lean to the least of it, since what
-    is beyond takes from their cones.
+    That is the friction that a contact bears, and what its slip would add to it were it held [N]; for one that bears
+    nothing, the slip itself [m]. What sticks is right as it is, and leans to its e_1. Contacts about to slip, by no
+    more than a contact may float [m], can bear anything against each other; they lean to the least of it, since what is
+    beyond takes from their cones.
     """
     wanted = work.wanted
     even = False

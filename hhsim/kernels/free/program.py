@@ -297,10 +297,7 @@ def _next_slips(floats: float, states: States, state: Record, qp: QpWork) -> Non
 
 @jit_once
 def _end_search(friction: Record, loaded: Record, coulomb: Record) -> None:
-    """Return to the best slips of a search that came to nothing.
-
-    Where contacts let go at once slips run away from round to round: they do so from tick to tick instead.
-    """
+    """Return to the best slips of a search that failed; what lets go at once slips on from tick to tick instead."""
     return_to_slips(friction, loaded, coulomb)
     coulomb.failures = min(coulomb.failures + 1, MOST_WAIT)
     coulomb.wait = 2**coulomb.failures

@@ -59,29 +59,18 @@ def borne_dtype(things: int) -> "np.dtype[Any]":
 
 
 class ObjectRecord(NamedTuple):
-    """Results of a block of ticks for the object; first axis the tick, world unless said otherwise.
+    """Results of a block of ticks for the object; first axis the tick, world unless said otherwise."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | turn, shift | the object's frame to the world, at the end of the tick: x ↦ turn · x + shift [m] | (B, 4), (B, 3) |
-    | velocity, angular_velocity | of the centre of mass [m/s], [rad/s] | (B, 3) |
-    | hand_wrench, table_wrench | on the object: force [N], moment about its centre [N·m] | (B, 6) |
-    | table_distance | lowest point above the table [m], infinite without one | (B,) |
-    | friction_residual | the larger of `residual` and `bare` of `borne_dtype` [m] | (B,) |
-    | contact | the first row of each tick's, and of one more | (B + 1,) |
-    | body, point, normal, normal_force, friction_force, torsional_moment, slip | as in `borne_dtype` | (rows, ...) |
-    """
-
-    turn: Array
-    shift: Array
-    velocity: Array
-    angular_velocity: Array
-    hand_wrench: Array
-    table_wrench: Array
-    table_distance: Array
-    friction_residual: Array
-    contact: Indices
-    body: Indices
+    turn: Array  # object's frame to the world, at the end of the tick: x ↦ turn · x + shift, (B, 4)
+    shift: Array  # [m], (B, 3)
+    velocity: Array  # of the centre of mass [m/s], (B, 3)
+    angular_velocity: Array  # [rad/s], (B, 3)
+    hand_wrench: Array  # on the object: force [N], moment about its centre [N·m], (B, 6)
+    table_wrench: Array  # likewise
+    table_distance: Array  # lowest point above the table [m], infinite without one, (B,)
+    friction_residual: Array  # the larger of `residual` and `bare` of `borne_dtype` [m], (B,)
+    contact: Indices  # the first row of each tick's, and of one more, (B + 1,)
+    body: Indices  # this and the following as in `borne_dtype`, (rows, ...)
     point: Array
     normal: Array
     normal_force: Array
@@ -243,20 +232,12 @@ def turn_loads(body: Record, active: Record) -> None:
 
 
 class ThingsRecord(NamedTuple):
-    """Results of a block of ticks for several things.
+    """Results of a block of ticks for several things."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | things | of each thing; all contacts are in the first one's, with `body` -2 - k where thing k touches | (K,) |
-    | thing | of each contact | (rows,) |
-    | other_point | of each contact as it goes with the other thing [m] | (rows, 3) |
-    | thing_wrench | of the other things on each: force [N], moment about its centre [N·m] | (K, B, 6) |
-    """
-
-    things: tuple[ObjectRecord, ...]
-    thing: Indices
-    other_point: Array
-    thing_wrench: Array
+    things: tuple[ObjectRecord, ...]  # (K,); the first has all contacts, with `body` -2 - k where thing k touches
+    thing: Indices  # of each contact, (rows,)
+    other_point: Array  # of each contact as it goes with the other thing [m], (rows, 3)
+    thing_wrench: Array  # of the other things on each: force [N], moment about its centre [N·m], (K, B, 6)
 
 
 @jit

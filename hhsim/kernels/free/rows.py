@@ -45,11 +45,8 @@ TABLE_CONTACTS = 24
 DIRECTIONS = 3
 PER_CONTACT = 2 * DIRECTIONS
 FREE_ROWS = ROW_CAPACITY + HAND_FRICTION * PER_CONTACT + TABLE_CONTACTS * (1 + PER_CONTACT) + 138
-"""Room: contacts with friction of hands and of things with each other, contacts of a thing's table, and all rows.
-
-A row's columns lie 13 cache lines apart but for whole pages of 4096 bytes: a multiple of those would have all of them
-share few places in the processor's first cache, and drive each other out of it.
-"""
+"""Room: contacts with friction of hands and of things with each other, contacts of a thing's table, and all rows. Rows
+lie 13 cache lines apart but for whole pages: in a multiple of those they would share few places of the first cache."""
 SECOND_ROWS = ROW_CAPACITY + 490
 """Room for the contacts and limits of a second hand; as many cache lines more."""
 
@@ -67,11 +64,8 @@ ENTRIES = 7
 """Room for the points of the hull that entered the table in a tick: what TABLE_CONTACTS leaves."""
 
 STANDS_BACK = 0.5
-"""Share of its clearance that the normal row of a contact with friction does not ask for.
-
-So much may Γ be too large and the rows of friction still bear the load. Were it not so, the normal row would bear it
-with any Γ that is too large, nothing would rub, and what slips would be right about its Γ.
-"""
+"""Share of its clearance that the normal row of a contact with friction does not ask for. So much may Γ be too large
+and the rows of friction still bear the load; else the normal row would bear it, and nothing would rub."""
 
 TINY = 1e-9
 """A slip [m] or a share that gives no direction."""
@@ -231,10 +225,7 @@ def find_frictions(bodies: Record, contacts: Record, problem: Record, close: flo
 
 @jit
 def orient(friction: Record, i: int, x: float, y: float, z: float, spin: float) -> bool:
-    """Turn the directions of a contact so that e_1 is along s, a vector's tangential part and a spin about the normal.
-
-    False where s is none.
-    """
+    """Turn a contact's directions: e_1 along a tangential vector and a spin about the normal; False if both are 0."""
     nx, ny, nz = friction.normal[i, 0], friction.normal[i, 1], friction.normal[i, 2]
     normal = x * nx + y * ny + z * nz
     tx, ty, tz = x - normal * nx, y - normal * ny, z - normal * nz

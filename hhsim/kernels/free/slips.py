@@ -171,16 +171,8 @@ def lower_slips(floats: float, backs: float, problem: Record, friction: Record, 
     """Lower Γ of the contacts whose plain row bears load, to the slip that they have once it bears none.
 
     There Γ is too large, and friction less than the law's. Where it is too small a contact floats by what is missing,
-    and all is right about its force. Returns how many it has lowered, whose places are the first of `contact`.
-
-    Args:
-        floats: What Γ is to be less than the slip [m].
-        backs: What Γ is more than the slip where the plain row bears for the last time [m].
-        problem: The program.
-        friction: Its contacts.
-        qp: Its solution.
-        work: Scratch.
-        last: Lower to 0.
+    and all is right about its force. Γ is to be `floats` [m] less than the slip, and is `backs` [m] more where the
+    plain row bears for the last time. Returns how many it has lowered, whose places are the first of `contact`.
     """
     count = as_int64(0)
     for c in range(friction.bearings):

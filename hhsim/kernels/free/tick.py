@@ -80,39 +80,22 @@ SEARCHED = 2
 
 
 class Free(NamedTuple):
-    """Method that solves hand and free object together.
-
-    | field | meaning |
-    |---|---|
-    | options | of a tick |
-    | support | parts of the object that can stand on a table |
-    | states | of each hand; the first one, which a tick is given, has the object's fields |
-    """
+    """Method that solves hand and free object together."""
 
     options: TickOptions
-    support: Support
-    states: States
+    support: Support  # parts of the object that can stand on a table
+    states: States  # of each hand; the first one, which a tick is given, has the object's fields
 
 
 class FreeOfMany(NamedTuple):
-    """Method that solves hands and things together.
-
-    | field | meaning |
-    |---|---|
-    | options | of a tick |
-    | supports | of each thing, as of `Free` |
-    | states | of each pair; the first one has the fields of the program and of the things |
-    | movers | arrays of each hand; then, of several things, each as a palm without fingers |
-    | surfaces | of each thing |
-    | edges | of each thing |
-    """
+    """Method that solves hands and things together."""
 
     options: TickOptions
-    supports: tuple[Support, ...]
-    states: States
-    movers: tuple[HandArrays, ...]
-    surfaces: Any
-    edges: tuple[Edges, ...]
+    supports: tuple[Support, ...]  # of each thing, as of `Free`
+    states: States  # of each pair; the first one has the fields of the program and of the things
+    movers: tuple[HandArrays, ...]  # of each hand; then, of several things, each as a palm without fingers
+    surfaces: Any  # of each thing
+    edges: tuple[Edges, ...]  # of each thing
 
 
 @generic
@@ -271,10 +254,7 @@ def _find_turns(problem: Record, bodies: Record) -> None:
 
 @jit
 def _find_contacts(hand: HandArrays, method: Any, surface: Any, state: Record) -> int:
-    """Find each pair's contacts, and say which rows they have; returns how many are kept, -1 where they do not fit.
-
-    Those of further pairs are written behind the rows of the first one's joint limits, too.
-    """
+    """Find each pair's contacts and their rows, further pairs' behind the first one's limits; return how many or -1."""
     problem, joined = state.free_problem, state.contacts
     row, kept = as_int64(0), as_int64(0)
     for p in range(problem.first.shape[0]):
@@ -332,10 +312,7 @@ def _write_contacts(hand: HandArrays, method: Any, state: Record) -> None:
 
 @jit_once
 def _prepare(hand: HandArrays, method: Any, surface: Any, state: Record) -> int:
-    """Build the program at the present poses.
-
-    Returns the number of rows that contacts have, -1 where they do not fit into the records.
-    """
+    """Build the program at the present poses; return how many rows contacts have, -1 where they do not fit."""
     began = monotonic_ns()
     options, contacts, problem, friction, bodies = (
         method.options,

@@ -211,10 +211,7 @@ def deepen_finger(finger: int, rate: Array, abduction: Array, depth: float, flex
 
 @jit
 def contact_normal(finger: int, phalanx: int, work: ClosureWork, normal_out: Array) -> float:
-    """Compute the signed distance [m] of a phalanx to the nearest leaf, and the unit normal from it, world.
-
-    `work` holds the kinematics.
-    """
+    """Compute a phalanx's signed distance [m] to the nearest leaf and the normal from it, world, as `work` has it."""
     distance, leaf = phalanx_distance(finger, phalanx, np.inf, work)
     tree, cone = work.tree, phalanx_cone(work.hand, work.joints, work.direction, finger, phalanx)
     dx, dy, dz = tree.x[leaf] - cone.x, tree.y[leaf] - cone.y, tree.z[leaf] - cone.z

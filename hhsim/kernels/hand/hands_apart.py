@@ -23,10 +23,7 @@ def _body(hand: StoredHands, tick: int, i: int) -> RoundCone:
 
 @jit_allocating
 def hands_apart(hand: StoredHands, other_hand: StoredHands, out: Array) -> None:
-    """Compute the least signed distance [m] of two hands at each tick, (T,), negative where one is in the other.
-
-    NaN where a joint is.
-    """
+    """Compute the least signed distance [m] of two hands at each tick, (T,), negative inside; NaN where a joint is."""
     count = PHALANGES + hand.shape.palm_radius.shape[0]
     others = PHALANGES + other_hand.shape.palm_radius.shape[0]
     for tick in range(hand.joints.shape[0]):

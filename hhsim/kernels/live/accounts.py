@@ -19,10 +19,8 @@ COMPUTED, WOKEN_LATE, HOST, DEVICE = 1, 2, 3, 4
 CAUSES = 4
 UNKNOWN = -1
 LONG_STALL_NS = 1_000_000
-"""Stall after which a tick reads the host's steal time itself [ns]; else another thread does.
-
-The reading takes 10 µs warm, and 70 to 130 µs cold: a period at 10 kHz, and a miss of our own.
-"""
+"""Stall after which a tick reads the host's steal time itself [ns], in 10 µs warm and 70 to 130 µs cold; else another
+thread does."""
 RUN_DELAY_COLUMN = 1
 """Column of schedstat."""
 STEAL_COLUMN = 8

@@ -118,17 +118,11 @@ def _account(live: LiveArrays, files: SystemFiles) -> None:
 
 @jit
 def run_loop(live: LiveArrays, files: SystemFiles, address: int, block: "TickBlock") -> int:
-    """Tick until the loop is to stop, or Python has to solve.
+    """Tick until the loop is to stop (returns `STOP_…`), or Python has to solve (returns `ASKS_PYTHON`).
 
-    Args:
-        live: State of the loop; its periods begin with the first call.
-        files: System files.
-        address: Address of the machine code of `run_block` for the types of `block`; 0 if Python solves.
-        block: Its argument; haptic hand and records are those of the loop's row.
-
-    Returns:
-        Reason of the stop, `STOP_…`, or `ASKS_PYTHON` in the middle of a tick: the next call, with `LOOP.solved` and
-        `LOOP.status` set, continues it.
+    Periods begin with the first call. `address` is that of `run_block`'s machine code for the types of `block`, 0 if
+    Python solves; `block` has the haptic hand and records of the loop's row. After `ASKS_PYTHON`, in the middle of a
+    tick, the next call continues it with `LOOP.solved` and `LOOP.status` set.
     """
     loop, deadlines = live.loop[0], live.deadlines[0]
     if loop.asks == 1:

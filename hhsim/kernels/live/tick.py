@@ -60,9 +60,7 @@ STOP_ASKED, STOP_DURATION, STOP_SIGNAL = 1, 2, 3
 
 NO_HAND, PLACING, PLACED, NOT_PLACED, BEGUN = 0, 1, 2, 3, 4
 """No hand is known; another thread places the shown hand where it can begin; it is placed; that failed; ticks go on.
-
-Until the first tick of the shown hand the user's hand is kept as it was, so that a replay begins with the same.
-"""
+Until its first tick the user's hand is kept as it was, so that a replay begins with the same."""
 
 
 class LiveArrays(NamedTuple):
@@ -223,10 +221,7 @@ def begin_tick(live: LiveArrays) -> bool:
 
 @jit
 def begin_hand(live: LiveArrays) -> bool:
-    """Return whether the shown hand is placed and the tick can be solved; else have another thread place it.
-
-    That may take many periods, as where it begins inside the object.
-    """
+    """Return whether the shown hand is placed; else have another thread place it, which may take many periods."""
     loop = live.loop[0]
     placing = load_acquire(loop.placing[:], as_int64(0))
     if placing == BEGUN:

@@ -186,10 +186,7 @@ def outside(bvh: MeshBvh, triangle: int, feature: int, dx: float, dy: float, dz:
 
 @jit
 def beyond(bvh: MeshBvh, x: float, y: float, z: float) -> bool:
-    """Return True if a point lies beyond the box of all triangles: outside also of a mesh that intersects itself.
-
-    The nearest triangle of such a mesh may face the other way.
-    """
+    """Return True if a point lies beyond the box of all triangles: outside, also of a mesh that intersects itself."""
     b = bvh.bound[0]
     return bool(x < b[0] or x > b[3] or y < b[1] or y > b[4] or z < b[2] or z > b[5])
 

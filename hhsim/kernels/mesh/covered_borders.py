@@ -1,7 +1,6 @@
 """Neighbourhood of triangles: self-contact, and borders and corners beyond which others continue their plane.
 
-A loose triangle in a floor, or a floor of triangles that do not share their corners, has borders and corners by its
-list of faces and none in space. Contact rows of them would hold back what slides over the floor.
+Loose triangles in a floor have borders in the list of faces and none in space: rows of them would hold back a slide.
 """
 
 import numpy as np

@@ -274,10 +274,7 @@ def edge_bound(mesh: MeshFeatures, i: int, cone: RoundCone, tolerance: float, re
 
 @jit_inline
 def vertex_bound(mesh: MeshFeatures, i: int, cone: RoundCone, tolerance: float) -> float:
-    """Compute the least motion [m] by which a round cone can touch vertex i.
-
-    By its distance, and by its normal cone, widened by `tolerance` [m].
-    """
+    """Compute the least motion [m] to touch vertex i by distance, and by its normal cone widened by `tolerance` [m]."""
     vertex, start, stop = mesh.vertex, mesh.spoke_start[i], mesh.spoke_start[i + 1]
     distance, _ = vertex_distance(vertex, i, cone)
     dx, dy, dz = cone.x - vertex[i, 0], cone.y - vertex[i, 1], cone.z - vertex[i, 2]

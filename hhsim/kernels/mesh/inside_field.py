@@ -1,7 +1,4 @@
-"""Inside of a surface that need not be closed: where the winding number exceeds ½, or a sheet is near.
-
-Also crossings of segments with its triangles.
-"""
+"""Inside of an open or closed surface, by winding number above ½ or a sheet nearby; crossings of segments with it."""
 
 from typing import NamedTuple
 

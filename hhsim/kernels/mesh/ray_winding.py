@@ -20,10 +20,7 @@ DIRECTIONS = ((9 / 25, 12 / 25, 20 / 25), (-96 / 125, 75 / 125, 28 / 125), (2 / 
 def is_surrounded(
     spheres: FaceSpheres, corner: Array, multiplicity: Indices, x: float, y: float, z: float, stack: Indices
 ) -> bool:
-    """Return True if closed triangles, given as in `MeshFeatures`, surround a point [m] at least once.
-
-    The stack is workspace, shape (STACK_SIZE,).
-    """
+    """Return True if closed triangles of `MeshFeatures` surround a point [m]; `stack` has shape (STACK_SIZE,)."""
     root, farthest = spheres.block[0], 0.0
     for i in range(BRANCHING):
         if root[0, i] < NOWHERE:

@@ -1,12 +1,10 @@
 """Generalized winding number of a surface, closed or not.
 
-The number is the signed solid angle of all triangles over 4π (Jacobson, Kavan, Sorkine-Hornung 2013, "Robust
-inside-outside segmentation using generalized winding numbers"): 1 inside and 0 outside a closed surface, in between
-near a hole, 2 or −1 where pieces overlap or are inside out.
-
-Triangles far away count together, after Barill, Dickson, Schmidt, Levin and Jacobson, "Fast winding numbers for soups
-and clouds" (2018): a node of the hierarchy whose triangles lie within R of its centre is expanded, to second order, for
-points beyond `FAR`·R.
+It is the signed solid angle of all triangles over 4π (Jacobson, Kavan, Sorkine-Hornung 2013, "Robust inside-outside
+segmentation using generalized winding numbers"): 1 inside and 0 outside a closed surface, in between near a hole, 2 or
+−1 where pieces overlap or are inside out. Triangles far away count together, after Barill, Dickson, Schmidt, Levin and
+Jacobson, "Fast winding numbers for soups and clouds" (2018): a node with triangles within R of its centre is expanded,
+to second order, for points beyond `FAR`·R.
 """
 
 import math

@@ -57,10 +57,7 @@ def whole_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
 
 
 class JointedSurface(NamedTuple):
-    """P parts of one kind of surface, and their poses over time.
-
-    The arrays of `pieces` are those of all parts, one after another; each part counts its own from 0.
-    """
+    """P parts of one kind of surface, in `pieces` one after another, each counted from 0; and their poses over time."""
 
     pieces: Any  # `TreeArrays` or `MeshFeatures`, each part's in its own frame
     start: Indices  # where the pieces of each part begin, and the end, see `part_pieces`, (P + 1, columns)

@@ -280,18 +280,15 @@ def solve(
 ) -> int:
     """Compute the point x nearest to `target`, x₀ of n variables, that satisfies all rows; the result is in `work`.
 
-    Args:
-        tolerance: Largest violation, in units of x, that counts as satisfied.
-        relaxation: Shift, in units of x, by which all rows are moved back if they contradict each other and that would
-            reconcile them; a zero row short by no more than this, in units of b, counts as satisfied.
-        guess: Rows expected to be active; duplicates and rows that no group holds are ignored.
-        guess_count: Number of guesses; 0 for a cold start; RESUMES to go on from the last solve, if that ended OPTIMAL
-            and only b has changed since.
+    A violation of `tolerance`, in units of x, counts as satisfied. By `relaxation`, in units of x, all rows are moved
+    back if they contradict each other and that would reconcile them; a zero row short by no more than this, in units of
+    b, counts as satisfied. `guess` are rows expected to be active; duplicates and rows that no group holds are ignored.
+    `guess_count` is 0 for a cold start, RESUMES to go on from the last solve, if that ended OPTIMAL and only b has
+    changed since.
 
-    Returns:
-        OPTIMAL, INFEASIBLE, ITERATION_LIMIT, or NOT_FINITE for NaN in a row or in the target. When INFEASIBLE,
-        work.counts[2] is a row whose normalised normal a equals Σ dual_step_j a_j over the active rows, where no
-        dual_step_j is positive: Farkas' certificate is 1 for that row and -dual_step_j for the others.
+    Returns OPTIMAL, INFEASIBLE, ITERATION_LIMIT, or NOT_FINITE for NaN in a row or in the target. When INFEASIBLE,
+    work.counts[2] is a row whose normalised normal a equals Σ dual_step_j a_j over the active rows, where no
+    dual_step_j is positive: Farkas' certificate is 1 for that row and -dual_step_j for the others.
     """
     k, inverse_norm, violations = as_int64(0), work.inverse_norm[:], work.violation[:]
     if guess_count == RESUMES:

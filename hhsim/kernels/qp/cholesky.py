@@ -16,10 +16,7 @@ NOT_POSITIVE = 1
 
 @jit_inline
 def factorise(matrix: Array, count: int) -> int:
-    """Replace the upper triangle of the leading `count` rows and columns by U; return 0, or NOT_POSITIVE.
-
-    The lower triangle is neither read nor set; a matrix that is not positive definite is partly overwritten.
-    """
+    """Replace the upper triangle of the leading `count` rows by U, the lower one unread; return 0, or NOT_POSITIVE."""
     for k in range(count):
         pivot = matrix[k, k]
         if not 0.0 < pivot < np.inf:

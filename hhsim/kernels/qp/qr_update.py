@@ -75,10 +75,7 @@ def _split(chunks: int, k: int, work: Record) -> None:
 
 @jit_inline
 def project(n: int, k: int, work: Record) -> float:
-    """Split work.normal, a unit vector, into work.coefficient, coordinates in the basis, and work.direction.
-
-    Returns the squared length of the direction.
-    """
+    """Split work.normal, a unit vector, into coordinates and work.direction; return the latter's squared length."""
     chunks = (n + LANES - 1) // LANES
     for j in range(LANES * chunks):
         work.direction[j] = work.normal[j]
@@ -122,10 +119,7 @@ def _coordinates(k: int, work: Record, y: Array) -> None:
 
 @jit_inline
 def resolve(n: int, k: int, target: Array, work: Record) -> None:
-    """Compute the optimum with the active rows as equations, from the factors, without the rounding of steps.
-
-    x = x₀ + Qᵀ y with Rᵀ y = b - N x₀, and the multipliers from R u = y.
-    """
+    """Compute the optimum with the active rows as equations: x = x₀ + Qᵀ y, Rᵀ y = b - N x₀, multipliers R u = y."""
     basis, x, y = work.basis, work.x, work.coefficient
     chunks = (n + LANES - 1) // LANES
     _coordinates(k, work, y[:])

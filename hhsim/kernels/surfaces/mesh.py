@@ -76,12 +76,8 @@ WING_BYTES, SPOKE_BYTES = 48, 128
 """Sizes of a face, an edge, a vertex, what belongs to a face, two wings of an edge and the first spokes of a vertex."""
 NEAR_CONE = 0.03
 """Sine of the angle by which a witness may lie outside of its feature's normal cone and still have a row, whose normal
-is the cone's nearest.
-
-Two edges of a face that a phalanx lies on alternate in being the nearest. With the witness's own normal a row would
-hold back what slides towards it. The row is then one of the face or edge that the witness leans to, and there is none
-where that does not reach so far, or where an edge is touched at another place of the axis.
-"""
+is the cone's nearest: the row is of the face or edge that the witness leans to, if that reaches so far at the same
+place of the axis. With its own normal it would hold back what slides towards an edge (docs/methods.md, "Distances")."""
 LOOK_OUT = 3.0
 """Multiple of its reach up to which a probe that is near nothing searches, for a slack that lasts."""
 FINDING, LISTING = 1, 2
@@ -432,10 +428,7 @@ def _lean(mesh: MeshFeatures, f: int, dx: float, dy: float, dz: float) -> float:
 
 @jit_once
 def _is_inside(mesh: MeshFeatures, candidates: Record, probe: Probe) -> bool:
-    """Return whether a point is inside, by the normals of the faces at the feature that is nearest.
-
-    (A hand body has a radius, and its axis never comes inside: its distances need no sign.)
-    """
+    """Return whether a point is inside, by the normals at the nearest feature; a body's axis never comes inside."""
     which, cone, start = probe
     measured, lean, least = candidates.measured[which], 1.0, ELSEWHERE
     for i in range(start, start + measured[0]):
@@ -579,10 +572,7 @@ def _face_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: floa
 def _into_cone(
     directions: Array, start: int, stop: int, nx: float, ny: float, nz: float
 ) -> tuple[bool, int, tuple[float, float, float]]:
-    """Bring a unit vector that is a little beyond one side of a normal cone into it.
-
-    Returns True if it is in now, the side that it was beyond, -1 for none, and the vector.
-    """
+    """Bring a unit vector just beyond a side of a normal cone into it; return success, that side or -1, the vector."""
     side, over = -1, 0.0
     for w in range(start, stop):
         lean = nx * directions[w, 0] + ny * directions[w, 1] + nz * directions[w, 2]
@@ -691,10 +681,7 @@ def _across(wx: float, wy: float, wz: float) -> tuple[float, float, float]:
 
 @jit_inline
 def _is_of_edge(mesh: MeshFeatures, e: int, cone: RoundCone, x: float, y: float, z: float) -> bool:
-    """Return True if a point of an axis is beside an edge, and none between the ends of both is nearer to it.
-
-    Otherwise the axis would touch there alone, and the edge has a row of its own for it.
-    """
+    """Return True if an axis point is beside an edge, none between both ends nearer (which had a row of its own)."""
     edge = mesh.edge
     wx, wy, wz, extent = edge[e, 3], edge[e, 4], edge[e, 5], edge[e, 6]
     bx, by, bz = edge[e, 0], edge[e, 1], edge[e, 2]

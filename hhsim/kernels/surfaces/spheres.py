@@ -38,11 +38,8 @@ PHALANX_PAIRS = 4088
 PALM_SLOTS = 8
 SLOT_PAIRS = 4088
 PALM_PAIRS = PALM_SLOTS * SLOT_PAIRS
-"""Most near pairs of a phalanx, and of the palm; the paper's heaviest scenes have a few hundred.
-
-The palm's spheres are gathered by slots, each when its own slack is used up: all of them at once would take many times
-another tick.
-"""
+"""Most near pairs of a phalanx, and of the palm; the paper's heaviest scenes have a few hundred. The palm's spheres are
+gathered by slots, each when its own slack is used up: all of them at once would take many times another tick."""
 LISTS = PALM_BODY + PALM_SLOTS
 """Number of lists of pairs: of the phalanges, then of the palm's slots, each with its own stretch of the arrays."""
 NODES = 1 << 32

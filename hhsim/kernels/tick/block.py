@@ -109,10 +109,9 @@ def run_block(
 ) -> int:
     """Run one tick of a method for each row of the haptic input; returns the ticks done.
 
-    Fewer than all only where the pairs did not fit (STATUS_CAPACITY_EXCEEDED in the last row). What is timed is all
-    that a haptic loop would do with a sample: taking the input, detection, programs and forces; copying to the record
-    is not part of a tick. The CPU time is that of all threads that the tick keeps busy, with what they spend on waiting
-    for work.
+    Fewer than all only where the pairs did not fit (STATUS_CAPACITY_EXCEEDED in the last row). All that a haptic loop
+    would do with a sample is timed: input, detection, programs and forces, without the copy to the record. The CPU time
+    is that of all threads that the tick keeps busy, with what they spend on waiting for work.
     """
     state = states[0]
     for i in range(haptic.position.shape[0]):

@@ -208,10 +208,7 @@ def _solve_both(options: TickOptions, states: Any, both: Record, qp: QpWork) -> 
 def _solve(
     hands: Any, options: Any, share: float, within: float, stands: bool, states: Any, both: Record, qp: QpWork
 ) -> int:
-    """Solve the program with rows for all that its step would bring together; returns a status.
-
-    Arguments as of `_aim`; only pairs nearer than `within` [m] get rows.
-    """
+    """Solve with rows, as of `_aim`, for all pairs nearer than `within` [m] that the step would bring together."""
     offset, began, status = options[0].offset, monotonic_ns(), as_int64(OPTIMAL)
     for _ in range(ROUNDS):
         _aim(hands, options, share, stands, states)
@@ -272,10 +269,7 @@ def _find_rows(hands: Any, options: Any, surface: Any, states: Any, both: Record
 
 @jit
 def _allowed(hands: Any, options: Any, states: Any, both: Record) -> float:
-    """Return the share of the step that all pairs vouch for, those of both hands as looked at for its program.
-
-    The motion of each hand in the step is then in `longest`.
-    """
+    """Return the share of the step that all pairs vouch for; each hand's motion in the step is then in `longest`."""
     fraction = clear_share(min(states[0][0].trust.radius, states[1][0].trust.radius), both.pairs)
     for h in range(2):
         share, both.longest[h] = allowed_fraction(hands[h], options[h], states[h][0])

@@ -35,10 +35,7 @@ COUPLED_WORK = np.dtype(
 
 @jit_once
 def coupled_groups(contacts: Record, group_start: Indices, group_stop: Indices, group_block: Indices) -> None:
-    """Row groups of the coupled program: palm contacts, contacts of each finger, joint limits of each finger.
-
-    The three arrays have shape (>= 11,).
-    """
+    """Row groups of the program, shapes (>= 11,): palm contacts, then contacts and then joint limits of each finger."""
     for g in range(FINGER_COUNT + 1):
         group_start[g] = contacts.start[g]
         group_stop[g] = contacts.start[g + 1]
@@ -110,10 +107,7 @@ def _solve_own(own: SelfPairs, options: TickOptions, guessed: int, state: Record
 @solve_program.of(Coupled)
 @jit_noinline
 def solve_coupled(method: Coupled, state: Record, qp: QpWork) -> int:
-    """Solve the coupled program.
-
-    The state's `step` is written where the status is OPTIMAL. Returns a status of `kernels.qp.active_set`.
-    """
+    """Solve the program; return a status of `kernels.qp.active_set`. The state's `step` is written if it is OPTIMAL."""
     work, guessed = state.coupled, as_int64(0)
     coupled_groups(state.contacts, work.group_start[:], work.group_stop[:], work.group_block[:])
     began = monotonic_ns()

@@ -63,16 +63,9 @@ def _add_joints(
 def curvature_product(
     pose: Record, contacts: Record, rows: Indices, multiplier: Array, count: int, step: Array, product_out: Array
 ) -> None:
-    """Σ λ_i ∇²d_i · step over the first `count` rows, shape (21,); rows behind the contacts (limits) do not bend.
+    """Compute Σ λ_i ∇²d_i · step, [N] and [N·m], over the first `count` of `rows`, with multipliers λ [N].
 
-    Args:
-        pose: The configuration of the contacts.
-        contacts: Contact records.
-        rows: Which of them, shape (>= count,).
-        multiplier: λ of each [N], shape (>= count,).
-        count: How many.
-        step: (δp, δφ, δθ) [m, rad, rad], shape (21,).
-        product_out: [N] and [N·m], shape (21,), written.
+    Step (δp, δφ, δθ) [m, rad, rad] and product have shape (21,). Rows behind the contacts (limits) do not bend.
     """
     total = contacts.start[FINGER_COUNT + 1]
     for j in range(product_out.shape[0]):

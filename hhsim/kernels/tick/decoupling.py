@@ -32,10 +32,7 @@ def stays_suspended(options: TickOptions, state: Record) -> bool:
 
 @jit
 def palm_yielded(state: Record) -> bool:
-    """Return True if a finger has joined the palm's program: its own program's multipliers are then no forces.
-
-    The palm stands at the edge of what the finger's program allows, where its multipliers grow without bound.
-    """
+    """Return True if a finger has joined the palm's program: its own multipliers then grow without bound, no forces."""
     return state.progressive.variables > 6
 
 

@@ -28,19 +28,13 @@ REACH_FLOOR = 2.0
 
 @jit_inline
 def usual_reach(options: TickOptions, state: Record) -> float:
-    """Compute the reach of a tick's first program [m], which a hand that moves as in the last tick does not exceed.
-
-    A hand that moves faster gains reach from step to step.
-    """
+    """Compute the first program's reach [m], for a hand as fast as in the last tick; a faster one gains it by steps."""
     return min(options.margin, max(REACH_FLOOR * options.step_tolerance, REACH_PACE * state.progress.path))
 
 
 @jit_noinline
 def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
-    """Compute kinematics and pair distances at the present configuration.
-
-    Returns False, and notes it in the state's progress, where the pairs do not fit into the arrays.
-    """
+    """Compute kinematics and pair distances at the pose; False, noted in the progress, where the pairs do not fit."""
     update_kinematics(hand, state.pose)
     pose, candidates, margin = state.pose, state.candidates, options.margin
     # As far as the next program may reach, in this tick or in the next.
@@ -65,10 +59,7 @@ def least_distance(state: Record) -> float:
 
 @jit_inline
 def spent_units(state: Record) -> int:
-    """Compute the work units of the tick so far.
-
-    `work[WORK_UNITS]` itself counts linearisations and rows until the tick ends.
-    """
+    """Compute the work units of the tick so far; `work[WORK_UNITS]` has linearisations and rows only until its end."""
     work = state.work
     units = work[WORK_UNITS] + UNITS_QP_ITERATION * state.step.iterations
     return units + UNITS_NODE_TEST * work[COUNT_NODE_TESTS] + UNITS_PAIR_TEST * work[COUNT_PAIR_TESTS]
@@ -89,10 +80,7 @@ def end_work(state: Record) -> None:
 
 @jit_inline
 def rebuild_candidates(hand: HandArrays, surface: Any, options: TickOptions, states: NDArray[np.void]) -> bool:
-    """Take the graphic hand's configuration as it now stands: kinematics, near pairs, distances.
-
-    Returns False where the pairs do not fit into the arrays.
-    """
+    """Compute kinematics, near pairs and distances of the graphic hand as it stands; False if the pairs do not fit."""
     state = states[0]
     copy_configuration(state.pose, state.prediction.start)
     state.self_contact.bound[:] = -np.inf

@@ -12,10 +12,7 @@ from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
 def set_haptic(
     hand: HandArrays, position: Array, orientation: Array, flexion: Array, abduction: Array, state: Record
 ) -> int:
-    """Take the new haptic configuration.
-
-    Returns 0, or STATUS_INPUT_INVALID where it is not finite, and keeps the old one.
-    """
+    """Take the new haptic configuration and return 0, or keep the old one: STATUS_INPUT_INVALID if it is not finite."""
     haptic, sample = state.haptic, state.input
     sample.previous_motion = sample.motion
     sample.motion = 0.0

@@ -41,10 +41,7 @@ def step_to_haptic(state: Record, step_out: Array, abduction_out: Array) -> None
 
 @jit_inline
 def find_program_contacts(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
-    """Find the contacts within the program's reach, and shorten the reach where they do not fit into the records.
-
-    Returns False where not even those that touch fit.
-    """
+    """Find the contacts within reach, shortened where they do not fit; False if not even those that touch do."""
     while True:
         reach = min(state.trust.reach, state.trust.radius)
         status = find_contacts(surface, hand, state.pose, state.candidates, reach, state.contacts)
@@ -106,11 +103,9 @@ def _add_broken_rows(own: SelfPairs, hand: HandArrays, options: TickOptions, sta
 
 @jit_once
 def build_program(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> int:
-    """Build the program at the present configuration.
+    """Build the program at the present configuration; return the number of contacts, -1 where they do not fit.
 
     Without a contact its solution is written, too: the step to the user's hand within the joints' limits.
-
-    Returns the number of contacts, -1 where they do not fit into the records.
     """
     began = monotonic_ns()
     problem = state.problem

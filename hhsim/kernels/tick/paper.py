@@ -1,26 +1,10 @@
 """Method `paper`: the decoupled-and-progressive optimisation of Tong et al. as printed, the baseline of every table.
 
-One tick (their Fig. 3, Section IV):
-
-1. find the pairs of the graphic hand of t - 1, grown by Δr, and the object (`kernels.tick.paper_detection`);
-2. palm: minimise ½ (q - q_h)ᵀ G (q - q_h), q = (x, y, z, α, β, γ), under its pairs' constraints, linearised once;
-3. each finger on that palm: minimise ½ (θ - θ_h)ᵀ G_r (θ - θ_h) under its own pairs' constraints and its joint limits;
-   the abduction is the haptic hand's;
-4. forces by Eq. 14 (or by the programs' multipliers).
-
-Nothing is checked afterwards, no step is bounded. Where the paper is silent:
-
-- A program without solution, or with more constraints than there is room for, leaves its part, palm or finger, where it
-  was; the tick counts as stuck. Once that part of the haptic hand touches nothing, the graphic one takes its place:
-  else a palm that is inside would stay there for good, its program being the same in every tick.
-- Where no pair constrains a part it is simply the haptic one, within the joint limits.
-- The sphere at a finger's first joint moves with the palm alone, so that it is one of the palm's; each other joint's is
-  the end of the phalanx before it.
-- Since a sphere closes every frustum's ends, not only the fingertip's, the range of k that Eq. 13 gives the fingertip
-  holds at all of them (`closed`). Eq. 7's own range takes spheres for touching that are up to R beyond an end: with
-  object spheres larger than a phalanx it pushes a finger where nothing is, and into what is really there.
-- The haptic palm's Euler angles are those of the branch nearest to the graphic palm's.
-- More linearisations than one a tick, which the paper does not have, repeat steps 1 to 3 from the new graphic hand.
+One tick (their Fig. 3, Section IV): pairs of the graphic hand of t - 1, grown by Δr (`kernels.tick.paper_detection`);
+the palm's program, ½ (q - q_h)ᵀ G (q - q_h) with q = (x, y, z, α, β, γ), linearised once; each finger's on that palm, ½
+(θ - θ_h)ᵀ G_r (θ - θ_h), within its joint limits; forces by Eq. 14 or the multipliers. Nothing is checked afterwards,
+no step is bounded. docs/methods.md says what was chosen where the paper is silent. A part that is stuck inside takes
+the haptic hand's place once that touches nothing: its program would be the same in every tick.
 """
 
 from typing import NamedTuple
@@ -221,18 +205,11 @@ def _solve_finger(
 
 
 class Paper(NamedTuple):
-    """Method as printed in the paper.
+    """Method as printed in the paper."""
 
-    | field | meaning |
-    |---|---|
-    | options | margin is Δr |
-    | palm | the palm's sphere tree, palm frame |
-    | work | one record of PAPER_STATE, shape (1,) |
-    """
-
-    options: TickOptions
-    palm: TreeArrays
-    work: NDArray[np.void]
+    options: TickOptions  # margin is Δr
+    palm: TreeArrays  # the palm's sphere tree, palm frame
+    work: NDArray[np.void]  # one record of PAPER_STATE, shape (1,)
 
 
 @jit_once

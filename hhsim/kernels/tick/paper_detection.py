@@ -31,8 +31,7 @@ def gather_palm(
 ) -> int:
     """Eq. 3: pairs of leaves of the palm's tree (palm frame) and the object's (world) within `growth` [m].
 
-    Returns:
-        How many; -1 where there are more than `capacity`, so that a capacity of 0 asks whether the palm is free.
+    Returns how many; -1 where there are more than `capacity`, so that a capacity of 0 asks whether the palm is free.
     """
     position, rotation, stack = pose.position, pose.rotation, paper.stack
     candidates, work = state.candidates, state.work
@@ -106,11 +105,7 @@ def gather_knuckle(
 def gather_phalanx(
     tree: TreeArrays, pose: Record, body: int, growth: float, capacity: int, state: Record, paper: Record
 ) -> int:
-    """Leaves within `growth` [m] of a phalanx by Eq. 7 (its frustum) or Eq. 3 (its end sphere), into row `body`.
-
-    Returns:
-        How many; -1 where there are more than `capacity`.
-    """
+    """Gather leaves within `growth` [m] by Eq. 7 (frustum) or Eq. 3 (end sphere); return how many, -1 if too many."""
     place_frustum(paper.shapes, pose, body // PHALANX_COUNT, body % PHALANX_COUNT, paper.frustum)
     frustum, closed, kind_out = paper.frustum, paper.closed, paper.kind
     candidates, work, distal = state.candidates, state.work, body % PHALANX_COUNT == PHALANX_COUNT - 1

@@ -1,35 +1,17 @@
 """Method `penalty`: spring-dampers instead of constraints, the way of simulations that do not optimise.
 
-The graphic hand is a chain of 21 degrees of freedom with a virtual mass. A spring-damper couples each of them to the
-haptic hand (Borst & Indugula 2005), and every contact that penetrates pushes back with a spring-damper along its
-normal. One backward Euler step a tick, linearised once at the tick's beginning (the implicit virtual coupling of Garre
-& Otaduy 2011), moves it: with δ = (δp, δφ, δθ) the step and δ* the way to the haptic hand,
-
-    M (δ / h - v) / h = G (δ* - δ) - D δ / h + Σ a_i f_i,   f_i = max(0, k depth_i + b closing_i),
-
-depth_i = -(d_i + a_i · δ) and closing_i = -a_i · δ / h those at the *end* of the step, d_i and a_i the signed distance
-of a pair and its gradient, the same as in `kernels.contact.linearise`. A pair that is still free at the beginning of
-the tick has no damper: its closing speed would push before it touches.
-
-M = G τ² and D = 2 G τ: every degree of freedom is critically damped and follows its target with the time constant τ,
-whatever its stiffness. The damper is tied to the world and not to the haptic hand, so that a sensor's steps do not kick
-the hand; the price is a delay of 2 τ. In the scaled variables y = √G δ (`kernels.contact.linearise`) all three
-matrices become multiples of the identity, and the step is the minimum of a convex, piecewise quadratic function,
+docs/methods.md has its equation of motion and its sources: one backward Euler step of 21 virtual masses M = G τ²,
+coupled to the haptic hand with D = 2 G τ, critically damped, each contact's spring-damper at the *end* of the step. A
+pair that is free at the beginning has no damper: its closing speed would push before it touches. The damper is tied to
+the world, so that a sensor's steps do not kick the hand; the price is a delay of 2 τ. In y = √G δ
+(`kernels.contact.linearise`) all three matrices are multiples of the identity, and the step is the minimum of
 
     ½ α |y|² - y · (y* + τ²/h √G v) + Σ ½ w_i max(0, r_i - a_i · y)²,   α = 1 + 2τ/h + τ²/h²,
 
-which a Newton iteration finds in a few rounds: which contacts push, one Cholesky factorisation (`kernels.qp.cholesky`),
-and again until the set stays as it is. Joint limits are one more such spring, `LIMIT_WEIGHT` times as stiff as the
-joint's.
-
-Every sphere in touch has its own spring: a patch of many spheres is stiffer than one sphere. The backward step is
-stable at any stiffness, so nothing asks for dividing by their number or for keeping the deepest alone, and both would
-make the force jump where a sphere joins or takes over; as it is, a contact enters and leaves with no force.
-
-docs/methods.md tells how stiffness and damping were chosen.
-
-The method penetrates wherever it pushes, by force / k for each contact, and a hand that moves farther in a tick than
-pairs are looked for ends up inside, or comes out on the other side.
+convex and piecewise quadratic. A Newton iteration finds it in a few rounds: which contacts push, one Cholesky
+factorisation (`kernels.qp.cholesky`), and again until the set stays. Joint limits are springs `LIMIT_WEIGHT` times as
+stiff as the joint's. Every sphere in touch has its own spring: to divide by their number, or to keep the deepest alone,
+would make the force jump where one joins. The backward step is stable at any stiffness.
 """
 
 from typing import Any, NamedTuple
@@ -74,20 +56,12 @@ DEPTHS = 12
 
 
 class PenaltyOptions(NamedTuple):
-    """Dynamics of a tick.
+    """Dynamics of a tick."""
 
-    | field | meaning |
-    |---|---|
-    | period | h, what a tick lasts [s] |
-    | response | τ, time constant of the coupling [s] |
-    | stiffness | k of every contact [N/m] |
-    | damping | b of every contact [N·s/m] |
-    """
-
-    period: float
-    response: float
-    stiffness: float
-    damping: float
+    period: float  # h, what a tick lasts [s]
+    response: float  # τ, time constant of the coupling [s]
+    stiffness: float  # k of every contact [N/m]
+    damping: float  # b of every contact [N·s/m]
 
 
 PENALTY_STATE = np.dtype(

@@ -261,12 +261,7 @@ def take_finger(options: TickOptions, state: Record, qp: QpWork) -> int:
 
 @jit
 def help_out(options: TickOptions, states: NDArray[np.void], qp: QpWork) -> None:
-    """Solve fingers of the block that runs in the thread team's first thread until the team is dismissed.
-
-    Args:
-        options, states: Those of the block.
-        qp: A workspace of this thread's own.
-    """
+    """Solve fingers for the thread team's first thread, with the own workspace `qp`, until the team is dismissed."""
     state = states[0]
     polls, finger = as_int64(0), as_int64(0)
     while finger != DISMISSED:
@@ -281,10 +276,7 @@ def help_out(options: TickOptions, states: NDArray[np.void], qp: QpWork) -> None
 @solve_program.of(Progressive)
 @jit_inline
 def solve_progressive(method: Progressive, state: Record, qp: QpWork) -> int:
-    """Solve palm, then fingers, the palm yielding where it must; `step` is written where the status is OPTIMAL.
-
-    In a tick in which they found no step apart, all at once.
-    """
+    """Solve palm, then fingers, or all at once in a tick without a step apart; `step` is written where OPTIMAL."""
     options = method.options
     if state.program.is_coupled:
         return solve_coupled(Coupled(options), state, qp)

@@ -29,12 +29,8 @@ def take_back(state: Record) -> None:
 def keep_first_step(options: TickOptions, fraction: float, clearance: float, depth: float, state: Record) -> None:
     """Keep the step that has led into the object, and estimate the share of it that would not have.
 
-    A row that is kept is violated by the second order alone, which grows with the square of the step.
-
-    Args:
-        fraction: Share of the program's step that was made.
-        clearance: Distance to the object before it [m].
-        depth: Penetration after it [m].
+    The share `fraction` of it led from `clearance` to `depth` [m] inside. A row that is kept is violated by the second
+    order alone, which grows with the square of the step.
     """
     first = state.first_step
     for j in range(DOF):
@@ -93,15 +89,11 @@ def ease_program(method: Any, hand: HandArrays, surface: Any, state: Record) -> 
 
 @jit
 def only_restores(options: TickOptions, state: Record, done: int) -> bool:
-    """Return whether the tick's next step, its last, only leaves the object.
+    """Return whether the tick's next step, its last after `done` linearisations, only leaves the object.
 
-    Where an axis lies along an edge its nearest place runs along it as it turns, and each step that goes on towards
-    the user brings as much penetration as it mends. A tick whose trust radius is reduced for that, and whose pose is
-    inside the object before its last linearisation, makes a pure restoration step, with the target 0. Without it a hand
-    that is faster than its few linearisations is left behind.
-
-    Args:
-        done: Linearisations of this tick so far.
+    Where an axis lies along an edge its nearest place runs along it as it turns, and each step towards the user brings
+    as much penetration as it mends. So a tick whose trust radius is reduced for that, and whose pose is inside, ends
+    with a step of the target 0. Without it a hand that is faster than its few linearisations is left behind.
     """
     progress = state.progress
     is_last = done == options.linearisations - 1

@@ -56,25 +56,15 @@ def _project_out(n: int, k: int, basis: Array, vector: Array) -> None:
 
 
 class Lagrangian(NamedTuple):
-    """Curved part of a program: its contacts that carry a multiplier, and the hand's variables that it has.
+    """Curved part of a program: its contacts that carry a multiplier, and the hand's variables that it has."""
 
-    | field | meaning |
-    |---|---|
-    | pose | the configuration of the linearisation |
-    | contacts | its contact records |
-    | row, multiplier | rows with a multiplier, and theirs [N], shapes (>= loaded,) |
-    | loaded | how many |
-    | inverse_root | 1 / √G of all variables, shape (21,) |
-    | offset, n | the program's variables are n of the 21, from `offset` on |
-    """
-
-    pose: Record
-    contacts: Record
-    row: Indices
-    multiplier: Array
-    loaded: int
-    inverse_root: Array
-    offset: int
+    pose: Record  # the configuration of the linearisation
+    contacts: Record  # its contact records
+    row: Indices  # rows with a multiplier, (>= loaded,)
+    multiplier: Array  # theirs [N], (>= loaded,)
+    loaded: int  # how many
+    inverse_root: Array  # 1 / √G of all variables, (21,)
+    offset: int  # the program's variables are n of the 21, from here on
     n: int
 
 
@@ -190,14 +180,9 @@ def correct_for_curvature(
 ) -> None:
     """Move qp.x, the solution of a program, to second order.
 
-    Args:
-        lagrangian: What curves, and the program's variables.
-        step: The whole hand's step as far as it is known [m, rad], shape (21,); this program's own part included.
-        rows: The program's.
-        tolerance: Of the program; a residual below this, in units of x, is not worth a correction.
-        longest: The correction is shortened to this, in units of x.
-        work: A CORRECTION_WORK record.
-        qp: The solved program; its x is moved.
+    `step` is the whole hand's as far as it is known [m, rad], shape (21,), this program's part included. In units of x
+    are `tolerance`, below which a residual is not worth a correction, and `longest`, to which the correction is
+    shortened.
     """
     n, k, correction, end = lagrangian.n, qp.counts[0], work.correction, work.search
     if k == 0 or k >= n:

@@ -22,11 +22,10 @@ ON_THE_WAY = 20.0
 def settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: Record, qp: QpWork) -> None:
     """Compute the multipliers of the contacts that touch at the configuration shown.
 
-    A lagging tick's last program was made for another configuration. A palm that has yielded to a finger stands at the
-    edge of what the finger's own program allows, where that program's multipliers grow without bound. In both cases one
-    more program, of the touching contacts alone, gives them. Standing still satisfies it, so that the forces stay
-    within the coupling's own. Where it has no solution the forces stay those of the last accepted step. Its time counts
-    as that of the forces.
+    A lagging tick's last program was made for another configuration, and a finger's own program that the palm has
+    yielded to has multipliers without bound. One more program, of the touching contacts alone, gives them: standing
+    still satisfies it, so that they stay within the coupling's own. Without a solution they stay as they were. It
+    counts in the forces' time.
     """
     duration = state.step.duration
     palm, fingers = duration[DURATION_PALM], duration[DURATION_FINGERS]

@@ -16,11 +16,7 @@ from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, WORK_BODIES, WORK
 
 @jit
 def look_at(hand: HandArrays, surface: Any, options: TickOptions, states: NDArray[np.void]) -> int:
-    """Take the graphic hand as it stands in the state: its joints, near and touching pairs, and Eq. 1.
-
-    Returns:
-        0, or STATUS_CAPACITY_EXCEEDED: it is so deep inside that not all pairs could be counted.
-    """
+    """Compute joints, near and touching pairs and Eq. 1 of the hand; 0, or STATUS_CAPACITY_EXCEEDED far inside."""
     state = states[0]
     pose, candidates, work = state.pose, state.candidates, state.work
     update_kinematics(hand, pose)

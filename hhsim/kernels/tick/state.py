@@ -49,11 +49,8 @@ UNITS_PAIR_TEST = 2
 UNITS_CONTACT = 60
 UNITS_ROW = 100
 UNITS_QP_ITERATION = 1500
-"""Work units of each piece of work: a unit is about a nanosecond on a 2.6 GHz core with AVX-512. A contact is a pair
-within reach as it is found, a row one that is kept.
-
-Only their ratios matter: the same input takes the same units on any machine.
-"""
+"""Work units of each piece of work, about a nanosecond on a 2.6 GHz core with AVX-512; only their ratios matter. A
+contact is a pair within reach as it is found, a row one that is kept."""
 
 
 JOINTS = (FINGER_COUNT, PHALANX_COUNT + 1, 3)
@@ -142,52 +139,27 @@ DECOUPLING = np.dtype(
 
 @cache
 def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
-    """Everything that lives from tick to tick, and the workspaces.
-
-    | field | meaning |
-    |---|---|
-    | pose | the graphic hand |
-    | safe | the last configuration without penetration |
-    | haptic | the haptic hand: the last good input |
-    | input, prediction, trust, progress, program, first_step | see the records above |
-    | decoupling | see `kernels.tick.decoupling` |
-    | self_contact | see `kernels.contact.self_pairs` |
-    | candidates, contacts | near pairs and contact records |
-    | problem, step | the program and the step that solves it |
-    | warm | contacts active in the last program, to start the next one from |
-    | active | contacts active at the last accepted step: they carry the forces |
-    | thread_team | threads that share the work of a tick |
-    | coupled, progressive, correction | workspaces of the methods |
-    | forces | of this tick |
-    | modelled | 1 for bodies that the scene uses; the others follow the haptic hand through the object |
-    | work | counters of this tick |
-    | open_distance | workspace of `kernels.contact.redundant_contacts` |
-    | stiffness | G |
-    | scratch | of three numbers |
-
-    Args:
-        candidates: Dtype of the near pairs with the surface at hand.
-    """
+    """Build the dtype of all that lives from tick to tick, and the workspaces, for a surface's `candidates` dtype."""
     return np.dtype(
         [
-            ("pose", HAND_POSE),
-            ("safe", HAND_POSE),
-            ("haptic", HAND_POSE),
+            ("pose", HAND_POSE),  # the graphic hand
+            ("safe", HAND_POSE),  # the last configuration without penetration
+            ("haptic", HAND_POSE),  # the haptic hand: the last good input
             ("candidates", candidates),
             ("contacts", CONTACTS),
-            ("problem", PROBLEM),
-            ("step", STEP),
-            ("warm", ACTIVE_CONTACTS),
-            ("active", ACTIVE_CONTACTS),
+            ("problem", PROBLEM),  # the program
+            ("step", STEP),  # the step that solves it
+            ("warm", ACTIVE_CONTACTS),  # in the last program, to start the next one from
+            ("active", ACTIVE_CONTACTS),  # at the last accepted step: they carry the forces
             ("thread_team", THREAD_TEAM),
             ("coupled", COUPLED_WORK),
             ("progressive", PROGRESSIVE_WORK),
             ("correction", CORRECTION_WORK),
             ("forces", FORCES),
-            ("modelled", np.int8, (BODY_COUNT,)),
+            ("modelled", np.int8, (BODY_COUNT,)),  # 1 for bodies in use; others follow the haptic hand
             ("work", np.int64, (WORK_COUNTERS,)),
-            ("open_distance", np.float64, (CONTACT_ROWS,)),
-            ("stiffness", np.float64, (DOF,)),
+            ("open_distance", np.float64, (CONTACT_ROWS,)),  # of `kernels.contact.redundant_contacts`
+            ("stiffness", np.float64, (DOF,)),  # G
             ("scratch", np.float64, (3,)),
             ("input", HAPTIC_INPUT),
             ("prediction", PREDICTION),
@@ -195,8 +167,8 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("progress", PROGRESS),
             ("program", PROGRAM),
             ("first_step", FIRST_STEP),
-            ("decoupling", DECOUPLING),
-            ("self_contact", SELF_CONTACT),
+            ("decoupling", DECOUPLING),  # see `kernels.tick.decoupling`
+            ("self_contact", SELF_CONTACT),  # see `kernels.contact.self_pairs`
         ],
         align=True,
     )

@@ -111,10 +111,7 @@ def copy_active(source: Record, target: Record) -> None:
 
 @jit_inline
 def guess_rows(contacts: Record, active: Record, group: int, guess_out: Indices, filled: int) -> int:
-    """Append the rows of `group` (0 palm, 1 to 5 fingers, with their limits) that carried force last time.
-
-    Returns the new count.
-    """
+    """Append the rows of `group` (0 palm, 1 to 5 fingers with limits) that carried force; return the new count."""
     start, stop = contacts.start[group], contacts.start[group + 1]
     finger = group - 1
     limits = limit_start(contacts, as_int64(0))

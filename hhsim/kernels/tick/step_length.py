@@ -51,13 +51,8 @@ def clip_target(hand: HandArrays, options: TickOptions, only_restore: bool, stat
     Shortening a step also shortens what it does to mend a penetration or to keep a clearance; a program with a nearer
     target mends all of it. A hand that has its clearance keeps it on any part of a step, and the part is the better one
     where contacts bend: a third of the target brings a third of the multipliers, with which a hand that slips off what
-    held it would creep by hundredths of what the pairs at hand vouch for.
-
-    Args:
-        only_restore: The target is brought to where the hand is: the step only leaves the object.
-
-    Returns:
-        The motion of the whole step [m], where the program is to be solved anew, else `WHOLE_TARGET`.
+    held it would creep. With `only_restore` the target is the hand itself. Returns the whole step's motion [m] where to
+    solve anew, else `WHOLE_TARGET`.
     """
     fraction, longest = allowed_fraction(hand, options, state)
     if only_restore:

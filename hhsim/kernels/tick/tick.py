@@ -1,33 +1,12 @@
 """One tick: from the last graphic hand and the new haptic hand to the new graphic hand and its forces (paper, Fig. 3).
 
-     1  safe ← pose;  radius and flags ← those of an unfinished tick, else the margin and none; begin_tick
-            in steady contact:  pose ← pose moved on by the last tick's displacement            begin_motion
-     2  at most 12 times, after the first only within the work budget:                          converge
-     3      rows ← contacts within ρ = min(reach, radius), less those that others imply         build_program
-     4      δ ← the step of the quadratic program, corrected to second order                    solve_program
-     5      if δ exceeds the slack of a list of pairs:  gather it, and do 3 and 4 once more     complete_lists
-     6      if t of line 8 is below 0.5 (0.05 where all distances are at least 0.8 ε):          clip_target
-                scale the target by t;  by 0, whatever t is, in the last attempt, if pose is    only_restores
-                inside, no step was accepted and radius is below the margin;  then do 4
-     7      if there is no solution, do the first of these that is left, and go to 2:           recover
-                waive ε, and solve palm and fingers together;  pose ← safe, radius ← radius / 4
-                unless 1 alone moved pose;  hold the abduction.  Where none is left, end
-     8      t ← the largest t ≤ 1 with t · bound_b(δ) ≤ r_b for every body b                    allowed_fraction
-     9      pose ← pose + t δ;  reach ← 4 reach if t < 1 or the target was scaled,              advance
-                else at most twice the length of δ
-    10      if no true distance is negative:  safe ← pose;
-                end if t = 1, the target is whole, and δ is short or met no contact             accept
-    11      else if no step was accepted since pose was moved on in 1:  pose ← safe             forget_prediction
-    12      else linearise at this pose;  the fourth time in a row:  pose ← safe + the free
-                share of the first such step, where that is free; radius ← radius / 4           take_free_share
-    13  if pose is not safe:  pose ← safe, + that share if no step was accepted;  where none
-            was, or only a share:  the next ticks go on with radius and flags until none lags   finish_tick
-    14  forces ← multipliers of the last accepted step;  where the tick lags, or the palm has
-            yielded:  those of a program of the contacts that are near pose                     settle_forces
+docs/methods.md ("A tick that cannot penetrate") has its 14 lines, each with the function that does it. In short:
+program, step as far as the pairs at hand vouch for it, true distances; a pose becomes the safe one by these alone, and
+a tick ends at a safe one.
 
-Flags are: ε waived, palm and fingers together, abduction held. In line 8 bound_b(δ) bounds the motion of body b; r_b is
-min(slack, ρ) if b has a pair within ρ, else min(slack, its least distance). No pair that is not listed is nearer than
-the slack. A pose becomes the safe one by its true distances alone, and a tick ends at a safe one: see docs/methods.md.
+`bound_b(δ)` of `allowed_fraction` bounds the motion of body b, up to min(slack, ρ) if it has a pair within ρ, else
+min(slack, its least distance): no pair that is not listed is nearer than the slack. The flags of an unfinished tick
+are: clearance waived, palm and fingers together, abduction held.
 """
 
 from typing import Any
@@ -183,10 +162,8 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
 def accept(options: TickOptions, fraction: float, longest: float, full_motion: float, state: Record) -> bool:
     """Let the present configuration be the safe one; returns whether the tick is done.
 
-    Args:
-        fraction: Share of the program's step that led here.
-        longest: Motion of the whole step [m].
-        full_motion: Motion of the step with the true target [m], or `WHOLE_TARGET`.
+    `fraction` is the share of the program's step that led here; `longest` and `full_motion` [m] are the motions of the
+    whole step and of that with the true target, or `WHOLE_TARGET`.
     """
     progress = state.progress
     copy_configuration(state.pose, state.safe)
@@ -211,12 +188,7 @@ def accept(options: TickOptions, fraction: float, longest: float, full_motion: f
 def update_reach(
     options: TickOptions, fraction: float, longest: float, full_motion: float, foreseen: float, state: Record
 ) -> None:
-    """Add a step to the path, and set the reach of the next one.
-
-    Args:
-        fraction, longest, full_motion: As of `accept`.
-        foreseen: Reach after a whole step [m].
-    """
+    """Add a step to the path, and set the next one's reach from `foreseen` [m] and what `accept` is given."""
     progress, trust = state.progress, state.trust
     for body in range(BODY_COUNT):
         progress.differs_from_safe = progress.differs_from_safe or fraction * progress.motion[body] > 0.0
@@ -272,12 +244,7 @@ def advance_hand(method: Any, hand: HandArrays, surface: Any, full_motion: float
 
 @jit_inline
 def tick_status(cut_short: bool, made_part: bool, state: Record) -> int:
-    """Judge how far the tick has come; returns status bits.
-
-    Args:
-        cut_short: The work budget was spent before the last linearisation.
-        made_part: It ends at a part of a step.
-    """
+    """Return the tick's status bits; `cut_short` by the work budget, `made_part` of a step at its end."""
     progress, status = state.progress, 0
     progress.idle_ticks = 0 if progress.is_accepted else progress.idle_ticks + 1
     if not progress.is_accepted:
