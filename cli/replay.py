@@ -294,14 +294,17 @@ def command(
     if names_a_thing(object_):
         if free.free or tree.path is not None or mesh_file.given() or rerun is not None:
             raise click.UsageError(f"--free, --tree, --rerun and a mesh's size are for one object, not for '{object_}'")
+        usual_level = MESH_LEVEL
         if names_things(object_):
             if moving.side == "both":
                 raise click.UsageError("several things are for one hand: name it with --hand right or --hand left")
             require_free(solver_options)
+            require_no_joints(motion, object_)
             things = load_things(object_, solid=solid)
+            mesh = things.mesh
         else:
             thing = load_thing(object_, motion, solid=solid)
-        mesh, usual_level = (thing or things).mesh, MESH_LEVEL
+            mesh = thing.mesh
     else:
         mesh, usual_level = mesh_file.read(object_, solid=solid)
         require_no_joints(motion, object_)

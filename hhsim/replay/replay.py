@@ -86,14 +86,13 @@ class Replay:
         self.scene, self.total = scene, scene.ticks.tick_count
         self._options, free, parts = options.at_rate(scene.ticks.rate), scene.free, scene.parts
         kind = self._options.surface
-        jointed = parts is not None and not scene.others
-        if jointed:
+        jointed = parts if not scene.others else None
+        if jointed is not None:
             require_jointed(self._options)
         moved_alone = free if alone else None
-        kinds: dict[str, Any] = {"jointed": jointed, "others": len(scene.others)}
+        kinds: dict[str, Any] = {"jointed": jointed is not None, "others": len(scene.others)}
         self._prepared = warm_up(scene.hand, self._options, moved_alone, **kinds)
-        own = parts is None or not jointed
-        self._surface = contact_surface(kind, scene.mesh, scene.tree) if own else parts.surface(kind)
+        self._surface = contact_surface(kind, scene.mesh, scene.tree) if jointed is None else jointed.surface(kind)
         others = [
             Thing(contact_surface(kind, other.mesh, other.tree), other.free, other.fixed, other.name)
             for other in scene.others

@@ -2,7 +2,7 @@
 
 import time
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -51,6 +51,7 @@ def warm_up(
     before = compiled_kernels()
     far = np.full((3, 3), 100.0) + 0.01 * np.eye(3)
     places = (far + 10.0 * k for k in range(1 + others))
+    surface: Any
     surface, *beside = (contact_surface(options.surface, Mesh(at, np.array([[0, 1, 2]])), _ball(at)) for at in places)
     one = surface = surface.arrays
     if jointed:

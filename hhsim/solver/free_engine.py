@@ -130,7 +130,8 @@ class FreeEngine:
         supports = tuple(support_of(thing.surface.arrays, thing.surface.mesh) for thing in self.things)
         self.method: Any = Free(workspace.tick_options, supports[0], self.states)
         if hands + things > 2:
-            movers, edges = [hand.hand for hand in self.hands], (_edges_of(surfaces[0], np.zeros(3)),)
+            movers = [hand.hand for hand in self.hands]
+            edges: tuple[Edges, ...] = (_edges_of(surfaces[0], np.zeros(3)),)
             if others:
                 centers = [np.array(thing.free.center) for thing in self.things]
                 movers += [_as_palm(workspace.hand, *given) for given in zip(surfaces, centers)]
@@ -228,7 +229,7 @@ class FreeEngine:
         given = self.method, self.workspace.hand, self.workspace.surface, self.states, self.qp
         done = int(run_many(*given, haptic, record, own))
         if things > 1:
-            self.ticks = of_first(self.all_ticks)
+            self.ticks = of_first(own)
         return done
 
     def seen_by(self, hand: int) -> ObjectRecord:

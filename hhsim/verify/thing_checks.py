@@ -7,7 +7,8 @@ from hhsim.motion.object_motion import RigidMotion
 from hhsim.result.reader import Result
 from hhsim.scene.parts_of_thing import points_on
 from hhsim.verify.claim import Claim, judged
-from hhsim.verify.free_object_checks import CLEAR, FORCE, WHY_FORCE
+from hhsim.verify.force_checks import FORCE, WHY_FORCE
+from hhsim.verify.free_object_checks import CLEAR
 from hhsim.verify.tick_data import LAG, STUCK
 from hhsim.verify.tree_checks import TrueSurface
 

@@ -185,7 +185,7 @@ def test_poses_are_the_products_of_homogeneous_matrices(
     thing = JointedThing(
         (
             Part("drawer", "cube", position, parent="lid", joint=slider),
-            Part("lid", "cube", position, given_turn, "base", hinge),
+            Part("lid", "cube", position, given_turn, parent="base", joint=hinge),
             Part("base", "cube", position),
         )
     )

@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from coulomb_program import last_program, solve_coulomb
+from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
@@ -17,14 +19,13 @@ from hhsim.solver.free_engine import Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface
-from tests.kernels.free.test_program import last_program, solve_coulomb
 
 DT, G = 1e-3, 9.81
 NOTHING: dict[str, Any] = {"gravity": (0.0, 0.0, 0.0), "table": None, "friction": 0.0}
 Body = tuple[Mesh, FreeObject]
 
 
-def block(center: Sequence[float], edges: Sequence[float] = (0.04, 0.04, 0.04), tilt: float = 0.0, **free: Any) -> Body:
+def block(center: ArrayLike, edges: Any = (0.04, 0.04, 0.04), tilt: float = 0.0, **free: Any) -> Body:
     """A box at a place, turned about y, on a table at z = 0 unless said otherwise."""
     c, s = np.cos(tilt), np.sin(tilt)
     turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
@@ -68,7 +69,7 @@ def test_a_stack_of_three_rests_and_each_bears_what_is_above_it() -> None:
 def test_a_block_on_a_fixed_slope_slides_as_coulomb_says(mu: float) -> None:
     tilt, gap = np.radians(30.0), 2e-6
     up = np.array([np.sin(tilt), 0.0, np.cos(tilt)])
-    free = {"table": None, "friction": mu}
+    free: dict[str, Any] = {"table": None, "friction": mu}
     solver = solver_of(
         block((0.025 + gap) * up, tilt=tilt, **free), block((0, 0, 0), (1.0, 0.2, 0.01), tilt, **free), fixed=[1]
     )
@@ -94,7 +95,7 @@ def test_two_free_things_that_meet_keep_their_momentum() -> None:
         block((0.05, 0.0, 0.01), mass=0.3, angular_velocity=(1.0, 2.0, 3.0), **NOTHING),
     ]
     _, ticks = run(solver_of(*bodies), 200)
-    total = sum(momentum(thing, free) for thing, (_, free) in zip(ticks.things, bodies))
+    total = np.sum([momentum(thing, free) for thing, (_, free) in zip(ticks.things, bodies)], axis=0)
     np.testing.assert_allclose(total[:, :3], total[:1, :3].repeat(200, axis=0), atol=1e-12)
     # In the tick in which they meet each turns while the force acts: a share of what it gains, of first order.
     gained = np.abs(momentum(ticks.things[1], bodies[1][1])[-1, 3:]).max()
@@ -114,6 +115,54 @@ def test_crossed_planks_lie_on_the_crossings_of_their_edges() -> None:
     crossings = ticks.things[0].point[rows][ticks.things[0].body[rows] <= -2]
     assert len(crossings)
     np.testing.assert_allclose(np.abs(crossings[:, :2]), 0.01, atol=1e-9)
+
+
+def prism(radius: float, height: float, corners: int = 24) -> Mesh:
+    """An upright prism on the plane z = 0."""
+    angle = 2.0 * np.pi * np.arange(corners) / corners
+    ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(corners)], axis=1)
+    points = np.concatenate([ring, ring + [0.0, 0.0, height], [[0.0, 0.0, 0.0], [0.0, 0.0, height]]])
+    faces = []
+    for i in range(corners):
+        j, below, above = (i + 1) % corners, 2 * corners, 2 * corners + 1
+        faces += [[i, j, corners + j], [i, corners + j, corners + i], [below, j, i], [above, corners + i, corners + j]]
+    return Mesh(points, np.array(faces))
+
+
+def holed(radius: float, edge: float, height: float, corners: int = 24) -> Mesh:
+    """A block on the plane z = 0 with an upright hole through it, whose corners are at a radius."""
+    angle = 2.0 * np.pi * np.arange(corners) / corners
+    inner = np.stack([np.cos(angle), np.sin(angle), np.zeros(corners)], axis=1)
+    outer = 0.5 * edge * inner / np.abs(inner).max(axis=1, keepdims=True)
+    points = np.concatenate([ring + [0.0, 0.0, z] for z in (0.0, height) for ring in (radius * inner, outer)])
+    faces = []
+    for i in range(corners):
+        j = (i + 1) % corners
+        a, b, c, d = (corners * ring + np.array([i, j]) for ring in range(4))
+        for one, two in ((a, b[::-1]), (c[::-1], d), (b, d[::-1]), (a[::-1], c)):
+            faces += [[one[0], two[0], two[1]], [one[0], one[1], two[0]]]
+    return Mesh(points, np.array(faces))
+
+
+def test_a_peg_let_go_over_a_hole_goes_in_and_leans_no_more_than_the_gap_allows() -> None:
+    gap, radius, depth, corners = 5e-4, 0.01, 0.04, 24
+    hole = holed((radius + gap) / np.cos(np.pi / corners), 0.06, depth)
+    tilt = np.radians(1.0)
+    turn = np.array([[np.cos(tilt), 0.0, np.sin(tilt)], [0.0, 1.0, 0.0], [-np.sin(tilt), 0.0, np.cos(tilt)]])
+    peg = prism(radius, 0.06).transformed(turn, np.array([0.0, 0.0, depth + 1e-3]))
+    free: dict[str, Any] = {"mass": 0.1, "table": 0.0, "friction": 0.2}
+    assert hole.volume > 0.0 and peg.volume > 0.0
+    bodies = [(mesh, FreeObject.of_mesh(mesh, **free)) for mesh in (peg, hole)]
+    record, ticks = run(solver_of(*bodies, fixed=[1]), 400)
+    place = ticks.things[0]
+    axis = rotation_matrix(place.turn) @ turn @ [0.0, 0.0, 1.0]
+    foot = rotation_matrix(place.turn) @ [0.0, 0.0, depth + 1e-3] + place.shift
+    assert foot[-1, 2] < 1e-3, "it stands on the table"
+    inside = foot[:, 2] < 0.5 * depth
+    lean = np.arctan2(np.linalg.norm(axis[:, :2], axis=1), axis[:, 2])
+    # Foot and rim on opposite walls: a lean takes up depth x sin(lean) of the gap on both sides.
+    assert lean[inside].max() <= 2.0 * gap / (depth - foot[inside, 2].max()) + 1e-6
+    assert not (record.status & 1).any()
 
 
 def separation(one: tuple[FloatArray, FloatArray, FloatArray], two: tuple[FloatArray, FloatArray, FloatArray]) -> float:
@@ -136,7 +185,10 @@ def test_things_that_fly_about_never_enter_each_other_hand_or_table(seed: int) -
     for k in range(3):
         height += 0.5 * edges[k, 2] + rng.uniform(2e-6, 0.01)
         place = (*rng.uniform(-0.01, 0.01, 2), height)
-        motion = {"velocity": tuple(rng.uniform(-1, 1, 3)), "angular_velocity": tuple(rng.uniform(-20, 20, 3))}
+        motion: dict[str, Any] = {
+            "velocity": tuple(rng.uniform(-1, 1, 3)),
+            "angular_velocity": tuple(rng.uniform(-20, 20, 3)),
+        }
         bodies.append(block(place, edges[k], mass=mass[k], friction=rng.uniform(0, 1), **motion))
         height += 0.5 * edges[k, 2]
     solver = solver_of(*bodies)
