@@ -277,7 +277,7 @@ def command(
     from hhsim.scene.described_scene import described_scene
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.scene.parts_of_thing import load_thing, require_no_joints
-    from hhsim.scene.scene import hand_of
+    from hhsim.scene.scene import hand_of, with_things
     from hhsim.scene.things import load_things, names_things
     from hhsim.solver.free_engine import require_free
 
@@ -345,7 +345,7 @@ def command(
         remarks += filter(None, [placed.note])
         scene = replace(placed.scene, free=free.object(placed.scene.mesh, object_))
         if things is not None:
-            scene = things.placed(scene, lambda mesh: tree.choose(mesh, usual_level, report, solid=solid).tree)
+            scene = with_things(scene, things, lambda mesh: tree.choose(mesh, usual_level, report, solid=solid).tree)
         settle = viewer.settle if viewer is not None else None
         typed = ("hhsim", *sys.argv[1:])
         runs = [

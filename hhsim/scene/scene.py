@@ -4,10 +4,10 @@ An object that moves as recorded stands still in a scene: object and `ticks` are
 is the world's at the first tick. `Scene.trajectory` and `Scene.driven` have the motion in the world.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from hhsim.errors import InputError, check_known
 from hhsim.hand.model import HandModel, Side
@@ -21,6 +21,7 @@ from hhsim.scene.free_object import FreeObject
 from hhsim.scene.motion_catalogue import Motion, resolve_trajectory
 from hhsim.scene.parts_of_thing import ThingParts, load_thing, require_no_joints
 from hhsim.scene.script import Script
+from hhsim.scene.things import OtherThing, Things, load_things, names_things
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
@@ -30,16 +31,6 @@ if TYPE_CHECKING:
     from hhsim.scene.closure_search import OtherHand
 
 SIDES = ("right", "left")
-
-
-class OtherThing(NamedTuple):
-    """Thing beside a free object, in the world before the first tick; of a fixed one only the friction counts."""
-
-    name: str
-    mesh: Mesh
-    tree: SphereTree
-    free: FreeObject
-    fixed: bool
 
 
 @dataclass(frozen=True, repr=False)
@@ -155,6 +146,12 @@ def make_scene(
     )
 
 
+def with_things(scene: Scene, things: Things, tree_of: Callable[[Mesh], SphereTree]) -> Scene:
+    """Return a scene of the first of several things with all of them, free or fixed; `tree_of` makes the trees."""
+    others, parts, free = things.placed(scene.mesh, scene.tree, scene.trajectory, scene.ticks.tick_count, tree_of)
+    return replace(scene, free=free, others=others, parts=parts)
+
+
 def open_scene(
     object_: str | Path | Mesh = "bunny",
     motion: str | Path | Motion = "grasp",
@@ -186,9 +183,6 @@ def open_scene(
         UnknownNameError: No such object, trajectory or hand side; the message lists the near names.
         InputError: A file or an option that cannot be used, or a motion that cannot be done on this object.
     """
-    # What reads several things places them in a scene, and needs this module.
-    from hhsim.scene.things import load_things, names_things
-
     moved = resolve_trajectory(motion) if isinstance(motion, str | Path) else motion
     thing = things = None
     if isinstance(object_, Mesh):
@@ -231,4 +225,4 @@ def open_scene(
     parts = None if thing is None else (thing, trees)
     given: dict[str, Any] = {"rate": rate, "mode": mode, "seed": seed, "description": description, "thing": parts}
     scene = make_scene(mesh, tree, model, moved, **given)
-    return scene if things is None else things.placed(scene, make)
+    return scene if things is None else with_things(scene, things, make)

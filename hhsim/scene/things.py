@@ -20,7 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from msgspec import Meta
@@ -30,11 +30,11 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.catalogue import THINGS, names_a_file
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts
+from hhsim.motion.trajectory import Trajectory
 from hhsim.ranges import RANGES
 from hhsim.scene.free_object import CLEARANCE, FreeObject
 from hhsim.scene.jointed_thing import Number, Shape
 from hhsim.scene.parts_of_thing import require_apart, shape_mesh
-from hhsim.scene.scene import OtherThing, Scene
 from hhsim.system.settings_file import Settings, between, read_settings, read_toml_text
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -78,6 +78,16 @@ class ThingsSettings(Settings, frozen=True):
             raise InputError(f"the first thing, '{names[0]}', is fixed; expected the one that the hand moves first")
 
 
+class OtherThing(NamedTuple):
+    """Thing beside a free object, in the world before the first tick; of a fixed one only the friction counts."""
+
+    name: str
+    mesh: Mesh
+    tree: SphereTree
+    free: FreeObject
+    fixed: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Things:
     """Several things with their meshes, in the frame of the file [m]."""
@@ -91,25 +101,27 @@ class Things:
         """Mesh of the first one, named for all."""
         return replace(self.meshes[0], name=self.name)
 
-    def placed(self, scene: Scene, tree_of: Callable[[Mesh], SphereTree]) -> Scene:
-        """Return a scene of the first thing with all of them, free; `tree_of` makes the trees."""
-        motion, settings = scene.trajectory, self.settings
-        place = rotation_matrix(motion.object_orientation), motion.object_position
-        meshes = [scene.mesh, *(mesh.transformed(*place) for mesh in self.meshes[1:])]
-        trees = [scene.tree, *(tree_of(mesh).transformed(*place) for mesh in self.meshes[1:])]
+    def placed(
+        self, mesh: Mesh, tree: SphereTree, motion: Trajectory, ticks: int, tree_of: Callable[[Mesh], SphereTree]
+    ) -> tuple[tuple[OtherThing, ...], MovingParts, FreeObject]:
+        """Return the others, room for the poses of all at so many ticks, and the first one as a free object.
+
+        Mesh and tree are the first one's where the motion places it, world; `tree_of` makes those of the others.
+        """
+        settings, place = self.settings, (rotation_matrix(motion.object_orientation), motion.object_position)
+        meshes = [mesh, *(one.transformed(*place) for one in self.meshes[1:])]
+        trees = [tree, *(tree_of(one).transformed(*place) for one in self.meshes[1:])]
         table = None
         if settings.table != "none":
-            lowest = min(float(mesh.bounds[0, 2]) for mesh in meshes) - CLEARANCE
+            lowest = min(float(one.bounds[0, 2]) for one in meshes) - CLEARANCE
             table = lowest if settings.table == "under" else float(settings.table) + float(motion.object_position[2])
-        free = [thing.free_object(mesh, table) for thing, mesh in zip(settings.thing, meshes)]
-        others = [
-            OtherThing(thing.name, mesh, tree, own, thing.fixed)
-            for thing, mesh, tree, own in list(zip(settings.thing, meshes, trees, free))[1:]
-        ]
+        free = [thing.free_object(one, table) for thing, one in zip(settings.thing, meshes)]
+        given = list(zip(settings.thing, meshes, trees, free))[1:]
         names = tuple(thing.name for thing in settings.thing)
-        world = np.zeros((scene.ticks.tick_count, len(names), 7))
-        parts = MovingParts(self.name, names, tuple(meshes), tuple(trees), world, {}, free=True)
-        return replace(scene, free=free[0], others=tuple(others), parts=parts)
+        parts = MovingParts(
+            self.name, names, tuple(meshes), tuple(trees), np.zeros((ticks, len(names), 7)), {}, free=True
+        )
+        return tuple(OtherThing(of.name, *rest, of.fixed) for of, *rest in given), parts, free[0]
 
 
 def names_things(word: str) -> bool:

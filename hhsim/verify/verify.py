@@ -22,7 +22,7 @@ from hhsim.verify.coal_distance import require_coal
 from hhsim.verify.depth_checks import contact_error_claim, depth_claims
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
-from hhsim.verify.free_object_checks import free_claims, free_complementarity_claim, free_hand_claim
+from hhsim.verify.free_object_checks import free_claims, free_complementarity_claim, free_hand_claim, thing_claims
 from hhsim.verify.input_hand_check import input_hand_claims, motion_claim
 from hhsim.verify.mesh_distance import EXACT, HandReferee
 from hhsim.verify.metric_checks import metric_claims
@@ -31,7 +31,6 @@ from hhsim.verify.origin_checks import origin_claims
 from hhsim.verify.posture_checks import posture_claims
 from hhsim.verify.self_contact_checks import hands_apart_claims, self_contact_claims
 from hhsim.verify.session_checks import session_claims
-from hhsim.verify.thing_checks import thing_claims
 from hhsim.verify.tick_data import JudgedTicks
 
 MESH_LIMIT = 1e-6

@@ -13,7 +13,7 @@ from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import open_scene
 from hhsim.solver.options import SolverOptions
-from hhsim.verify.thing_checks import thing_claims
+from hhsim.verify.free_object_checks import thing_claims
 from hhsim.verify.verify import verify
 
 TICKS = 60

@@ -12,6 +12,7 @@ from hhsim.scene.jointed_thing import JointedThing
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.parts_of_thing import box_mesh, load_thing, require_no_joints
 from hhsim.scene.scene import open_scene
+from hhsim.scene.things import names_things
 
 BOOK = """[[part]]
 name = "back"
@@ -62,11 +63,12 @@ def test_joints_that_a_script_moves_are_those_of_the_thing() -> None:
 
 
 def test_the_catalogue_has_things_that_open_and_close() -> None:
-    assert thing_names() == ["book", "laptop", "scissors"]
+    jointed = [name for name in thing_names() if not names_things(name)]
+    assert jointed == ["book", "laptop", "scissors"]
     assert names_a_thing("laptop")
     assert names_a_thing("my/thing.toml")
     assert not names_a_thing("cube")
-    for name in thing_names():
+    for name in jointed:
         assert load_thing(name).mesh.volume > 0.0
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.contact.linearise import LIMIT_ROWS
 from hhsim.kernels.free.body import OBJECT_DOF
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline
 from hhsim.kernels.rotation import turned, turned_back
 
 States: TypeAlias = NDArray[np.void]
@@ -65,7 +65,7 @@ def thing_column(problem: Record, thing: int) -> int:
 
 
 @jit_inline
-def finger_columns(problem: Record, hand: int) -> int:
+def first_finger(problem: Record, hand: int) -> int:
     """Return the first variable of the fingers of a hand."""
     return problem.common.shape[0] + PHALANX_COUNT * FINGER_COUNT * hand
 
@@ -79,7 +79,7 @@ def own_columns(problem: Record, of: int) -> int:
     body = of - BODY_COUNT * pair
     if body >= PALM_BODY:
         return -1
-    return finger_columns(problem, problem.hand[pair]) + PHALANX_COUNT * (body // PHALANX_COUNT)
+    return first_finger(problem, problem.hand[pair]) + PHALANX_COUNT * (body // PHALANX_COUNT)
 
 
 @jit
@@ -148,7 +148,7 @@ def _turn_palm(turn: Array, row: int, palm: int, common: Array) -> None:
         common[first, row], common[first + 1, row], common[first + 2, row] = x, y, z
 
 
-@jit_once
+@jit
 def object_columns(states: States, bodies: Record, contacts: Record, problem: Record) -> None:
     """Write the things' columns of the normal rows of all contacts and of the joint limits, and the keys of both.
 
@@ -236,7 +236,7 @@ def displacement(
         vx, vy, vz = turned(pose.rotation, vx, vy, vz)
         return vx - x, vy - y, vz - z
     hand = problem.hand[pair]
-    palm, fingers = 12 * hand, finger_columns(problem, hand)
+    palm, fingers = 12 * hand, first_finger(problem, hand)
     vx, vy, vz, wx, wy, wz = step[palm], step[palm + 1], step[palm + 2], step[palm + 3], step[palm + 4], step[palm + 5]
     if thing > 0:
         vx, vy, vz = turned(problem.turn[pair], vx, vy, vz)
@@ -285,7 +285,7 @@ def relative_turn(
         return wx * nx + wy * ny + wz * nz
     pair = _pair_of(problem, of)
     hand, at = problem.hand[pair], of - BODY_COUNT * pair
-    palm, fingers = 12 * hand, finger_columns(problem, hand)
+    palm, fingers = 12 * hand, first_finger(problem, hand)
     ux, uy, uz = step[palm + 3], step[palm + 4], step[palm + 5]
     if thing > 0:
         ux, uy, uz = turned(problem.turn[pair], ux, uy, uz)

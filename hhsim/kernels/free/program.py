@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from hhsim.kernels.free.body import OBJECT_DOF, as_object_moves, as_other_moves
-from hhsim.kernels.free.columns import States, finger_columns, hand_count, thing_column
+from hhsim.kernels.free.columns import States, first_finger, hand_count, thing_column
 from hhsim.kernels.free.leanings import find_leanings, turn_contacts
 from hhsim.kernels.free.rows import STANDS_BACK, TABLE_KEYS, contact_rows, friction_rows, measure_slip
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
@@ -82,7 +82,7 @@ def scale_target(bodies: Record, problem: Record) -> None:
     """Write the program's target, scaled and in its order."""
     hand, target, weight = problem.hand_target, problem.target, problem.inverse_root
     for h in range(hand_count(problem)):
-        fingers = finger_columns(problem, h)
+        fingers = first_finger(problem, h)
         for j in range(6):
             target[12 * h + j] = hand[DOF * h + j] / weight[j]
         for j in range(6, DOF):
@@ -100,7 +100,7 @@ def scale_target(bodies: Record, problem: Record) -> None:
 def take_targets(problem: Record) -> None:
     """Write the step to the targets, which is the program's where nothing is near."""
     for h in range(hand_count(problem)):
-        fingers = finger_columns(problem, h)
+        fingers = first_finger(problem, h)
         for j in range(6):
             problem.delta[12 * h + j] = problem.hand_target[DOF * h + j]
         for j in range(6, DOF):
@@ -135,7 +135,7 @@ def take_steps(states: States, bodies: Record, fraction: float, problem: Record)
                 for j in (0, 3):
                     x, y, z = turned(problem.turn[p], palm_step[j], palm_step[j + 1], palm_step[j + 2])
                     palm_step[j], palm_step[j + 1], palm_step[j + 2] = x, y, z
-            fingers = finger_columns(problem, problem.hand[p])
+            fingers = first_finger(problem, problem.hand[p])
             for j in range(6, DOF if fraction == 1.0 else 6):
                 step.delta[j] = delta[fingers - 6 + j]
         as_object_moves(bodies[thing], pose.position[:], palm_step[:], own, step.delta[0:6])
@@ -148,7 +148,7 @@ def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, qp:
     # The solution: the step, the loaded rows, and what each contact with friction bears and slips.
     delta, weight = problem.delta, problem.inverse_root
     for h in range(hand_count(problem)):
-        fingers = finger_columns(problem, h)
+        fingers = first_finger(problem, h)
         for j in range(6):
             delta[12 * h + j] = qp.x[12 * h + j] * weight[j]
         for j in range(6, DOF):

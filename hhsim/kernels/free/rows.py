@@ -31,7 +31,7 @@ from hhsim.kernels.free.columns import (
     States,
     coefficient,
     displacement,
-    finger_columns,
+    first_finger,
     hand_count,
     relative_turn,
     torsion_radius,
@@ -350,7 +350,7 @@ def friction_rows(
     pairs, hands = problem.first.shape[0], hand_count(problem)
     problem.groups = 0
     for p in range(pairs):
-        first, limits, fingers = problem.first[p], problem.last[p], finger_columns(problem, problem.hand[p])
+        first, limits, fingers = problem.first[p], problem.last[p], first_finger(problem, problem.hand[p])
         begin = states[p].contacts.start
         _add_group(problem, first, first + begin[1], -1)
         if problem.other[p] >= 0:
@@ -363,7 +363,7 @@ def friction_rows(
                 _add_group(problem, start, start + 2 * PHALANX_COUNT, fingers + PHALANX_COUNT * f)
     row = problem.last[pairs - 1] + (LIMIT_ROWS if pairs == hands else 0)
     for p in range(pairs):
-        fingers = finger_columns(problem, problem.hand[p])
+        fingers = first_finger(problem, problem.hand[p])
         for owner in range(FINGER_COUNT + 1 if problem.other[p] < 0 else 1):
             start = row
             for i in range(friction.of_hand):

@@ -31,7 +31,7 @@ from hhsim.kernels.free.body import (
     take_velocity,
     turn_back,
 )
-from hhsim.kernels.free.columns import States, finger_columns, hand_count, object_columns, thing_column
+from hhsim.kernels.free.columns import States, first_finger, hand_count, object_columns, thing_column
 from hhsim.kernels.free.edges import Edges, measure_edges, record_edges
 from hhsim.kernels.free.program import begin_search, clip_shifts, scale_target, solve_free, take_steps, take_targets
 from hhsim.kernels.free.record import copy_borne, find_borne, turn_loads
@@ -461,7 +461,7 @@ def _clip_target(hand: HandArrays, method: Any, only_restore: bool, state: Recor
         return WHOLE_TARGET
     off = 1.0 - fraction
     for h in range(hand_count(problem)):
-        fingers = finger_columns(problem, h)
+        fingers = first_finger(problem, h)
         for j in range(6):
             problem.hand_target[DOF * h + j] -= off * problem.delta[12 * h + j]
         for j in range(6, DOF):
