@@ -121,7 +121,8 @@ class Things:
         parts = MovingParts(
             self.name, names, tuple(meshes), tuple(trees), np.zeros((ticks, len(names), 7)), {}, free=True
         )
-        return tuple(OtherThing(of.name, *rest, of.fixed) for of, *rest in given), parts, free[0]
+        others = tuple(OtherThing(of.name, one, its, own, of.fixed) for of, one, its, own in given)
+        return others, parts, free[0]
 
 
 def names_things(word: str) -> bool:
