@@ -32,6 +32,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import Trajectory
 from hhsim.ranges import RANGES
+from hhsim.reproducible import norm
 from hhsim.scene.free_object import CLEARANCE, FreeObject
 from hhsim.scene.jointed_thing import Number, Shape
 from hhsim.scene.parts_of_thing import require_apart, shape_mesh
@@ -150,7 +151,7 @@ def load_things(word: str, *, solid: bool = True) -> Things:
     try:
         meshes: Sequence[Mesh] = [
             shape_mesh(thing, path.parent, solid).transformed(
-                rotation_matrix(np.array(thing.orientation) / np.linalg.norm(thing.orientation)),
+                rotation_matrix(np.array(thing.orientation) / norm(np.array(thing.orientation))),
                 np.array(thing.position),
             )
             for thing in settings.thing

@@ -1,8 +1,8 @@
 """Engine of `coupled` with free objects: hands and things in one program, with friction and a table."""
 
-import math
 from collections.abc import Sequence
 from contextlib import suppress
+from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -86,7 +86,7 @@ def _as_palm(hand: HandArrays, surface: Any, center: FloatArray) -> HandArrays:
     points, radius = support_of(surface, None)
     if len(points) > MOST_POINTS:
         raise InputError(f"a thing beside others has {len(points):,} corners or spheres; expected up to {MOST_POINTS}")
-    level = max(1, math.ceil(math.log(len(points), BRANCHING) - 1e-9))
+    level = next(level for level in count(1) if BRANCHING**level >= len(points))
     return hand._replace(**palm_arrays(build_hierarchy(points - center, radius, level, BRANCHING), hand.length))
 
 

@@ -263,8 +263,8 @@ def test_of_every_object_as_trimesh_has_them(name: str) -> None:
     assert found.volume == pytest.approx(other.volume, rel=1e-9)
     np.testing.assert_allclose(found.center, other.center_mass, atol=1e-12)
     np.testing.assert_allclose(found.inertia, other.moment_inertia, rtol=1e-9, atol=1e-9 * found.inertia.max())
-    # Something that a hand lifts, on a skin that slips less than rubber.
-    assert 0.02 < item.density * found.volume < 1.0
+    # Something that a hand lifts, or two by its handles, on a skin that slips less than rubber.
+    assert 0.02 < item.density * found.volume < (2.0 if name == "handle-box" else 1.0)
     assert 0.2 < item.friction < 0.9
 
 
