@@ -245,7 +245,8 @@ class Result:
         ticks, bodies = table["tick"][...], table["body"][...]
         # Where two hands hold one object, those of the other hand follow.
         most = 2 * BODIES if self.scene.get(schema.TWO_HANDED) else BODIES
-        if (np.diff(ticks) < 0).any() or (ticks[:1] < 0).any() or ((bodies < -1) | (bodies >= most)).any():
+        unknown = (bodies < -1 - len(self.parts)) | (bodies >= most)
+        if (np.diff(ticks) < 0).any() or (ticks[:1] < 0).any() or unknown.any():
             raise InputError(f"{self.path} is damaged: a contact of no tick, or of no body")
         return int(np.searchsorted(ticks, self.ticks))
 
