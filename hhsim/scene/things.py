@@ -10,7 +10,7 @@ Keys, with their defaults; a shape and its place are as of `hhsim.scene.jointed_
     position = [0.0, 0.0, 0.05]
     orientation = [1.0, 0.0, 0.0, 0.0]
     density = 1000.0           # [kg/m³], or: mass = 0.1 [kg]
-    friction = 0.6             # of the hand's contacts, of the table's, and with the other's of things' with each other
+    friction = 0.6             # with hand and table; of two things it is the geometric mean of both
     torsion = 0.0              # as --torsion [m]
     fixed = false              # true: it stays where it is
 """
@@ -66,7 +66,7 @@ class ThingSettings(Shape, frozen=True):
 class ThingsSettings(Settings, frozen=True):
     """Things in the order of the file."""
 
-    thing: Annotated[tuple[ThingSettings, ...], Meta(min_length=1, max_length=MOST_THINGS, description="1 to 6 things")]
+    thing: Annotated[tuple[ThingSettings, ...], Meta(min_length=2, max_length=MOST_THINGS, description="2 to 6 things")]
     table: Literal["under", "none"] | Number = "under"
 
     def check(self) -> None:

@@ -66,3 +66,38 @@ def test_the_referee_finds_a_planted_fault(
     with opened(path) as file:
         file[dataset][TICKS - 1] += add
     assert name in {claim.name for claim in thing_claims(load_result(path)) if claim.failed}
+
+
+ON_ANOTHER = """
+[[thing]]
+name = "upper"
+box = [0.04, 0.04, 0.04]
+position = [0.0, 0.0, 0.060002]
+mass = 0.05
+
+[[thing]]
+name = "lower"
+box = [0.04, 0.04, 0.04]
+position = [0.005, 0.0, 0.02]
+mass = 0.1
+friction = 0.3
+
+[[thing]]
+name = "far"
+box = [0.04, 0.04, 0.04]
+position = [-0.3, 0.0, 0.02]
+fixed = true
+"""
+
+
+def test_a_first_thing_on_another_one_is_read_run_again_and_judged(tmp_path: Path) -> None:
+    (tmp_path / "two.toml").write_text(ON_ANOTHER)
+    scene = open_scene(str(tmp_path / "two.toml"), "stack", solid=False, level=2)
+    assert scene.parts is not None
+    scene = replace(scene, ticks=scene.ticks.first(TICKS), parts=scene.parts.at(slice(TICKS)))
+    replay_scene(scene, SolverOptions(surface="mesh"), tmp_path / "two.h5")
+    result = load_result(tmp_path / "two.h5")
+    assert set(result["contact/body"].tolist()) == {-3}, "it touches the second thing alone"
+    np.testing.assert_allclose(result["object/table_wrench"][-1, 2], 0.05 * 9.81, rtol=1e-6)
+    assert all(array.identical for array in run_again(result).arrays)
+    assert not [claim.name for claim in verify(result).claims if claim.failed]
