@@ -47,7 +47,8 @@ def _reasons(rows: SessionRows) -> Claim:
         stated = bits & Safety.NOT_FINITE > 0
         # A tick that tells a latency took a sample: where it is not the one in use, it cannot be used.
         took = rows.follows & (rows.latency != -1) & (rows.used == np.concatenate([[-2], rows.used[:-1]]))
-        missing = ~stated & bad & (took | (came < rows.woke - HANDED_OVER))
+        handed = np.append(rows.samples["handed"], np.iinfo(np.int64).max)[after]
+        missing = ~stated & bad & (took | (handed < rows.woke - HANDED_OVER))
         groundless = stated & ~(bad & (came < rows.over)) & (status & INPUT_INVALID == 0)
         wrong["not finite"] |= clear & (missing | groundless)
     if rows.dry_run or not safety["watchdog"]:

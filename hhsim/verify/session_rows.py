@@ -20,7 +20,7 @@ MOST_ANGLE = 2.0 * np.pi
 MOST_READ = 64
 """Most samples taken by one tick."""
 HANDED_OVER = 20_000_000
-"""Longest time from a sample's bytes to its record [ns], for the last sample."""
+"""Longest time from the stamp of a sample's hand-over to the end of it [ns]: a driver may be stopped in between."""
 QUIET = 1_000_000_000
 """Time in which the log does not repeat a line [ns]."""
 LOOP_DIED = "the loop failed or was killed"
@@ -94,8 +94,8 @@ class SessionRows:
 
         The driver hands samples over one by one: at the stamp of one, the one before is there.
         """
-        there = np.searchsorted(self.samples["time"], self.woke - HANDED_OVER) - 1
-        return np.maximum(there, np.searchsorted(self.samples["handed"], self.woke) - 2)
+        handed = self.samples["handed"]
+        return np.maximum(np.searchsorted(handed, self.woke - HANDED_OVER) - 1, np.searchsorted(handed, self.woke) - 2)
 
     @cached_property
     def clear(self) -> BoolArray:

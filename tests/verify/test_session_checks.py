@@ -329,6 +329,19 @@ def test_what_is_forged_in_a_session_is_found_by_name(session: Result, tmp_path:
     assert not claim.worst <= claim.tolerance
 
 
+def test_a_driver_may_be_stopped_between_reading_a_sample_and_handing_it_over(session: Result, tmp_path: Path) -> None:
+    def read_long_before(file: h5py.File) -> None:
+        # The first sample after 40 ticks without one had been read 22 ms before it was handed over.
+        used, latency = file["tick/input_seq"][STALE : STALE + 40], file["live/tick/latency"]
+        tick = STALE + int(np.flatnonzero(used != used[0])[0])
+        row = int(np.flatnonzero(file["live/sample/seq"][:] == used[tick - STALE])[0])
+        file["live/sample/time"][row] -= 22 * PERIOD
+        latency[tick] += 22 * PERIOD
+
+    claims = verify_session.session_claims(planted(session.path, tmp_path, read_long_before))
+    assert {claim.name for claim in claims if claim.failed} <= {"session figures"}
+
+
 def test_what_the_glove_sent_is_not_judged_and_said_so(session: Result, tmp_path: Path) -> None:
     def of_the_glove(file: h5py.File) -> None:
         file["live/sample/channel"][HOLD] = 0.123

@@ -166,7 +166,7 @@ def test_a_fault_of_one_glove_frees_both_and_the_session_ends_in_one_file_that_r
         assert (result.complete, result.scene["hand"]["side"], result.ticks) == (True, side, outcome.recorded)
         assert np.max(result["live/tick/command_stiffness"]) > STIFF
         assert run_again(result).identical
-        assert not [claim.name for claim in verify(result).claims if claim.failed]
+        assert not [claim for claim in verify(result).claims if claim.failed]
 
 
 def test_setups_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
