@@ -1,16 +1,17 @@
 """A free object: a rigid body with mass, friction and gravity, with or without a table."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh, mass_properties
 from hhsim.ranges import check_range
-from hhsim.reproducible import principal_axes
+from hhsim.reproducible import norm, principal_axes
 from hhsim.system.settings_file import typed
 
 Triple = tuple[float, float, float]
@@ -22,6 +23,32 @@ USUAL_FRICTION = 0.6
 """Skin on aluminium (Seo et al. 2009)."""
 LAW = "Coulomb with de Saxcé's correction, cone of 4 directions turned to the load; impacts inelastic; implicit Euler"
 """Contact law, as results state it."""
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """Axis about which a free object can only turn, fixed in the world; InputError for what is no axis, or limits."""
+
+    axis: Triple  # direction, of any length, world
+    origin: Triple  # a point of the axis [m], world
+    limits: tuple[float, float] | None = None  # least and greatest angle from the first tick on [rad], within ±π
+    friction: float = 0.0  # largest moment of its dry friction [N·m]
+    on: str = ""  # name of the thing that it is fixed to, which the object goes through; "": the world
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.axis).all() and np.isfinite(self.origin).all() and norm(np.array(self.axis)) > 1e-9):
+            raise InputError("the axis of the hinge has no direction; expected one such as [0.0, 1.0, 0.0]")
+        check_range("hinge_friction", self.friction)
+        least, most = self.limits or (0.0, 0.0)
+        if not -np.pi <= least <= 0.0 <= most <= np.pi:
+            raise InputError(
+                f"hinge limits {least:g} to {most:g} rad; expected angles from the start, with 0, within ±π"
+            )
+
+    def placed(self, rotation: FloatArray, position: FloatArray) -> "Hinge":
+        """Return the hinge with its axis in another frame, to which rotation (3, 3) and position [m] (3,) lead."""
+        axis, origin = (rotation * self.axis).sum(axis=1), (rotation * self.origin).sum(axis=1) + position
+        return replace(self, axis=_triple(axis), origin=_triple(origin))
 
 
 @dataclass(frozen=True)
@@ -39,6 +66,7 @@ class FreeObject:
     damping: float = 0.0  # decay rate of both velocities [1/s]
     velocity: Triple = (0.0, 0.0, 0.0)  # initial velocity of the centre [m/s], world
     angular_velocity: Triple = (0.0, 0.0, 0.0)  # initial [rad/s], world
+    hinge: Hinge | None = None  # None: it moves in all directions
 
     def __post_init__(self) -> None:
         for name in ("mass", "friction", "torsion", "damping", "table", "table_friction"):
@@ -56,8 +84,19 @@ class FreeObject:
             raise InputError("the inertia of the free object is not positive: is its mesh flat?")
 
     def to_json(self) -> dict[str, Any]:
-        """Return all fields as plain values."""
-        return asdict(self)
+        """Return all fields as plain values; a hinge only where there is one."""
+        values = asdict(self)
+        return values if self.hinge else {name: value for name, value in values.items() if name != "hinge"}
+
+    @property
+    def pivot(self) -> FloatArray:
+        """Point about which it turns [m], world before the first tick, (3,): its centre, or the hinge's next to it."""
+        center = np.array(self.center)
+        if self.hinge is None:
+            return center
+        axis, origin = np.array(self.hinge.axis) / norm(np.array(self.hinge.axis)), np.array(self.hinge.origin)
+        pivot: FloatArray = origin + ((center - origin) * axis).sum() * axis
+        return pivot
 
     @classmethod
     def of_mesh(cls, mesh: Mesh, *, mass: float | None = None, density: float = 1000.0, **others: Any) -> Self:

@@ -13,6 +13,11 @@ Keys, with their defaults; a shape and its place are as of `hhsim.scene.jointed_
     friction = 0.6             # with hand and table; of two things it is the geometric mean of both
     torsion = 0.0              # as --torsion [m]
     fixed = false              # true: it stays where it is
+    hinge.axis = [0.0, 1.0, 0.0]     # it only turns, by the right hand's rule; without a hinge it moves in all ways
+    hinge.origin = [0.0, 0.0, 0.0]   # a point of the axis [m]
+    hinge.on = "base"                # a fixed thing that bears the hinge, and does not stop it; without one the world
+    hinge.limits = [-1.9, 0.4]       # least and greatest angle from where it begins [rad], within ±π; none without
+    hinge.friction = 0.0             # largest moment of the hinge's friction [N·m]
 """
 
 import re
@@ -25,7 +30,8 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from msgspec import Meta
 
-from hhsim.errors import HhsimError, InputError
+from hhsim.arrays import FloatArray
+from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.catalogue import THINGS, names_a_file
 from hhsim.mesh.mesh import Mesh
@@ -33,13 +39,31 @@ from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import Trajectory
 from hhsim.ranges import RANGES
 from hhsim.reproducible import norm
-from hhsim.scene.free_object import CLEARANCE, FreeObject
-from hhsim.scene.jointed_thing import Number, Shape
+from hhsim.scene.free_object import CLEARANCE, FreeObject, Hinge
+from hhsim.scene.jointed_thing import Number, Shape, Three, Two
 from hhsim.scene.parts_of_thing import require_apart, shape_mesh
 from hhsim.system.settings_file import Settings, between, read_settings, read_toml_text
 from hhsim.trees.sphere_tree import SphereTree
 
 MOST_THINGS = 6
+
+
+class HingeSettings(Settings, frozen=True):
+    """Hinge of a thing; the module's docstring explains the keys."""
+
+    axis: Three
+    origin: Three = (0.0, 0.0, 0.0)
+    on: str = ""
+    limits: Two | None = None
+    friction: Annotated[float, between(*RANGES["hinge_friction"][:2])] = 0.0
+
+    def check(self) -> None:
+        """Check the axis and the limits."""
+        self.hinge()
+
+    def hinge(self) -> Hinge:
+        """Return the hinge in the frame of the file."""
+        return Hinge(self.axis, self.origin, self.limits, self.friction, self.on)
 
 
 class ThingSettings(Shape, frozen=True):
@@ -50,16 +74,24 @@ class ThingSettings(Shape, frozen=True):
     friction: Annotated[float, between(*RANGES["friction"][:2])] = 0.6
     torsion: Annotated[float, between(*RANGES["torsion"][:2])] = 0.0
     fixed: bool = False
+    hinge: HingeSettings | None = None
 
     def check(self) -> None:
-        """Check the shape, and for one of mass and density."""
+        """Check the shape, for one of mass and density, and that what is fixed has no hinge."""
         super().check()
+        if self.fixed and self.hinge:
+            raise InputError(f"thing '{self.name}' is fixed and has a hinge; expected one of them")
         if self.mass is not None and self.density is not None:
             raise InputError(f"thing '{self.name}' has both a mass and a density; expected one of them")
 
-    def free_object(self, mesh: Mesh, table: float | None) -> FreeObject:
-        """Return its physical properties, its mesh in the world [m] over a table at a height [m]."""
+    def free_object(self, mesh: Mesh, table: float | None, rotation: FloatArray, position: FloatArray) -> FreeObject:
+        """Return its physical properties, its mesh in the world [m] over a table at a height [m].
+
+        Rotation (3, 3) and position [m] (3,) lead from the frame of the file to the world.
+        """
         given: dict[str, Any] = {"density": self.density or 1000.0} if self.mass is None else {"mass": self.mass}
+        if self.hinge is not None:
+            given["hinge"] = self.hinge.hinge().placed(rotation, position)
         return FreeObject.of_mesh(mesh, friction=self.friction, torsion=self.torsion, table=table, **given)
 
 
@@ -70,13 +102,20 @@ class ThingsSettings(Settings, frozen=True):
     table: Literal["under", "none"] | Number = "under"
 
     def check(self) -> None:
-        """Check that names differ, and that the first thing is free."""
+        """Check that names differ, that the first thing is free, and that hinges are on things that are fixed."""
         names = [thing.name for thing in self.thing]
         for name in names:
             if names.count(name) > 1:
                 raise InputError(f"two things have the name '{name}'; expected a name for each")
         if self.thing[0].fixed:
             raise InputError(f"the first thing, '{names[0]}', is fixed; expected the one that the hand moves first")
+        fixed = [thing.name for thing in self.thing if thing.fixed]
+        check_known("fixed thing", [thing.hinge.on for thing in self.thing if thing.hinge and thing.hinge.on], fixed)
+
+    @property
+    def joined(self) -> set[frozenset[str]]:
+        """Pairs of names of things that a hinge joins."""
+        return {frozenset((thing.name, thing.hinge.on)) for thing in self.thing if thing.hinge}
 
 
 class OtherThing(NamedTuple):
@@ -116,7 +155,7 @@ class Things:
         if settings.table != "none":
             lowest = min(float(one.bounds[0, 2]) for one in meshes) - CLEARANCE
             table = lowest if settings.table == "under" else float(settings.table) + float(motion.object_position[2])
-        free = [thing.free_object(one, table) for thing, one in zip(settings.thing, meshes)]
+        free = [thing.free_object(one, table, *place) for thing, one in zip(settings.thing, meshes)]
         given = list(zip(settings.thing, meshes, trees, free))[1:]
         names = tuple(thing.name for thing in settings.thing)
         parts = MovingParts(
@@ -156,7 +195,7 @@ def load_things(word: str, *, solid: bool = True) -> Things:
             )
             for thing in settings.thing
         ]
-        require_apart([thing.name for thing in settings.thing], meshes)
+        require_apart([thing.name for thing in settings.thing], meshes, settings.joined)
     except HhsimError as reason:
         raise InputError(f"{word}: {reason}") from None
     return Things(path.stem, settings, tuple(meshes))

@@ -24,8 +24,8 @@ from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.mesh.mesh import Mesh
-from hhsim.reproducible import matmul, principal_axes
-from hhsim.scene.free_object import FreeObject
+from hhsim.reproducible import matmul, norm, principal_axes
+from hhsim.scene.free_object import FreeObject, Hinge
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import surface_of
 from hhsim.solver.workspace import TickWorkspace, fresh_state
@@ -133,7 +133,7 @@ class FreeEngine:
             movers = [hand.hand for hand in self.hands]
             edges: tuple[Edges, ...] = (_edges_of(surfaces[0], np.zeros(3)),)
             if others:
-                centers = [np.array(thing.free.center) for thing in self.things]
+                centers = [thing.free.pivot for thing in self.things]
                 movers += [_as_palm(workspace.hand, *given) for given in zip(surfaces, centers)]
                 edges = tuple(_edges_of(*given) for given in zip(surfaces, centers))
             given = workspace.tick_options, supports, self.states, tuple(movers), surfaces
@@ -153,10 +153,15 @@ class FreeEngine:
         pairs += [(0, other, k) for other in things for k in things if other != k]
         problem = self.states[0].free_problem
         problem.hand[:], problem.other[:], problem.thing[:] = np.array(pairs).T
-        for state, (_, other, _) in zip(self.states, pairs):
+        for state, (_, other, thing) in zip(self.states, pairs):
             if other >= 0:
                 state.modelled[:] = False
-                state.modelled[PALM_BODY] = True
+                state.modelled[PALM_BODY] = not self._are_joined(self.things[other], self.things[thing])
+
+    @staticmethod
+    def _are_joined(one: Thing, two: Thing) -> bool:
+        """Return True if a hinge fixes one thing to the other one, through which it goes."""
+        return any(a.free.hinge is not None and a.free.hinge.on == b.name for a, b in ((one, two), (two, one)))
 
     def _place(self, thing: Thing, support: Support, body: Any) -> None:
         free, period, offset = thing.free, self.workspace.options.period, self.workspace.options.offset
@@ -164,7 +169,7 @@ class FreeEngine:
         moment, axes = principal_axes(free.inertia)
         body.is_free = not thing.fixed
         body.period = period
-        body.center[:] = body.position[:] = free.center
+        body.center[:] = body.position[:] = free.pivot
         body.axes[:] = axes.T
         body.moment[:] = moment
         # Damping at the end of the step weighs as mass: forces balance as they would without it.
@@ -181,6 +186,8 @@ class FreeEngine:
         body.rotation[:] = np.eye(3)
         body.velocity[:] = free.velocity
         body.spin[:] = matmul(axes.T, free.angular_velocity)
+        if free.hinge is not None and not thing.fixed:
+            self._hang(free, free.hinge, body)
         if not body.has_table:
             return
         lowest = float((support.point[:, 2] - support.radius).min()) - body.table
@@ -188,6 +195,25 @@ class FreeEngine:
             depth, height = f"{-1e3 * lowest:.3g} mm below", f"z = {1e3 * (lowest + body.table):.6g} mm or lower"
             raise InputError(f"the object begins {depth} the table: put the table at {height}")
         body.position[2] += max(0.0, offset - lowest)
+
+    @staticmethod
+    def _hang(free: FreeObject, hinge: Hinge, body: Any) -> None:
+        """Have a body only turn, about the axis of its hinge."""
+        axis = np.array(hinge.axis) / norm(np.array(hinge.axis))
+        across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        across /= norm(across)
+        body.is_hinged = True
+        body.axes[:] = across, np.cross(axis, across), axis
+        body.lever[:] = free.center - free.pivot
+        moment = (axis * matmul(np.array(free.inertia), axis)).sum() + free.mass * (body.lever**2).sum()
+        body.moment[:] = moment
+        body.inverse_root[:] = 0.0
+        body.inverse_root[5] = body.period / np.sqrt((1.0 + free.damping * body.period) * moment)
+        body.pull[:] = free.mass / moment * np.cross(free.gravity, axis)
+        body.limits[:] = hinge.limits or (-np.inf, np.inf)
+        body.hinge_friction = hinge.friction
+        body.gravity[:] = body.velocity[:] = 0.0
+        body.spin[:] = matmul(body.axes, free.angular_velocity) * (0.0, 0.0, 1.0)
 
     def begin(self) -> None:
         """See `Engine.begin`; the graphic hand stands in the workspace as the object sees it."""

@@ -4,7 +4,7 @@ Velocities are derived from poses, forces on the object from contacts, slip from
 """
 
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 
+TURNS = 1e-6
+"""Speed beyond which a hinge turns, and its friction is against that [rad/s]."""
 LOOKED_AT = 100
 """Ticks in which the things are looked for in each other."""
 ON_TABLE = -1
@@ -143,7 +145,7 @@ def free_claims(result: Result) -> list[Claim]:
     motion = FreeMotion(result)
     return [
         *_velocities(motion),
-        *_balance(motion),
+        *([] if motion.free.get("hinge") else _balance(motion)),
         *_wrenches(motion),
         _equal_and_opposite(motion),
         *_cones(motion),
@@ -477,16 +479,68 @@ def _table(motion: FreeMotion) -> Claim:
 def thing_claims(result: Result) -> list[Claim]:
     """Judge what the file claims of several things; none where there is one."""
     stated = [result.scene["free"], *result.scene.get("others", ())] if result.free else []
-    return [_things_move(result, stated), _between_things(result), _things_apart(result)] if len(stated) > 1 else []
+    hinges = [_hinge(result, part, free) for part, free in zip(result.parts, stated) if free.get("hinge")]
+    alone = [_things_move(result, stated), _between_things(result), _things_apart(result, stated)]
+    return [*alone, *hinges] if len(stated) > 1 else []
 
 
-def _things_move(result: Result, stated: list[dict[str, float]]) -> Claim:
+def _hinge(result: Result, part: str, free: dict[str, Any]) -> Claim:
+    """Judge that a thing only turns, about its hinge, as the moments about that and its friction have it."""
+    from scipy.spatial.transform import Rotation
+
+    hinge, ticks = free["hinge"], np.arange(result.ticks)
+    axis, limits = np.array(hinge["axis"]) / np.linalg.norm(hinge["axis"]), hinge["limits"] or (-np.inf, np.inf)
+    poses = Rotation.from_quat(np.asarray(result[f"{part}/orientation"])[:, [1, 2, 3, 0]])
+    off = np.linalg.norm(poses.apply(hinge["origin"]) + result[f"{part}/position"] - hinge["origin"], axis=1)
+    off = np.maximum(off, np.linalg.norm(poses.apply(axis) - axis, axis=1)) / LENGTH
+    center = np.array(free["center"])
+    arm = center - hinge["origin"] - ((center - hinge["origin"]) @ axis) * axis
+    angle = poses.as_rotvec() @ axis
+    before = np.concatenate([[0.0], angle[:-1]])
+    spin = np.concatenate([[np.array(free["angular_velocity"]) @ axis], result[f"{part}/angular_velocity"] @ axis])
+    off = np.maximum(off, np.maximum(limits[0] - angle, angle - limits[1]) / UNIT)
+    wrench = sum(np.asarray(result[f"{part}/{by}_wrench"]) for by in ("hand", "table", "thing"))
+
+    def lever(turned: FloatArray) -> FloatArray:
+        return np.asarray(Rotation.from_rotvec(turned[:, None] * axis).apply(arm))
+
+    moment = (wrench[:, 3:] + np.cross(lever(before), wrench[:, :3])) @ axis
+    middle = before + 0.5 * spin[:-1] / result.rate
+    weight = free["mass"] * np.cross(lever(middle), free["gravity"]) @ axis
+    inertia = axis @ np.array(free["inertia"]) @ axis + free["mass"] * arm @ arm
+    heavier = 1.0 + float(free["damping"]) / result.rate
+    # What is left is the hinge's own: friction, and at a limit what it bears.
+    own = inertia * result.rate * (heavier * spin[1:] - spin[:-1]) - moment - weight
+    low, high = angle <= limits[0] + AT_LIMIT, angle >= limits[1] - AT_LIMIT
+    against = -hinge["friction"] * np.sign(spin[1:])
+    turns = np.abs(spin[1:]) > TURNS
+    most, least = np.where(turns, against, hinge["friction"]), np.where(turns, against, -hinge["friction"])
+    size = FORCE * (1.0 + np.abs(wrench).sum(axis=1)) * (1.0 + np.linalg.norm(arm))
+    # Of several programs in a tick the last one began anywhere between its ends; the speed changes meanwhile.
+    turned = np.where(np.asarray(result["work/linearisations"]) > 1, np.abs(angle - before), 0.0)
+    turned += np.abs(np.diff(spin)) / result.rate
+    size += (
+        turned
+        * np.linalg.norm(arm)
+        * (np.abs(wrench[:, :3]).sum(axis=1) + free["mass"] * np.linalg.norm(free["gravity"]))
+    )
+    wrong = np.maximum(np.where(low, 0.0, own - most), np.where(high, 0.0, least - own)) / size
+    wrong[(np.asarray(result["status"]) & (LAG | STUCK)) != 0] = 0.0
+    says = f"{part} only turns about its hinge, within its limits, as moments about it, weight and friction have it"
+    return judged(
+        "hinge", says, np.maximum(off, wrong), 1.0, "1", "a nanometre; a millionth of the forces", ticks=ticks
+    )
+
+
+def _things_move(result: Result, stated: list[dict[str, Any]]) -> Claim:
     ticks, off = np.arange(result.ticks), np.zeros(result.ticks)
     size = np.ones(result.ticks)
     for part, free in zip(result.parts, stated):
         mass, first = float(free["mass"]), np.array([free["velocity"]])
         velocity = np.concatenate([first, np.asarray(result[f"{part}/velocity"])])
         force = sum(np.asarray(result[f"{part}/{by}_wrench"])[:, :3] for by in ("hand", "table", "thing"))
+        if free.get("hinge"):
+            continue
         if free.get("fixed"):
             wrong = np.abs(velocity).max(axis=1)[1:]
         else:
@@ -507,7 +561,7 @@ def _between_things(result: Result) -> Claim:
     return judged("between things", says, off, size, "N", WHY_FORCE, ticks=np.arange(result.ticks))
 
 
-def _things_apart(result: Result) -> Claim:
+def _things_apart(result: Result, stated: list[dict[str, Any]]) -> Claim:
     """Look for points of each thing's triangles and edges in each other one, by winding and nearest triangle."""
     ticks = np.unique(np.linspace(0, result.ticks - 1, LOOKED_AT).astype(int))
     meshes = [Mesh(result[f"{part}/vertices"], result[f"{part}/faces"]) for part in result.parts]
@@ -517,11 +571,15 @@ def _things_apart(result: Result) -> Claim:
         for part in result.parts
     ]
     depth = np.zeros(len(ticks))
+    names = result.scene["thing"]["parts"]
+    joined = [{name, free["hinge"]["on"]} for name, free in zip(names, stated) if free.get("hinge")]
     for i, shell in enumerate(shells):
         low, high = meshes[i].bounds - [[CLEAR], [-CLEAR]]
         for j in range(len(shells)):
             seen = moved[i].seen_points(moved[j].points(np.broadcast_to(points[j], (len(ticks), *points[j].shape))))
-            inside = ((seen > low) & (seen < high)).all(axis=2) if i != j else np.zeros(seen.shape[:2], bool)
+            inside = ((seen > low) & (seen < high)).all(axis=2)
+            if i == j or {names[i], names[j]} in joined:
+                continue
             for t in np.flatnonzero(inside.any(axis=1)):
                 depth[t] = max(depth[t], -float(shell.signed_distance(seen[t][inside[t]]).min()))
     says = f"no thing is in another one, by points of its triangles in {len(ticks)} ticks"

@@ -38,7 +38,15 @@ BODY = np.dtype(
         ("moment", np.float64, (3,)),  # principal moments [kg·m²]
         # Δt / √m [m/√J], Δt / √I of each principal axis [rad/√J]: 1 / √(M/Δt²)
         ("inverse_root", np.float64, (OBJECT_DOF,)),
-        ("gravity", np.float64, (3,)),  # [m/s²]
+        ("gravity", np.float64, (3,)),  # [m/s²], 0 on a hinge
+        # 1 where the body can only turn, on a hinge: `center` is on its axis, which is the last of `axes`, and all of
+        # `inverse_root` but the last is 0
+        ("is_hinged", np.int64),
+        ("lever", np.float64, (3,)),  # of a hinged body's centre of mass from `center` [m], object's frame
+        ("start_lever", np.float64, (3,)),  # the same at the start of the tick, world
+        ("pull", np.float64, (3,)),  # angular acceleration by gravity of such a lever [1/(m·s²)]
+        ("limits", np.float64, (2,)),  # of the hinge's angle since the start [rad], infinite without
+        ("hinge_friction", np.float64),  # largest moment of the hinge's friction [N·m]
         ("damping", np.float64),  # [1/s]
         ("friction", np.float64),  # μ of the hand's contacts
         ("torsion", np.float64),  # torsional moment over normal force of the hand's contacts [m]
@@ -95,6 +103,15 @@ def _gyrate(moment: Array, period: float, spin: Array, spin_out: Array) -> None:
 
 
 @jit
+def _fall(body: Record, turn: float, x: float, y: float, z: float) -> float:
+    # Angular acceleration by weight [rad/s²] of a hinged body, turned by a small angle [rad] from its lever at hand: in
+    # the middle of a tick, so that the work is that of the weight, and no energy is gained.
+    ux, uy, uz = body.axes[2, 0], body.axes[2, 1], body.axes[2, 2]
+    x, y, z = x + turn * (uy * z - uz * y), y + turn * (uz * x - ux * z), z + turn * (ux * y - uy * x)
+    return x * body.pull[0] + y * body.pull[1] + z * body.pull[2]
+
+
+@jit
 def turn_body(body: Record, orientation: Array, x: float, y: float, z: float, orientation_out: Array) -> None:
     """Turn an orientation by a rotation vector [rad] of the object's frame; to the bit what it was where that is 0."""
     if x == 0.0 and y == 0.0 and z == 0.0:
@@ -120,7 +137,14 @@ def predict(body: Record) -> None:
         return
     for j in range(3):
         body.goal_position[j] = body.position[j] + period * kept * (body.velocity[j] + period * body.gravity[j])
-    _gyrate(body.moment[:], period, body.spin[:], body.vector[:])
+    if body.is_hinged == 1:
+        x, y, z = turned(body.rotation, body.lever[0], body.lever[1], body.lever[2])
+        body.start_lever[0], body.start_lever[1], body.start_lever[2] = x, y, z
+        body.vector[0] = body.vector[1] = 0.0
+        foreseen = body.spin[2] + period * _fall(body, 0.5 * period * body.spin[2], x, y, z)
+        body.vector[2] = body.spin[2] + period * _fall(body, 0.5 * period * foreseen, x, y, z)
+    else:
+        _gyrate(body.moment[:], period, body.spin[:], body.vector[:])
     turn = period * kept
     x, y, z = turned_back(body.axes, turn * body.vector[0], turn * body.vector[1], turn * body.vector[2])
     turn_body(body, body.orientation[:], x, y, z, body.goal_orientation[:])
@@ -157,7 +181,20 @@ def body_target(body: Record, target_out: Array) -> None:
     rotation_vector_between(body.orientation[:], body.goal_orientation[:], body.vector[:])
     x, y, z = turned_back(body.rotation, body.vector[0], body.vector[1], body.vector[2])
     x, y, z = turned(body.axes, x, y, z)
+    if body.is_hinged == 1:
+        target_out[0:5] = 0.0
+        target_out[5] = z
+        return
     target_out[3], target_out[4], target_out[5] = x, y, z
+
+
+@jit
+def hinge_angle(body: Record) -> float:
+    """Compute the angle by which a hinged body has turned since the start [rad], in (-π, π]."""
+    start = body.other
+    start[0], start[1], start[2], start[3] = 1.0, 0.0, 0.0, 0.0
+    rotation_vector_between(start[:], body.orientation[:], body.vector[:])
+    return turned(body.axes, body.vector[0], body.vector[1], body.vector[2])[2]
 
 
 @jit_once
@@ -191,8 +228,9 @@ def take_velocity(body: Record) -> None:
     for j in range(3):
         moved = body.position[j] - start[j]
         vector[j] = moved + vector[j]
-        made += moved * vector[j] / root[j] ** 2
-        whole += vector[j] * vector[j] / root[j] ** 2
+        if root[j] > 0.0:
+            made += moved * vector[j] / root[j] ** 2
+            whole += vector[j] * vector[j] / root[j] ** 2
     x, y, z = vector[0], vector[1], vector[2]
     rotation_vector_between(body.start_orientation[:], body.orientation[:], vector[:])
     a, b, c = turned_back(body.rotation, vector[0], vector[1], vector[2])
@@ -200,11 +238,16 @@ def take_velocity(body: Record) -> None:
     for j in range(3):
         angle = vector[j]
         vector[j] = angle + left[3 + j]
-        made += angle * vector[j] / root[3 + j] ** 2
-        whole += vector[j] * vector[j] / root[3 + j] ** 2
+        if root[3 + j] > 0.0:
+            made += angle * vector[j] / root[3 + j] ** 2
+            whole += vector[j] * vector[j] / root[3 + j] ** 2
     share = min(max(made / whole, 0.0), 1.0) if whole > 0.0 else 1.0
     _approach(body.velocity[:], share, rate * x, rate * y, rate * z)
     _approach(body.spin[:], share, rate * vector[0], rate * vector[1], rate * vector[2])
+    if body.is_hinged == 1:
+        x, y, z = turned(body.rotation, body.lever[0], body.lever[1], body.lever[2])
+        begin = body.start_lever
+        _approach(body.velocity[:], 1.0, rate * (x - begin[0]), rate * (y - begin[1]), rate * (z - begin[2]))
 
 
 @jit

@@ -6,6 +6,7 @@ import numpy as np
 
 from hhsim.kernels.free.body import OBJECT_DOF, as_object_moves, as_other_moves
 from hhsim.kernels.free.columns import States, first_finger, hand_count, thing_column
+from hhsim.kernels.free.hinges import SPARE, hinge_target
 from hhsim.kernels.free.leanings import find_leanings, turn_contacts
 from hhsim.kernels.free.rows import STANDS_BACK, TABLE_KEYS, contact_rows, friction_rows, measure_slip
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
@@ -90,10 +91,12 @@ def scale_target(bodies: Record, problem: Record) -> None:
     for k in range(bodies.shape[0]):
         body, column = bodies[k], thing_column(problem, k)
         for j in range(OBJECT_DOF):
-            if body.is_free == 1:
+            if body.inverse_root[j] > 0.0:
                 target[column + j] = problem.body_target[OBJECT_DOF * k + j] / body.inverse_root[j]
             else:
                 target[column + j] = 0.0
+        if body.is_hinged == 1:
+            target[column + SPARE] = hinge_target(body)
 
 
 @jit
@@ -215,7 +218,7 @@ def _rest(bodies: Record, problem: Record) -> None:
     delta = problem.delta
     for k in range(bodies.shape[0]):
         body, column = bodies[k], thing_column(problem, k)
-        if body.is_free == 0:
+        if body.is_free == 0 or body.is_hinged == 1:
             continue
         size = 0.0
         before = 0.0

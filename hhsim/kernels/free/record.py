@@ -241,6 +241,16 @@ class ThingsRecord(NamedTuple):
 
 
 @jit
+def _about_center(body: Record, wrench: Array) -> None:
+    # Take a wrench about the hinge to the centre of mass, object's frame.
+    x, y, z = wrench[0], wrench[1], wrench[2]
+    rx, ry, rz = body.lever[0], body.lever[1], body.lever[2]
+    wrench[3] -= ry * z - rz * y
+    wrench[4] -= rz * x - rx * z
+    wrench[5] -= rx * y - ry * x
+
+
+@jit
 def _record_motion(body: Record, hand_wrench: Array, table_wrench: Array, i: int, record: ObjectRecord) -> None:
     copy_values(body.orientation[:], record.turn[i])
     center = body.center
@@ -252,6 +262,9 @@ def _record_motion(body: Record, hand_wrench: Array, table_wrench: Array, i: int
     x, y, z = turned_back(body.axes, body.spin[0], body.spin[1], body.spin[2])
     x, y, z = turned(body.rotation, x, y, z)
     record.angular_velocity[i, 0], record.angular_velocity[i, 1], record.angular_velocity[i, 2] = x, y, z
+    if body.is_hinged == 1:
+        _about_center(body, hand_wrench)
+        _about_center(body, table_wrench)
     for half in range(2):
         _out(body, hand_wrench[3 * half : 3 * half + 3], record.hand_wrench[i, 3 * half : 3 * half + 3])
         _out(body, table_wrench[3 * half : 3 * half + 3], record.table_wrench[i, 3 * half : 3 * half + 3])
@@ -294,6 +307,8 @@ def _record_things(record: ThingsRecord, state: Record, i: int) -> None:
         body = state.bodies[t]
         _record_motion(body, borne.hand_wrench[t], borne.table_wrench[t], i, record.things[t])
         wrench, out = borne.thing_wrench[t], record.thing_wrench[t, i]
+        if body.is_hinged == 1:
+            _about_center(body, wrench)
         for half in range(2):
             _out(body, wrench[3 * half : 3 * half + 3], out[3 * half : 3 * half + 3])
     first.friction_residual[i] = max(borne.residual, borne.bare)

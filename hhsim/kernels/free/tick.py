@@ -33,11 +33,12 @@ from hhsim.kernels.free.body import (
 )
 from hhsim.kernels.free.columns import States, first_finger, hand_count, object_columns, thing_column
 from hhsim.kernels.free.edges import Edges, measure_edges, record_edges
+from hhsim.kernels.free.hinges import has_hinge_rows
 from hhsim.kernels.free.program import begin_search, clip_shifts, scale_target, solve_free, take_steps, take_targets
 from hhsim.kernels.free.record import copy_borne, find_borne, turn_loads
 from hhsim.kernels.free.rows import PAIR_KEYS, begin_frictions, find_frictions, touches
 from hhsim.kernels.free.support import find_table_contacts, keep_entry, keep_lowest, table_distances
-from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, generic, jit, jit_inline, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
@@ -169,7 +170,7 @@ def _edges_of_many(method: FreeOfMany, p: int) -> None:
     problem = first.free_problem
     other, thing = problem.other[p], problem.thing[p]
     # Each two things meet in two pairs: their edges once.
-    if 0 <= other < thing:
+    if 0 <= other < thing and each.modelled[PALM_BODY] == 1:
         needed = max(options.listed, max(each.trust.reach, usual_reach(options, each)))
         far = options.margin + options.skin
         measure_edges(
@@ -202,7 +203,7 @@ def _record_no_edges(method: Free, p: int) -> None:
 def _record_edges_of_many(method: FreeOfMany, p: int) -> None:
     each, problem = method.states[p], method.states[0].free_problem
     other, thing = problem.other[p], problem.thing[p]
-    if 0 <= other < thing:
+    if 0 <= other < thing and each.modelled[PALM_BODY] == 1:
         record_edges(method.edges[thing], min(each.trust.reach, each.trust.radius), each.edges, each.contacts)
 
 
@@ -339,7 +340,9 @@ def _prepare(hand: HandArrays, method: Any, surface: Any, state: Record) -> int:
     # A contact floats by what Γ was short of its slip, and goes on rubbing.
     close = CLOSE * options.offset + FLOATS * state.borne.residual
     find_frictions(bodies, contacts, problem, close, friction)
+    hinges = as_int64(0)
     for k in range(bodies.shape[0]):
+        hinges += 1 if has_hinge_rows(bodies[k]) else 0
         alone = problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF]
         find_table_contacts(bodies[k], k, _support_of(method, k), options.margin, close, alone, friction)
     if state.work[WORK_LINEARISATIONS] == 0:
@@ -350,7 +353,7 @@ def _prepare(hand: HandArrays, method: Any, surface: Any, state: Record) -> int:
     turns = as_bool(state.work[WORK_LINEARISATIONS] < SEARCHED)
     begin_frictions(method.states, bodies, step, abduction, problem, state.held, turns, friction)
     scale_target(bodies, problem)
-    count = total + friction.count - friction.of_hand
+    count = total + friction.count - friction.of_hand + hinges
     for p in range(problem.first.shape[0]):
         each = method.states[p]
         given = _mover(method, hand, p), _surface_of(method, surface, p), options

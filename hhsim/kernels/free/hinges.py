@@ -1,0 +1,69 @@
+"""Rows of the hinges of a program: limits of their angles, and dry friction.
+
+A hinged body has one variable, its turn δ in a step [rad]; the others of a body would do nothing. Friction of at most τ
+[N·m] costs τ |δ|, and a spare variable t makes that quadratic: t >= |δ| by two rows, and t is drawn to a target so far
+below 0 that it is pushed on with τ. The speed so far tells how large t is, so that the force is τ to the second order.
+"""
+
+import math
+
+import numpy as np
+
+from hhsim.kernels.free.body import hinge_angle
+from hhsim.kernels.free.columns import thing_column
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
+
+SPARE = 4
+"""Column of a hinged body's spare variable."""
+TURN = 5
+"""Column of its turn."""
+FAR = 100.0
+"""Distance of its target below 0 [rad]: the friction is off by its share of what the turn changes in a tick."""
+HINGE_KEYS = -900
+"""Keys of the rows go down from here: above those of the table, and below those of joint limits."""
+HINGE_ROWS = 4
+"""Limits below and above, then friction of either sign."""
+
+
+@jit
+def hinge_target(body: Record) -> float:
+    """Compute the scaled target of the spare variable."""
+    return (abs(body.period * body.spin[2]) / FAR - 1.0) * math.sqrt(FAR * body.hinge_friction)
+
+
+@jit
+def has_hinge_rows(body: Record) -> bool:
+    """Return True for a hinge with friction or limits."""
+    limited = body.limits[0] > -np.inf or body.limits[1] < np.inf
+    return as_bool(body.is_hinged == 1 and (body.hinge_friction > 0.0 or limited))
+
+
+@jit_once
+def hinge_rows(bodies: Record, row: int, problem: Record) -> int:
+    """Write the rows of all hinges from a row on; returns the one behind them."""
+    for k in range(bodies.shape[0]):
+        body, column = bodies[k], thing_column(problem, k)
+        if not has_hinge_rows(body):
+            continue
+        angle, made = hinge_angle(body), problem.total[column + TURN]
+        for r in range(HINGE_ROWS):
+            sign = 1.0 if r % 2 == 0 else -1.0
+            of_friction = r >= HINGE_ROWS // 2
+            limit = 0.0 if of_friction else body.limits[r]
+            if math.isinf(limit) or (of_friction and body.hinge_friction == 0.0):
+                continue
+            for j in range(problem.common.shape[0]):
+                problem.common[j, row] = 0.0
+            for j in range(problem.block.shape[0]):
+                problem.block[j, row] = 0.0
+            problem.common[column + TURN, row] = sign * body.inverse_root[TURN]
+            if of_friction:
+                problem.common[column + SPARE, row] = math.sqrt(FAR / body.hinge_friction)
+                problem.rhs[row] = -sign * made
+            else:
+                problem.rhs[row] = sign * (limit - angle)
+            problem.key[row] = HINGE_KEYS - HINGE_ROWS * k - r
+            problem.owner[row] = -1
+            problem.kind[row] = 0
+            row += 1
+    return as_int64(row)
