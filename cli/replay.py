@@ -329,6 +329,8 @@ def command(
             chosen = tree.choose(mesh, usual_level, report, solid=solid)
         else:
             chosen = tree.load(mesh, mesh_file.unit_length(object_))
+        if things is not None:
+            chosen = chosen._replace(tree=things.named(chosen.tree))
         described = moving.words(object_, trajectory, mesh_file, tree, seed)
         if moving.side == "both":
             from hhsim.scene.two_hands import two_handed_scenes

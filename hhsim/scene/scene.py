@@ -206,6 +206,7 @@ def open_scene(
 
     trees = () if thing is None else thing.trees(make)
     tree = make(mesh) if thing is None else thing.tree(trees)
+    tree = tree if things is None else things.named(tree)
     description = {
         "object": mesh.name if isinstance(object_, Mesh) else str(object_),
         "object_mesh": mesh.sha256,

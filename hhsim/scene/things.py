@@ -141,6 +141,10 @@ class Things:
         """Mesh of the first one, named for all."""
         return replace(self.meshes[0], name=self.name)
 
+    def named(self, tree: SphereTree) -> SphereTree:
+        """Return the first one's tree, named for all, by which a script finds its place."""
+        return replace(tree, options={**tree.options, "thing": self.name})
+
     def placed(
         self, mesh: Mesh, tree: SphereTree, motion: Trajectory, ticks: int, tree_of: Callable[[Mesh], SphereTree]
     ) -> tuple[tuple[OtherThing, ...], MovingParts, FreeObject]:

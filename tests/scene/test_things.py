@@ -42,7 +42,7 @@ def test_a_file_of_things_makes_a_scene_of_all_of_them(tmp_path: Path) -> None:
     assert scene.parts is not None and scene.parts.names == ("peg", "wall") and scene.parts.free
 
 
-@pytest.mark.parametrize("name", ["blocks", "peg", "pot"])
+@pytest.mark.parametrize("name", ["blocks", "peg", "pot", "door"])
 def test_the_shipped_things_begin_apart(name: str) -> None:
     things = load_things(name)
     assert len(things.meshes) == len(things.settings.thing) > 1
@@ -57,6 +57,11 @@ def test_the_shipped_things_begin_apart(name: str) -> None:
         ("[0.2, 0.0, 0.05]", "[0.05, 0.0, 0.05]", r"begins .* mm inside"),
         ("mass = 0.05", "mass = -1.0", "mass"),
         ("fixed = true", "glued = true", "glued"),
+        ("mass = 0.05", "hinge.axis = [0.0, 0.0, 0.0]", "the axis of the hinge has no direction"),
+        ("mass = 0.05", "hinge.axis = [0.0, 0.0, 1.0]\nhinge.limits = [0.1, 1.0]", "hinge limits 0.1 to 1 rad"),
+        ("mass = 0.05", 'hinge.axis = [0.0, 0.0, 1.0]\nhinge.on = "post"', "fixed thing 'post'"),
+        ("mass = 0.05", 'hinge.axis = [0.0, 0.0, 1.0]\nhinge.on = "peg"', "fixed thing 'peg'"),
+        ("fixed = true", "fixed = true\nhinge.axis = [0.0, 0.0, 1.0]", "'wall' is fixed and has a hinge"),
         ("box = [0.1, 0.1, 0.1]", "box = [0.1, 0.1, 0.0]", "box"),
     ],
 )

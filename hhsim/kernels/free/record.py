@@ -272,13 +272,24 @@ def _record_motion(body: Record, hand_wrench: Array, table_wrench: Array, i: int
 
 
 @jit
+def _record_point(body: Record, place: Array, point_out: Array) -> None:
+    # A point by its place from the centre, object's frame, goes with the centre of mass to the end of the tick.
+    lever = body.lever
+    for j in range(3):
+        place[j] -= lever[j]
+    _out(body, place, point_out)
+    x, y, z = turned(body.rotation, lever[0], lever[1], lever[2])
+    point_out[0] += body.position[0] + x
+    point_out[1] += body.position[1] + y
+    point_out[2] += body.position[2] + z
+
+
+@jit
 def _record_contact(body: Record, of: int, k: int, borne: Record, row: int, record: ObjectRecord) -> None:
     record.body[row] = of
     for j in range(3):
         borne.point[k, j] -= body.center[j]
-    _out(body, borne.point[k], record.point[row])
-    for j in range(3):
-        record.point[row, j] += body.position[j]
+    _record_point(body, borne.point[k], record.point[row])
     _out(body, borne.normal[k], record.normal[row])
     _out(body, borne.friction[k], record.friction_force[row])
     record.normal_force[row] = borne.load[k]
@@ -318,9 +329,7 @@ def _record_things(record: ThingsRecord, state: Record, i: int) -> None:
         thing, other = thing_of(problem, of), other_of(problem, of)
         if other >= 0:
             name, body = -2 - other, state.bodies[other]
-            _out(body, borne.lever[k], record.other_point[row])
-            for j in range(3):
-                record.other_point[row, j] += body.position[j]
+            _record_point(body, borne.lever[k], record.other_point[row])
         elif of >= 0:
             name = of % BODY_COUNT + BODY_COUNT * problem.hand[of // BODY_COUNT]
         else:
