@@ -26,9 +26,11 @@ from .run_again import names_a_result, run_again
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from hhsim.mesh.mesh import Mesh
     from hhsim.replay.summary import ReplaySummary
     from hhsim.scene.described_scene import PlacedScene, SceneWords
     from hhsim.scene.motion_catalogue import Motion
+    from hhsim.scene.scene import Scene
     from hhsim.solver.options import SolverOptions
     from hhsim.system.progress import Progress
     from hhsim.view.sink import RerunTarget
@@ -296,8 +298,6 @@ def command(
             raise click.UsageError(f"--free, --tree, --rerun and a mesh's size are for one object, not for '{object_}'")
         usual_level = MESH_LEVEL
         if names_things(object_):
-            if moving.side == "both":
-                raise click.UsageError("several things are for one hand: name it with --hand right or --hand left")
             require_free(solver_options)
             require_no_joints(motion, object_)
             things = load_things(object_, solid=solid)
@@ -322,11 +322,19 @@ def command(
             viewer = stack.enter_context(ViewAhead(rerun))
         report = stack.enter_context(progress(quiet=output.quiet))
         parts = None
+
+        def choose(mesh: "Mesh") -> ChosenTree:
+            return tree.choose(mesh, usual_level, report, solid=solid)
+
+        def whole(scene: "Scene") -> "Scene":
+            scene = replace(scene, free=free.object(scene.mesh, object_))
+            return scene if things is None else with_things(scene, things, lambda mesh: choose(mesh).tree)
+
         if thing is not None:
-            trees = thing.trees(lambda mesh: tree.choose(mesh, usual_level, report, solid=solid).tree)
+            trees = thing.trees(lambda mesh: choose(mesh).tree)
             chosen, parts = ChosenTree(thing.tree(trees), ()), (thing, trees)
         elif tree.path is None:
-            chosen = tree.choose(mesh, usual_level, report, solid=solid)
+            chosen = choose(mesh)
         else:
             chosen = tree.load(mesh, mesh_file.unit_length(object_))
         if things is not None:
@@ -339,15 +347,12 @@ def command(
             placed_hands = two_handed_scenes(
                 described, mesh, chosen.tree, hands, motions, solver_options.fingers, parts
             )
-            loose = free.object(placed_hands[0].scene.mesh, object_)
-            scenes = [replace(one, scene=replace(one.scene, free=loose)) for one in placed_hands]
+            scenes = [replace(one, scene=whole(one.scene)) for one in placed_hands]
             return _replay_both(scenes, solver_options, output, output_path, [*remarks, *chosen.notes], report)
         hand = hand_of(motion, moving.side, moving.hand_file)
         placed = described_scene(described, mesh, chosen.tree, hand, motion, solver_options.fingers, thing=parts)
         remarks += filter(None, [placed.note])
-        scene = replace(placed.scene, free=free.object(placed.scene.mesh, object_))
-        if things is not None:
-            scene = with_things(scene, things, lambda mesh: tree.choose(mesh, usual_level, report, solid=solid).tree)
+        scene = whole(placed.scene)
         settle = viewer.settle if viewer is not None else None
         typed = ("hhsim", *sys.argv[1:])
         runs = [

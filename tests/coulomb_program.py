@@ -6,7 +6,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.kernels.free.rows import DIRECTIONS, STANDS_BACK
-from hhsim.kernels.hand.kinematics import PHALANX_COUNT
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
 
 PARTS = 1 + DIRECTIONS
 """Of a contact: along its normal, and its s along the three directions (see `kernels.free.rows`)."""
@@ -29,12 +29,14 @@ def last_program(solver: Any) -> CoulombProgram:
     """The program that the solver's last tick ended with."""
     state = solver.engine.states[0]
     problem, friction, loaded = state.free_problem, state.friction, state.loaded
+    width = 6 * (problem.hands + problem.things)
+    count = width + 3 * FINGER_COUNT * problem.hands
     dense, owners = {}, {}
     for g in range(problem.groups):
         for row in range(problem.group_start[g], problem.group_stop[g]):
             block = problem.group_block[g]
-            dense[row] = np.zeros(len(problem.delta))
-            dense[row][: len(problem.common)] = problem.common[:, row]
+            dense[row] = np.zeros(count)
+            dense[row][:width] = problem.common[:width, row]
             if block >= 0:
                 dense[row][block : block + PHALANX_COUNT] = problem.block[:, row]
             owners[row] = (int(problem.owner[row]), int(problem.kind[row]))
@@ -45,7 +47,7 @@ def last_program(solver: Any) -> CoulombProgram:
     for row, (owner, kind) in owners.items():
         if kind != 0:
             continue
-        whole, begun = np.zeros((PARTS, len(problem.delta))), np.zeros(DIRECTIONS)
+        whole, begun = np.zeros((PARTS, count)), np.zeros(DIRECTIONS)
         borne = np.array([load[row], *np.zeros(DIRECTIONS)])
         whole[0], needed = dense[row], float(problem.rhs[row])
         if owner >= 0 and friction.has_friction[owner]:
@@ -65,18 +67,21 @@ def last_program(solver: Any) -> CoulombProgram:
         if owner >= 0 and friction.has_friction[owner] and borne[0] > 0.0:
             slip = begun + whole[1:] @ _scaled(state)
             astray = max(astray, abs(float(np.linalg.norm(slip)) - float(friction.shift[owner])))
-    target = np.array(problem.target)
+    target = np.array(problem.target[:count])
     a, b, c, loads = (np.array(values) for values in (rows, gap, start, multiplier))
     return CoulombProgram(target, a, b, c, _scaled(state), loads, _weights(state), astray)
 
 
 def _weights(state: Any) -> FloatArray:
     hand = state.free_problem.inverse_root
-    return np.concatenate([hand[:6], *(body.inverse_root for body in state.bodies), hand[6:]])
+    return np.concatenate(
+        [hand[:6], *(body.inverse_root for body in state.bodies[: state.free_problem.things]), hand[6:]]
+    )
 
 
 def _scaled(state: Any) -> FloatArray:
-    scaled: FloatArray = np.array(state.free_problem.delta) / _weights(state)
+    weights = _weights(state)
+    scaled: FloatArray = np.array(state.free_problem.delta[: len(weights)]) / weights
     return scaled
 
 

@@ -52,9 +52,10 @@ def turned_back(matrix: Array, x: float, y: float, z: float) -> tuple[float, flo
 
 
 @jit_inline
-def _product(
+def quaternion_product(
     aw: float, ax: float, ay: float, az: float, bw: float, bx: float, by: float, bz: float
 ) -> tuple[float, float, float, float]:
+    """Multiply two quaternions (w, x, y, z)."""
     return (
         aw * bw - ax * bx - ay * by - az * bz,
         aw * bx + ax * bw + ay * bz - az * by,
@@ -74,7 +75,9 @@ def write_unit_quaternion(quaternion_out: Array, w: float, x: float, y: float, z
 @jit_inline
 def rotation_vector_between(source: Array, target: Array, vector_out: Array) -> None:
     """Compute the shorter rotation vector v [rad], world, with exp(v) source = target, quaternions of shape (4,)."""
-    w, x, y, z = _product(target[0], target[1], target[2], target[3], source[0], -source[1], -source[2], -source[3])
+    w, x, y, z = quaternion_product(
+        target[0], target[1], target[2], target[3], source[0], -source[1], -source[2], -source[3]
+    )
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
     sine = math.sqrt(x * x + y * y + z * z)
@@ -91,7 +94,7 @@ def rotate_quaternion(quaternion: Array, vx: float, vy: float, vz: float, quater
         half_sinc, cosine = sine_cosine(0.5 * angle)
         half_sinc /= angle
     ax, ay, az = half_sinc * vx, half_sinc * vy, half_sinc * vz
-    w, x, y, z = _product(cosine, ax, ay, az, quaternion[0], quaternion[1], quaternion[2], quaternion[3])
+    w, x, y, z = quaternion_product(cosine, ax, ay, az, quaternion[0], quaternion[1], quaternion[2], quaternion[3])
     write_unit_quaternion(quaternion_out, w, x, y, z)
 
 

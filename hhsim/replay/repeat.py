@@ -33,7 +33,7 @@ from hhsim.result.schema import (
 )
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.compile import warm_up
-from hhsim.solver.free_engine import object_record, of_tick
+from hhsim.solver.free_engine import Thing, object_record, of_tick
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import METHODS
@@ -202,7 +202,7 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     alone = free if other is None else None
     warm_up(hand, options, alone, jointed=jointed, others=len(others))
     solver = HandSolver(hand, surface, options, alone, others)
-    both = None if other is None else _of_both(result, solver, other, surface, options, free)
+    both = None if other is None else _of_both(result, solver, other, surface, options, free, others)
     columns = TickColumns(surface.arrays, hand, options, parts)
     total, notes = _runnable(result)
     moving = [] if free is None else list(COMPARED_IF_FREE)
@@ -297,12 +297,18 @@ def _other_hand(result: Result) -> Result | None:
 
 
 def _of_both(
-    result: Result, own: HandSolver, other: Result, surface: Any, options: SolverOptions, free: FreeObject | None
+    result: Result,
+    own: HandSolver,
+    other: Result,
+    surface: Any,
+    options: SolverOptions,
+    free: FreeObject | None,
+    others: Sequence[Thing],
 ) -> Callable[[HandConfiguration, slice], tuple[TickRecord, ObjectRecord | None]]:
     """Return what runs some ticks of two hands together again, as those of the hand of a result."""
     place, hands = SIDES.index(result.side), [own, HandSolver(stored_hand(other), surface, options)]
     ordered = hands if place == 0 else hands[::-1]
-    loose = None if free is None else TwoHandedSolver(ordered, free)
+    loose = None if free is None else TwoHandedSolver(ordered, free, others)
     both = loose or SideBySideSolver(ordered, ThreadPoolExecutor(len(hands)))
 
     def solve(haptic: HandConfiguration, ticks: slice) -> tuple[TickRecord, ObjectRecord | None]:

@@ -23,7 +23,7 @@ from hhsim.result.writer import ResultWriter
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
 from hhsim.solver.compile import warm_up
-from hhsim.solver.free_engine import FreeEngine, Thing
+from hhsim.solver.free_engine import Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.jointed_engine import require_jointed
 from hhsim.solver.method import METHODS, Method
@@ -93,11 +93,12 @@ class Replay:
         kinds: dict[str, Any] = {"jointed": jointed is not None, "others": len(scene.others)}
         self._prepared = warm_up(scene.hand, self._options, moved_alone, **kinds)
         self._surface = contact_surface(kind, scene.mesh, scene.tree) if jointed is None else jointed.surface(kind)
-        others = [
+        self.others = [
             Thing(contact_surface(kind, other.mesh, other.tree), other.free, other.fixed, other.name)
             for other in scene.others
         ]
-        self.solver = HandSolver(scene.hand, self._surface, self._options, moved_alone, others)
+        self.solver = HandSolver(scene.hand, self._surface, self._options, moved_alone, self.others)
+        self.engine: Any = self.solver.engine
         self.object_ticks: Callable[[], ObjectRecord] = lambda: self.solver.object_ticks
         motion = scene.trajectory
         self._static = static_arrays(
@@ -152,10 +153,8 @@ class Replay:
     def write(self, part: slice, record: TickRecord) -> dict[str, AnyArray]:
         """Write the ticks that were solved last; returns their columns, world."""
         ticks, frame, parts = self.scene.ticks, self._frame_of(part), self.scene.parts
-        if self.scene.others and parts is not None:
-            engine = self.solver.engine
-            assert isinstance(engine, FreeEngine) and engine.all_ticks is not None
-            rows = thing_rows(parts, engine.all_ticks, part)
+        if self.others and parts is not None:
+            rows = thing_rows(parts, self.engine.all_ticks, part)
         else:
             rows = part_rows(parts, part)
         block = self._columns.block(ticks.time[part], ticks.input_seq[part], frame.haptic, record)

@@ -127,8 +127,9 @@ def _side_by_side(runs: Sequence[Replay], stack: ExitStack) -> SideBySideSolver:
 
 def _together(runs: Sequence[Replay], free: FreeObject) -> TwoHandedSolver:
     """Return what runs the next ticks of both hands and of the free object, by one program."""
-    solver = TwoHandedSolver([run.solver for run in runs], free)
+    solver = TwoHandedSolver([run.solver for run in runs], free, runs[0].others)
     for hand, run in enumerate(runs):
+        run.engine = solver.engine
         run.object_ticks = partial(solver.object_ticks, hand)
     return solver
 

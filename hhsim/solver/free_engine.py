@@ -14,10 +14,10 @@ from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import Support
 from hhsim.kernels.free.edges import Edges
 from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
-from hhsim.kernels.free.rows import pair_count
-from hhsim.kernels.free.state import free_state_dtype
-from hhsim.kernels.free.tick import Free, FreeOfMany, rebuild, run_many
-from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
+from hhsim.kernels.free.rows import friction_count
+from hhsim.kernels.free.state import MOST_HANDS, MOST_THINGS, free_state_dtype
+from hhsim.kernels.free.tick import Free, rebuild, run_many
+from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
@@ -37,6 +37,7 @@ MOST_POINTS = 1024
 FLAT = 1e-9
 """Faces that turn by less than this at an edge go on in one plane, or are a groove."""
 BRANCHING = 8
+NO_EDGES = Edges(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)))
 BELOW = 1e-6
 """Largest depth [m] of an object in the table at the start: rounding."""
 
@@ -92,9 +93,8 @@ def _as_palm(hand: HandArrays, surface: Any, center: FloatArray) -> HandArrays:
 
 def _edges_of(surface: Any, center: FloatArray) -> Edges:
     """Return the convex edges of a mesh between two faces; none of spheres."""
-    none: Any = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3))
     if isinstance(surface, TreeArrays):
-        return Edges(*none)
+        return NO_EDGES
     first = surface.wing_start[:-1]
     whole = np.flatnonzero(np.diff(surface.wing_start) == 2)
     one, two = first[whole], first[whole] + 1
@@ -120,28 +120,36 @@ class FreeEngine:
         first = ContactSurface(workspace.surface, (), workspace.mesh, workspace.tree)
         self.things = (Thing(first, free), *others)
         self.hands = (workspace,) if second is None else (workspace, second)
-        surfaces = tuple(thing.surface.arrays for thing in self.things)
+        surfaces = [thing.surface.arrays for thing in self.things]
         hands, things = len(self.hands), len(self.things)
-        dtype = free_state_dtype(surface_of(surfaces[0]).candidates, hands, things)
-        problem = dtype["free_problem"]
-        self.qp = new_work(problem["delta"].shape[0], problem["rhs"].shape[0])
+        if things > MOST_THINGS:
+            raise InputError(f"{things} things; expected up to {MOST_THINGS}")
+        many = hands + things > 2
+        dtype = free_state_dtype(surface_of(surfaces[0]).candidates, many)
+        variables = 6 * (hands + things) + PHALANX_COUNT * FINGER_COUNT * hands
+        self.qp = new_work(variables, dtype["free_problem"]["rhs"].shape[0])
         springs, modelled = workspace.options.stiffness.diagonal(), workspace.options.modelled()
-        self.states = fresh_state(dtype, springs, modelled, pair_count(hands, things))
-        supports = tuple(support_of(thing.surface.arrays, thing.surface.mesh) for thing in self.things)
-        self.method: Any = Free(workspace.tick_options, supports[0], self.states)
-        if hands + things > 2:
-            movers = [hand.hand for hand in self.hands]
-            edges: tuple[Edges, ...] = (_edges_of(surfaces[0], np.zeros(3)),)
-            if others:
-                centers = [thing.free.pivot for thing in self.things]
-                movers += [_as_palm(workspace.hand, *given) for given in zip(surfaces, centers)]
-                edges = tuple(_edges_of(*given) for given in zip(surfaces, centers))
-            given = workspace.tick_options, supports, self.states, tuple(movers), surfaces
-            self.method = FreeOfMany(*given, edges)
+        self.states = fresh_state(dtype, springs, modelled, things * (hands + things - 1))
+        supports = [support_of(thing.surface.arrays, thing.surface.mesh) for thing in self.things]
+        movers, edges = [hand.hand for hand in self.hands], [NO_EDGES]
+        if others:
+            placed = list(zip(surfaces, (thing.free.pivot for thing in self.things)))
+            movers += [_as_palm(workspace.hand, *given) for given in placed]
+            edges = [_edges_of(*given) for given in placed]
+        most_hands, most = (MOST_HANDS, MOST_THINGS) if many else (1, 1)
+        self.method = Free(
+            workspace.tick_options,
+            filled(supports, most),
+            self.states,
+            filled(movers, most_hands + most if many else 1),
+            filled(surfaces, most),
+            filled(edges, most),
+        )
         self.ticks = object_record(0)
         self.all_ticks: ThingsRecord | None = None
         self._name_pairs()
-        problem = self.states[0].free_problem
+        problem, friction = self.states[0].free_problem, self.states[0].friction
+        problem.hands, problem.things, friction.room = hands, things, friction_count(things)
         problem.inverse_root[:] = self.states[0].problem.inverse_root
         for thing, support, body in zip(self.things, supports, self.states[0].bodies):
             self._place(thing, support, body)
@@ -152,7 +160,8 @@ class FreeEngine:
         pairs = [(h, -1, 0) for h in hands] + [(h, -1, k) for h in hands for k in things[1:]]
         pairs += [(0, other, k) for other in things for k in things if other != k]
         problem = self.states[0].free_problem
-        problem.hand[:], problem.other[:], problem.thing[:] = np.array(pairs).T
+        count = len(pairs)
+        problem.hand[:count], problem.other[:count], problem.thing[:count] = np.array(pairs).T
         for state, (_, other, thing) in zip(self.states, pairs):
             if other >= 0:
                 state.modelled[:] = False
@@ -227,7 +236,7 @@ class FreeEngine:
         workspace = self.workspace
         for body in self.states[0].bodies:
             quaternion_to_matrix(np.array(body.orientation), body.rotation)
-        if not rebuild(workspace.hand, self.method, workspace.surface, self.states):
+        if not rebuild(self.method, self.states):
             raise workspace.full()
         problem = self.states[0].free_problem
         for state, thing, other in zip(self.states, problem.thing, problem.other):
@@ -246,16 +255,13 @@ class FreeEngine:
     def run_many(self, haptic: tuple[HapticBlock, ...], record: tuple[TickRecord, ...]) -> int:
         """Run the ticks of all hands and things, whose program is one; return those done."""
         count, things = len(haptic[0].position), len(self.things)
-        self.ticks = object_record(count)
-        own: Any = self.ticks
-        if things > 1:
-            rows, points = np.zeros(count * ACTIVE_CAPACITY, np.int64), np.zeros((count * ACTIVE_CAPACITY, 3))
-            of_each = (own, *(object_record(count, 0) for _ in range(1, things)))
-            own = self.all_ticks = ThingsRecord(of_each, rows, points, np.zeros((things, count, 6)))
-        given = self.method, self.workspace.hand, self.workspace.surface, self.states, self.qp
-        done = int(run_many(*given, haptic, record, own))
-        if things > 1:
-            self.ticks = of_first(own)
+        rows, points = np.zeros(count * ACTIVE_CAPACITY, np.int64), np.zeros((count * ACTIVE_CAPACITY, 3))
+        of_each = [object_record(count), *(object_record(count, 0) for _ in range(1, things))]
+        own = ThingsRecord(filled(of_each, MOST_THINGS), rows, points, np.zeros((things, count, 6)))
+        given = self.method, self.states, self.qp
+        done = int(run_many(*given, filled(haptic, MOST_HANDS), filled(record, MOST_HANDS), own))
+        self.all_ticks = own._replace(things=own.things[:things]) if things > 1 else None
+        self.ticks = of_first(own) if things > 1 else own.things[0]
         return done
 
     def seen_by(self, hand: int) -> ObjectRecord:
@@ -267,6 +273,11 @@ class FreeEngine:
         """See `TickWorkspace.block`."""
         workspace = self.workspace
         return TickBlock(self.method, workspace.hand, workspace.surface, self.states, self.qp, haptic, record, ticks)
+
+
+def filled(values: Sequence[Any], count: int) -> tuple[Any, ...]:
+    """Return so many values, the last one again and again: a tuple's length is part of what is compiled."""
+    return (*values, *(values[-1] for _ in range(len(values), count)))
 
 
 def object_record(ticks: int, most: int = ACTIVE_CAPACITY) -> ObjectRecord:

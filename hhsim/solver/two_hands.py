@@ -17,7 +17,7 @@ from hhsim.kernels.tick.both_hands import BOTH_DOF, BOTH_HANDS, BOTH_ROWS, find_
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.reproducible import norm
 from hhsim.scene.free_object import FreeObject
-from hhsim.solver.free_engine import FreeEngine
+from hhsim.solver.free_engine import FreeEngine, Thing
 from hhsim.solver.free_place import clearance, shift_until
 from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver
 from hhsim.solver.linearising_engine import LinearisingEngine
@@ -155,13 +155,13 @@ class TwoHandedSolver:
     """Keeps two hands and a free object between ticks; raises InputError as for a free object of one hand.
 
     `hands` are the solvers of each at the object where it is at first, of one surface and the same options; each places
-    its hand at the start. `free` are the object's physical properties.
+    its hand at the start. `free` are the object's physical properties, `others` further things.
     """
 
-    def __init__(self, hands: Sequence[HandSolver], free: FreeObject) -> None:
+    def __init__(self, hands: Sequence[HandSolver], free: FreeObject, others: Sequence[Thing] = ()) -> None:
         self.hands = tuple(hands)
         first, second = (hand.workspace for hand in hands)
-        self.engine = FreeEngine(first, free, second)
+        self.engine = FreeEngine(first, free, second, others)
         self._started = False
 
     def run(self, *haptic: HandConfiguration) -> tuple[TickRecord, TickRecord]:

@@ -499,7 +499,7 @@ def _hinge(result: Result, part: str, free: dict[str, Any]) -> Claim:
     before = np.concatenate([[0.0], angle[:-1]])
     spin = np.concatenate([[np.array(free["angular_velocity"]) @ axis], result[f"{part}/angular_velocity"] @ axis])
     off = np.maximum(off, np.maximum(limits[0] - angle, angle - limits[1]) / UNIT)
-    wrench = sum(np.asarray(result[f"{part}/{by}_wrench"]) for by in ("hand", "table", "thing"))
+    wrench = np.sum([result[f"{part}/{by}_wrench"] for by in ("hand", "table", "thing")], axis=0)
 
     def lever(turned: FloatArray) -> FloatArray:
         return np.asarray(Rotation.from_rotvec(turned[:, None] * axis).apply(arm))

@@ -15,8 +15,15 @@ import numpy as np
 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.elementary import sine_cosine
-from hhsim.kernels.jit import Array, Record, jit, jit_once
-from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion, rotation_vector_between, turned, turned_back
+from hhsim.kernels.jit import Array, Record, jit, jit_inline, jit_once
+from hhsim.kernels.rotation import (
+    quaternion_product,
+    quaternion_to_matrix,
+    rotate_quaternion,
+    rotation_vector_between,
+    turned,
+    turned_back,
+)
 
 OBJECT_DOF = 6
 """Translation of the centre of mass [m], then the rotation vector about the principal axes [rad]."""
@@ -312,6 +319,11 @@ def as_object_moves(body: Record, origin: Array, hand: Array, step: Array, relat
         relative_out[3 + j] = body.vector[j]
 
 
+@jit_inline
+def _four(values: Array) -> tuple[float, float, float, float]:
+    return values[0], values[1], values[2], values[3]
+
+
 @jit
 def see_hand(body: Record, position: Array, orientation: Array, position_out: Array, orientation_out: Array) -> None:
     """A palm's pose in the world, as the object sees it; shapes (3,) and (4,)."""
@@ -319,12 +331,9 @@ def see_hand(body: Record, position: Array, orientation: Array, position_out: Ar
     x, y, z = (position[0] - body.position[0], position[1] - body.position[1], position[2] - body.position[2])
     x, y, z = turned_back(body.rotation, x, y, z)
     position_out[0], position_out[1], position_out[2] = x + center[0], y + center[1], z + center[2]
-    aw, ax, ay, az = body.orientation[0], -body.orientation[1], -body.orientation[2], -body.orientation[3]
-    bw, bx, by, bz = orientation[0], orientation[1], orientation[2], orientation[3]
-    orientation_out[0] = aw * bw - ax * bx - ay * by - az * bz
-    orientation_out[1] = aw * bx + ax * bw + ay * bz - az * by
-    orientation_out[2] = aw * by - ax * bz + ay * bw + az * bx
-    orientation_out[3] = aw * bz + ax * by - ay * bx + az * bw
+    turn = body.orientation
+    w, x, y, z = quaternion_product(turn[0], -turn[1], -turn[2], -turn[3], *_four(orientation))
+    orientation_out[0], orientation_out[1], orientation_out[2], orientation_out[3] = w, x, y, z
 
 
 @jit
@@ -333,9 +342,5 @@ def show_hand(body: Record, position: Array, orientation: Array, position_out: A
     center, place, turn = body.center, body.position, body.orientation
     x, y, z = turned(body.rotation, position[0] - center[0], position[1] - center[1], position[2] - center[2])
     position_out[0], position_out[1], position_out[2] = x + place[0], y + place[1], z + place[2]
-    aw, ax, ay, az = turn[0], turn[1], turn[2], turn[3]
-    bw, bx, by, bz = orientation[0], orientation[1], orientation[2], orientation[3]
-    orientation_out[0] = aw * bw - ax * bx - ay * by - az * bz
-    orientation_out[1] = aw * bx + ax * bw + ay * bz - az * by
-    orientation_out[2] = aw * by - ax * bz + ay * bw + az * bx
-    orientation_out[3] = aw * bz + ax * by - ay * bx + az * bw
+    w, x, y, z = quaternion_product(*_four(turn), *_four(orientation))
+    orientation_out[0], orientation_out[1], orientation_out[2], orientation_out[3] = w, x, y, z

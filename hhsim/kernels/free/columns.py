@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS
 from hhsim.kernels.free.body import OBJECT_DOF
-from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline
 from hhsim.kernels.rotation import turned, turned_back
 
@@ -32,20 +32,56 @@ KINDS = 8
 
 
 @jit_inline
+def is_one(problem: Record) -> bool:
+    """Return True for the type of one hand and one thing, whose counts are known when it is compiled."""
+    return problem.first.shape[0] == 1
+
+
+@jit_inline
 def hand_count(problem: Record) -> int:
     """Return the number of hands."""
-    return int(problem.hand_target.shape[0] // DOF)
+    return as_int64(1) if is_one(problem) else problem.hands
+
+
+@jit_inline
+def thing_count(problem: Record) -> int:
+    """Return the number of things."""
+    return as_int64(1) if is_one(problem) else problem.things
+
+
+@jit_inline
+def pair_count(problem: Record) -> int:
+    """Return the number of pairs: each hand and each thing, and each thing and each that it meets."""
+    return as_int64(1) if is_one(problem) else problem.things * (problem.hands + problem.things - 1)
+
+
+@jit_inline
+def common_count(problem: Record) -> int:
+    """Return the number of columns that all rows have: of palms and things."""
+    return as_int64(COMMON) if is_one(problem) else 6 * (problem.hands + problem.things)
+
+
+@jit_inline
+def variable_count(problem: Record) -> int:
+    """Return the number of the program's variables."""
+    return first_finger(problem, hand_count(problem))
+
+
+@jit_inline
+def other_in(problem: Record, pair: int) -> int:
+    """Return the thing that meets a pair's thing; -1 where it is a hand."""
+    return as_int64(-1) if is_one(problem) else problem.other[pair]
 
 
 @jit_inline
 def _pair_of(problem: Record, of: int) -> int:
-    return as_int64(0) if problem.first.shape[0] == 1 else of // BODY_COUNT
+    return as_int64(0) if is_one(problem) else of // BODY_COUNT
 
 
 @jit_inline
 def thing_of(problem: Record, of: int) -> int:
     """Return the thing of a contact, by what it is of: body b of pair p is BODY_COUNT p + b, -1 - k is k's table."""
-    if problem.body_target.shape[0] == OBJECT_DOF:
+    if is_one(problem):
         return as_int64(0)
     return -1 - of if of < 0 else problem.thing[of // BODY_COUNT]
 
@@ -53,7 +89,7 @@ def thing_of(problem: Record, of: int) -> int:
 @jit_inline
 def other_of(problem: Record, of: int) -> int:
     """Return the thing that meets the contact's thing there; -1 where it is a hand or the table."""
-    if problem.body_target.shape[0] == OBJECT_DOF or of < 0:
+    if is_one(problem) or of < 0:
         return as_int64(-1)
     return problem.other[of // BODY_COUNT]
 
@@ -67,7 +103,7 @@ def thing_column(problem: Record, thing: int) -> int:
 @jit_inline
 def first_finger(problem: Record, hand: int) -> int:
     """Return the first variable of the fingers of a hand."""
-    return problem.common.shape[0] + PHALANX_COUNT * FINGER_COUNT * hand
+    return common_count(problem) + PHALANX_COUNT * FINGER_COUNT * hand
 
 
 @jit
@@ -158,8 +194,8 @@ def object_columns(states: States, bodies: Record, contacts: Record, problem: Re
         contacts: Contacts of the first pair, and behind its joint limits those of the others.
         problem: The program.
     """
-    width, common = problem.common.shape[0], problem.common
-    for p in range(problem.first.shape[0]):
+    width, common = common_count(problem), problem.common
+    for p in range(pair_count(problem)):
         first, last, thing = problem.first[p], problem.last[p], problem.thing[p]
         column, palm = thing_column(problem, thing), 12 * problem.hand[p]
         body, other = bodies[thing], problem.other[p]
@@ -326,7 +362,7 @@ def write_row(
     pair = _pair_of(problem, max(of, 0))
     hand, at = problem.hand[pair], of - BODY_COUNT * pair
     pose = states[pair].pose
-    width = common.shape[0]
+    width = common_count(problem)
     if of < 0 or width > COMMON:
         for j in range(width):
             common[j, row] = 0.0

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from hhsim.kernels.free.body import hinge_angle
-from hhsim.kernels.free.columns import thing_column
+from hhsim.kernels.free.columns import common_count, thing_column, thing_count
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
 
 SPARE = 4
@@ -41,7 +41,7 @@ def has_hinge_rows(body: Record) -> bool:
 @jit_once
 def hinge_rows(bodies: Record, row: int, problem: Record) -> int:
     """Write the rows of all hinges from a row on; returns the one behind them."""
-    for k in range(bodies.shape[0]):
+    for k in range(thing_count(problem)):
         body, column = bodies[k], thing_column(problem, k)
         if not has_hinge_rows(body):
             continue
@@ -52,7 +52,7 @@ def hinge_rows(bodies: Record, row: int, problem: Record) -> int:
             limit = 0.0 if of_friction else body.limits[r]
             if math.isinf(limit) or (of_friction and body.hinge_friction == 0.0):
                 continue
-            for j in range(problem.common.shape[0]):
+            for j in range(common_count(problem)):
                 problem.common[j, row] = 0.0
             for j in range(problem.block.shape[0]):
                 problem.block[j, row] = 0.0

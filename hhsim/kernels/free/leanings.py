@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.free.columns import own_columns, torsion_radius
+from hhsim.kernels.free.columns import common_count, own_columns, torsion_radius, variable_count
 from hhsim.kernels.free.rows import DIRECTIONS, TINY, orient
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
 from hhsim.kernels.jit import Record, jit, jit_once
@@ -39,7 +39,7 @@ def _opposite(bodies: Record, problem: Record, friction: Record, i: int) -> int:
 def _take_apart(bodies: Record, problem: Record, friction: Record, work: Record) -> None:
     # A row and its opposite are n · Δ less and more s along one direction.
     common, own = problem.common, problem.block
-    width = common.shape[0]
+    width = common_count(problem)
     for c in range(friction.bearings):
         i = friction.bearing[c]
         first, apart = friction.row[i], _opposite(bodies, problem, friction, i)
@@ -57,7 +57,7 @@ def _take_apart(bodies: Record, problem: Record, friction: Record, work: Record)
 def _spread_evenly(bodies: Record, problem: Record, friction: Record, loaded: Record, work: Record) -> None:
     # Solve (Jᵀ J) y = Jᵀ f for the forces f that contacts with friction bear: J y are the least that do the same.
     common, own, matrix, y = problem.common, problem.block, work.matrix, work.even
-    width, dof = common.shape[0], y.shape[0]
+    width, dof = common_count(problem), variable_count(problem)
     for a in range(dof):
         y[a] = 0.0
         for b in range(a + 1):
@@ -110,7 +110,7 @@ def _spread_evenly(bodies: Record, problem: Record, friction: Record, loaded: Re
 
 @jit_once
 def _add_evenly(c: int, i: int, problem: Record, friction: Record, work: Record) -> None:
-    lean, y, width = work.wanted[i], work.even, problem.common.shape[0]
+    lean, y, width = work.wanted[i], work.even, common_count(problem)
     block = own_columns(problem, friction.body[i])
     for e in range(DIRECTIONS):
         part = work.part[c, 1 + e]

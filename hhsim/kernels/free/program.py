@@ -5,12 +5,21 @@ import math
 import numpy as np
 
 from hhsim.kernels.free.body import OBJECT_DOF, as_object_moves, as_other_moves
-from hhsim.kernels.free.columns import States, first_finger, hand_count, thing_column
+from hhsim.kernels.free.columns import (
+    States,
+    common_count,
+    first_finger,
+    hand_count,
+    pair_count,
+    thing_column,
+    thing_count,
+    variable_count,
+)
 from hhsim.kernels.free.hinges import SPARE, hinge_target
 from hhsim.kernels.free.leanings import find_leanings, turn_contacts
 from hhsim.kernels.free.rows import STANDS_BACK, TABLE_KEYS, contact_rows, friction_rows, measure_slip
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
-from hhsim.kernels.hand.kinematics import DOF
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, RESUMES, QpWork, solve
 from hhsim.kernels.qp.row_scan import WideRows
@@ -88,7 +97,7 @@ def scale_target(bodies: Record, problem: Record) -> None:
             target[12 * h + j] = hand[DOF * h + j] / weight[j]
         for j in range(6, DOF):
             target[fingers - 6 + j] = hand[DOF * h + j] / weight[j]
-    for k in range(bodies.shape[0]):
+    for k in range(thing_count(problem)):
         body, column = bodies[k], thing_column(problem, k)
         for j in range(OBJECT_DOF):
             if body.inverse_root[j] > 0.0:
@@ -108,7 +117,7 @@ def take_targets(problem: Record) -> None:
             problem.delta[12 * h + j] = problem.hand_target[DOF * h + j]
         for j in range(6, DOF):
             problem.delta[fingers - 6 + j] = problem.hand_target[DOF * h + j]
-    for k in range(problem.body_target.shape[0] // OBJECT_DOF):
+    for k in range(thing_count(problem)):
         column = thing_column(problem, k)
         for j in range(OBJECT_DOF):
             problem.delta[column + j] = problem.body_target[OBJECT_DOF * k + j]
@@ -122,9 +131,9 @@ def take_steps(states: States, bodies: Record, fraction: float, problem: Record)
     is no part of the straight way between their ends.
     """
     delta, way, palm_step = problem.delta, problem.whole, problem.scratch
-    for j in range(problem.common.shape[0]):
+    for j in range(common_count(problem)):
         way[j] = delta[j] if fraction == 1.0 else fraction * delta[j]
-    for p in range(problem.first.shape[0]):
+    for p in range(pair_count(problem)):
         thing, other, step, pose = problem.thing[p], problem.other[p], states[p].step, states[p].pose
         column, palm = thing_column(problem, thing), 12 * problem.hand[p]
         own = way[column : column + OBJECT_DOF]
@@ -156,7 +165,7 @@ def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, qp:
             delta[12 * h + j] = qp.x[12 * h + j] * weight[j]
         for j in range(6, DOF):
             delta[fingers - 6 + j] = qp.x[fingers - 6 + j] * weight[j]
-    for k in range(bodies.shape[0]):
+    for k in range(thing_count(problem)):
         body, column = bodies[k], thing_column(problem, k)
         for j in range(OBJECT_DOF):
             delta[column + j] = qp.x[column + j] * body.inverse_root[j]
@@ -189,9 +198,9 @@ def _is_settled(states: States, bodies: Record, offset: float, problem: Record, 
     # Whether every contact that bears a force has de Saxcé's Γ and rubs against its slip with all of its load.
     settled = True
     problem.gamma_error = 0.0
-    for j in range(problem.whole.shape[0]):
+    for j in range(variable_count(problem)):
         problem.whole[j] = problem.total[j] + problem.delta[j]
-    for f in range(problem.whole_abduction.shape[0]):
+    for f in range(FINGER_COUNT * hand_count(problem)):
         problem.whole_abduction[f] = problem.abduction_total[f] + problem.abduction_step[f]
     for i in range(friction.count):
         if friction.has_friction[i] == 0:
@@ -216,7 +225,7 @@ def _is_settled(states: States, bodies: Record, offset: float, problem: Record, 
 @jit
 def _rest(bodies: Record, problem: Record) -> None:
     delta = problem.delta
-    for k in range(bodies.shape[0]):
+    for k in range(thing_count(problem)):
         body, column = bodies[k], thing_column(problem, k)
         if body.is_free == 0 or body.is_hinged == 1:
             continue
@@ -279,7 +288,7 @@ def begin_search(coulomb: Record) -> int:
 def _solve_once(options: TickOptions, rows: WideRows, guessed: int, state: Record, qp: QpWork) -> int:
     """Solve the program for the Γ at hand, and read its solution; returns a status of `kernels.qp.active_set`."""
     problem, loaded, tolerance, relaxation = state.free_problem, state.loaded, options.tolerance, options.relaxation
-    variables, target = as_int64(problem.delta.shape[0]), problem.target[:]
+    variables, target = variable_count(problem), problem.target[:]
     status = solve(variables, rows, target, tolerance, relaxation, loaded.guess[:], guessed, qp)
     state.step.iterations += qp.counts[1]
     if status == OPTIMAL:
@@ -319,7 +328,7 @@ def solve_free(options: TickOptions, states: States, rounds: int, clipped: bool,
     offset, relaxed = options.offset, state.program.is_relaxed
     friction_rows(states, bodies, offset, relaxed, problem, friction)
     rows = WideRows(
-        as_int64(problem.common.shape[0]),
+        common_count(problem),
         problem.common[:],
         problem.block[:],
         problem.rhs[:],

@@ -13,7 +13,9 @@ from hhsim.kernels.free.columns import (
     coefficient,
     displacement,
     other_of,
+    pair_count,
     relative_turn,
+    thing_count,
     thing_of,
     torsion_radius,
 )
@@ -125,7 +127,7 @@ def find_borne(
     borne.table_wrench[:] = 0.0
     borne.thing_wrench[:] = 0.0
     count = as_int64(0)
-    for p in range(problem.first.shape[0]):
+    for p in range(pair_count(problem)):
         states[p].warm.count = 0
     for i in range(loaded.count):
         row = loaded.row[i]
@@ -234,7 +236,8 @@ def turn_loads(body: Record, active: Record) -> None:
 class ThingsRecord(NamedTuple):
     """Results of a block of ticks for several things."""
 
-    things: tuple[ObjectRecord, ...]  # (K,); the first has all contacts, with `body` -2 - k where thing k touches
+    # Of each, up to the most there may be; the first has all contacts, with `body` -2 - k where thing k touches.
+    things: tuple[ObjectRecord, ...]
     thing: Indices  # of each contact, (rows,)
     other_point: Array  # of each contact as it goes with the other thing [m], (rows, 3)
     thing_wrench: Array  # of the other things on each: force [N], moment about its centre [N·m], (K, B, 6)
@@ -314,7 +317,7 @@ def _record_object(record: ObjectRecord, state: Record, i: int) -> None:
 @jit
 def _record_things(record: ThingsRecord, state: Record, i: int) -> None:
     borne, problem, first = state.borne, state.free_problem, record.things[0]
-    for t in range(state.bodies.shape[0]):
+    for t in range(thing_count(problem)):
         body = state.bodies[t]
         _record_motion(body, borne.hand_wrench[t], borne.table_wrench[t], i, record.things[t])
         wrench, out = borne.thing_wrench[t], record.thing_wrench[t, i]

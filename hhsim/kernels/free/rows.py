@@ -33,6 +33,7 @@ from hhsim.kernels.free.columns import (
     displacement,
     first_finger,
     hand_count,
+    pair_count,
     relative_turn,
     torsion_radius,
     write_row,
@@ -72,19 +73,16 @@ TINY = 1e-9
 """A slip [m] or a share that gives no direction."""
 
 
-def pair_count(hands: int, things: int) -> int:
-    """Return the number of pairs: each hand and each thing, and each thing and each that it meets."""
-    return things * (hands + things - 1)
-
-
-def free_problem_dtype(hands: int, things: int = 1) -> "np.dtype[Any]":
-    """Build the dtype of the rows of so many hands and things, in the layout of `kernels.qp.active_set`."""
-    common, fingers, pairs = 6 * (hands + things), FINGER_COUNT * hands, pair_count(hands, things)
+def free_problem_dtype(hands: int, things: int) -> "np.dtype[Any]":
+    """Build the dtype of the rows of up to so many hands and things, in the layout of `kernels.qp.active_set`."""
+    common, fingers, pairs = 6 * (hands + things), FINGER_COUNT * hands, things * (hands + things - 1)
     dof = common + PHALANX_COUNT * fingers
     rows = FREE_ROWS + SECOND_ROWS * (hands - 1) + (1 + PER_CONTACT) * TABLE_CONTACTS * (things - 1)
     groups = HAND_GROUPS * hands + 2 * (FINGER_COUNT + 1) * (pairs - hands) + 1
     return np.dtype(
         [
+            ("hands", np.int64),  # numbers of those that there are
+            ("things", np.int64),
             ("common", np.float64, (common, rows)),  # columns of palms and things, scaled
             ("block", np.float64, (PHALANX_COUNT, rows)),  # columns of the row's own finger, scaled
             ("rhs", np.float64, (rows,)),  # [m] for contacts, [rad] for limits
@@ -139,6 +137,7 @@ def friction_dtype(things: int) -> "np.dtype[Any]":
     return np.dtype(
         [
             ("count", np.int64),
+            ("room", np.int64),  # for so many
             ("of_hand", np.int64),  # the first so many are not of the table
             ("contact", np.int64, (count,)),  # its contact record, or the number of the point of the hull
             ("body", np.int64, (count,)),  # what it is of, see `kernels.free.columns.thing_of`
@@ -196,7 +195,7 @@ def find_frictions(bodies: Record, contacts: Record, problem: Record, close: flo
     count = as_int64(HAND_FRICTION + 1)
     while count > HAND_FRICTION:
         count = as_int64(0)
-        for p in range(problem.first.shape[0]):
+        for p in range(pair_count(problem)):
             for i in range(problem.first[p], problem.last[p]):
                 if distance[i] <= within:
                     count += 1
@@ -205,7 +204,7 @@ def find_frictions(bodies: Record, contacts: Record, problem: Record, close: flo
             if within < 1e-9:
                 break
     count = as_int64(0)
-    for p in range(problem.first.shape[0]):
+    for p in range(pair_count(problem)):
         body = bodies[problem.thing[p]]
         if problem.other[p] < 0 and body.friction == 0.0 and body.torsion == 0.0:
             continue
@@ -337,7 +336,7 @@ def _add_group(problem: Record, start: int, stop: int, block: int) -> None:
 def touches(states: States, problem: Record, hand: int, finger: int) -> bool:
     """Return whether a finger has a contact in any of its hand's pairs."""
     found = as_bool(False)
-    for p in range(problem.first.shape[0]):
+    for p in range(pair_count(problem)):
         begin = states[p].contacts.start
         found = found or (problem.hand[p] == hand and problem.other[p] < 0 and begin[finger + 2] > begin[finger + 1])
     return found
@@ -348,7 +347,7 @@ def friction_rows(
     states: States, bodies: Record, offset: float, relaxed: bool, problem: Record, friction: Record
 ) -> None:
     """Write the rows of friction and of the table, and the groups of all rows."""
-    pairs, hands = problem.first.shape[0], hand_count(problem)
+    pairs, hands = pair_count(problem), hand_count(problem)
     problem.groups = 0
     for p in range(pairs):
         first, limits, fingers = problem.first[p], problem.last[p], first_finger(problem, problem.hand[p])

@@ -16,7 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.free.columns import States, coefficient, own_columns, torsion_radius, write_row
+from hhsim.kernels.free.columns import (
+    States,
+    coefficient,
+    common_count,
+    own_columns,
+    torsion_radius,
+    variable_count,
+    write_row,
+)
 from hhsim.kernels.free.rows import orient
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once
@@ -73,11 +81,11 @@ def _find_moved(friction: Record, problem: Record, qp: QpWork, work: Record) -> 
     for c in range(friction.bearings):
         moved, share = work.moved[c], work.share
         _raise_shift(friction.bearing[c], problem, qp, share[:])
-        for j in range(moved.shape[0]):
+        for j in range(variable_count(problem)):
             moved[j] = 0.0
         for i in range(qp.counts[0]):
             if share[i] != 0.0:
-                for j in range(moved.shape[0]):
+                for j in range(variable_count(problem)):
                     moved[j] += share[i] * qp.basis[i, j]
 
 
@@ -109,7 +117,7 @@ def _fill_system(
         for c in range(count):
             moved = work.moved[c]
             total = 0.0
-            for j in range(common.shape[0]):
+            for j in range(common_count(problem)):
                 total += common[j, scratch] * moved[j]
             if block >= 0:
                 for j in range(PHALANX_COUNT):

@@ -14,14 +14,18 @@ from hhsim.kernels.free.rows import free_problem_dtype, friction_count, friction
 from hhsim.kernels.free.slips import coulomb_dtype
 from hhsim.kernels.tick.state import tick_state_dtype
 
+MOST_HANDS, MOST_THINGS = 2, 6
+
 
 @cache
-def free_state_dtype(candidates: "np.dtype[Any]", hands: int = 1, things: int = 1) -> "np.dtype[Any]":
+def free_state_dtype(candidates: "np.dtype[Any]", many: bool) -> "np.dtype[Any]":
     """Build the dtype of the state of a pair, in its thing's frame but for `haptic` between ticks, and of the things.
 
     Each pair has a state (`kernels.free.columns`), with near pairs of the dtype `candidates`; what is of the things,
-    and of the program, is in the first one's.
+    and of the program, is in the first one's. It is for one hand and one thing or, with `many`, for any numbers up to
+    `MOST_HANDS` and `MOST_THINGS`, so that one compilation does for all of them.
     """
+    hands, things = (MOST_HANDS, MOST_THINGS) if many else (1, 1)
     hand, problem, frictions = tick_state_dtype(candidates), free_problem_dtype(hands, things), friction_count(things)
     common, dof, fingers = (problem[name].shape[0] for name in ("common", "delta", "abduction_step"))
     return np.dtype(
@@ -39,7 +43,7 @@ def free_state_dtype(candidates: "np.dtype[Any]", hands: int = 1, things: int = 
             ("borne", borne_dtype(things)),  # the same at the last accepted one
             ("body_safe_total", np.float64, (dof,)),  # the tick's step up to the last accepted one
             ("body_safe_abduction", np.float64, (fingers,)),  # its fingers' spread
-            *([("edges", EDGE_PAIRS)] if hands + things > 2 else []),
+            ("edges", EDGE_PAIRS),
             ("palm_position", np.float64, (3,)),  # of the user's hand, world
             ("palm_orientation", np.float64, (4,)),  # likewise
             ("scratch_turn", np.float64, (4,)),

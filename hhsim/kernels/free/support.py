@@ -88,7 +88,7 @@ def _choose_support(body: Record, support: Support, reach: float, thing: int, fr
                         friction.near_point[j, found] = point[i, j]
                 found += 1
         reach *= 0.5
-    first, most = friction.count, friction.contact.shape[0]
+    first, most = friction.count, friction.room
     chosen = _choose_lowest(found, r[0], r[1], most - first, friction)
     for j in range(chosen):
         friction.contact[first + j] = near[friction.lowest[j]]

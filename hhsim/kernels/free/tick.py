@@ -31,7 +31,18 @@ from hhsim.kernels.free.body import (
     take_velocity,
     turn_back,
 )
-from hhsim.kernels.free.columns import States, first_finger, hand_count, object_columns, thing_column
+from hhsim.kernels.free.columns import (
+    States,
+    first_finger,
+    hand_count,
+    is_one,
+    object_columns,
+    other_in,
+    pair_count,
+    thing_column,
+    thing_count,
+    variable_count,
+)
 from hhsim.kernels.free.edges import Edges, measure_edges, record_edges
 from hhsim.kernels.free.hinges import has_hinge_rows
 from hhsim.kernels.free.program import begin_search, clip_shifts, scale_target, solve_free, take_steps, take_targets
@@ -40,7 +51,7 @@ from hhsim.kernels.free.rows import PAIR_KEYS, begin_frictions, find_frictions, 
 from hhsim.kernels.free.support import find_table_contacts, keep_entry, keep_lowest, table_distances
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import move, update_kinematics
-from hhsim.kernels.jit import Array, Record, as_bool, as_int64, generic, jit, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_object, record_tick
@@ -81,94 +92,41 @@ SEARCHED = 2
 
 
 class Free(NamedTuple):
-    """Method that solves hand and free object together."""
+    """Method that solves hands and things together; tuples are as long as may be, their last entry again and again."""
 
     options: TickOptions
-    support: Support  # parts of the object that can stand on a table
-    states: States  # of each hand; the first one, which a tick is given, has the object's fields
-
-
-class FreeOfMany(NamedTuple):
-    """Method that solves hands and things together."""
-
-    options: TickOptions
-    supports: tuple[Support, ...]  # of each thing, as of `Free`
-    states: States  # of each pair; the first one has the fields of the program and of the things
+    supports: tuple[Support, ...]  # of each thing, its parts that can stand on a table
+    states: (
+        States  # of each pair; the first one, which a tick is given, has the fields of the program and of the things
+    )
     movers: tuple[HandArrays, ...]  # of each hand; then, of several things, each as a palm without fingers
     surfaces: Any  # of each thing
     edges: tuple[Edges, ...]  # of each thing
 
 
-@generic
-def _mover(method: Any, hand: HandArrays, p: int) -> HandArrays:
+@jit_inline
+def _mover(method: Free, p: int) -> HandArrays:
     """Return the arrays of what moves in a pair: of a hand, or of a thing as a palm without fingers."""
-
-
-@_mover.of(Free)
-@jit_inline
-def _only_hand(method: Free, hand: HandArrays, p: int) -> HandArrays:
-    return hand
-
-
-@_mover.of(FreeOfMany)
-@jit_inline
-def _mover_of_many(method: FreeOfMany, hand: HandArrays, p: int) -> HandArrays:
     problem = method.states[0].free_problem
+    if is_one(problem):
+        return method.movers[0]
     other = problem.other[p]
     return method.movers[problem.hand[p] if other < 0 else hand_count(problem) + other]
 
 
-@generic
-def _surface_of(method: Any, surface: Any, p: int) -> Any:
+@jit_inline
+def _surface(method: Free, p: int) -> Any:
     """Return the surface of the thing of a pair."""
+    problem = method.states[0].free_problem
+    return method.surfaces[as_int64(0) if is_one(problem) else problem.thing[p]]
 
 
-@_surface_of.of(Free)
-@jit_inline
-def _only_surface(method: Free, surface: Any, p: int) -> Any:
-    return surface
-
-
-@_surface_of.of(FreeOfMany)
-@jit_inline
-def _surface_of_many(method: FreeOfMany, surface: Any, p: int) -> Any:
-    return method.surfaces[method.states[0].free_problem.thing[p]]
-
-
-@generic
-def _support_of(method: Any, thing: int) -> Support:
-    """Return the parts of a thing that can stand on a table."""
-
-
-@_support_of.of(Free)
-@jit_inline
-def _only_support(method: Free, thing: int) -> Support:
-    return method.support
-
-
-@_support_of.of(FreeOfMany)
-@jit_inline
-def _support_of_many(method: FreeOfMany, thing: int) -> Support:
-    return method.supports[thing]
-
-
-@generic
-def _measure_edges(method: Any, p: int) -> None:
-    """Measure a pair's edges, if two things meet in it, after its other distances."""
-
-
-@_measure_edges.of(Free)
-@jit_inline
-def _no_edges(method: Free, p: int) -> None:
-    pass
-
-
-@_measure_edges.of(FreeOfMany)
 @jit
-def _edges_of_many(method: FreeOfMany, p: int) -> None:
+def _measure_edges(method: Free, p: int) -> None:
+    """Measure a pair's edges, if two things meet in it, after its other distances."""
     first, each, options = method.states[0], method.states[p], method.options
     problem = first.free_problem
-    other, thing = problem.other[p], problem.thing[p]
+    other, thing = other_in(problem, p), problem.thing[p]
     # Each two things meet in two pairs: their edges once.
     if 0 <= other < thing and each.modelled[PALM_BODY] == 1:
         needed = max(options.listed, max(each.trust.reach, usual_reach(options, each)))
@@ -187,22 +145,11 @@ def _edges_of_many(method: FreeOfMany, p: int) -> None:
         )
 
 
-@generic
-def _record_edges(method: Any, p: int) -> None:
-    """Add a pair's edges within reach to its contact records, if two things meet in it."""
-
-
-@_record_edges.of(Free)
-@jit_inline
-def _record_no_edges(method: Free, p: int) -> None:
-    pass
-
-
-@_record_edges.of(FreeOfMany)
 @jit
-def _record_edges_of_many(method: FreeOfMany, p: int) -> None:
+def _record_edges(method: Free, p: int) -> None:
+    """Add a pair's edges within reach to its contact records, if two things meet in it."""
     each, problem = method.states[p], method.states[0].free_problem
-    other, thing = problem.other[p], problem.thing[p]
+    other, thing = other_in(problem, p), problem.thing[p]
     if 0 <= other < thing and each.modelled[PALM_BODY] == 1:
         record_edges(method.edges[thing], min(each.trust.reach, each.trust.radius), each.edges, each.contacts)
 
@@ -222,10 +169,10 @@ def _aim(state: Record, body: Record, target_out: Array, abduction_out: Array) -
 
 
 @jit
-def _place_pairs(method: Any, hand: HandArrays, state: Record) -> None:
+def _place_pairs(method: Free, state: Record) -> None:
     """Place what moves in each pair but the first ones where it is: there it was moved along, step by step."""
     problem, bodies, scratch = state.free_problem, state.bodies, state.free_problem.scratch
-    for p in range(hand_count(problem), problem.first.shape[0]):
+    for p in range(hand_count(problem), pair_count(problem)):
         each, other = method.states[p], problem.other[p]
         pose = each.pose
         if other >= 0:
@@ -239,14 +186,14 @@ def _place_pairs(method: Any, hand: HandArrays, state: Record) -> None:
         turn_here = each.scratch_turn
         copy_values(pose.orientation[:], turn_here[:])
         see_hand(bodies[problem.thing[p]], scratch[0:3], turn_here[:], pose.position[:], pose.orientation[:])
-        update_kinematics(_mover(method, hand, p), pose)
+        update_kinematics(_mover(method, p), pose)
 
 
 @jit
 def _find_turns(problem: Record, bodies: Record) -> None:
     """Find how the frame of the first thing is turned to that of each pair's."""
     base = bodies[0].rotation
-    for p in range(hand_count(problem), problem.first.shape[0]):
+    for p in range(hand_count(problem), pair_count(problem)):
         own = bodies[problem.thing[p]].rotation
         for j in range(3):
             x, y, z = turned_back(own, base[0, j], base[1, j], base[2, j])
@@ -254,14 +201,14 @@ def _find_turns(problem: Record, bodies: Record) -> None:
 
 
 @jit
-def _find_contacts(hand: HandArrays, method: Any, surface: Any, state: Record) -> int:
+def _find_contacts(method: Free, state: Record) -> int:
     """Find each pair's contacts and their rows, further pairs' behind the first one's limits; return how many or -1."""
     problem, joined = state.free_problem, state.contacts
     row, kept = as_int64(0), as_int64(0)
-    for p in range(problem.first.shape[0]):
-        each, arrays = method.states[p], _mover(method, hand, p)
+    for p in range(pair_count(problem)):
+        each, arrays = method.states[p], _mover(method, p)
         contacts = each.contacts
-        if not find_program_contacts(arrays, _surface_of(method, surface, p), method.options, each):
+        if not find_program_contacts(arrays, _surface(method, p), method.options, each):
             return as_int64(-1)
         _record_edges(method, p)
         each.found = contacts.start[FINGER_COUNT + 1]
@@ -286,11 +233,11 @@ def _find_contacts(hand: HandArrays, method: Any, surface: Any, state: Record) -
 
 
 @jit
-def _write_contacts(hand: HandArrays, method: Any, state: Record) -> None:
+def _write_contacts(method: Free, state: Record) -> None:
     """Write the rows of all contacts and joint limits, but for the things' columns."""
     problem, relaxed, offset = state.free_problem, state.program.is_relaxed, method.options.offset
-    build_rows(hand, state.pose, state.contacts, offset, relaxed, problem)
-    for p in range(1, problem.first.shape[0]):
+    build_rows(method.movers[0], state.pose, state.contacts, offset, relaxed, problem)
+    for p in range(1, pair_count(problem)):
         each, first, last, palm = method.states[p], problem.first[p], problem.last[p], 12 * problem.hand[p]
         own = each.problem
         if problem.other[p] >= 0:
@@ -302,7 +249,7 @@ def _write_contacts(hand: HandArrays, method: Any, state: Record) -> None:
             continue
         for f in range(FINGER_COUNT):
             own.abduction_step[f] = problem.abduction_step[FINGER_COUNT * problem.hand[p] + f]
-        build_rows(_mover(method, hand, p), each.pose, each.contacts, offset, relaxed, own)
+        build_rows(_mover(method, p), each.pose, each.contacts, offset, relaxed, own)
         for i in range(last - first + (LIMIT_ROWS if p < hand_count(problem) else 0)):
             for j in range(6):
                 problem.common[palm + j, first + i] = own.common[j, i]
@@ -312,7 +259,7 @@ def _write_contacts(hand: HandArrays, method: Any, state: Record) -> None:
 
 
 @jit_once
-def _prepare(hand: HandArrays, method: Any, surface: Any, state: Record) -> int:
+def _prepare(method: Free, state: Record) -> int:
     """Build the program at the present poses; return how many rows contacts have, -1 where they do not fit."""
     began = monotonic_ns()
     options, contacts, problem, friction, bodies = (
@@ -323,10 +270,10 @@ def _prepare(hand: HandArrays, method: Any, surface: Any, state: Record) -> int:
         state.bodies,
     )
     _find_turns(problem, bodies)
-    total = _find_contacts(hand, method, surface, state)
+    total = _find_contacts(method, state)
     if total < 0:
         return -1
-    for k in range(bodies.shape[0]):
+    for k in range(thing_count(problem)):
         body_target(bodies[k], problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF])
         bodies[k].clipped[:] = 0.0
     for h in range(hand_count(problem)):
@@ -334,17 +281,17 @@ def _prepare(hand: HandArrays, method: Any, surface: Any, state: Record) -> int:
         _aim(each, bodies[0], target, problem.abduction_step[FINGER_COUNT * h : FINGER_COUNT * h + FINGER_COUNT])
         for f in range(FINGER_COUNT):
             if not touches(method.states, problem, h, f):
-                clamp_to_limits(_mover(method, hand, h), each.pose, f, target)
-    _write_contacts(hand, method, state)
+                clamp_to_limits(_mover(method, h), each.pose, f, target)
+    _write_contacts(method, state)
     object_columns(method.states, bodies, contacts, problem)
     # A contact floats by what Γ was short of its slip, and goes on rubbing.
     close = CLOSE * options.offset + FLOATS * state.borne.residual
     find_frictions(bodies, contacts, problem, close, friction)
     hinges = as_int64(0)
-    for k in range(bodies.shape[0]):
+    for k in range(thing_count(problem)):
         hinges += 1 if has_hinge_rows(bodies[k]) else 0
         alone = problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF]
-        find_table_contacts(bodies[k], k, _support_of(method, k), options.margin, close, alone, friction)
+        find_table_contacts(bodies[k], k, method.supports[k], options.margin, close, alone, friction)
     if state.work[WORK_LINEARISATIONS] == 0:
         step, abduction = problem.before[:], problem.before_abduction[:]
     else:
@@ -354,16 +301,16 @@ def _prepare(hand: HandArrays, method: Any, surface: Any, state: Record) -> int:
     begin_frictions(method.states, bodies, step, abduction, problem, state.held, turns, friction)
     scale_target(bodies, problem)
     count = total + friction.count - friction.of_hand + hinges
-    for p in range(problem.first.shape[0]):
+    for p in range(pair_count(problem)):
         each = method.states[p]
-        given = _mover(method, hand, p), _surface_of(method, surface, p), options
+        given = _mover(method, p), _surface(method, p), options
         count_linearisation(*given, each.found, count, each)
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
     return count
 
 
 @jit
-def _solve(method: Any, count: int, clipped: bool, state: Record, qp: QpWork) -> int:
+def _solve(method: Free, count: int, clipped: bool, state: Record, qp: QpWork) -> int:
     problem = state.free_problem
     if count == 0:
         take_targets(problem)
@@ -375,7 +322,7 @@ def _solve(method: Any, count: int, clipped: bool, state: Record, qp: QpWork) ->
 
 
 @jit
-def _solve_rows(method: Any, clipped: bool, state: Record, qp: QpWork) -> int:
+def _solve_rows(method: Free, clipped: bool, state: Record, qp: QpWork) -> int:
     began = monotonic_ns()
     rounds = as_int64(1)
     if state.work[WORK_LINEARISATIONS] <= SEARCHED and not clipped:
@@ -386,23 +333,23 @@ def _solve_rows(method: Any, clipped: bool, state: Record, qp: QpWork) -> int:
 
 
 @jit
-def _take_back(method: Any, state: Record) -> None:
+def _take_back(method: Free, state: Record) -> None:
     """Return to the last poses without penetration."""
-    for p in range(state.free_problem.first.shape[0]):
+    for p in range(pair_count(state.free_problem)):
         take_back(method.states[p])
         method.states[p].progress.failed_steps = 0
-    for k in range(state.bodies.shape[0]):
+    for k in range(thing_count(state.free_problem)):
         take_body_back(state.bodies[k])
     copy_values(state.body_safe_total[:], state.free_problem.total[:])
     copy_values(state.body_safe_abduction[:], state.free_problem.abduction_total[:])
 
 
 @jit
-def _measure(hand: HandArrays, method: Any, surface: Any, state: Record) -> bool:
+def _measure(method: Free, state: Record) -> bool:
     """Compute the distances of each pair; False where they do not fit into the arrays."""
     fits = True
-    for p in range(state.free_problem.first.shape[0]):
-        arrays, its = _mover(method, hand, p), _surface_of(method, surface, p)
+    for p in range(pair_count(state.free_problem)):
+        arrays, its = _mover(method, p), _surface(method, p)
         fits = evaluate_pose(arrays, its, method.options, method.states[p]) and fits
         _measure_edges(method, p)
     state.progress.pairs_overflow = not fits
@@ -410,46 +357,45 @@ def _measure(hand: HandArrays, method: Any, surface: Any, state: Record) -> bool
 
 
 @jit
-def _retry(hand: HandArrays, method: Any, surface: Any, state: Record) -> bool:
+def _retry(method: Free, state: Record) -> bool:
     """Return to the last poses without penetration with a smaller trust radius; False where the pairs do not fit."""
     _take_back(method, state)
-    for p in range(state.free_problem.first.shape[0]):
+    for p in range(pair_count(state.free_problem)):
         method.states[p].trust.radius *= TRUST_DECAY
-    return _measure(hand, method, surface, state)
+    return _measure(method, state)
 
 
 @recover.of(Free)
-@recover.of(FreeOfMany)
 @jit
-def _recover(method: Any, hand: HandArrays, surface: Any, state: Record) -> bool:
+def _recover(method: Free, hand: HandArrays, surface: Any, state: Record) -> bool:
     if not state.program.is_relaxed:
         state.program.is_relaxed = True
         return True
     if state.progress.failed_steps > 0:
-        return _retry(hand, method, surface, state)
+        return _retry(method, state)
     if not state.program.holds_abduction:
-        for p in range(state.free_problem.first.shape[0]):
+        for p in range(pair_count(state.free_problem)):
             method.states[p].program.holds_abduction = True
         return True
     return False
 
 
 @jit
-def _allowed(hand: HandArrays, method: Any, state: Record) -> tuple[float, float]:
+def _allowed(method: Free, state: Record) -> tuple[float, float]:
     """Compute the share of the step that all pairs at hand vouch for, and how far the farthest mover goes in it [m]."""
     problem, fraction, longest = state.free_problem, 1.0, 0.0
-    for p in range(problem.first.shape[0]):
+    for p in range(pair_count(problem)):
         each = method.states[p]
         for f in range(FINGER_COUNT if problem.other[p] < 0 else 0):
             each.problem.abduction_step[f] = problem.abduction_step[FINGER_COUNT * problem.hand[p] + f]
-        share, motion = allowed_fraction(_mover(method, hand, p), method.options, each)
+        share, motion = allowed_fraction(_mover(method, p), method.options, each)
         each.longest = motion
         fraction, longest = min(fraction, share), max(longest, motion)
     return fraction, longest
 
 
 @jit_once
-def _clip_target(hand: HandArrays, method: Any, only_restore: bool, state: Record) -> float:
+def _clip_target(method: Free, only_restore: bool, state: Record) -> float:
     """Bring a far target nearer, see `kernels.tick.step_length.clip_target`.
 
     The motions of hands and things are shortened alike: a hand that was short of its motion past the object alone would
@@ -457,7 +403,7 @@ def _clip_target(hand: HandArrays, method: Any, only_restore: bool, state: Recor
     off, so that springs and inertia pull as they did.
     """
     problem = state.free_problem
-    fraction, longest = _allowed(hand, method, state)
+    fraction, longest = _allowed(method, state)
     if only_restore:
         fraction = 0.0
     elif fraction >= 0.5:
@@ -469,15 +415,15 @@ def _clip_target(hand: HandArrays, method: Any, only_restore: bool, state: Recor
             problem.hand_target[DOF * h + j] -= off * problem.delta[12 * h + j]
         for j in range(6, DOF):
             problem.hand_target[DOF * h + j] -= off * problem.delta[fingers - 6 + j]
-    for k in range(state.bodies.shape[0]):
+    for k in range(thing_count(state.free_problem)):
         body, column = state.bodies[k], thing_column(problem, k)
         for j in range(OBJECT_DOF):
             body.clipped[j] = off * problem.delta[column + j]
             problem.body_target[OBJECT_DOF * k + j] -= body.clipped[j]
-    for f in range(problem.abduction_step.shape[0]):
+    for f in range(FINGER_COUNT * hand_count(problem)):
         problem.abduction_step[f] *= fraction
-    _write_contacts(hand, method, state)
-    if problem.first.shape[0] > hand_count(problem):
+    _write_contacts(method, state)
+    if pair_count(problem) > hand_count(problem):
         # What this writes anew has not been turned to the frame of the first thing.
         object_columns(method.states, state.bodies, state.contacts, problem)
     scale_target(state.bodies, problem)
@@ -486,31 +432,30 @@ def _clip_target(hand: HandArrays, method: Any, only_restore: bool, state: Recor
 
 
 @solve_linearisation.of(Free)
-@solve_linearisation.of(FreeOfMany)
 @jit
 def _solve_linearisation(
-    method: Any, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork
+    method: Free, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork
 ) -> tuple[int, float]:
-    count, full_motion = _prepare(hand, method, surface, state), WHOLE_TARGET
+    count, full_motion = _prepare(method, state), WHOLE_TARGET
     if count < 0:
         return as_int64(OVERFLOW), full_motion
     status = _solve(method, count, as_bool(False), state, qp)
     if status == OPTIMAL and count > 0:
-        full_motion = _clip_target(hand, method, only_restores(method.options, state, done), state)
+        full_motion = _clip_target(method, only_restores(method.options, state, done), state)
         if full_motion != WHOLE_TARGET:
             status = _solve(method, count, as_bool(True), state, qp)
     return status, full_motion
 
 
 @jit
-def _table(method: Any, state: Record) -> tuple[float, int, int]:
+def _table(method: Free, state: Record) -> tuple[float, int, int]:
     """Compute the distance [m] of things and table; also returns the lowest thing, and its lowest point."""
     least, thing, lowest = np.inf, as_int64(0), as_int64(-1)
-    for k in range(state.bodies.shape[0]):
+    for k in range(thing_count(state.free_problem)):
         body = state.bodies[k]
         body.measured_distance = np.inf
         if body.has_table == 1:
-            distance, point = table_distances(body, _support_of(method, k))
+            distance, point = table_distances(body, method.supports[k])
             body.measured_distance = distance
             if distance < least:
                 least, thing, lowest = distance, as_int64(k), point
@@ -518,27 +463,27 @@ def _table(method: Any, state: Record) -> tuple[float, int, int]:
 
 
 @jit_once
-def _move_all(hand: HandArrays, method: Any, fraction: float, state: Record) -> None:
+def _move_all(method: Free, fraction: float, state: Record) -> None:
     """Make a share of the step of hands and things, and find what bears it."""
     problem, bodies, states = state.free_problem, state.bodies, method.states
-    for j in range(problem.total.shape[0]):
+    for j in range(variable_count(problem)):
         problem.total[j] += fraction * problem.delta[j]
-    for f in range(problem.abduction_total.shape[0]):
+    for f in range(FINGER_COUNT * hand_count(problem)):
         problem.abduction_total[f] += fraction * problem.abduction_step[f]
     find_borne(states, bodies, state.contacts, problem, state.friction, state.loaded, state.tried)
     # What comes next in the tick is added to it in the frame of each thing as it then stands.
     for h in range(hand_count(problem)):
         for j in (12 * h, 12 * h + 3):
             turn_back(bodies[0], problem.delta[6:12], fraction, problem.total[j : j + 3])
-    for k in range(bodies.shape[0]):
+    for k in range(thing_count(problem)):
         j = thing_column(problem, k)
         turn_back(bodies[k], problem.delta[j : j + OBJECT_DOF], fraction, problem.total[j : j + 3])
     if 0.0 < fraction < 1.0:
         take_steps(states, bodies, fraction, problem)
-    for p in range(problem.first.shape[0]):
+    for p in range(pair_count(problem)):
         each = states[p]
         move(each.pose, each.step.delta, each.problem.abduction_step, fraction)
-    for k in range(bodies.shape[0]):
+    for k in range(thing_count(problem)):
         j = thing_column(problem, k)
         move_body(bodies[k], problem.delta[j : j + OBJECT_DOF], fraction)
 
@@ -547,7 +492,7 @@ def _move_all(hand: HandArrays, method: Any, fraction: float, state: Record) -> 
 def _keep(state: Record) -> None:
     """Keep the things' poses, and what bears them, as those of an accepted step."""
     problem = state.free_problem
-    for k in range(state.bodies.shape[0]):
+    for k in range(thing_count(state.free_problem)):
         keep_body(state.bodies[k])
         state.bodies[k].table_distance = state.bodies[k].measured_distance
     copy_values(problem.total[:], state.body_safe_total[:])
@@ -557,24 +502,23 @@ def _keep(state: Record) -> None:
 
 
 @advance.of(Free)
-@advance.of(FreeOfMany)
 @jit
-def _advance(method: Any, hand: HandArrays, surface: Any, full_motion: float, state: Record) -> bool:
+def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, state: Record) -> bool:
     """Make the step as far as the pairs at hand vouch for, and judge it by the true distances and the table's."""
     began = monotonic_ns()
     options, problem, progress, states = method.options, state.free_problem, state.progress, method.states
-    pairs = problem.first.shape[0]
+    pairs = pair_count(problem)
     for p in range(pairs):
         for f in range(FINGER_COUNT if problem.other[p] < 0 else 0):
-            clamp_to_limits(_mover(method, hand, p), states[p].pose, f, states[p].step.delta[:])
-    fraction, longest = _allowed(hand, method, state)
-    _move_all(hand, method, fraction, state)
+            clamp_to_limits(_mover(method, p), states[p].pose, f, states[p].step.delta[:])
+    fraction, longest = _allowed(method, state)
+    _move_all(method, fraction, state)
     least = np.inf
     for p in range(pairs):
         motion = states[p].longest
         foreseen = max(REACH_FLOOR * options.step_tolerance, motion)
         update_reach(options, fraction, motion, full_motion, foreseen, states[p])
-    fits = _measure(hand, method, surface, state)
+    fits = _measure(method, state)
     for p in range(pairs):
         least = min(least, least_distance(states[p]))
     table, thing, lowest = _table(method, state)
@@ -596,15 +540,14 @@ def _advance(method: Any, hand: HandArrays, surface: Any, full_motion: float, st
             states[p].progress.failed_steps = progress.failed_steps
             states[p].progress.lag = max(full_motion, longest)
         if progress.failed_steps > MOST_FAILED_STEPS:
-            done = not _retry(hand, method, surface, state)
+            done = not _retry(method, state)
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
     return done
 
 
 @finish_tick.of(Free)
-@finish_tick.of(FreeOfMany)
 @jit
-def _finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+def _finish_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
     """Return to the last poses without penetration, take the velocities and the forces; returns status bits."""
     began = monotonic_ns()
     options, progress, borne, states = method.options, state.progress, state.borne, method.states
@@ -612,11 +555,11 @@ def _finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp:
     cut_short, pairs_overflow = is_budget_spent(options, state), progress.pairs_overflow
     if progress.failed_steps > 0 or pairs_overflow:
         _take_back(method, state)
-        pairs_overflow = not _measure(hand, method, surface, state) or pairs_overflow
-    for p in range(problem.first.shape[0]):
+        pairs_overflow = not _measure(method, state) or pairs_overflow
+    for p in range(pair_count(problem)):
         each = states[p]
         if p < hand_count(problem):
-            _see_haptic(_mover(method, hand, p), bodies[0], each)
+            _see_haptic(_mover(method, p), bodies[0], each)
         each.status = tick_status(cut_short, as_bool(False), each)
         if pairs_overflow:
             each.status |= STATUS_CAPACITY_EXCEEDED
@@ -624,7 +567,7 @@ def _finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp:
             # A thing that has distance still to go past another one has it whatever the hand has.
             state.status |= each.status & STATUS_LAG
     if progress.is_accepted:
-        for k in range(bodies.shape[0]):
+        for k in range(thing_count(problem)):
             take_velocity(bodies[k])
     else:
         borne.count = 0
@@ -639,9 +582,9 @@ def _finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp:
         if not progress.is_accepted:
             each.active.count = 0
         each.work[WORK_TOUCHING] = 0
-        for p in range(problem.first.shape[0]):
+        for p in range(pair_count(problem)):
             if problem.hand[p] == h and problem.other[p] < 0:
-                given = _surface_of(method, surface, p), _mover(method, hand, p), states[p].candidates
+                given = _surface(method, p), _mover(method, p), states[p].candidates
                 _, near = pairs_near(*given, options.touch)
                 each.work[WORK_TOUCHING] += near
         detected = monotonic_ns()
@@ -658,17 +601,15 @@ def _finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp:
 
 
 @may_end.of(Free)
-@may_end.of(FreeOfMany)
 @jit
-def _may_end(method: Any, state: Record) -> bool:
+def _may_end(method: Free, state: Record) -> bool:
     # Where nothing is accepted yet the object would stop in the air: it goes on.
     return state.progress.is_accepted
 
 
 @tick.of(Free)
-@tick.of(FreeOfMany)
 @jit
-def _tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+def _tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
     """Take the user's hands, which are the world's, and converge; they are then as the object sees them."""
     for h in range(hand_count(state.free_problem)):
         each = method.states[h]
@@ -679,15 +620,14 @@ def _tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork
 
 
 @begin_motion.of(Free)
-@begin_motion.of(FreeOfMany)
 @jit
-def _begin_motion(method: Any, hand: HandArrays, surface: Any, state: Record) -> None:
+def _begin_motion(method: Free, hand: HandArrays, surface: Any, state: Record) -> None:
     """Let the things go on by their velocity and their weight."""
     problem = state.free_problem
-    _place_pairs(method, hand, state)
-    for p in range(1, problem.first.shape[0]):
+    _place_pairs(method, state)
+    for p in range(1, pair_count(problem)):
         begin_tick(method.options, method.states[p])
-    for k in range(state.bodies.shape[0]):
+    for k in range(thing_count(state.free_problem)):
         predict(state.bodies[k])
         keep_body(state.bodies[k])
     copy_values(state.body_safe_total[:], problem.before[:])
@@ -701,15 +641,15 @@ def _begin_motion(method: Any, hand: HandArrays, surface: Any, state: Record) ->
 
 
 @jit
-def rebuild(hand: HandArrays, method: Any, surface: Any, states: States) -> bool:
+def rebuild(method: Free, states: States) -> bool:
     """Take the poses of hands and things as they now stand, as each sees what is near; returns whether pairs fit."""
     state, fits = states[0], True
-    _place_pairs(method, hand, state)
+    _place_pairs(method, state)
     _table(method, state)
-    for k in range(state.bodies.shape[0]):
+    for k in range(thing_count(state.free_problem)):
         state.bodies[k].table_distance = state.bodies[k].measured_distance
-    for p in range(state.free_problem.first.shape[0]):
-        given = _mover(method, hand, p), _surface_of(method, surface, p), method.options
+    for p in range(pair_count(state.free_problem)):
+        given = _mover(method, p), _surface(method, p), method.options
         fits = rebuild_candidates(*given, states[p : p + 1]) and fits
         _measure_edges(method, p)
     return fits
@@ -717,9 +657,7 @@ def rebuild(hand: HandArrays, method: Any, surface: Any, states: States) -> bool
 
 @jit
 def run_many(
-    method: FreeOfMany,
-    hand: HandArrays,
-    surface: Any,
+    method: Free,
     states: States,
     qp: QpWork,
     haptic: tuple[HapticBlock, ...],
@@ -733,11 +671,16 @@ def run_many(
         cpu = thread_cpu_ns()
         wall = monotonic_ns()
         for h in range(hands):
-            arrays, given = _mover(method, hand, h), haptic[h]
+            given = haptic[h]
             states[h].taken = set_haptic(
-                arrays, given.position[i], given.orientation[i], given.flexion[i], given.abduction[i], states[h]
+                method.movers[h],
+                given.position[i],
+                given.orientation[i],
+                given.flexion[i],
+                given.abduction[i],
+                states[h],
             )
-        tick(method, hand, surface, state, qp)
+        tick(method, method.movers[0], method.surfaces[0], state, qp)
         wall = monotonic_ns() - wall
         cpu = thread_cpu_ns() - cpu
         for h in range(hands):
