@@ -93,35 +93,44 @@ class MuJoCo:
 
     def begin(self, pose: HandConfiguration) -> None:
         """Put the hand there, at rest."""
-        mujoco, model, data = self._mujoco, self._model, self._data
-        mujoco.mj_resetData(model, data)
+        self._mujoco.mj_resetData(self._model, self._data)
+        self.put(pose)
+        self._mujoco.mj_forward(self._model, self._data)
+
+    def put(self, pose: HandConfiguration) -> None:
+        """Set the haptic and the graphic hand in the data."""
+        data = self._data
         data.qpos[:3], data.qpos[3:7], data.qpos[7:] = pose.position, pose.orientation, pose.flexion.ravel()
         data.mocap_pos[0], data.mocap_quat[0] = pose.position, pose.orientation
         data.ctrl[6:] = pose.flexion.ravel()
         self._spread(pose)
-        mujoco.mj_forward(model, data)
         self._before = None
 
     def tick(self, haptic: HandConfiguration) -> TickAnswer:
         """Move the user's hand, and step."""
+        self.command(haptic)
+        begun = time.process_time_ns()
+        self._step()
+        native = time.process_time_ns() - begun
+        force = self._forces()
+        pose = self.shown(haptic.abduction)
+        return TickAnswer(pose, force[:PALM].reshape(len(FINGERS), PHALANGES, 3), force[PALM], native)
+
+    def command(self, haptic: HandConfiguration) -> None:
+        """Set the user's hand in the data."""
         data = self._data
         data.mocap_pos[0], data.mocap_quat[0] = haptic.position, haptic.orientation
         data.ctrl[6:] = haptic.flexion.ravel()
         if self.tuning.follow:
             self._follow(haptic)
         self._spread(haptic)
-        begun = time.process_time_ns()
-        self._step()
-        native = time.process_time_ns() - begun
-        quaternion = data.qpos[3:7]
-        pose = HandConfiguration(
-            data.qpos[:3].copy(),
-            quaternion / np.sqrt(quaternion @ quaternion),
-            data.qpos[7:].reshape(len(FINGERS), PHALANGES).copy(),
-            haptic.abduction,
-        )
-        force = self._forces()
-        return TickAnswer(pose, force[:PALM].reshape(len(FINGERS), PHALANGES, 3), force[PALM], native)
+
+    def shown(self, abduction: FloatArray) -> HandConfiguration:
+        """Return the graphic hand of the data; the abduction is the user's."""
+        qpos = self._data.qpos
+        orientation = qpos[3:7] / np.sqrt(qpos[3:7] @ qpos[3:7])
+        flexion = qpos[7:].reshape(len(FINGERS), PHALANGES).copy()
+        return HandConfiguration(qpos[:3].copy(), orientation, flexion, abduction)
 
     def _step(self) -> None:
         """Advance the data by a tick."""
