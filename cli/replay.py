@@ -21,6 +21,7 @@ from .arguments.option_group import GroupedCommand, option, shared
 from .arguments.options import COUNT, isolate, ranged
 from .arguments.tree_choice import ChosenTree, TreeOrFile
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
+from .import_ import HandData
 from .run_again import names_a_result, run_again
 
 if TYPE_CHECKING:
@@ -138,21 +139,25 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
         metavar="MM,DEG",
         help="Add seeded tremor of 10 Hz of this amplitude: palm position [mm] and rotation [°], such as 0.1,0.2.",
     )
+    seed: int = shared(options.seed)
     ticks: int | None = option(type=COUNT, metavar="N", help="Run only the first N ticks. Default: the whole motion.")
 
-    def motions(self, trajectory: str) -> "list[Motion]":
+    def motions(self, trajectory: str, reading: dict[str, Any] | None) -> "list[Motion]":
         """Return the motion that TRAJECTORY names, or that of the right and of the left hand, with its tremor.
 
         Raises:
             UsageError, HhsimError: Options that do not go with it, no such motion, or a file that cannot be read.
         """
-        from hhsim.scene.motion_catalogue import resolve_trajectory
+        from hhsim.scene.motion_catalogue import is_imported, resolve_trajectory
+
+        if reading and not is_imported(Path(trajectory)):
+            raise click.UsageError(f"{', '.join(reading)}: of a recording that is imported, and '{trajectory}' is not")
 
         if self.side != "both":
-            return [self._motion(resolve_trajectory(trajectory), trajectory)]
+            return [self._motion(resolve_trajectory(trajectory, reading), trajectory)]
         from hhsim.scene.two_hands import two_handed_motions
 
-        return [self._motion(motion, trajectory) for motion in two_handed_motions(trajectory)]
+        return [self._motion(motion, trajectory) for motion in two_handed_motions(trajectory, reading)]
 
     def _motion(self, motion: "Motion", trajectory: str) -> "Motion":
         from hhsim.motion.trajectory import Trajectory
@@ -180,11 +185,11 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
             )
         return motion.shaken(self.tremor)
 
-    def words(self, object_: str, trajectory: str, mesh_file: MeshFile, tree: TreeOrFile, seed: int) -> "SceneWords":
+    def words(self, object_: str, trajectory: str, mesh_file: MeshFile, tree: TreeOrFile, reading: Any) -> "SceneWords":
         """Return what the command line says, for the result."""
         from hhsim.scene.described_scene import SceneWords
 
-        own = ("samples", "place_object", "object_pose", "rate", "ticks")
+        own = ("samples", "place_object", "object_pose", "rate", "ticks", "seed")
         return SceneWords(
             object=object_,
             trajectory=trajectory,
@@ -195,8 +200,8 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
             tree=str(tree.path) if tree.path else None,
             hand_file=str(self.hand_file) if self.hand_file else None,
             tremor_mm_deg=self.tremor,
-            seed=seed,
             **{name: getattr(self, name) for name in own},
+            reading=reading,
         )
 
 
@@ -220,10 +225,10 @@ class ReplayOutput(options.Output):
 @SolverSettings.argument("solver")
 @TreeOrFile.argument("tree")
 @HandAndMotion.argument("moving")
+@HandData.argument("data")
 @FreeChoice.argument("free")
 @MeshFile.argument("mesh_file")
 @ReplayOutput.argument("output")
-@options.seed
 @click.option(
     "--rerun",
     callback=options.read_target,
@@ -236,16 +241,16 @@ def command(
     solver: SolverSettings,
     tree: TreeOrFile,
     moving: HandAndMotion,
+    data: HandData,
     free: FreeChoice,
     mesh_file: MeshFile,
     output: ReplayOutput,
-    seed: int,
     rerun: "RerunTarget | None",
 ) -> int:
     """Replay a hand motion against an object, every tick measured.
 
     OBJECT is a name (hhsim objects), a mesh file, or the TOML of a thing of several parts; TRAJECTORY is a name (hhsim
-    trajectories), a .toml script or a recording that hhsim import reads without options. Above the table stands the
+    trajectories), a .toml script or a recording of one of the formats of hhsim import. Above the table stands the
     verdict, beside the figures their limits and, in scenes of the paper, the paper's figures; every tick is in the
     file. A recording whose hand touches nothing, or begins inside the object, gets its object placed. The exit code is
     1 where more than half of the ticks are stuck; hhsim gate fails on any missed limit. Ctrl-C stops the replay and
@@ -283,10 +288,11 @@ def command(
     from hhsim.scene.things import load_things, names_things
     from hhsim.solver.free_engine import require_free
 
-    if moving.side == "both":
-        _refuse_of_both(output, rerun)
+    if moving.side == "both" and (output.repeat > 1 or rerun is not None):
+        raise click.UsageError("--repeat and --rerun are of one hand: hhsim view RESULT shows both after the replay")
     solver_options = solver.options()
-    motions = moving.motions(trajectory)
+    reading = {name: str(of) if isinstance(of, Path) else of for name, of in data.given().items()} or None
+    motions = moving.motions(trajectory, reading)
     motion = motions[0]
     free.require(solver_options, motion, way_out=": --object-pose fixed keeps it where it is at first")
     remarks = import_remarks(motion, trajectory)
@@ -339,7 +345,7 @@ def command(
             chosen = tree.load(mesh, mesh_file.unit_length(object_))
         if things is not None:
             chosen = chosen._replace(tree=things.named(chosen.tree))
-        described = moving.words(object_, trajectory, mesh_file, tree, seed)
+        described = moving.words(object_, trajectory, mesh_file, tree, reading)
         if moving.side == "both":
             from hhsim.scene.two_hands import two_handed_scenes
 
@@ -383,13 +389,6 @@ def command(
     elif summary.verdict.mostly_stuck:
         print_notes([summary.verdict.line], prefix="missed")
     return int(summary.verdict.mostly_stuck)
-
-
-def _refuse_of_both(output: ReplayOutput, rerun: "RerunTarget | None") -> None:
-    if output.repeat > 1:
-        raise click.UsageError("--repeat is of one hand: name it with --hand right or --hand left")
-    if rerun is not None:
-        raise click.UsageError("--rerun is of one hand: hhsim view RESULT shows both after the replay")
 
 
 def _replay_both(

@@ -149,12 +149,9 @@ class HandChoice(OptionGroup, heading="Hand"):
 
     def _motion(self, word: str, *, two: bool) -> "Motion":
         """Return the motion that a word means; for one of two gloves its hand's, where a file holds both."""
-        from hhsim.scene.motion_catalogue import resolve_trajectory
-        from hhsim.scene.two_hands import holds_two_hands, two_handed_motions
+        from hhsim.scene.two_hands import motion_of_side
 
-        if two and holds_two_hands(word):
-            return two_handed_motions(word)[self.side == "left"]
-        return resolve_trajectory(word)
+        return motion_of_side(word, (self.side or "right") if two else "")
 
 
 class Feedback(OptionGroup, heading="Forces"):

@@ -3,17 +3,19 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.input_hand import InputHand, input_hand, object_depths
 from hhsim.metrics.mesh_penetration import TouchedObject
 from hhsim.metrics.metrics import Penetration, penetration
-from hhsim.motion.object_motion import ObjectMotion, RigidMotion
+from hhsim.motion.object_motion import RigidMotion
 from hhsim.result.reader import Result
 from hhsim.result.stored_hand import sphere_tree_of
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
@@ -54,9 +56,9 @@ class MovingParts:
         carried = None if self.carried is None else RigidMotion(*(of[ticks] for of in self.carried))
         return replace(self, world=self.world[ticks], values=values, carried=carried)
 
-    def pose(self, p: int) -> ObjectMotion:
-        """Return the poses of a part in the scene's frame."""
-        return ObjectMotion(self.path[:, p, :3], self.path[:, p, 3:])
+    def motion(self, p: int, ticks: slice = slice(None)) -> RigidMotion:
+        """Return the motion of a part's frame in the scene's at some ticks."""
+        return RigidMotion(self.path[ticks, p, 3:], self.path[ticks, p, :3])
 
     def surface(self, kind: str) -> ContactSurface:
         """Return the surface of all parts, `spheres` or `mesh`, and what of them cannot be touched."""
@@ -77,8 +79,7 @@ class MovingParts:
 
     def seen(self, p: int, hand: PlacedHand, ticks: slice = slice(None)) -> PlacedHand:
         """Return the hand at some ticks as a part sees it."""
-        pose = self.pose(p).at(ticks)
-        return RigidMotion(pose.orientation, pose.position).seen_hand(hand)
+        return self.motion(p, ticks).seen_hand(hand)
 
     def penetration(
         self, kind: str, shape: HandShape, hand: PlacedHand, fingers: BoolArray, ticks: slice
@@ -102,6 +103,16 @@ class TouchedParts(TouchedObject):
         """See `TouchedObject.penetration`: depths in the part that the hand is deepest in."""
         return self.parts.penetration(self.kind, self.shape, placed, self.fingers, ticks)
 
+    def input_hand(self, hand: HandModel, haptic: HandConfiguration, shown: PlacedHand, *ticks: BoolArray) -> InputHand:
+        """See `hhsim.metrics.input_hand.input_hand`: the depth is that in the deepest part, and `free` is NaN."""
+        found = []
+        for p, (mesh, part) in enumerate(zip(self.parts.meshes, self.parts.surfaces(self.kind))):
+            depths, to = object_depths(part.arrays, mesh, self.shape, self.fingers), self.parts.motion(p)
+            place, turn = to.seen_points(haptic.position), to.seen_orientations(haptic.orientation)
+            seen = haptic._replace(position=place, orientation=turn)
+            found.append(input_hand(hand, depths, seen, to.seen_hand(shown), *ticks))
+        return found[0]._replace(depth=max(each.depth for each in found), free=np.nan)
+
     def contact_error(self, placed: PlacedHand, contact: BoolArray) -> FloatArray:
         """See `TouchedObject.contact_error`: the largest of any part."""
         errors = [
@@ -110,8 +121,7 @@ class TouchedParts(TouchedObject):
             )
             for p, (mesh, part) in enumerate(zip(self.parts.meshes, self.parts.surfaces(self.kind)))
         ]
-        found: Any = np.fmax.reduce(errors)
-        return np.asarray(found)
+        return np.asarray(np.fmax.reduce(errors))
 
 
 def placed_mesh(meshes: Sequence[Mesh], moved: Sequence[RigidMotion], name: str = "object") -> Mesh:

@@ -85,8 +85,10 @@ class RunTicks:
         haptic = HandConfiguration(*(self.columns[f"haptic/{name}"] for name in HandConfiguration._fields))
         shown = PlacedHand(*(self.columns[name] for name in PLACED))
         touching, touched = np.asarray(self.columns[TOUCHING] > 0), self.touched
+        near = self.contact | self.touch | (self.self_contact & (self.self_clearance("graphic") <= touched.touch))
+        if isinstance(touched, TouchedParts):
+            return touched.input_hand(self.hand, haptic, shown, touching, near)
         depths = object_depths(touched.surface, touched.mesh, touched.shape, touched.fingers)
-        near = self.contact | (self.self_contact & (self.self_clearance("graphic") <= touched.touch))
         return input_hand(self.hand, depths, haptic, shown, touching, near)
 
     def self_clearance(self, whose: str) -> FloatArray:
@@ -104,9 +106,7 @@ class RunTicks:
 
 def result_ticks(result: Result, columns: Datasets | None = None) -> RunTicks:
     """Build the ticks of a result; `columns` replaces the file's, in a moving object's frame."""
-    found = replace(ticks_alone(result, columns), touched=touched_object(result))
-    # The user's own depth is that in one object.
-    return replace(found, hand=None) if result.parts else found
+    return replace(ticks_alone(result, columns), touched=touched_object(result))
 
 
 def touched_object(result: Result) -> TouchedObject:

@@ -127,8 +127,7 @@ def summarise(
         fingers=len(options.fingers),
         all_pairs=all_pairs(scene.hand, scene.tree),
         touched=TouchedObject(*touched) if parts is None else TouchedParts(*touched, parts, options.surface),
-        # The user's own depth is that in one object.
-        hand=scene.hand if parts is None else None,
+        hand=scene.hand,
         free=free_run,
         modelled=options.fingers,
         self_contact=options.self_contact,

@@ -48,6 +48,7 @@ class SceneWords(Settings, frozen=True, kw_only=True):
     hand_file: str | None = None  # file of the hand's sizes
     # Amplitudes of a script's tremor: position [mm] and rotation [°].
     tremor_mm_deg: Annotated[tuple[Tremor, Tremor], Meta(description=TWO)] | None = None
+    reading: dict[str, Any] | None = None  # options of an import on the way in, a `Reading`
     samples: ResampleMode = "interpolate"  # interpolation between two samples of the motion
     # Placement of a recording's object; None: as recorded, unless the hand touches nothing there, or begins inside in
     # an import (which has flags) without an object place; then where the fingers close.
@@ -117,6 +118,7 @@ def described_scene(
         "place_object": placed.place,
         "placement": placed.to_json(),
         **({} if words.ticks is None else {"ticks": words.ticks}),
+        **({} if words.reading is None else {"reading": words.reading}),
         # Files of objects that stand still by themselves do not mention it.
         **({"object_pose": "fixed"} if words.object_pose == "fixed" else {}),
     }

@@ -21,6 +21,7 @@ Keys, with their defaults::
     joint.motion = [[0.0, 0.0], [1.0, 1.5]]   # (time [s], value); straight between, constant before and after
     # or: joint.recording = { file = "lid.csv", column = "angle", time = "t" }   # columns of a CSV, arrays of an .npz
     # or: joint.recording = { file = "box.object.npy", column = 0, rate = 30.0 }   # of rows without stamps, [Hz]
+    # or: joint.recording = { file = "box.npy", column = "params/obj_arti", rate = 30.0 }   # in its dictionaries
 
 The value of a joint turns the part about its axis by the right hand's rule, or shifts it along. A script may move the
 joints instead, see `hhsim.scene.script`. ARCTIC's `.object.npy` has the angle in column 0 of rows at 30 Hz; its axis is
@@ -41,6 +42,7 @@ from hhsim.errors import InputError, check_known
 from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.npz_arrays import numbers, read_npy, read_npz
+from hhsim.motion.pickled_data import flat, npy_dictionary
 from hhsim.motion.validation import as_numbers
 from hhsim.reproducible import norm
 from hhsim.system.input_file import read_input, read_input_text
@@ -58,7 +60,8 @@ Keyframe = tuple[Annotated[float, between(0.0, 1e6)], Number]
 class JointRecording(Settings, frozen=True):
     """Columns of a CSV file, or arrays of an .npz, that hold a joint's values; the path is relative to the thing's.
 
-    An .npy has a number of its column, from 0 on, and the rate of its rows [Hz], the first of which is at 0 s.
+    An .npy has the rate of its rows [Hz], the first of which is at 0 s, and the number of a column, from 0 on; one of
+    nested dictionaries the keys of an array with slashes between.
     """
 
     file: str
@@ -67,9 +70,9 @@ class JointRecording(Settings, frozen=True):
     rate: Annotated[float, between(1e-3, 1e6, "Hz")] | None = None
 
     def check(self) -> None:
-        """Check that an .npy has a column's number and a rate, and any other file names."""
+        """Check that an .npy has a column and a rate, and any other file names."""
         rows, numbered = Path(self.file).suffix == ".npy", isinstance(self.column, int)
-        fits = (numbered and self.rate and self.time is None) if rows else not numbered and self.rate is None
+        fits = (self.rate and self.time is None) if rows else not numbered and self.rate is None
         if not fits:
             expected = "column = 0 and rate = 30.0, no time" if rows else "names of column and time, no rate"
             raise InputError(f"{self.file} has {'no names and no stamps' if rows else 'names'}; expected {expected}")
@@ -78,20 +81,24 @@ class JointRecording(Settings, frozen=True):
         """Return (time [s], value) of each sample; InputError for no such file or column, or what is no number."""
         path, names = folder / self.file, (self.time or "t", str(self.column))
         try:
-            if isinstance(self.column, int):
+            if self.rate is not None and isinstance(self.column, int):
                 rows = as_numbers("array", read_npy(read_input(path)))
                 if rows.ndim != 2 or not 0 <= self.column < rows.shape[1]:
                     raise InputError(f"no column {self.column} in an array of shape {rows.shape}; expected (T, 7)")
-                assert self.rate is not None
                 time, values = np.arange(len(rows)) / self.rate, rows[:, self.column]
+            elif self.rate is not None:
+                arrays = dict(flat(npy_dictionary(read_input(path), "a joint's values")))
+                check_known("array", names[1:], arrays)
+                values = numbers(arrays, names[1])
+                time = np.arange(len(values)) / self.rate
             elif path.suffix == ".npz":
                 arrays = read_npz(read_input(path))
                 check_known("array", names, arrays)
                 time, values = numbers(arrays, names[0]), numbers(arrays, names[1])
-                if time.ndim != 1 or time.shape != values.shape:
-                    raise InputError(f"shapes {time.shape} and {values.shape}; expected (T,) of both")
             else:
                 time, values = read_table(read_input_text(path), strict=True).numbers(names)[0].T
+            if time.ndim != 1 or time.shape != values.shape:
+                raise InputError(f"shapes {time.shape} and {values.shape}; expected (T,) of both")
             if not (len(time) and np.isfinite(time).all() and np.isfinite(values).all()):
                 missing = " or ".join(names) if isinstance(self.column, str) else f"column {self.column}"
                 raise InputError(f"{missing} is empty or lacks a number; expected one a sample")

@@ -1,7 +1,7 @@
 """Catalogue of motions, and the motion that a name or a path on the command line means.
 
 A trajectory is a catalogue name (`grasp`), a script or demonstration (`.toml`), a trajectory (`.h5`, `.csv`), a result
-or live session (`.h5`), or any other recording, which is imported as `hhsim import` does without options.
+or live session (`.h5`), or any other recording, which is imported as `hhsim import` does.
 """
 
 import functools
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 Motion: TypeAlias = Script | Demonstration | Trajectory
 """Motion of a hand, as a word on the command line names it."""
+Reading: TypeAlias = Mapping[str, Any]
+"""Fields of `hhsim.recordings.registry.ReadOptions` for a recording that is imported, paths as texts."""
 SCRIPT_SUFFIX = ".toml"
 RECORDING_SUFFIXES = (".h5", ".hdf5", CSV_SUFFIX)
 """Suffixes of trajectories and results; a recording of any other format, a .csv too, is imported."""
@@ -124,7 +126,7 @@ def of_the_paper(description: Mapping[str, Any]) -> bool:
     return motion in _names()[0] and any(object_ in use.objects for use in load_script(motion).paper)
 
 
-def resolve_trajectory(name_or_path: str | Path) -> Motion:
+def resolve_trajectory(name_or_path: str | Path, reading: Reading | None = None) -> Motion:
     """Return the script, demonstration or recording that a word on the command line means; a catalogue name wins.
 
     Raises:
@@ -139,7 +141,7 @@ def resolve_trajectory(name_or_path: str | Path) -> Motion:
     if suffix == SCRIPT_SUFFIX:
         return _parsed(read_toml_text(path, "script", TrajectoryError), path.stem, path.parent, str(path))
     if suffix in RECORDING_SUFFIXES or suffix in imported_suffixes():
-        return load_recorded(path)
+        return load_recorded(path, reading)
     if path.exists() or "/" in word:
         kinds = ", ".join((SCRIPT_SUFFIX, *RECORDING_SUFFIXES, *imported_suffixes()))
         what = media_kind_of(path) or "not a trajectory by its suffix"
@@ -147,14 +149,14 @@ def resolve_trajectory(name_or_path: str | Path) -> Motion:
     raise UnknownNameError("trajectory", word, trajectory_names())
 
 
-def load_recorded(path: Path) -> Trajectory:
+def load_recorded(path: Path, reading: Reading | None = None) -> Trajectory:
     """Read a recorded motion from a trajectory file or a result, or import it where `is_imported`.
 
     Raises:
         TrajectoryError: No such file, no known format, or a recording that cannot be cleaned safely.
     """
     if is_imported(path):
-        return clean_imported(path, read_imported(path))
+        return clean_imported(path, read_imported(path, reading=reading))
     from hhsim.motion.file import load_trajectory
     from hhsim.result.motion import holds_a_result, load_result_motion
 
@@ -179,12 +181,14 @@ def import_remarks(motion: Any, word: str) -> list[str]:
     return [remark, UNCHECKED] if motion.checksums == "missing" else [remark]
 
 
-def read_imported(path: Path, hand: HandSide = "") -> "Recording":
-    """Read a recording as `hhsim import` does without options, but for the hand; errors as `read_recording`."""
+def read_imported(path: Path, hand: HandSide = "", reading: Reading | None = None) -> "Recording":
+    """Read a recording as `hhsim import` does with no options but the hand and `reading`; errors as of that."""
     from hhsim.recordings.registry import ReadOptions, read_recording
 
     try:
-        return read_recording(path, ReadOptions(hand=hand))
+        fields: dict[str, Any] = dict(reading or {})
+        fields |= {name: Path(fields[name]) for name in ("mano_model", "profile") if name in fields}
+        return read_recording(path, ReadOptions(hand=hand, **fields))
     except InputError as error:
         if "--" not in str(error):
             raise

@@ -16,7 +16,7 @@ from hhsim.result.reader import hand_paths
 from hhsim.result.schema import SIDES
 from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.described_scene import PlacedScene, SceneWords, described_scene
-from hhsim.scene.motion_catalogue import Motion, clean_imported, is_imported, read_imported, resolve_trajectory
+from hhsim.scene.motion_catalogue import Motion, Reading, clean_imported, is_imported, read_imported, resolve_trajectory
 from hhsim.scene.parts_of_thing import ThingParts
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned
@@ -26,20 +26,22 @@ SAME_STAMP = 1e-6
 """Stamps no farther apart are one [s]."""
 
 
-def holds_two_hands(word: str) -> bool:
-    """Return whether a word on the command line names a file that `two_handed_motions` reads, and no script."""
+def motion_of_side(word: str, side: str, reading: Reading | None = None) -> Motion:
+    """Return the motion of one of two hands, where a word names a recording or a result of both; "" has one hand."""
     path = Path(word)
-    return is_imported(path) or (holds_a_result(path) and len(hand_paths(path)) == len(SIDES))
+    if side and (is_imported(path) or (holds_a_result(path) and len(hand_paths(path)) == len(SIDES))):
+        return two_handed_motions(word, reading)[side == "left"]
+    return resolve_trajectory(word, reading)
 
 
-def two_handed_motions(word: str) -> tuple[Motion, Motion]:
+def two_handed_motions(word: str, reading: Reading | None = None) -> tuple[Motion, Motion]:
     """Return the motions of the right and of the left hand that a word on the command line means, over the same time.
 
     Errors as `resolve_trajectory`; also for a motion of one hand, or hands never seen together.
     """
     path = Path(word)
     if is_imported(path):
-        recordings = [read_imported(path, side) for side in SIDES]
+        recordings = [read_imported(path, side, reading) for side in SIDES]
         # On the file's own clock: stamps count from each hand's first one.
         stamps = [one.time + one.first_stamp for one in recordings]
         low, high = max(np.nanmin(each) for each in stamps), min(np.nanmax(each) for each in stamps)
@@ -52,8 +54,7 @@ def two_handed_motions(word: str) -> tuple[Motion, Motion]:
         both = hand_paths(path)
         if len(both) == 1:
             raise TrajectoryError(f"{word} holds one hand; --hand both expects a result of two hands")
-        right, left = (load_result_motion(hand) for hand in both)
-        return right, left
+        return load_result_motion(both[0]), load_result_motion(both[1])
     motion = resolve_trajectory(word)
     if not isinstance(motion, Script):
         raise TrajectoryError(f"{word} is of one hand; --hand both expects a script, or a recording of two hands")

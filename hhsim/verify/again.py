@@ -14,12 +14,13 @@ from hhsim.replay.summary import figures_of_own_runs
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import SIDES, TWO_HANDED, is_one_of_two
 from hhsim.scene.closure_search import OtherHand
-from hhsim.scene.motion_catalogue import resolve_trajectory, trajectory_names
+from hhsim.scene.motion_catalogue import trajectory_names
 from hhsim.scene.parts_of_thing import load_thing
 from hhsim.scene.recorded_grasp_pose import place_at_grasp
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned
+from hhsim.scene.two_hands import motion_of_side
 from hhsim.system.progress import Progress
 from hhsim.verify.claim import NOT_JUDGED, Claim, difference, judged, told_apart
 from hhsim.verify.origin_checks import own_object, own_tree
@@ -123,7 +124,8 @@ def _made_again(result: Result) -> tuple[TickInput, MovingParts | None]:
     scene = result.scene
     if not scene.get("trajectory"):
         raise InputError("the file does not say which motion it was")
-    motion = resolve_trajectory(str(scene["trajectory"]))
+    side = result.side if scene.get(TWO_HANDED) else ""
+    motion = motion_of_side(str(scene["trajectory"]), side, scene.get("reading"))
     mode = scene.get("samples", "interpolate")
     if isinstance(motion, Script) and scene.get("tremor_mm_deg"):
         motion = motion.shaken(scene["tremor_mm_deg"])

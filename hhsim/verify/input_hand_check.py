@@ -9,7 +9,8 @@ from hhsim.result.reader import Result
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, as_number, judged
 from hhsim.verify.contacts import near_pairs
-from hhsim.verify.kinematics import rotations
+from hhsim.verify.judged_body import JudgedBody, judged_bodies
+from hhsim.verify.kinematics import Posed, rotations
 from hhsim.verify.tick_data import LENGTH, WHY_LENGTH, JudgedTicks
 
 DEPTH = "input_depth_max"
@@ -22,8 +23,8 @@ BETWEEN = 1e-8
 
 
 def input_hand_claims(judge: JudgedTicks) -> list[Claim]:
-    """Judge the summary's figures of the user's hand; none of a session, a stopped run, or parts."""
-    if judge.result.live is not None or not judge.result.complete or judge.result.parts:
+    """Judge the summary's figures of the user's hand; none of a session or a stopped run."""
+    if judge.result.live is not None or not judge.result.complete:
         return []
     return [_depth(judge), _correction(judge)]
 
@@ -70,16 +71,19 @@ def _depth(judge: JudgedTicks) -> Claim:
     name, says = "input depth", "the user's hand is as deep as the summary says, and in no tick deeper"
     if judge.on_mesh:
         return Claim(name, says, NOT_JUDGED, unit="m", note="inside a mesh the referee has no depth of its own")
-    posed = judge.wanted_posed
-    # Travel of the farthest joint or palm sphere to the next tick [m].
-    joints = np.linalg.norm(np.diff(posed.joints, axis=0), axis=3).max(axis=(1, 2))
-    moved = np.maximum(joints, np.linalg.norm(np.diff(posed.palm, axis=0), axis=2).max(axis=1))
+    deepest, every = 0.0, np.arange(judge.result.ticks)
+    for body in judged_bodies(judge.result, every):
+        posed = body.seen(judge.wanted_posed, every)
+        # Travel of the farthest joint or palm sphere to the next tick [m].
+        joints = np.linalg.norm(np.diff(posed.joints, axis=0), axis=3).max(axis=(1, 2))
+        moved = np.maximum(joints, np.linalg.norm(np.diff(posed.palm, axis=0), axis=2).max(axis=1))
 
-    def depths(ticks: IntArray) -> FloatArray:
-        pairs = near_pairs(judge.hand, posed.at(ticks), judge.bodies[0].pieces, judge.fingers, 0.0)
-        return np.asarray(np.maximum(0.0, -pairs.nearest(len(ticks)).min(axis=1, keepdims=True)))
+        def depths(ticks: IntArray, posed: Posed = posed, body: JudgedBody = body) -> FloatArray:
+            pairs = near_pairs(judge.hand, posed.at(ticks), body.pieces, judge.fingers, 0.0)
+            return np.asarray(np.maximum(0.0, -pairs.nearest(len(ticks)).min(axis=1, keepdims=True)))
 
-    off = abs(search_deepest(moved[:, None], depths) - as_number(judge.result.summary.get(DEPTH)))
+        deepest = search_deepest(moved[:, None], depths, deepest)
+    off = abs(deepest - as_number(judge.result.summary.get(DEPTH)))
     return judged(name, says, [off], SEARCHED, "m", "as near as it is searched for")
 
 

@@ -48,7 +48,7 @@ def own_object(result: Result, again: bool) -> Mesh | None:
     word, stated = str(scene.get("object") or ""), scene.get("object_mesh")
     try:
         if result.parts:
-            motion = resolve_trajectory(str(scene["trajectory"]))
+            motion = resolve_trajectory(str(scene["trajectory"]), scene.get("reading"))
             shipped, solid = not names_a_file(word), result.surface != "mesh"
             mesh = load_thing(word, motion, solid=solid).mesh if shipped or again else None
         elif not names_a_file(word):

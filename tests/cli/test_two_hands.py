@@ -3,10 +3,17 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import Run
 from drawings_alone import leave_report_undrawn
+from joint_samples import joint_sample
+from pose_samples import umetrack_lines, umetrack_profile
 from short_grasp import short_grasp_text
+
+from hhsim.recordings.joint_names import JOINT_ORDERS
+from hhsim.result.reader import load_result
+from hhsim.result.schema import SIDES
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +66,7 @@ def test_it_is_judged_shown_and_reported(run: Run, both: Path, monkeypatch: pyte
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
-    [(("--repeat", "2"), "--repeat is of one hand"), (("--rerun", "one.rrd"), "--rerun is of one hand")],
+    [(("--repeat", "2"), "--repeat and --rerun are of one hand"), (("--rerun", "one.rrd"), "--rerun are of one hand")],
 )
 def test_what_is_of_one_hand_is_refused(run: Run, tmp_path: Path, arguments: tuple[str, ...], said: str) -> None:
     (tmp_path / "short.toml").write_text(short_grasp_text())
@@ -73,3 +80,91 @@ def test_a_command_of_one_hand_says_how_to_name_it(run: Run, both: Path) -> None
         assert answer.code == 2 and "both.h5/right or both.h5/left" in answer.err
     answer = run("verify", "both.h5/middle")
     assert answer.code == 2 and "no such file" in answer.err
+
+
+def hot3d_lines() -> str:
+    """Poses of both hands, a line each, the left one 0.3 m beside the right one."""
+    right, left = (map(json.loads, umetrack_lines(joint_sample(side)).splitlines()) for side in SIDES)
+    lines = []
+    for one, other in zip(right, left):
+        other["hand_poses"]["0"]["wrist_xform"]["t_xyz"][0] += 0.3
+        lines.append(json.dumps(one | {"hand_poses": one["hand_poses"] | other["hand_poses"]}))
+    return "\n".join(lines) + "\n"
+
+
+def test_both_hands_of_a_recording_and_its_object_are_replayed_by_one_command(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "umetrack_hand_user_profile.json").write_text(umetrack_profile())
+    (tmp_path / "poses.jsonl").write_text(hot3d_lines())
+    tips = joint_sample().named(("middle_tip",))[:, 0]
+    stamps = [json.loads(line)["timestamp_ns"] for line in hot3d_lines().splitlines()]
+    rows = [
+        f"{uid},{stamp},{tip[0] + away},{tip[1]},{tip[2]},1,0,0,0"
+        for stamp, tip in zip(stamps, tips)
+        for uid, away in ((17, 0.0), (23, 9.0))
+    ]
+    header = "object_uid,timestamp[ns],t_wo_x[m],t_wo_y[m],t_wo_z[m],q_wo_w,q_wo_x,q_wo_y,q_wo_z\n"
+    (tmp_path / "dynamic_objects.csv").write_text(header + "\n".join(rows) + "\n")
+    command = ("replay", "cube", "poses.jsonl", "--hands", "both", "--ticks", "60", "--out", "poses.h5")
+    answer = run(*command, "--object-track", "17", "--json")
+    summaries = list(json.loads(answer.out)["hands"].values())
+    assert [summary["input_depth_max"] > 5e-3 for summary in summaries] == [True, False]
+    assert [summary["penetration_max"] for summary in summaries] == [0.0, 0.0]
+    assert summaries[0]["correction_joint_mean"] > 1e-3
+    for side in SIDES:
+        result = load_result(tmp_path / "poses.h5" / side)
+        assert result.scene["reading"] == {"object_track": "17"} and result.driven
+    # The left hand's motion is made again as that of the left hand, about the same object.
+    found = json.loads(run("verify", "poses.h5", "--again", "--json").out)["hands"]
+    motions = [{claim["name"]: claim["verdict"] for claim in hand["claims"]}["again: motion"] for hand in found]
+    assert motions == ["holds", "holds"]
+    wrong = run(*command, "--object-track", "18")
+    assert wrong.code == 2 and "--object-track 18: dynamic_objects.csv beside the recording holds 17" in wrong.err
+    script = run("replay", "cube", "grasp", "--object-track", "17")
+    assert script.code == 2 and "object_track: of a recording that is imported, and 'grasp' is not" in script.err
+
+
+HINGED = """
+[[part]]
+name = "bottom"
+box = [0.1, 0.1, 0.02]
+
+[[part]]
+name = "top"
+box = [0.1, 0.1, 0.02]
+parent = "bottom"
+position = [0.0, 0.0, 0.021]
+joint.type = "hinge"
+joint.axis = [0.0, 0.0, -1.0]
+joint.limits = [0.0, 3.2]
+joint.recording = { file = "box_use_01.npy", column = "params/obj_arti", rate = 30.0 }
+"""
+
+
+def test_two_hands_and_an_object_with_a_hinge_are_replayed_by_one_command(run: Run, tmp_path: Path) -> None:
+    right, left = (joint_sample(side).named(JOINT_ORDERS["mano"]) for side in SIDES)
+    tips = joint_sample().named(("middle_tip",))[:, 0]
+    angle = np.linspace(0.0, 1.0, len(tips))
+    held = {
+        "world_coord": {"joints.right": right, "joints.left": left + [0.3, 0.0, 0.0]},
+        "params": {"obj_trans": 1e3 * tips, "obj_rot": 0.0 * tips, "obj_arti": angle},
+    }
+    # An object in millimetres is one that is metres away from the origin.
+    for joints in held["world_coord"].values():
+        joints += [0.0, 0.0, 1.0]
+    held["params"]["obj_trans"] += [0.0, 0.0, 1e3]
+    np.save(tmp_path / "box_use_01.npy", np.array(held, dtype=object))
+    (tmp_path / "box.toml").write_text(HINGED)
+    command = ("replay", "box.toml", "box_use_01.npy", "--hands", "both", "--ticks", "60", "--level", "2")
+    answer = run(*command, "--out", "box.h5", "--json")
+    summaries = list(json.loads(answer.out)["hands"].values())
+    assert [summary["input_depth_max"] > 2e-3 for summary in summaries] == [True, False]
+    assert [summary["penetration_max"] for summary in summaries] == [0.0, 0.0]
+    assert summaries[0]["correction_joint_mean"] > 1e-4
+    joint = load_result(tmp_path / "box.h5" / "right")["things/box/top/joint"]
+    np.testing.assert_allclose(joint, np.interp(1e-3 * np.arange(60), np.arange(len(angle)) / 30.0, angle), atol=1e-12)
+    verdicts = [
+        {claim["name"]: claim["verdict"] for claim in hand["claims"]}
+        for hand in json.loads(run("verify", "box.h5", "--again", "--json").out)["hands"]
+    ]
+    for name in ("again: motion", "input depth", "correction", "non-penetration"):
+        assert [found[name] for found in verdicts] == ["holds", "holds"], name

@@ -90,6 +90,24 @@ def test_arctics_articulation_is_a_column_of_rows_at_a_rate(tmp_path: Path) -> N
     assert values == pytest.approx([0.0, 0.025, 0.75, 1.5, 1.5], abs=1e-6)
 
 
+NAMED = RECORDED.replace('"angle"', '"params/obj_arti", rate = 30.0')
+
+
+def test_an_articulation_in_nested_dictionaries_is_named_by_its_keys(tmp_path: Path) -> None:
+    held = {"params": {"obj_arti": np.linspace(0.0, 1.5, 31, dtype=np.float32), "obj_rot": np.zeros((31, 3))}}
+    np.save(tmp_path / "box.npy", np.array(held, dtype=object))
+    path = tmp_path / "thing.toml"
+    path.write_text(NAMED.format("box.npy"))
+    values = read_jointed_thing(path).joint_values(np.array([0.0, 1.0 / 60.0, 0.5, 2.0]))["lid"]
+    assert values == pytest.approx([0.0, 0.025, 0.75, 1.5], abs=1e-6)
+    path.write_text(NAMED.replace("obj_arti", "arti").format("box.npy"))
+    with pytest.raises(InputError, match=r"box\.npy: .*params/arti.*params/obj_arti"):
+        read_jointed_thing(path)
+    path.write_text(NAMED.replace("obj_arti", "obj_rot").format("box.npy"))
+    with pytest.raises(InputError, match=r"box\.npy: shapes \(31,\) and \(31, 3\)"):
+        read_jointed_thing(path)
+
+
 @pytest.mark.parametrize(
     ("array", "text", "expected"),
     [
@@ -125,7 +143,6 @@ def test_a_fault_of_rows_names_their_file(array: np.ndarray | bytes, text: str, 
     [
         ("lid.npy", "column = 0"),
         ("lid.npy", 'column = "angle"'),
-        ("lid.npy", 'column = "angle", rate = 30.0'),
         ("lid.npy", 'column = 0, rate = 30.0, time = "t"'),
         ("lid.csv", "column = 0, rate = 30.0"),
         ("lid.csv", "column = 0"),

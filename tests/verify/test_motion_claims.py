@@ -168,6 +168,19 @@ def test_a_depth_that_is_another_is_found(result: Result, off: float) -> None:
     assert verdicts(result, **{DEPTH: float(result.summary[DEPTH]) + off})["input depth"] == FAILS
 
 
+def test_beside_moving_parts_the_deepest_part_counts(tmp_path: Path) -> None:
+    scene = open_scene("laptop", "close", level=3)
+    assert scene.parts is not None
+    cut = replace(scene, ticks=scene.ticks.first(150), parts=scene.parts.at(slice(2050, 2200)))
+    replay_scene(cut, SolverOptions(), tmp_path / "parts.h5")
+    result = load_result(tmp_path / "parts.h5")
+    assert len(result.parts) == 2 and np.ptp(result["things/laptop/lid/joint"]) > 0.05
+    assert result.summary[DEPTH] > 1e-3
+    assert verdicts(result) == {"input depth": HOLDS, "correction": HOLDS}
+    for name, found in ((DEPTH, "input depth"), (CORRECTION[2], "correction")):
+        assert verdicts(result, **{name: float(result.summary[name]) + 1e-5})[found] == FAILS
+
+
 @pytest.mark.parametrize("name", CORRECTION)
 def test_a_correction_that_is_another_is_found(result: Result, name: str) -> None:
     assert verdicts(result, **{name: float(result.summary[name]) + 1e-8}) == {"input depth": HOLDS, "correction": FAILS}

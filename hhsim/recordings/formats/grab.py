@@ -4,6 +4,7 @@
 |---|---|
 | ARCTIC's .mano.npy | a dictionary of right and left, each rot (T, 3), pose (T, 45), trans [m] (T, 3), shape |
 | .npz | the same as plain arrays, right_rot or rot_r, …, and obj_rot, obj_trans [mm], obj_arti |
+| .npy of ARCTIC's processed sequences | world_coord/joints.right [m] (T, 21, 3), params/obj_rot, params/obj_trans |
 | .npz of GRAB's arrays | rhand_global_orient, rhand_fullpose (or rhand_hand_pose), rhand_transl, lhand_…, framerate |
 
 ARCTIC's pose is from the model's mean pose, at 30 Hz; its object is in .object.npy beside it (github.com/zc-alexfan/
@@ -17,6 +18,7 @@ or later, and its object stays where it was.
 import io
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,12 +28,15 @@ from hhsim.motion.npz_arrays import array_names, npz_with, numbers, read_npy, re
 from hhsim.motion.pickled_data import flat, npy_dictionary, replaced
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import Correction, joint_changes
+from hhsim.recordings.formats.keypoints import joints_of_array
 from hhsim.recordings.formats.mano import ANGLES, ManoPoses, corrected_arrays, parameters_of, recording_of_poses
-from hhsim.recordings.hand_side import chosen_side
+from hhsim.recordings.hand_side import SIDES, chosen_side
+from hhsim.recordings.joint_positions import recording_of_joints
 from hhsim.recordings.mano_model import ManoParameters
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
 from hhsim.recordings.recording import Finding, Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.unit_detection import FAR
 
 SIDE_WORDS: dict[str, HandSide] = {"rhand": "right", "right": "right", "r": "right"}
 SIDE_WORDS |= {"lhand": "left", "left": "left", "l": "left"}
@@ -43,6 +48,8 @@ FIELDS = {
 }
 """Names of the numbers of a hand, the preferred one first: of GRAB, then of ARCTIC."""
 READINGS = {"fullpose": "axis-angle", "pose": "axis-angle-mean"}
+PROCESSED: dict[HandSide, str] = {side: f"world_coord/joints.{side}" for side in SIDES}
+"""Names of the joints in a processed sequence of ARCTIC."""
 ARCTIC_RATE = 30.0
 """Frames a second of ARCTIC [Hz], which its files do not state."""
 DICTIONARY = "ARCTIC's hands"
@@ -81,8 +88,26 @@ class _Hand(NamedTuple):
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one of more samples; raises TrajectoryError."""
+    if content.head.startswith(NPY):
+        arrays = dict(flat(npy_dictionary(content.data, DICTIONARY)))
+        if any(name in arrays for name in PROCESSED.values()):
+            return _of_joints(arrays, content.name, options)
     hand = _hand(content, options)
     return recording_of_poses(hand.poses, content.name.removesuffix(".mano"), "grab", options, hand.usual)
+
+
+def _of_joints(arrays: Mapping[str, Any], name: str, options: ReadOptions) -> Recording:
+    """Return the recording of the joints of a processed sequence, which needs no model of the hand."""
+    side, remarks = chosen_side({of: len(arrays[key]) for of, key in PROCESSED.items() if key in arrays}, options.hand)
+    joints = joints_of_array(arrays[PROCESSED[side]], PROCESSED[side], options)
+    poses = poses_in(arrays, len(joints.position), options)
+    if poses is not None and poses.metre is None:
+        # The data set has millimetres, and DexMachina's copy of it metres.
+        poses = poses._replace(metre=1e-3 if np.nanmax(np.abs(poses.position)) > FAR else 1.0)
+    used = {*PROCESSED.values(), *(() if poses is None else poses.names)}
+    remarks += unused({key: np.shape(values) for key, values in arrays.items() if key not in used})
+    stated: dict[str, Any] = {"form": "grab", "rate": ARCTIC_RATE, "hand": side, "unit": 1.0, "object_poses": poses}
+    return recording_of_joints(replace(joints, findings=tuple(remarks), **stated), name, options)
 
 
 def _parameters(content: Content, options: ReadOptions) -> ManoParameters:

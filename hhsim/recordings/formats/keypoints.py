@@ -55,7 +55,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the only one; raises TrajectoryError."""
     zipped = content.head.startswith(b"PK")
     if content.head.startswith(NPY):
-        joints = _joints(read_npy(content.data), "the array", options)
+        joints = joints_of_array(read_npy(content.data), "the array", options)
     elif zipped:
         joints = _from_npz(content.data, options)
     elif content.is_json:
@@ -65,7 +65,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     return recording_of_joints(joints, content.name, options).changed(checksums="held" if zipped else "")
 
 
-def _joints(
+def joints_of_array(
     array: Any, where: str, options: ReadOptions, time: FloatArray | None = None, unit: str | None = None
 ) -> JointPositions:
     """Return the joints in an array of points."""
@@ -139,7 +139,7 @@ def _from_npz(data: bytes, options: ReadOptions) -> JointPositions:
     key = _points_key(arrays)
     points, stamps = arrays[key], time_column(arrays)
     time = None if stamps is None else numbers(arrays, stamps.name, len(points))
-    joints = _joints(points, f"array '{key}'", options, time, None if stamps is None else stamps.unit)
+    joints = joints_of_array(points, f"array '{key}'", options, time, None if stamps is None else stamps.unit)
     poses = poses_in(arrays, len(points), options)
     used = {key, *(poses.names if poses else ()), *((stamps.name,) if stamps else ())}
     left = unused({name: np.shape(value) for name, value in arrays.items() if name not in used})

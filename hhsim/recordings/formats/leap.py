@@ -293,7 +293,9 @@ def _joints(frame: Mapping[str, Any], hand: Mapping[str, Any]) -> FloatArray:
     """Return base, two joints and tip of each finger [mm], shape (5, 4, 3); NaN where missing."""
     joints = np.full((len(FINGERS), len(JOINTS), 3), np.nan)
     for finger, pointable in _fingers(frame, hand).items():
-        joints[finger] = [vector(pointable.get(key)) for key in JOINTS]
+        # The first versions with bones wrote no end of the last one; the fingertip is near it.
+        held = {"btipPosition": pointable.get("tipPosition"), **pointable}
+        joints[finger] = [vector(held.get(key)) for key in JOINTS]
     return joints
 
 

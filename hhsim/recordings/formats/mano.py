@@ -15,6 +15,7 @@ Fewer than 45 coefficients cannot hold every pose: they are those whose joints a
 """
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -84,9 +85,9 @@ def recording_of_poses(
             f"{len(poses.pose)} poses of a MANO hand, {count} numbers each; the joints need the model's file, "
             "which is the user's own: --mano-model MANO_RIGHT.pkl"
         )
-    model = read_mano_model(options.mano_model)
     hand = options.hand or poses.hand
-    file = options.mano_model.name
+    path = _file_of(hand, options.mano_model)
+    model, file = read_mano_model(path), path.name
     findings = list(poses.findings)
     if hand and {"right": "left", "left": "right"}[hand] in file.lower():
         findings.append(note(f"{hand} hand, but the model is called {file}: is it the other hand's?"))
@@ -151,7 +152,13 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
 def _model(options: ReadOptions) -> ManoModel:
     if options.mano_model is None:
         raise InputError("a MANO hand is written by its model: --mano-model MANO_RIGHT.pkl")
-    return read_mano_model(options.mano_model)
+    return read_mano_model(_file_of(options.hand, options.mano_model))
+
+
+def _file_of(hand: HandSide, given: Path) -> Path:
+    """Return the model's file of a hand: that of its name beside the given one, if that is called the other hand's."""
+    name = given.name.replace("RIGHT", "LEFT") if hand == "left" else given.name.replace("LEFT", "RIGHT")
+    return given.with_name(name) if hand and given.with_name(name).is_file() else given
 
 
 def corrected_arrays(

@@ -13,9 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.quaternion import rotation_matrix
+from hhsim.recordings.joint_names import JOINT_ORDERS
 from hhsim.recordings.registry import Content, ReadOptions, format_of, read_content, read_recording, write_recording
 
-SAMPLE = joint_sample()
+SAMPLE, MANO = joint_sample(), JOINT_ORDERS["mano"]
 COUNT = len(SAMPLE.motion.time)
 TURN, POSE, SHIFT = mano_poses(SAMPLE)
 FIELDS = mano_fields(SAMPLE.hand)
@@ -65,6 +66,56 @@ def test_arctics_hands_and_the_object_beside_them(tmp_path: Path, options: ReadO
     np.save(tmp_path / "mug_grab_01.object.npy", rows[:-1])
     with pytest.raises(TrajectoryError, match=rf"object\.npy: {COUNT - 1} poses of the object .* for {COUNT} samples"):
         read_recording(path, options)
+
+
+def test_of_two_models_each_hand_takes_its_own(tmp_path: Path, options: ReadOptions) -> None:
+    path = tmp_path / "mug_grab_01.mano.npy"
+    np.save(path, np.array({"right": RIGHT, "left": RIGHT}, dtype=object))
+    left = ReadOptions(mano_model=options.mano_model, world_up="y", hand="left")
+    assert "is it the other hand's?" in words(read_recording(path, left))
+    np.savez(tmp_path / "MANO_LEFT.npz", **mano_fields(joint_sample("left").hand, seed=1))
+    found = words(read_recording(path, left))
+    assert "model mano_left.npz" in found and "other hand's" not in found
+    assert "model mano_right.npz" in words(read_recording(path, options))
+
+
+PROCESSED = {"joints.right": SAMPLE.named(MANO), "joints.left": joint_sample("left").named(MANO)}
+
+
+def processed(metre: float = 1e3) -> dict[str, Any]:
+    """What a processed sequence of ARCTIC holds, its object in mm, or of DexMachina's copy in m."""
+    params = {"obj_trans": metre * PLACE, "obj_rot": SPIN, "obj_arti": np.zeros(COUNT)}
+    return {"world_coord": dict(PROCESSED), "params": params, "imgnames": ["a", "b"]}
+
+
+@pytest.mark.parametrize("metre", [1e3, 1.0])
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_processed_sequences_need_no_model(side: Any, metre: float, tmp_path: Path) -> None:
+    path = tmp_path / "laptop_use_01.npy"
+    far = {**processed(metre)["params"], "obj_trans": metre * (PLACE + [0.0, 0.0, 1.0])}
+    np.save(path, np.array(processed(metre) | {"params": far}, dtype=object))
+    recording = read_recording(path, ReadOptions(hand=side, world_up="y"))
+    assert (recording.form, recording.hand) == ("grab", side)
+    assert_our_own(recording, joint_sample(side))
+    assert np.allclose(np.diff(recording.time), 1.0 / 30.0)
+    assert recording.object_motion is not None
+    np.testing.assert_allclose(recording.object_motion.position, (PLACE + [0.0, 0.0, 1.0]) @ Y_UP, atol=1e-12)
+    assert f"not used: params/obj_arti ({COUNT},), imgnames (2,)" in words(recording)
+
+
+def test_processed_sequences_of_other_joints_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "laptop_use_01.npy"
+    np.save(path, np.array(processed() | {"world_coord": {"joints.right": np.zeros((COUNT, 16, 3))}}, dtype=object))
+    with pytest.raises(
+        TrajectoryError, match=r"world_coord/joints\.right has shape \(40, 16, 3\).*lack the fingertips"
+    ):
+        read_recording(path, ReadOptions(hand="right"))
+    held = processed()
+    del held["world_coord"]["joints.left"]
+    np.save(path, np.array(held, dtype=object))
+    assert read_recording(path).hand == "right"
+    with pytest.raises(TrajectoryError, match="no left hand"):
+        read_recording(path, ReadOptions(hand="left"))
 
 
 def test_arctics_plain_arrays_have_the_object_in_millimetres(options: ReadOptions) -> None:

@@ -74,6 +74,20 @@ def test_joints_that_are_missing_are_holes() -> None:
     assert np.flatnonzero(marked(repaired.trajectory.flags, SampleFlag.FINGERS_FILLED)).tolist() == [7, 8]
 
 
+def test_the_fingertip_stands_for_the_end_of_the_last_bone_where_there_is_none() -> None:
+    whole = document()
+    plain = read_as("leap", json.dumps(whole))
+    for frame in whole["frames"]:
+        for finger in frame["pointables"]:
+            finger["tipPosition"] = finger.pop("btipPosition")
+    early = read_as("leap", json.dumps(whole))
+    assert early.flexion.tobytes() == plain.flexion.tobytes()
+    for frame in whole["frames"]:
+        for finger in frame["pointables"]:
+            finger["btipPosition"], finger["tipPosition"] = finger["tipPosition"], [0.0, 0.0, 0.0]
+    assert read_as("leap", json.dumps(whole)).flexion.tobytes() == plain.flexion.tobytes()
+
+
 def without(key: str) -> str:
     whole = document(count=3)
     for frame in whole["frames"]:
