@@ -93,8 +93,7 @@ class RunFigures:
 def run_figures(result: Result) -> RunFigures:
     """Compute the figures of a result from its ticks.
 
-    Raises:
-        InputError: A dataset that the result's schema does not have, or an invalid tree.
+    Raises InputError for a dataset that the result's schema does not have, or an invalid tree.
     """
     inputs, digest, result = run_inputs(result), tick_digest(result), result.seen_from_object
     gives = {what for what in EVERYTHING if result.gives(what)}

@@ -22,19 +22,12 @@ class _Posed(Protocol):
 
 
 class HandConfiguration(NamedTuple):
-    """Configurations of a hand, one per tick or sample, world frame; a single one has no T.
+    """Configurations of a hand, one per tick or sample, world frame; a single one has no T."""
 
-    Attributes:
-        position: Palm origin [m], shape (T, 3).
-        orientation: Palm to world, (w, x, y, z), shape (T, 4).
-        flexion: Thumb to little finger, proximal to distal [rad], shape (T, 5, 3).
-        abduction: Thumb to little finger [rad], shape (T, 5).
-    """
-
-    position: FloatArray
-    orientation: FloatArray
-    flexion: FloatArray
-    abduction: FloatArray
+    position: FloatArray  # palm origin [m], shape (T, 3)
+    orientation: FloatArray  # palm to world, (w, x, y, z), shape (T, 4)
+    flexion: FloatArray  # thumb to little finger, proximal to distal [rad], shape (T, 5, 3)
+    abduction: FloatArray  # thumb to little finger [rad], shape (T, 5)
 
     def __repr__(self) -> str:
         if np.ndim(self.position) != 1:

@@ -191,36 +191,22 @@ def palm_arrays(tree: SphereTree, length: FloatArray) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class HandModel:
-    """Sizes and limits of one hand, palm frame; fingers in the order of `FINGERS`.
-
-    Attributes:
-        hand_length: Wrist crease to middle fingertip [m].
-        hand_breadth: Across the knuckles [m].
-        base: First joint of each finger [m], shape (5, 3).
-        distal: Unit direction of the straight finger at zero abduction, shape (5, 3).
-        dorsal: Unit direction out of the finger's back, perpendicular to distal, shape (5, 3).
-        length: Between joint centres, the last one to the tip sphere's centre [m], shape (5, 3).
-        radius: At each joint and at the tip, not growing towards the tip [m], shape (5, 4).
-        flexion_min, flexion_max: Joint limits [rad], shape (5, 3).
-        abduction_min, abduction_max: Abduction limits, positive towards the thumb side [rad], shape (5,).
-        palm_mesh: Palm without the thumb's metacarpal [m], closed, palm frame.
-        palm_tree: Its sphere tree; the leaves are what collides.
-    """
+    """Sizes and limits of one hand, palm frame; fingers in the order of `FINGERS`."""
 
     side: Side
-    hand_length: float
-    hand_breadth: float
-    base: FloatArray
-    distal: FloatArray
-    dorsal: FloatArray
-    length: FloatArray
-    radius: FloatArray
-    flexion_min: FloatArray
+    hand_length: float  # wrist crease to middle fingertip [m]
+    hand_breadth: float  # across the knuckles [m]
+    base: FloatArray  # first joint of each finger [m], shape (5, 3)
+    distal: FloatArray  # unit direction of the straight finger at zero abduction, shape (5, 3)
+    dorsal: FloatArray  # unit direction out of the finger's back, perpendicular to distal, shape (5, 3)
+    length: FloatArray  # between joint centres, the last one to the tip sphere's centre [m], shape (5, 3)
+    radius: FloatArray  # at each joint and at the tip, not growing towards the tip [m], shape (5, 4)
+    flexion_min: FloatArray  # joint limits [rad], shape (5, 3)
     flexion_max: FloatArray
-    abduction_min: FloatArray
+    abduction_min: FloatArray  # abduction limits, positive towards the thumb side [rad], shape (5,)
     abduction_max: FloatArray
-    palm_mesh: Mesh
-    palm_tree: SphereTree
+    palm_mesh: Mesh  # palm without the thumb's metacarpal [m], closed, palm frame
+    palm_tree: SphereTree  # its sphere tree; the leaves are what collides
 
     def __repr__(self) -> str:
         size = f"{1e3 * self.hand_length:.1f} mm long, {1e3 * self.hand_breadth:.1f} mm broad"
@@ -247,9 +233,8 @@ class HandModel:
     def from_toml(cls, path: str | Path, side: Side = "right") -> "HandModel":
         """Return the default hand with the sizes of a TOML file; the module's docstring explains the keys.
 
-        Raises:
-            InputError: No such file, a robot's URDF or MJCF, broken TOML, an unknown key, or a size of wrong shape or
-                sign.
+        Raises InputError for no such file, a robot's URDF or MJCF, broken TOML, an unknown key, or a size of wrong
+        shape or sign.
         """
         text = read_toml_text(Path(path), "hand")
         if robot := re.match(r"\s*<(?:.*<)?(robot|mujoco)\b", text, re.DOTALL):

@@ -117,33 +117,26 @@ COUNTERS = tuple(item.name for item in fields(DeviceCounters))
 
 @dataclass
 class FingerCommand:
-    """Command to the fingers; updated in place, tick by tick.
+    """Command to the fingers; updated in place, tick by tick."""
 
-    Attributes:
-        bend: Bend at which each finger is stopped, 0 (flat) to 1 (fist), shape (5,).
-        stiffness: Stiffness of the stop, 0 (free) to 1, shape (5,).
-        force: Force of the object on each phalanx [N], frame of the shown hand's palm, shape (5, 3, 3): finger,
-            phalanx from the knuckle on, x y z. Scaled by the same ramp as the stiffness, 0 where that is 0, and always
-            0 for a glove that takes neither FORCE nor POWER.
-    """
-
+    # Bend at which each finger is stopped, 0 (flat) to 1 (fist), shape (5,).
     bend: FloatArray = field(default_factory=lambda: np.zeros(FINGER_COUNT))
+    # Stiffness of the stop, 0 (free) to 1, shape (5,).
     stiffness: FloatArray = field(default_factory=lambda: np.zeros(FINGER_COUNT))
+    # Force of the object on each phalanx [N], frame of the shown hand's palm, shape (5, 3, 3): finger, phalanx from the
+    # knuckle on, x y z. Scaled by the same ramp as the stiffness, 0 where that is 0, and always 0 for a glove that
+    # takes neither FORCE nor POWER.
     force: FloatArray = field(default_factory=lambda: np.zeros((FINGER_COUNT, 3, 3)))
 
 
 @dataclass
 class PalmReading:
-    """Pose of the palm as a glove reports it; updated in place, sample by sample.
+    """Pose of the palm as a glove reports it; updated in place, sample by sample."""
 
-    Attributes:
-        came_ns: CLOCK_MONOTONIC when its bytes were read [ns], -1 before the first.
-        position: Palm origin [m], shape (3,), in a world with z up and its origin at the tracker's.
-        orientation: Unit quaternion (w, x, y, z), shape (4,), in that world.
-    """
-
-    came_ns: int = -1
+    came_ns: int = -1  # CLOCK_MONOTONIC when its bytes were read [ns], -1 before the first
+    # Palm origin [m], shape (3,), in a world with z up and its origin at the tracker's.
     position: FloatArray = field(default_factory=lambda: np.zeros(3))
+    # Unit quaternion (w, x, y, z), shape (4,), in that world.
     orientation: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
 
 

@@ -36,24 +36,15 @@ LARGEST_NUMBER = 1e6
 class Mesh:
     """A surface of triangles: closed and counter-clockwise seen from outside, unless it was taken as it is.
 
-    Attributes:
-        vertices: Corner positions [m], shape (V, 3), float64, C-contiguous.
-        faces: Corner indices of each triangle, shape (F, 3), int64, C-contiguous.
-        name: Short name for tables and messages.
-        source: Path, or the generator with its parameters.
-        repairs: Repairs and assumptions, one plain sentence each.
-        warnings: Suspicions that do not stop the work, one plain sentence each.
-
-    Raises:
-        MeshError: Wrong shapes, no triangle, non-finite vertices, or an index that no vertex has.
+    Raises MeshError for wrong shapes, no triangle, non-finite vertices, or an index that no vertex has.
     """
 
-    vertices: FloatArray
-    faces: IntArray
-    name: str = "mesh"
-    source: str = ""
-    repairs: tuple[str, ...] = field(default=())
-    warnings: tuple[str, ...] = field(default=())
+    vertices: FloatArray  # corner positions [m], shape (V, 3), float64, C-contiguous
+    faces: IntArray  # corner indices of each triangle, shape (F, 3), int64, C-contiguous
+    name: str = "mesh"  # short name for tables and messages
+    source: str = ""  # path, or the generator with its parameters
+    repairs: tuple[str, ...] = field(default=())  # repairs and assumptions, one plain sentence each
+    warnings: tuple[str, ...] = field(default=())  # suspicions that do not stop the work, one plain sentence each
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices, dtype=np.float64, order="C")

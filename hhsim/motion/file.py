@@ -82,9 +82,8 @@ def check_trajectory_path(path: Path) -> None:
 def load_trajectory(path: str | Path) -> Trajectory:
     """Read and check a trajectory, .h5 or .csv.
 
-    Raises:
-        TrajectoryError: No such file, another format or schema, a missing part, or a motion that cannot be
-            replayed; one line that begins with the path.
+    Raises TrajectoryError for no such file, another format or schema, a missing part, or a motion that cannot be
+    replayed; one line that begins with the path.
     """
     source = Path(path)
     suffix = source.suffix.lower()

@@ -62,8 +62,7 @@ def _reconstructed(kind: Any, base: Any, state: Any) -> Any:
 def unpickled(data: bytes, what: str) -> dict[str, Any]:
     """Return the dictionary in a pickle, also in one that an array of objects wraps; messages name it as `what`.
 
-    Raises:
-        TrajectoryError: A damaged pickle, one of something else, or one that holds more than data.
+    Raises TrajectoryError for a damaged pickle, one of something else, or one that holds more than data.
     """
     try:
         fields = _Unpickler(io.BytesIO(data), encoding="latin1").load()

@@ -118,47 +118,31 @@ class Trajectory:
 
     Quaternions become unit and without sign flips; all arrays are read-only copies.
 
-    Attributes:
-        time: Strictly increasing stamps [s], any rate, also irregular, shape (T,).
-        position: Palm origin [m], shape (T, 3), world.
-        orientation: Palm to world, (w, x, y, z), shape (T, 4).
-        flexion: Joint angles [rad], shape (T, 5, 3).
-        abduction: Joint angles [rad], shape (T, 5).
-        phases: In order of time, not overlapping.
-        object_position: Object's origin [m], shape (3,), world; constant, or at the first sample.
-        object_orientation: Object to world, (w, x, y, z), shape (4,); constant, or that of the first sample.
-        source: Person or program that made the motion.
-        licence: Licence of the motion.
-        device: Device that measured it; "" for synthetic motions.
-        raw: Channels as the device gave them.
-        hand: Side of the hand; "" if unknown, or if the motion fits both.
-        flags: Bits of `hhsim.motion.sample_flags.SampleFlag`, shape (T,); None if not examined.
-        object_motion: The object's pose at each sample, if it moves; one that stands still becomes the constant pose,
-            and None here.
-        checksums: State of its recording: "held" if every number agreed with a checksum, "missing" if some have none,
-            so that damage may pass as motion; "" without a recording.
-
-    Raises:
-        TrajectoryError: Wrong shape, no samples, NaN or infinity, stamps that do not increase, a quaternion of length
-            zero, angles in degrees, positions in millimetres, phases out of order, flags that are no whole numbers.
+    Raises TrajectoryError for wrong shape, no samples, NaN or infinity, stamps that do not increase, a quaternion of
+    length zero, angles in degrees, positions in millimetres, phases out of order, flags that are no whole numbers.
     """
 
-    time: FloatArray
-    position: FloatArray
-    orientation: FloatArray
-    flexion: FloatArray
-    abduction: FloatArray
-    phases: tuple[Phase, ...] = ()
+    time: FloatArray  # strictly increasing stamps [s], any rate, also irregular, shape (T,)
+    position: FloatArray  # palm origin [m], shape (T, 3), world
+    orientation: FloatArray  # palm to world, (w, x, y, z), shape (T, 4)
+    flexion: FloatArray  # joint angles [rad], shape (T, 5, 3)
+    abduction: FloatArray  # joint angles [rad], shape (T, 5)
+    phases: tuple[Phase, ...] = ()  # in order of time, not overlapping
+    # Object's origin [m], shape (3,), world; constant, or at the first sample.
     object_position: FloatArray = field(default_factory=lambda: np.zeros(3))
+    # Object to world, (w, x, y, z), shape (4,); constant, or that of the first sample.
     object_orientation: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
     name: str = ""
-    source: str = ""
-    licence: str = ""
-    device: str = ""
-    raw: tuple[RawChannel, ...] = ()
-    hand: HandSide = ""
-    flags: Flags | None = None
+    source: str = ""  # person or program that made the motion
+    licence: str = ""  # licence of the motion
+    device: str = ""  # device that measured it; "" for synthetic motions
+    raw: tuple[RawChannel, ...] = ()  # channels as the device gave them
+    hand: HandSide = ""  # side of the hand; "" if unknown, or if the motion fits both
+    flags: Flags | None = None  # bits of `hhsim.motion.sample_flags.SampleFlag`, shape (T,); None if not examined
+    # The object's pose at each sample, if it moves; one that stands still becomes the constant pose, and None here.
     object_motion: ObjectMotion | None = None
+    # State of its recording: "held" if every number agreed with a checksum, "missing" if some have none, so that damage
+    # may pass as motion; "" without a recording.
     checksums: Checksums = ""
 
     def __post_init__(self) -> None:

@@ -45,8 +45,7 @@ def frames_with_hand(
 ) -> tuple[HandSide, list[int], list[Finding]]:
     """Return a hand as `chosen_side`, the indices of the frames, by their hands, that show it, and findings about both.
 
-    Raises:
-        TrajectoryError: The wanted hand is in no frame, or no frame has a hand.
+    Raises TrajectoryError where the wanted hand is in no frame, or no frame has a hand.
     """
     seen = Counter(side for sides in frames for side in sides)
     if not seen:

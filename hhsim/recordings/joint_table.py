@@ -45,8 +45,7 @@ def joints_of_table(
 ) -> JointPositions:
     """Return the joint centres of the hand of the options, else of the one with more columns, whose meanings are given.
 
-    Raises:
-        TrajectoryError: No joints, no such hand, or one of the 21 joints is missing.
+    Raises TrajectoryError for no joints, no such hand, or a missing one of the 21 joints.
     """
     hands = joint_columns(names)
     if not hands:

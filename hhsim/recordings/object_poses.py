@@ -354,8 +354,7 @@ def placed(recording: Recording, poses: ObjectPoses | None) -> Recording:
 def with_object_poses(recording: Recording, path: Path, options: ReadOptions) -> Recording:
     """Return a recording in our units, whose object moves as the poses of a file say.
 
-    Raises:
-        TrajectoryError: A hand without a place, which stays at the origin; others as of `read_object_poses`.
+    Raises TrajectoryError for a hand without a place, which stays at the origin; others as of `read_object_poses`.
     """
     if not np.nan_to_num(recording.position).any():
         raise TrajectoryError("the hand stays at the origin, so an object cannot be beside it; expected --world-up")

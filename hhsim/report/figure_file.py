@@ -56,8 +56,7 @@ def check_figure_path(output_path: Path) -> None:
 def make_figure(paths: Sequence[Path], name: str) -> ReportFigure:
     """Draw one of `FIGURES` of results in the order of the legend; `speed-error` also of one table of `hhsim bench`.
 
-    Raises:
-        InputError: A file that is no result, or one that the figure cannot show.
+    Raises InputError for a file that is no result, or one that the figure cannot show.
     """
     tables = [path for path in paths if is_table(path)]
     if tables:

@@ -295,9 +295,8 @@ def hand_paths(path: Path) -> list[Path]:
 def load_result(path: str | Path) -> Result:
     """Open a result file, complete or not; one hand of a file of two is `FILE.h5/right` or `FILE.h5/left`.
 
-    Raises:
-        InputError: No such file, no HDF5, no result, another schema, datasets that are missing or misshapen, or a file
-            of two hands.
+    Raises InputError for no such file, no HDF5, no result, another schema, datasets that are missing or misshapen, or a
+    file of two hands.
     """
     path = Path(path)
     with _opened(path) as file:

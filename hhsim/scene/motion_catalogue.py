@@ -152,8 +152,7 @@ def resolve_trajectory(name_or_path: str | Path, reading: Reading | None = None)
 def load_recorded(path: Path, reading: Reading | None = None) -> Trajectory:
     """Read a recorded motion from a trajectory file or a result, or import it where `is_imported`.
 
-    Raises:
-        TrajectoryError: No such file, no known format, or a recording that cannot be cleaned safely.
+    Raises TrajectoryError for no such file, no known format, or a recording that cannot be cleaned safely.
     """
     if is_imported(path):
         return clean_imported(path, read_imported(path, reading=reading))

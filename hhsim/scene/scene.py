@@ -35,35 +35,22 @@ SIDES = ("right", "left")
 
 @dataclass(frozen=True, repr=False)
 class Scene:
-    """Object, hand and motion of a replay.
+    """Object, hand and motion of a replay; InputError for a free object that a motion moves, or of several parts."""
 
-    Attributes:
-        mesh: Surface of the object [m], world frame.
-        tree: Its sphere tree, world frame.
-        hand: Hand model.
-        trajectory: Motion of the haptic hand, with the object's pose.
-        ticks: Motion at the tick rate, as the object sees it.
-        description: Origin of the scene as plain values, for its results.
-        driven: Motion of hand and object in the world where the object moves as recorded; else None.
-        free: Physical properties of a free object, whose mesh is where it is before the first tick; else None.
-        parts: Parts of a thing that has several, whose mesh and tree are those of the first tick; or several things,
-            whose poses are those that the ticks find; else None.
-        others: Further things beside a free object.
-
-    Raises:
-        InputError: A free object, and a motion that moves it or a thing of several parts.
-    """
-
-    mesh: Mesh
-    tree: SphereTree
-    hand: HandModel
-    trajectory: Trajectory
-    ticks: TickInput
-    description: Mapping[str, Any] = field(default_factory=dict)
+    mesh: Mesh  # surface of the object [m], world frame
+    tree: SphereTree  # its sphere tree, world frame
+    hand: HandModel  # hand model
+    trajectory: Trajectory  # motion of the haptic hand, with the object's pose
+    ticks: TickInput  # motion at the tick rate, as the object sees it
+    description: Mapping[str, Any] = field(default_factory=dict)  # origin of the scene as plain values, for its results
+    # Motion of hand and object in the world where the object moves as recorded; else None.
     driven: TickInput | None = None
+    # Physical properties of a free object, whose mesh is where it is before the first tick; else None.
     free: FreeObject | None = None
+    # Parts of a thing that has several, whose mesh and tree are those of the first tick; or several things, whose poses
+    # are those that the ticks find; else None.
     parts: MovingParts | None = None
-    others: tuple[OtherThing, ...] = ()
+    others: tuple[OtherThing, ...] = ()  # further things beside a free object
 
     def __post_init__(self) -> None:
         if self.free is not None and self.driven is not None:

@@ -72,60 +72,44 @@ def usual_budget(period: float) -> int:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class SolverOptions:
-    """Options of the solver; lengths in metres.
+    """Options of the solver; lengths in metres; InputError for an unknown name, or a number out of its range."""
 
-    Attributes:
-        method: One of `hhsim.solver.method_names.method_names`, or `package.module:Class`.
-        surface: One of `hhsim.solver.surface.SURFACES`: what of the object the hand touches.
-        qp: `active-set`, or, of `coupled`, a backend that qpsolvers offers.
-        force: `kkt` (the QP's multipliers) or `paper` (Eq. 14). Default: `paper` for method `paper`, else `kkt`.
-        fingers: Fingers that the scene uses, of thumb, index, middle, ring, little. The others follow the haptic hand
-            without contact; the palm is always used.
-        linearisations: Most of them in a tick. Default: 12; method `paper` makes exactly this many, by default 1; in
-            `penalty`, most rounds in which a tick finds which contacts push.
-        budget: Work units (`hhsim.kernels.tick.state`) after which a tick begins no further linearisation; the rest of
-            the step is lag, which the next tick continues. Default: `BUDGET_SHARE` of the period.
-        margin: Pairs up to this far enter the QP; near the object no step is longer. Default: 1 mm. Of method `paper`
-            this is Δr, by default 0.5 mm, and no bound on a step.
-        skin: Pairs up to this much farther are listed between ticks. Default: 2 mm; 0.5 mm with surface `mesh`.
-        offset: Clearance that contacts keep, so that second-order errors of small steps do not penetrate.
-        step_tolerance: A step shorter than this ends the tick.
-        tolerance: Accepted violation of a program's row, as a share of the margin.
-        touch: Pairs nearer than this count as touching. Default: 10 µm; 1 µm with surface `mesh`.
-        threads: Threads that share the fingers' programs of a tick of `progressive`, up to one for each finger. The
-            bytes do not depend on their number.
-        stiffness: Virtual coupling.
-        frustum_ends: Of method `paper`: `spheres` (Eq. 13's range of k at every joint, as at the fingertip) or `flat`
-            (Eq. 7's, but for the fingertip), which takes large object spheres beyond a joint for contacts.
-        self_contact: True if the hand's own parts keep out of each other, with method `coupled`.
-        period: Duration of a tick [s]; only the dynamics of `penalty` need it. A replay takes it from the motion.
-        response: Time constant of the coupling of `penalty` [s]: its virtual mass is G times the square of it.
-        contact_response: Damping of the contacts of `penalty`, as a time [s]: b = k times it.
-
-    Raises:
-        InputError: An unknown name, or a number out of its range.
-    """
-
-    method: str = "coupled"
-    surface: str = "spheres"
-    qp: str = "active-set"
+    method: str = "coupled"  # one of `hhsim.solver.method_names.method_names`, or `package.module:Class`
+    surface: str = "spheres"  # one of `hhsim.solver.surface.SURFACES`: what of the object the hand touches
+    qp: str = "active-set"  # `active-set`, or, of `coupled`, a backend that qpsolvers offers
+    # `kkt` (the QP's multipliers) or `paper` (Eq. 14). Default: `paper` for method `paper`, else `kkt`.
     force: str = BY_METHOD
+    # Fingers that the scene uses, of thumb, index, middle, ring, little. The others follow the haptic hand without
+    # contact; the palm is always used.
     fingers: tuple[str, ...] = FINGERS
+    # Most of them in a tick. Default: 12; method `paper` makes exactly this many, by default 1; in `penalty`, most
+    # rounds in which a tick finds which contacts push.
     linearisations: int = BY_METHOD
+    # Work units (`hhsim.kernels.tick.state`) after which a tick begins no further linearisation; the rest of the step
+    # is lag, which the next tick continues. Default: `BUDGET_SHARE` of the period.
     budget: int = BY_PERIOD
+    # Pairs up to this far enter the QP; near the object no step is longer. Default: 1 mm. Of method `paper` this is Δr,
+    # by default 0.5 mm, and no bound on a step.
     margin: float = BY_METHOD
+    # Pairs up to this much farther are listed between ticks. Default: 2 mm; 0.5 mm with surface `mesh`.
     skin: float = BY_SURFACE
-    offset: float = 5e-7
-    step_tolerance: float = 1e-4
-    tolerance: float = 1e-8
-    touch: float = BY_SURFACE
+    offset: float = 5e-7  # clearance that contacts keep, so that second-order errors of small steps do not penetrate
+    step_tolerance: float = 1e-4  # A step shorter than this ends the tick
+    tolerance: float = 1e-8  # accepted violation of a program's row, as a share of the margin
+    touch: float = BY_SURFACE  # pairs nearer than this count as touching. Default: 10 µm; 1 µm with surface `mesh`.
+    # Threads that share the fingers' programs of a tick of `progressive`, up to one for each finger. The bytes do not
+    # depend on their number.
     threads: int = 1
-    stiffness: Stiffness = field(default_factory=Stiffness)
+    stiffness: Stiffness = field(default_factory=Stiffness)  # virtual coupling
+    # Of method `paper`: `spheres` (Eq. 13's range of k at every joint, as at the fingertip) or `flat` (Eq. 7's, but for
+    # the fingertip), which takes large object spheres beyond a joint for contacts.
     frustum_ends: str = "spheres"
-    self_contact: bool = False
+    self_contact: bool = False  # true if the hand's own parts keep out of each other, with method `coupled`
+    # Duration of a tick [s]; only the dynamics of `penalty` need it. A replay takes it from the motion.
     period: float = 1e-3
+    # Time constant of the coupling of `penalty` [s]: its virtual mass is G times the square of it.
     response: float = 1e-3
-    contact_response: float = 1e-3
+    contact_response: float = 1e-3  # damping of the contacts of `penalty`, as a time [s]: b = k times it
 
     def __post_init__(self) -> None:
         method = find_method(self.method)

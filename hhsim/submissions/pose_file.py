@@ -94,9 +94,8 @@ class Submission:
 def read_submission(path: Path) -> Submission:
     """Read and check a submission, .csv or .h5, as far as it can be checked without its scene.
 
-    Raises:
-        InputError: No such file, another format, a column that is missing or of another unit, a wrong shape, a number
-            that is not finite, or no unit quaternion; one line that begins with the path.
+    Raises InputError for no such file, another format, a column that is missing or of another unit, a wrong shape, a
+    number that is not finite, or no unit quaternion; one line that begins with the path.
     """
     if not path.exists():
         raise InputError(f"{path}: no such file; expected a submission, .csv or .h5")
@@ -130,8 +129,8 @@ def format_poses(submission: Submission) -> str:
 def parse_poses(text: str) -> tuple[dict[str, str], dict[str, FloatArray]]:
     """Read the keys and the arrays of a CSV text.
 
-    Raises:
-        InputError: A missing or unknown column, another unit, a line of another length, or a cell without a number.
+    Raises InputError for a missing or unknown column, another unit, a line of another length, or a cell without a
+    number.
     """
     table = read_table(text, strict=True)
     said = table.remarks

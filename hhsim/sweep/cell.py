@@ -99,8 +99,7 @@ class Cell:
     def digest(self, folder: Path) -> str:
         """Return a digest of inputs, options and hhsim's sources; `folder` is the plan's.
 
-        Raises:
-            InputError: A file that cannot be read.
+        Raises InputError for a file that cannot be read.
         """
         shape = self.object
         hand = self.options.get("hand_file")

@@ -77,8 +77,8 @@ class SweepPlan:
 def load_plan(path: Path) -> SweepPlan:
     """Read a plan and check everything that it names.
 
-    Raises:
-        InputError: No such file, no TOML; an unknown key, name or file, a wrong value; two cells that are the same.
+    Raises InputError for no such file, no TOML; an unknown key, name or file, a wrong value; two cells that are the
+    same.
     """
     return parse_plan(read_toml_text(path, "plan of a sweep"), path.stem, path.parent, str(path))
 

@@ -118,8 +118,7 @@ def is_manifest(path: Path) -> bool:
 def load_manifest(path: Path, out: Path) -> tuple[str, list[PlannedRepair]]:
     """Return the text of a manifest and its repairs, of which `out` is the output folder; patterns match nothing in it.
 
-    Raises:
-        InputError: No such file; an unknown key, name or file, a wrong value; two recordings of one name.
+    Raises InputError for no such file; an unknown key, name or file, a wrong value; two recordings of one name.
     """
     folder, output = path.parent.resolve(), out.resolve()
     if path.suffix.lower() not in (".toml", ".csv"):

@@ -43,8 +43,7 @@ LENGTHS = tuple(item.name for item in fields(LevelError) if item.name not in ("l
 class LevelCover:
     """Spheres that stand for a mesh at one level of a sphere tree.
 
-    Raises:
-        InputError: Wrong shapes, no sphere, a value not finite, a negative radius or gap.
+    Raises InputError for wrong shapes, no sphere, a value not finite, a negative radius or gap.
     """
 
     center: FloatArray  # [m], shape (n, 3), frame of the mesh

@@ -105,8 +105,7 @@ def play_in_turns(
 ) -> list[SceneRun]:
     """Play every stage by every solver, then all again in the opposite order; return the runs, stage by stage.
 
-    Raises:
-        HhsimError: A scene that a solver cannot play, or not twice alike.
+    Raises HhsimError for a scene that a solver cannot play, or not twice alike.
     """
     runs: list[SceneRun] = []
     total = len(stages) * len(solvers)

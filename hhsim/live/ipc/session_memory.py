@@ -104,31 +104,23 @@ class FactPage:
 
 
 class SessionMemory:
-    """Memory shared by the processes of a session.
-
-    Attributes:
-        status: The one record of `LIVE_STATUS`; `status["heartbeat_ns"]` reads and writes in place.
-        ticks: Ring of `LIVE_TICK`, or of `FREE_TICK` if the object is free, written by the loop.
-        samples: Ring of `GLOVE_SAMPLE`, written by the driver.
-        events: Ring of `EVENT`, the session's log, written by the loop.
-        words: Ring of `EVENT`, written by the driver for the loop, which logs them.
-        facts: Page written by the loop, before it runs and when it has ended: `real_time`, the achieved mode; `device`,
-            the fields of `hhsim.live.device.GloveInfo`; `pose`, the source of the palm's pose; `reason` of the end.
-        device: Page written by the driver: the fields of `GloveInfo`, and `pose`.
-        wake: Descriptor of the event by which the loop wakes the driver for a command.
-        sampled: Descriptor of the event by which the driver wakes the loop for a sample.
-    """
+    """Memory shared by the processes of a session."""
 
     def __init__(self, descriptors: Descriptors, *, free: bool = False) -> None:
         self.descriptors, self._free = descriptors, free
         self.status_block = SharedBlock(descriptors.status, LIVE_STATUS)
+        # The one record of `LIVE_STATUS`; `status["heartbeat_ns"]` reads and writes in place.
         self.status = self.status_block.array[0]
+        # Of `LIVE_TICK`, or of `FREE_TICK` if the object is free, written by the loop.
         self.ticks = SharedRing(descriptors.ticks, *_tick_ring(free))
-        self.samples = SharedRing(descriptors.samples, GLOVE_SAMPLE, SAMPLE_CAPACITY)
-        self.events = SharedRing(descriptors.events, EVENT, EVENT_CAPACITY)
-        self.words = SharedRing(descriptors.words, EVENT, WORD_CAPACITY)
+        self.samples = SharedRing(descriptors.samples, GLOVE_SAMPLE, SAMPLE_CAPACITY)  # written by the driver
+        self.events = SharedRing(descriptors.events, EVENT, EVENT_CAPACITY)  # the session's log, written by the loop
+        self.words = SharedRing(descriptors.words, EVENT, WORD_CAPACITY)  # by the driver for the loop, which logs them
+        # By the loop, before it runs and when it has ended: `real_time`, the achieved mode; `device`, the fields of
+        # `hhsim.live.device.GloveInfo`; `pose`, the source of the palm's pose; `reason` of the end.
         self.facts = FactPage(SharedBlock(descriptors.facts, FACTS))
-        self.device = FactPage(SharedBlock(descriptors.device, FACTS))
+        self.device = FactPage(SharedBlock(descriptors.device, FACTS))  # by the driver: `GloveInfo`, and `pose`
+        # Descriptors of the events by which the loop wakes the driver for a command, and that one it for a sample.
         self.wake, self.sampled = descriptors.wake, descriptors.sampled
 
     @classmethod

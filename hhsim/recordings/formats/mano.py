@@ -171,8 +171,7 @@ def corrected_arrays(
 ) -> dict[str, FloatArray]:
     """Return the arrays of pose, wrist's turn and translation with the changes, by their names, "" for none.
 
-    Raises:
-        InputError: No model, or a wrist that moves without a translation.
+    Raises InputError for no model, or a wrist that moves without a translation.
     """
     reading, rows = _reading(poses.pose.shape[1], options.mano_pose or usual), made.rows
     rotation, pose = _corrected(poses.rotation[rows], poses.pose[rows], reading, _model(options), poses.betas, made)
