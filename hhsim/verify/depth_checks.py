@@ -71,7 +71,8 @@ def _candidates(judge: JudgedTicks) -> list[Claim]:
     Skipped after a tick that moved, since a prediction may begin elsewhere. On a mesh only triangles within a step's
     reach (twice the final step) are listed.
     """
-    if not judge.safe:
+    if not judge.safe or judge.result.scene.get("others"):
+        # Pairs with other things count, too, and are not in the file.
         return []
     result, near, chosen = judge.result, judge.listed, judge.chosen[judge.asked]
     after = np.minimum(chosen + 1, result.ticks - 1)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhsim.arrays import FloatArray, IntArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.result.reader import Result
@@ -88,6 +88,14 @@ class FreeMotion:
         first = self.result.static["object/position"]
         origin = np.vstack([first, self.result["object/position"]])
         return np.asarray(origin + self.turned.apply(np.array(self.free["center"]) - first))
+
+    @cached_property
+    def alone(self) -> BoolArray:
+        """True for ticks in which no hand bears on another thing, whose contacts are not in the file, shape (T,)."""
+        found = np.ones(len(self.ticks), bool)
+        for part in self.result.parts[1:]:
+            found &= ~np.asarray(self.result[f"{part}/hand_wrench"]).any(axis=1)
+        return found
 
     @cached_property
     def whole(self) -> IntArray:
@@ -278,9 +286,9 @@ def _equal_and_opposite(motion: FreeMotion) -> Claim:
     phalanx = np.asarray(motion.result["force/phalanx"]).reshape(-1, PALM, 3)
     palm = np.asarray(motion.result["force/total"]) - phalanx.sum(axis=1)
     off = np.abs(bodies - np.concatenate([phalanx, palm[:, None]], axis=1)).max(axis=(1, 2))
-    size = 1.0 + np.abs(bodies).sum(axis=(1, 2))
+    limit, kept = FORCE * (1.0 + np.abs(bodies).sum(axis=(1, 2))), np.flatnonzero(motion.alone)
     says = "the force on each part of the hand is that of its contacts with the object"
-    return judged("equal and opposite", says, off, FORCE * size, "N", WHY_FORCE, ticks=motion.ticks)
+    return judged("equal and opposite", says, off[kept], limit[kept], "N", WHY_FORCE, ticks=kept)
 
 
 def _cones(motion: FreeMotion) -> list[Claim]:
@@ -309,7 +317,9 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     arm = np.linalg.norm(motion.point - motion.center[1:][motion.tick], axis=1)
     # Several steps may overshoot their end: one there and one back bends twice.
     bends = np.where(np.asarray(motion.result["work/linearisations"]) > 1, 1.0, 0.5)
+    # The object's turn bends the hand's way, too.
     tolerance = STICKS + 1e-2 * own + (bends * moved**2)[motion.tick] / RADIUS + 0.5 * turn**2 * arm
+    tolerance += turn * moved[motion.tick]
     # The slip is that of the hand as the last step found it, within the step tolerance of its end.
     last = np.where(bends > 0.5, float(motion.result.scene["solver"]["step_tolerance"]), 0.0)
     tolerance += (moved * last)[motion.tick] / RADIUS
@@ -409,7 +419,8 @@ def _frames(posed: Posed, palm: FloatArray) -> tuple[FloatArray, FloatArray]:
 def free_hand_claim(judge: JudgedTicks) -> Claim:
     """Judge a free object's hand, world: contacts, friction and joint limits balance the coupling."""
     motion = FreeMotion(judge.result)
-    places = np.flatnonzero(judge.status[judge.chosen] & (STUCK | LAG | CAPACITY_EXCEEDED) == 0)
+    settled = judge.status[judge.chosen] & (STUCK | LAG | CAPACITY_EXCEEDED) == 0
+    places = np.flatnonzero(settled & motion.alone[judge.chosen])
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
     off = np.empty(len(places))
     for n, i in enumerate(places):
@@ -435,7 +446,7 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     on_the_way = motion.own & ~np.isin(motion.tick, motion.whole)
     slipped = float(motion.free["friction"]) * motion.slip[on_the_way]
     np.maximum.at(floats, (motion.tick[on_the_way], motion.body[on_the_way]), slipped)
-    places = np.flatnonzero(judge.status[judge.chosen] & STUCK == 0)
+    places = np.flatnonzero((judge.status[judge.chosen] & STUCK == 0) & motion.alone[judge.chosen])
     ticks = judge.chosen[places]
     late = judge.status[ticks] & LAG > 0
     to_go = np.where(late, np.asarray(motion.result["lag"])[ticks], 0.0)
@@ -479,9 +490,10 @@ def _table(motion: FreeMotion) -> Claim:
 def thing_claims(result: Result) -> list[Claim]:
     """Judge what the file claims of several things; none where there is one."""
     stated = [result.scene["free"], *result.scene.get("others", ())] if result.free else []
+    if len(stated) < 2:
+        return []
     hinges = [_hinge(result, part, free) for part, free in zip(result.parts, stated) if free.get("hinge")]
-    alone = [_things_move(result, stated), _between_things(result), _things_apart(result, stated)]
-    return [*alone, *hinges] if len(stated) > 1 else []
+    return [_things_move(result, stated), _between_things(result), _things_apart(result, stated), *hinges]
 
 
 def _hinge(result: Result, part: str, free: dict[str, Any]) -> Claim:
