@@ -118,13 +118,13 @@ class Hand:
     def __init__(self, model: HandModel, rng: np.random.Generator, start: Any) -> None:
         bound: Any = "none" if rng.random() < 0.2 else "palm"
         low, high = np.sort(rng.uniform(0.0, 1.0, 2)) if rng.random() < 0.3 else (0.0, 1.0)
-        self.hold = int(rng.integers(20, 200))
+        self.hold = int(rng.integers(20, 250))
         options = StressOptions(
             hold=self.hold,
             position_spread=float(rng.uniform(0.01, 0.06)),
             rotation_spread=float(rng.uniform(0.2, 1.2)),
             flexion_range=(float(low), float(high)),
-            longest_step=float(rng.uniform(5e-4, 3e-3)),
+            longest_step=float(10.0 ** rng.uniform(-3.7, -2.5)),
             bound=bound,
         )
         seed = int(rng.integers(2**31))
@@ -388,10 +388,10 @@ def random_parts(rng: np.random.Generator, ticks: int) -> tuple[list[Solid], Flo
         path[:, 1, 3:] = quaternion(angle[:, None] * np.array([0.0, 0.0, 1.0]))
         path[:, 1, :3] = rotation_matrix(path[:, 1, 3:]) @ np.array([0.5 * reach, 0.0, 0.5 * high])
     else:
-        high = rng.uniform(0.02, 0.06)
+        high = rng.uniform(0.03, 0.25)
         parts += [box((thick, deep, high)), box((thick, deep, high))]
         path[:, 1, 0], path[:, 1, 2] = -0.5 * thick, 0.5 * high
-        path[:, 2, 0] = 0.5 * thick + _joint(rng, (0.002, float(rng.uniform(0.03, 0.1))), ticks)
+        path[:, 2, 0] = 0.5 * thick + _joint(rng, (0.002, float(rng.uniform(0.05, 0.15))), ticks)
         path[:, 2, 2] = 0.5 * high
     # As a whole it lies anyhow.
     turn = rng.normal(0.0, 0.6, (1, 3))
@@ -414,7 +414,7 @@ def moving_parts(rng: np.random.Generator, ticks: int) -> Recorded:
     records: list[list[TickRecord]] = [[] for _ in models]
     done = 0
     while done < ticks:
-        near = path[done, int(rng.integers(len(solids))), :3]
+        near = path[done, int(rng.integers(len(solids))), :3] if rng.random() < 0.5 else path[done, 1:, :3].mean(axis=0)
         size = min(users[0].hold, ticks - RELEASE - done) if done < ticks - RELEASE else ticks - done
         for user, solver, kept in zip(users, solvers, records):
             if done < ticks - RELEASE:
@@ -534,6 +534,7 @@ def table_of(rows: Sequence[Row]) -> Table:
         words("Newton", lambda row: f"{row.verdict.newton:.1e}" if row.verdict.equations else "—"),
         words("Euler", lambda row: f"{row.verdict.euler:.1e}" if row.verdict.equations else "—"),
         words("stops, explained", lambda row: f"{row.verdict.stops}, {row.verdict.explained}"),
+        number("on the way", "verdict.on_the_way"),
         words(
             "no place, deepest [µm]",
             lambda row: f"{row.verdict.squeezed}, {1e6 * row.verdict.squeezed_deepest:.3g}" if row.verdict.squeezed else "—",

@@ -42,15 +42,16 @@ TOUCH = 5e-6
 EQUATION = 1e-6
 """Largest residual of an equation of motion as a share of the forces at hand."""
 AXES = 1e-3
-"""Largest residual of Euler's equation as a share of the moment, where the axes turn between a tick's programs."""
+"""Residual of Euler's equation as a share of the moment, of ticks of several programs."""
 SPEED = 1e-9
 """Largest difference of a velocity from that of the poses [m/s, rad/s]: rounding of a pose over a tick."""
 WINDOW, STOPPED = 100, 1e-5
 """A hand that has not converged in so many ticks one after another, and moved less than this [m], has stopped."""
 BORNE = 0.05
 """Contacts explain a hand that has stopped if they bear all of its pull but this share."""
-ARRIVED = 1e-5
-"""Distance [m] from the user's hand at which a hand that was let go has followed."""
+ARRIVED, ON_ITS_WAY = 1e-5, 1e-3
+"""Distance [m] from the user's hand at which a hand that was let go has followed; one that has not is on its way if it
+goes farther than this [m] in its last `WINDOW` ticks."""
 STRAIGHT = 1e-9
 """Cross products of edges that are shorter are no axis."""
 GRAVITY = 9.81
@@ -147,11 +148,12 @@ class Verdict:
     crossed: float = 0.0  # deepest of two hands where they are not kept apart [m]
     stops: int = 0
     explained: int = 0
+    on_the_way: int = 0  # hands that have not arrived at the end, and are moving
     findings: list[Finding] = field(default_factory=list)
 
     def add(self, other: "Verdict") -> None:
         """Take in another scene's figures."""
-        for name in ("ticks", "judged", "touching", "equations", "late", "squeezed", "stops", "explained"):
+        for name in ("ticks", "judged", "touching", "equations", "late", "squeezed", "stops", "explained", "on_the_way"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         for name in ("newton", "euler", "squeezed_deepest", "crossed"):
             setattr(self, name, max(getattr(self, name), getattr(other, name)))
@@ -329,7 +331,8 @@ def _equations(scene: Recorded, body: Motion, found: Verdict) -> None:
         )
         for frame in frames
     ]
-    made = before.inv().apply(body.spin[1:])
+    # The body's axes go with it: in those of each end of the tick, as Euler's equation has them.
+    made = after.inv().apply(body.spin[1:])
     # A tick that lags makes a share of what the program changes, one share of both velocities.
     change = body.velocity[1:] - body.velocity[:-1]
     wanted = whole - body.velocity[:-1]
@@ -348,11 +351,15 @@ def _equations(scene: Recorded, body: Motion, found: Verdict) -> None:
         part = np.where(late, share, 1.0)[:, None]
         apart = np.minimum(apart, np.linalg.norm((made - spin - part * (some - spin)) @ inertia, axis=1))
     euler = heavier / PERIOD * apart / (length * size)
-    # Of several programs the last one began anywhere between: the axes are as uncertain as the body turns.
-    angle = np.asarray((before.inv() * after).magnitude())
-    moment_size = np.linalg.norm(body.wrench[:, 1:, 3:], axis=2).sum(axis=0) / (length * size)
-    gyration = np.linalg.norm((alone * heavier - spin) @ inertia, axis=1) / PERIOD / (length * size)
-    slack = (AXES + angle) * moment_size + angle * gyration
+    # Of several programs the last one began anywhere between: the axes are as uncertain as the body turned meanwhile,
+    # of the moment, of gyration and, in a tick that lags, of the turn that is left.
+    angle = PERIOD * np.linalg.norm(step, axis=1)
+    swing = angle + PERIOD * np.linalg.norm(np.stack([body.spin[:-1], body.spin[1:]]), axis=2).sum(axis=0)
+    left = np.where(late, np.linalg.norm((after.inv().apply(step) - made) @ inertia, axis=1), 0.0)
+    left += np.linalg.norm((alone * heavier - spin) @ inertia, axis=1)
+    moments = np.linalg.norm(body.wrench[:, 1:, 3:], axis=2).sum(axis=0)
+    slack = ((AXES + swing) * moments + swing * left / PERIOD) / (length * size)
+    slack[scene.programs[1:] <= 1] = 0.0
     found.equations += len(ticks)
     found.late += int(late.sum())
     found.newton = max(found.newton, float(newton.max(initial=0.0)))
@@ -367,10 +374,20 @@ def _solved(inertia: FloatArray, torque: FloatArray) -> FloatArray:
 
 def gyrated(inertia: FloatArray, spin: FloatArray) -> FloatArray:
     """Return angular velocities (T, 3) at the end of ticks without moments, body axes: I (w − w₀) / Δt + w × I w = 0."""
-    momentum, found = spin @ inertia.T, spin
-    for _ in range(100):
-        found = _solved(inertia, momentum - PERIOD * np.cross(found, found @ inertia.T))
+    found = spin
+    for _ in range(20):
+        turning = found @ inertia.T
+        off = (found - spin) @ inertia.T / PERIOD + np.cross(found, turning)
+        slope = inertia / PERIOD + _crossing(found) @ inertia - _crossing(turning)
+        found = found - np.linalg.solve(slope, off[:, :, None])[:, :, 0]
     return found
+
+
+def _crossing(vector: FloatArray) -> FloatArray:
+    """Return the matrices [v]× of vectors (T, 3)."""
+    x, y, z = vector.T
+    none = np.zeros_like(x)
+    return np.stack([none, -z, y, z, none, -x, -y, x, none], axis=1).reshape(-1, 3, 3)
 
 
 def _forces(scene: Recorded, found: Verdict) -> None:
@@ -393,6 +410,9 @@ def _stops(scene: Recorded, owns: Sequence[OwnHand], found: Verdict) -> None:
     """Look for hands that have stopped or were left behind, and whether their contacts bear their pull."""
     for h, own in enumerate(owns):
         for tick, what in _stopped(scene, own, h):
+            if not what:
+                found.on_the_way += 1
+                continue
             left = unborne(scene, owns, h, tick)
             found.stops += 1
             if left <= BORNE:
@@ -402,6 +422,7 @@ def _stops(scene: Recorded, owns: Sequence[OwnHand], found: Verdict) -> None:
 
 
 def _stopped(scene: Recorded, own: OwnHand, h: int) -> Iterator[tuple[int, str]]:
+    """Yield the ticks in which a hand has stopped, and what that is; no words for one that is on its way."""
     ends = np.arange(WINDOW, scene.ticks, WINDOW)
     late = np.add.accumulate((scene.status[h] & (STATUS_LAG | STATUS_STUCK)) > 0)
     joints = pose(own, scene.shown[h].at(np.concatenate([[0], ends]))).joints
@@ -413,7 +434,9 @@ def _stopped(scene: Recorded, own: OwnHand, h: int) -> Iterator[tuple[int, str]]
         last = np.array([scene.ticks - 1])
         there, here = (pose(own, of[h].at(last)).joints for of in (scene.haptic, scene.shown))
         if np.linalg.norm(there - here, axis=3).max() > ARRIVED:
-            yield scene.ticks - 1, "a hand was left behind"
+            was = pose(own, scene.shown[h].at(last - WINDOW)).joints
+            goes = np.linalg.norm(here - was, axis=3).max() > ON_ITS_WAY
+            yield scene.ticks - 1, "" if goes else "a hand was left behind"
 
 
 def unborne(scene: Recorded, owns: Sequence[OwnHand], h: int, tick: int) -> float:
@@ -425,9 +448,10 @@ def unborne(scene: Recorded, owns: Sequence[OwnHand], h: int, tick: int) -> floa
     posed, own = [pose(one, of.at(at)) for one, of in zip(owns, scene.shown)], owns[h]
     here, there = scene.shown[h].at(at), scene.haptic[h].at(at)
     stiffness = Stiffness().diagonal()
-    bent = np.clip(there.flexion, own.flexion_min, own.flexion_max) - here.flexion
-    turn = turn_between(here.orientation, there.orientation)[0]
-    pull = stiffness * np.concatenate([(there.position - here.position)[0], turn, bent.ravel()])
+    # What contacts have to bear: the coupling's pull with its sign changed.
+    bent = here.flexion - np.clip(there.flexion, own.flexion_min, own.flexion_max)
+    turn = turn_between(there.orientation, here.orientation)[0]
+    pull = stiffness * np.concatenate([(here.position - there.position)[0], turn, bent.ravel()])
     pairs = _rubbing(joined([_on_body(own, posed[h], body, tick) for body in scene.bodies]), scene.friction)
     if scene.hands_apart and len(owns) == 2:
         pairs = joined([pairs, _on_other(meetings_of_two(owns, posed, TOUCH), h)])
