@@ -34,10 +34,10 @@ from hhsim.solver.free_engine import FreeEngine, Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver
-from hhsim.table.table import Table, number, words
+from hhsim.table.table import Column, Table, number, words
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.triangle_tree import triangle_tree
-from tools.scene_judge import PERIOD, Finding, Motion, Piece, Recorded, Solid, Verdict, judge
+from tools.scene_judge import Finding, Motion, Piece, Recorded, Solid, Verdict, judge
 
 SCENE_TICKS, RELEASE = 2000, 400
 """Ticks of a scene, and of these the last ones, in which the user's hands go away."""
@@ -115,7 +115,7 @@ def random_turn(rng: np.random.Generator) -> FloatArray:
 class Hand:
     """User's hand that goes from one random target to the next, and away at the end."""
 
-    def __init__(self, model: HandModel, rng: np.random.Generator, start: Any) -> None:
+    def __init__(self, model: HandModel, rng: np.random.Generator, start: Any, height: float = 0.05) -> None:
         bound: Any = "none" if rng.random() < 0.2 else "palm"
         low, high = np.sort(rng.uniform(0.0, 1.0, 2)) if rng.random() < 0.3 else (0.0, 1.0)
         self.hold = int(rng.integers(20, 250))
@@ -124,11 +124,11 @@ class Hand:
             position_spread=float(rng.uniform(0.01, 0.06)),
             rotation_spread=float(rng.uniform(0.2, 1.2)),
             flexion_range=(float(low), float(high)),
-            longest_step=float(10.0 ** rng.uniform(-3.7, -2.5)),
+            longest_step=float(10.0 ** rng.uniform(-3.3, -2.5)),
             bound=bound,
         )
         seed = int(rng.integers(2**31))
-        self.targets = RandomTargets(model, seed, options, center=np.asarray(start, np.float64), height=0.3)
+        self.targets = RandomTargets(model, seed, options, center=np.asarray(start, np.float64), height=height)
         self.path: list[HandConfiguration] = []
 
     def take(self, ticks: int, center: FloatArray | None = None) -> HandConfiguration:
@@ -192,6 +192,8 @@ def random_free(rng: np.random.Generator, solid: Solid, table: float | None = 0.
         solid.mesh,
         mass=float(10.0 ** rng.uniform(np.log10(LIGHTEST), np.log10(HEAVIEST))),
         friction=float(rng.uniform(0.0, 1.0)),
+        torsion=float(rng.uniform(0.0, 5e-3)) if rng.random() < 0.3 else 0.0,
+        damping=float(rng.uniform(0.0, 20.0)) if rng.random() < 0.3 else 0.0,
         table=table,
         velocity=_triple(rng.uniform(-1.0, 1.0, 3) if flies else np.zeros(3)),
         angular_velocity=_triple(rng.uniform(-20.0, 20.0, 3) if flies else np.zeros(3)),
@@ -207,7 +209,7 @@ def free_things(rng: np.random.Generator, ticks: int) -> Recorded:
     """Run a hand among one to three free or fixed things, stacked or beside each other, on a table."""
     count, stacked = int(rng.integers(1, 4)), bool(rng.random() < 0.6)
     solids, free, fixed = [], [], []
-    height = 0.0
+    height, top = 0.0, [0.0]
     for k in range(3):
         solid = random_solid(rng) if k < count else box((0.01, 0.01, 0.01))
         turn = random_turn(rng)
@@ -222,6 +224,7 @@ def free_things(rng: np.random.Generator, ticks: int) -> Recorded:
         if k >= count:
             place = np.array([FAR + k, 0.0, GAP - low])
         height = place[2] + high
+        top.append(height)
         solids.append(solid.transformed(np.eye(3), place))
         free.append(random_free(rng, solids[-1]))
         fixed.append(bool(k == 0 and count > 1 and rng.random() < 0.2))
@@ -232,7 +235,7 @@ def free_things(rng: np.random.Generator, ticks: int) -> Recorded:
     solver = HandSolver(RIGHT, things[0].surface, OPTIONS, things[0].free, things[1:])
     assert isinstance(solver.engine, FreeEngine)
     centers = [np.array(one.center) for one in free]
-    user = Hand(RIGHT, rng, [0.0, 0.0, 0.1])
+    user = Hand(RIGHT, rng, [0.0, 0.0, max(top)])
     records: list[TickRecord] = []
     of_things: list[list[ObjectRecord]] = [[], [], []]
     others: list[list[FloatArray]] = [[], [], []]
@@ -278,17 +281,16 @@ def two_hands_free(rng: np.random.Generator, ticks: int) -> Recorded:
     free = random_free(rng, solid, 0.0 if on_table else None)
     surface = contact_surface("mesh", solid.mesh, None)
     solver = TwoHandedSolver([HandSolver(hand, surface, OPTIONS) for hand in (RIGHT, LEFT)], free)
-    users = [Hand(hand, rng, [0.25 * side, 0.0, 0.1]) for hand, side in ((RIGHT, 1.0), (LEFT, -1.0))]
+    users = [Hand(hand, rng, [0.2 * side, 0.0, 0.1]) for hand, side in ((RIGHT, 1.0), (LEFT, -1.0))]
     records: tuple[list[TickRecord], list[TickRecord]] = ([], [])
     rows: list[ObjectRecord] = []
     center, done = np.array(free.center), 0
-    squeezes = bool(rng.random() < 0.6)
+    squeezes, way = bool(rng.random() < 0.7), np.array([1.0, *rng.normal(0.0, 0.3, 2)])
     apart = float(np.linalg.norm(np.ptp(solid.mesh.vertices, axis=0))) * 0.5
     while done < ticks:
         # Both go to places on opposite sides of the thing, nearer than its surface: what they squeeze they carry along.
-        way = rng.normal(size=3)
-        aside = way / np.linalg.norm(way) * (apart * rng.uniform(0.0, 1.0) if squeezes else 0.0)
-        carried = center + rng.normal(0.0, 0.05, 3) * squeezes
+        aside = way / np.linalg.norm(way) * (apart * rng.uniform(0.0, 0.6) if squeezes else 0.0)
+        carried = center + rng.normal(0.0, 0.03, 3) * squeezes
         if done < ticks - RELEASE:
             size = min(users[0].hold, ticks - RELEASE - done)
             blocks = [user.take(size, carried + side * aside) for user, side in zip(users, (1.0, -1.0))]
@@ -409,7 +411,7 @@ def moving_parts(rng: np.random.Generator, ticks: int) -> Recorded:
     parts = MovingParts("thing", names, meshes, tuple(triangle_tree(mesh, 1) for mesh in meshes), path, {})
     models = (RIGHT, LEFT)[: int(rng.integers(1, 3))]
     middle = path[0, :, :3].mean(axis=0)
-    users = [Hand(hand, rng, middle + [0.1 * side, 0.0, 0.0]) for hand, side in zip(models, (1.0, -1.0))]
+    users = [Hand(hand, rng, middle + [0.1 * side, 0.0, 0.0], 0.2) for hand, side in zip(models, (1.0, -1.0))]
     solvers = [HandSolver(hand, parts.surface("mesh"), OPTIONS) for hand in models]
     records: list[list[TickRecord]] = [[] for _ in models]
     done = 0
@@ -446,7 +448,7 @@ def own_fingers(rng: np.random.Generator, ticks: int) -> Recorded:
     solid = random_solid(rng, 0.02, 0.1).transformed(random_turn(rng), np.array([at, 0.0, 0.0]))
     options = SolverOptions(surface="mesh", self_contact=True)
     solver = HandSolver(model, contact_surface("mesh", solid.mesh, None), options)
-    user = Hand(model, rng, [0.0, 0.0, 0.0])
+    user = Hand(model, rng, [0.0, 0.0, 0.0], 0.15)
     records = []
     while (done := sum(one.ticks for one in user.path)) < ticks:
         if done < ticks - RELEASE:
@@ -495,10 +497,6 @@ class Row:
     verdict: Verdict = field(default_factory=Verdict)
     failures: list[str] = field(default_factory=list)
 
-    def deepest(self, kind: str) -> float | None:
-        """Deepest of a kind of pair [m]; None if there was none."""
-        return self.verdict.deepest.get(kind)
-
     def run(self, scene: int, ticks: int) -> None:
         """Run and judge one more scene."""
         began = time.perf_counter()
@@ -523,21 +521,23 @@ KINDS = ("hand in thing", "thing in thing", "thing in table", "hand in hand", "h
 
 def table_of(rows: Sequence[Row]) -> Table:
     """Return the table of the families."""
-    depths = [Column_of(kind) for kind in KINDS]
     columns = [
         words("family"),
         number("scenes"),
         number("ticks", "verdict.ticks"),
         number("judged", "verdict.judged"),
         number("touch", "verdict.touching"),
-        *depths,
+        *(_depths_of(kind) for kind in KINDS),
+        number("hands that may cross", lambda row: row.verdict.crossed or None, unit="mm", digits=1),
         words("Newton", lambda row: f"{row.verdict.newton:.1e}" if row.verdict.equations else "—"),
         words("Euler", lambda row: f"{row.verdict.euler:.1e}" if row.verdict.equations else "—"),
         words("stops, explained", lambda row: f"{row.verdict.stops}, {row.verdict.explained}"),
         number("on the way", "verdict.on_the_way"),
         words(
             "no place, deepest [µm]",
-            lambda row: f"{row.verdict.squeezed}, {1e6 * row.verdict.squeezed_deepest:.3g}" if row.verdict.squeezed else "—",
+            lambda row: (
+                f"{row.verdict.squeezed}, {1e6 * row.verdict.squeezed_deepest:.3g}" if row.verdict.squeezed else "—"
+            ),
         ),
         words("ticks/s", lambda row: f"{row.verdict.ticks / max(row.seconds, 1e-9):,.0f}"),
         words("judge [s]", lambda row: f"{row.judging:.0f}"),
@@ -545,8 +545,8 @@ def table_of(rows: Sequence[Row]) -> Table:
     return Table(columns, rows)
 
 
-def Column_of(kind: str) -> Any:
-    return number(kind, lambda row: row.deepest(kind), unit="µm", digits=3)
+def _depths_of(kind: str) -> Column:
+    return number(kind, lambda row: row.verdict.deepest.get(kind), unit="µm", digits=3)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -569,10 +569,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             row.run(scene, given.scene_ticks)
             for text in row.failures[before:]:
                 print(f"WRONG: {text}", file=sys.stderr, flush=True)
+        if given.out:
+            given.out.write_text(json.dumps([asdict(row) for row in rows], indent=1), encoding="utf-8")
     print(table_of(rows).markdown())
-    if given.out:
-        figures = [{**asdict(row.verdict), "family": row.family, "failures": row.failures} for row in rows]
-        given.out.write_text(json.dumps(figures, indent=1), encoding="utf-8")
+    looked, late = (sum(getattr(row.verdict, name) for row in rows) for name in ("equations", "late"))
+    print(f"\nEquations of motion of {looked:,} ticks of a body, {late:,} of which make a share of their step.")
     return 1 if any(row.failures for row in rows) else 0
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
@@ -18,15 +18,7 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_NO_PLACE, STATUS_STUCK
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import Stiffness
-from hhsim.verify.contacts import (
-    BODIES,
-    PALM,
-    Pairs,
-    joined,
-    near_triangle_pairs,
-    ready_triangles,
-    triangle_places,
-)
+from hhsim.verify.contacts import PALM, Pairs, joined, near_triangle_pairs, ready_triangles, triangle_places
 from hhsim.verify.forces import balance, moment
 from hhsim.verify.kinematics import OwnHand, Posed, pose, rotations, turn_between
 from hhsim.verify.own_parts import Meetings, meetings, meetings_of_two, parts_that_may_meet, with_meetings
@@ -153,7 +145,17 @@ class Verdict:
 
     def add(self, other: "Verdict") -> None:
         """Take in another scene's figures."""
-        for name in ("ticks", "judged", "touching", "equations", "late", "squeezed", "stops", "explained", "on_the_way"):
+        for name in (
+            "ticks",
+            "judged",
+            "touching",
+            "equations",
+            "late",
+            "squeezed",
+            "stops",
+            "explained",
+            "on_the_way",
+        ):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         for name in ("newton", "euler", "squeezed_deepest", "crossed"):
             setattr(self, name, max(getattr(self, name), getattr(other, name)))
@@ -327,7 +329,11 @@ def _equations(scene: Recorded, body: Motion, found: Verdict) -> None:
     frames = before.inv(), after.inv()
     rate = [
         np.asarray(
-            before.inv().apply(frame.inv().apply((frame * before).apply(alone) + _solved(inertia, frame.apply(torque) * (PERIOD / heavier))))
+            before.inv().apply(
+                frame.inv().apply(
+                    (frame * before).apply(alone) + _solved(inertia, frame.apply(torque) * (PERIOD / heavier))
+                )
+            )
         )
         for frame in frames
     ]
@@ -427,9 +433,12 @@ def _stopped(scene: Recorded, own: OwnHand, h: int) -> Iterator[tuple[int, str]]
     late = np.add.accumulate((scene.status[h] & (STATUS_LAG | STATUS_STUCK)) > 0)
     joints = pose(own, scene.shown[h].at(np.concatenate([[0], ends]))).joints
     moved = np.linalg.norm(np.diff(joints, axis=0), axis=3).max(axis=(1, 2))
+    before = False
     for end, way in zip(ends.tolist(), moved):
-        if late[end] - late[end - WINDOW] == WINDOW and way < STOPPED:
+        stopped = late[end] - late[end - WINDOW] == WINDOW and way < STOPPED
+        if stopped and not before:
             yield end, "a hand has stopped"
+        before = bool(stopped)
     if scene.released:
         last = np.array([scene.ticks - 1])
         there, here = (pose(own, of[h].at(last)).joints for of in (scene.haptic, scene.shown))
@@ -457,7 +466,9 @@ def unborne(scene: Recorded, owns: Sequence[OwnHand], h: int, tick: int) -> floa
         pairs = joined([pairs, _on_other(meetings_of_two(owns, posed, TOUCH), h)])
     found = moment(own, posed[h], here.flexion[0], pairs, 0, pull)
     if scene.self_contact:
-        found = with_meetings(found, posed[h], meetings(own, posed[h], parts_that_may_meet(own, np.ones(5, bool)), TOUCH), 0)
+        found = with_meetings(
+            found, posed[h], meetings(own, posed[h], parts_that_may_meet(own, np.ones(5, bool)), TOUCH), 0
+        )
     scale = 1.0 / np.sqrt(stiffness)
     return balance(found, scale) / max(float(np.linalg.norm(pull * scale)), 1e-12)
 
@@ -466,7 +477,9 @@ def _on_body(own: OwnHand, posed: Posed, body: Motion, tick: int) -> Pairs:
     """Return the pairs of a hand and a body that may bear a force, world."""
     turn, shift, triangles = rotation_matrix(body.turn[[tick]]), body.shift[[tick]], body.solid.mesh.triangles
     here = seen(posed, turn, shift)
-    pairs = near_triangle_pairs(own, here, ready_triangles(triangles), triangle_places(triangles), np.ones(5, bool), TOUCH)
+    pairs = near_triangle_pairs(
+        own, here, ready_triangles(triangles), triangle_places(triangles), np.ones(5, bool), TOUCH
+    )
     return pairs._replace(point=pairs.point @ turn[0].T + shift, normal=pairs.normal @ turn[0].T)
 
 
