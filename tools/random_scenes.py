@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import WORK_LINEARISATIONS
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.object_motion import RigidMotion
@@ -70,7 +72,7 @@ def prism(corners: Any, height: float, convex: Sequence[Sequence[int]] = ()) -> 
     pieces = []
     for part in parts:
         ring = list(part)
-        for a, b in zip(ring[1:-1], ring[2:]):
+        for a, b in pairwise(ring[1:]):
             faces += [[ring[0], b, a], [count + ring[0], count + a, count + b]]
         sides = np.roll(flat[ring], -1, axis=0) - flat[ring]
         sides /= np.linalg.norm(sides, axis=1, keepdims=True)
@@ -110,6 +112,11 @@ def random_turn(rng: np.random.Generator) -> FloatArray:
     """Return a rotation matrix, uniform."""
     wheel = rng.normal(size=(1, 4))
     return np.asarray(rotation_matrix(wheel / np.linalg.norm(wheel))[0])
+
+
+def release_of(ticks: int) -> int:
+    """Return the number of a scene's last ticks in which the user's hands go away: fewer of a short one."""
+    return min(RELEASE, ticks // 5)
 
 
 class Hand:
@@ -164,8 +171,6 @@ def shown_of(records: Sequence[TickRecord], moved: RigidMotion | None = None) ->
 
 def programs_of(records: Sequence[TickRecord]) -> Any:
     """Return the linearisations of each tick."""
-    from hhsim.kernels.tick.state import WORK_LINEARISATIONS
-
     return np.concatenate([one.work[:, WORK_LINEARISATIONS] for one in records])
 
 
@@ -180,7 +185,7 @@ def motion_of(solid: Solid, free: FreeObject | None, records: Sequence[ObjectRec
 
 
 def force_on_hands(records: Sequence[Sequence[TickRecord]], turn: FloatArray) -> FloatArray:
-    """Return the force on all hands together [N], world, (T, 3), from records as a thing sees them that is turned so."""
+    """Return the force on all hands together [N], world, (T, 3); records are as a thing sees them that is turned so."""
     total = sum(np.concatenate([one.total for one in of_hand]) for of_hand in records)
     return np.asarray(np.einsum("tij,tj->ti", rotation_matrix(turn), total))
 
@@ -242,8 +247,10 @@ def free_things(rng: np.random.Generator, ticks: int) -> Recorded:
     done = 0
     while done < ticks:
         chosen = int(rng.integers(count))
-        if done < ticks - RELEASE:
-            block = user.take(min(user.hold, ticks - RELEASE - done), centers[chosen] + rng.normal(0.0, 0.01, 3))
+        if done < ticks - release_of(ticks):
+            block = user.take(
+                min(user.hold, ticks - release_of(ticks) - done), centers[chosen] + rng.normal(0.0, 0.01, 3)
+            )
         else:
             block = user.leave(np.array([0.0, 0.0, 1.0]), ticks - done)
         records.append(solver.run(*block))
@@ -269,7 +276,7 @@ def free_things(rng: np.random.Generator, ticks: int) -> Recorded:
         tuple(bodies),
         hand_force=force_on_hands([records], bodies[0].turn),
         friction=max(one.friction for one in free[:count]),
-        released=True,
+        released=release_of(ticks) == RELEASE,
     )
 
 
@@ -291,8 +298,8 @@ def two_hands_free(rng: np.random.Generator, ticks: int) -> Recorded:
         # Both go to places on opposite sides of the thing, nearer than its surface: what they squeeze they carry along.
         aside = way / np.linalg.norm(way) * (apart * rng.uniform(0.0, 0.6) if squeezes else 0.0)
         carried = center + rng.normal(0.0, 0.03, 3) * squeezes
-        if done < ticks - RELEASE:
-            size = min(users[0].hold, ticks - RELEASE - done)
+        if done < ticks - release_of(ticks):
+            size = min(users[0].hold, ticks - release_of(ticks) - done)
             blocks = [user.take(size, carried + side * aside) for user, side in zip(users, (1.0, -1.0))]
         else:
             ways = np.array([0.5, 0.0, 1.0]), np.array([-0.5, 0.0, 1.0])
@@ -313,7 +320,7 @@ def two_hands_free(rng: np.random.Generator, ticks: int) -> Recorded:
         (body,),
         hand_force=force_on_hands(records, body.turn),
         friction=free.friction,
-        released=True,
+        released=release_of(ticks) == RELEASE,
     )
 
 
@@ -334,8 +341,8 @@ def hands_that_meet(rng: np.random.Generator, ticks: int) -> Recorded:
         done = 0
         while done < ticks:
             center = rng.normal(0.0, 0.03, 3)
-            if done < ticks - RELEASE:
-                size = min(users[0].hold, ticks - RELEASE - done)
+            if done < ticks - release_of(ticks):
+                size = min(users[0].hold, ticks - release_of(ticks) - done)
                 blocks = [user.take(size, center + rng.normal(0.0, 0.02, 3)) for user in users]
             else:
                 ways = np.array([0.8, 0.0, 0.8]), np.array([-0.8, 0.0, 0.8])
@@ -352,7 +359,7 @@ def hands_that_meet(rng: np.random.Generator, ticks: int) -> Recorded:
         (still(solid, ticks),),
         hands_apart=True,
         self_contact=own,
-        released=True,
+        released=release_of(ticks) == RELEASE,
     )
 
 
@@ -363,7 +370,7 @@ def _joint(rng: np.random.Generator, limits: tuple[float, float], ticks: int) ->
         times.append(times[-1] + rng.uniform(50.0, 400.0))
         values.append(float(rng.uniform(*limits)) if rng.random() < 0.7 else limits[int(rng.integers(2))])
     # Open at the end, so that it lets go.
-    stay = ticks - RELEASE
+    stay = ticks - release_of(ticks)
     found = np.interp(np.arange(ticks), times, values)
     share = np.clip((np.arange(ticks) - stay) / 100.0, 0.0, 1.0)
     return np.asarray((1.0 - share) * found + share * limits[1])
@@ -417,9 +424,11 @@ def moving_parts(rng: np.random.Generator, ticks: int) -> Recorded:
     done = 0
     while done < ticks:
         near = path[done, int(rng.integers(len(solids))), :3] if rng.random() < 0.5 else path[done, 1:, :3].mean(axis=0)
-        size = min(users[0].hold, ticks - RELEASE - done) if done < ticks - RELEASE else ticks - done
+        size = (
+            min(users[0].hold, ticks - release_of(ticks) - done) if done < ticks - release_of(ticks) else ticks - done
+        )
         for user, solver, kept in zip(users, solvers, records):
-            if done < ticks - RELEASE:
+            if done < ticks - release_of(ticks):
                 block = user.take(size, near + rng.normal(0.0, 0.02, 3))
             else:
                 up = rotation_matrix(path[:1, 0, 3:])[0][:, 2]
@@ -437,7 +446,7 @@ def moving_parts(rng: np.random.Generator, ticks: int) -> Recorded:
         np.stack([np.concatenate([one.status for one in kept]) for kept in records]),
         programs_of(records[0]),
         bodies,
-        released=True,
+        released=release_of(ticks) == RELEASE,
     )
 
 
@@ -451,8 +460,8 @@ def own_fingers(rng: np.random.Generator, ticks: int) -> Recorded:
     user = Hand(model, rng, [0.0, 0.0, 0.0], 0.15)
     records = []
     while (done := sum(one.ticks for one in user.path)) < ticks:
-        if done < ticks - RELEASE:
-            block = user.take(min(user.hold, ticks - RELEASE - done))
+        if done < ticks - release_of(ticks):
+            block = user.take(min(user.hold, ticks - release_of(ticks) - done))
         else:
             block = user.leave(np.array([0.0, 0.0, 1.0]), ticks - done)
         records.append(solver.run(*block))
@@ -464,7 +473,7 @@ def own_fingers(rng: np.random.Generator, ticks: int) -> Recorded:
         programs_of(records),
         (still(solid, ticks),),
         self_contact=True,
-        released=True,
+        released=release_of(ticks) == RELEASE,
     )
 
 

@@ -47,6 +47,7 @@ goes farther than this [m] in its last `WINDOW` ticks."""
 STRAIGHT = 1e-9
 """Cross products of edges that are shorter are no axis."""
 GRAVITY = 9.81
+OPEN = "a hand has no place between open parts"
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,11 +176,11 @@ class Verdict:
         self.note(f"{kind}, depth [m]", depth, DEEP, ticks)
 
 
-def judge(scene: Recorded) -> Verdict:
-    """Judge the ticks of a scene: depths in some, equations in all, and hands that stop."""
+def judge(scene: Recorded, every: int = EVERY) -> Verdict:
+    """Judge the ticks of a scene: depths in one of `every`, equations in all, and hands that stop."""
     found = Verdict(ticks=scene.ticks)
     owns = [own_hand_of(hand) for hand in scene.hands]
-    look = ticks_to_judge(scene)
+    look = ticks_to_judge(scene, every)
     found.judged = len(look)
     posed = [pose(own, at.at(look)) for own, at in zip(owns, scene.shown)]
     touching = np.zeros(len(look), bool)
@@ -217,10 +218,10 @@ def judge(scene: Recorded) -> Verdict:
     return found
 
 
-def ticks_to_judge(scene: Recorded) -> IntArray:
-    """Return every hundredth tick, and each with which a hand begins to be stuck or without a place, and the next."""
+def ticks_to_judge(scene: Recorded, every: int) -> IntArray:
+    """Return one tick of `every`, and each with which a hand begins to be stuck or without a place, and the next."""
     wanted = np.zeros(scene.ticks, bool)
-    wanted[EVERY - 1 :: EVERY] = True
+    wanted[every - 1 :: every] = True
     event = ((scene.status & (STATUS_STUCK | STATUS_NO_PLACE)) > 0).any(axis=0)
     begins = np.flatnonzero(event & ~np.concatenate([[False], event[:-1]]))
     wanted[begins] = True
@@ -379,7 +380,7 @@ def _solved(inertia: FloatArray, torque: FloatArray) -> FloatArray:
 
 
 def gyrated(inertia: FloatArray, spin: FloatArray) -> FloatArray:
-    """Return angular velocities (T, 3) at the end of ticks without moments, body axes: I (w − w₀) / Δt + w × I w = 0."""
+    """Return angular velocities (T, 3) of ticks without moments, body axes: I (w − w₀) / Δt + w × I w = 0."""
     found = spin
     for _ in range(20):
         turning = found @ inertia.T
@@ -421,7 +422,7 @@ def _stops(scene: Recorded, owns: Sequence[OwnHand], found: Verdict) -> None:
                 continue
             left = unborne(scene, owns, h, tick)
             found.stops += 1
-            if left <= BORNE:
+            if left <= BORNE and what != OPEN:
                 found.explained += 1
             else:
                 found.findings.append(Finding(f"{what}, share of the pull that no contact bears", tick, left))
@@ -445,7 +446,9 @@ def _stopped(scene: Recorded, own: OwnHand, h: int) -> Iterator[tuple[int, str]]
         if np.linalg.norm(there - here, axis=3).max() > ARRIVED:
             was = pose(own, scene.shown[h].at(last - WINDOW)).joints
             goes = np.linalg.norm(here - was, axis=3).max() > ON_ITS_WAY
-            yield scene.ticks - 1, "" if goes else "a hand was left behind"
+            # The parts are open again: there is a place.
+            has_none = bool(scene.status[h, -1] & STATUS_NO_PLACE)
+            yield scene.ticks - 1, OPEN if has_none else "" if goes else "a hand was left behind"
 
 
 def unborne(scene: Recorded, owns: Sequence[OwnHand], h: int, tick: int) -> float:
