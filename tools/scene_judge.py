@@ -219,13 +219,13 @@ def judge(scene: Recorded, every: int = EVERY) -> Verdict:
 
 
 def ticks_to_judge(scene: Recorded, every: int) -> IntArray:
-    """Return one tick of `every`, and each with which a hand begins to be stuck or without a place, and the next."""
+    """Return one tick of `every`, and the first two in which a hand is stuck or without a place, or no longer so."""
     wanted = np.zeros(scene.ticks, bool)
     wanted[every - 1 :: every] = True
-    event = ((scene.status & (STATUS_STUCK | STATUS_NO_PLACE)) > 0).any(axis=0)
-    begins = np.flatnonzero(event & ~np.concatenate([[False], event[:-1]]))
-    wanted[begins] = True
-    wanted[np.minimum(begins + 1, scene.ticks - 1)] = True
+    for bit in (STATUS_STUCK, STATUS_NO_PLACE):
+        turns = 1 + np.flatnonzero(np.diff((scene.status & bit) > 0, axis=1).any(axis=0))
+        wanted[turns] = True
+        wanted[np.minimum(turns + 1, scene.ticks - 1)] = True
     return np.flatnonzero(wanted)
 
 
