@@ -109,7 +109,7 @@ class Recorded:
     @property
     def ticks(self) -> int:
         """Number of ticks."""
-        return self.status.shape[1]
+        return int(self.status.shape[1])
 
 
 @dataclass(frozen=True)
@@ -232,8 +232,9 @@ def ticks_to_judge(scene: Recorded, every: int) -> IntArray:
 def own_hand_of(hand: HandModel) -> OwnHand:
     """Return a hand as the referee has it."""
     names = ("base", "distal", "dorsal", "length", "radius", "flexion_min", "flexion_max")
-    palm = hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius
-    return OwnHand(*(np.array(getattr(hand, name)) for name in names), *palm, -1.0 if hand.side == "left" else 1.0)
+    palm, sign = hand.palm_tree, -1.0 if hand.side == "left" else 1.0
+    arrays = [np.array(getattr(hand, name)) for name in names]
+    return OwnHand._make([*arrays, palm.leaf_center, palm.leaf_radius, sign])
 
 
 def seen(posed: Posed, turn: FloatArray, shift: FloatArray) -> Posed:
@@ -308,7 +309,7 @@ def _equations(scene: Recorded, body: Motion, found: Verdict) -> None:
     """Look at velocities, Newton's and Euler's equation of a free body in all ticks but the first."""
     free, ticks = body.free, np.arange(1, scene.ticks)
     assert free is not None
-    late = ((scene.status & (STATUS_LAG | STATUS_STUCK)) > 0).any(axis=0)[1:]
+    late = ((scene.status[:, 1:] & (STATUS_LAG | STATUS_STUCK)) > 0).any(axis=0)
     turned, _ = rotations(body.turn)
     center = turned.apply(np.array(free.center)) + body.shift
     before, after = turned[:-1], turned[1:]
@@ -425,7 +426,11 @@ def _stops(scene: Recorded, owns: Sequence[OwnHand], found: Verdict) -> None:
             if left <= BORNE and what != OPEN:
                 found.explained += 1
             else:
-                found.findings.append(Finding(f"{what}, share of the pull that no contact bears", tick, left))
+                away = float(np.linalg.norm(scene.haptic[h].position[tick] - scene.shown[h].position[tick]))
+                unborne_share = Finding(f"{what}, share of the pull that no contact bears", tick, left)
+                found.findings.append(
+                    Finding(f"{what}, from the user's [m]", tick, away) if what == OPEN else unborne_share
+                )
 
 
 def _stopped(scene: Recorded, own: OwnHand, h: int) -> Iterator[tuple[int, str]]:

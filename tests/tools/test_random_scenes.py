@@ -110,7 +110,7 @@ def test_fingers_and_hands_that_go_through_each_other_are_found() -> None:
     assert own.deepest["hand in itself"] > 1e-3
     assert "hand in itself, depth [m]" in [finding.what for finding in own.findings]
     other = commanded._replace(position=commanded.position + [0.07, 0.0, 0.0])
-    both = {"hands": (RIGHT, LEFT), "shown": (commanded, other), "haptic": (commanded, other)}
+    both: dict[str, Any] = {"hands": (RIGHT, LEFT), "shown": (commanded, other), "haptic": (commanded, other)}
     both["status"] = np.zeros((2, TICKS), np.int64)
     kept = judge(replace(scene, **both, self_contact=False, hands_apart=True), 100)
     assert kept.deepest["hand in hand"] > 1e-3 and kept.crossed == 0.0
@@ -184,7 +184,8 @@ def test_separating_axes_agree_with_linear_programming() -> None:
     for _ in range(60):
         solids = [random_solid(rng).transformed(random_turn(rng), rng.normal(0.0, 0.02, 3)) for _ in range(2)]
         meets = any(overlap(a.corners, b.corners) for a in solids[0].pieces for b in solids[1].pieces)
-        gap = separation(*(still(solid, 1) for solid in solids), np.array([0]))[0]
+        one, two = (still(solid, 1) for solid in solids)
+        gap = separation(one, two, np.array([0]))[0]
         assert (gap < 0.0) == meets
         said.append(meets)
     assert 10 < sum(said) < 50
