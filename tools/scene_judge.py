@@ -354,16 +354,23 @@ def _equations(scene: Recorded, body: Motion, found: Verdict) -> None:
     off_late = np.linalg.norm(change - np.clip(own, 0.0, 1.0)[:, None] * wanted, axis=1)
     newton = heavier * free.mass / PERIOD * np.where(late, off_late, off_newton) / size
     length = float(np.ptp(body.solid.mesh.vertices, axis=0).max())
+    # As the program has it: rotation vectors in the body's axes where it began, at the tick's start or next to its end.
+    from scipy.spatial.transform import Rotation
+
+    goal = before * Rotation.from_rotvec(PERIOD * alone)
     apart = np.full(len(ticks), np.inf)
-    for some, share in zip(rate, shares):
-        part = np.where(late, share, 1.0)[:, None]
-        apart = np.minimum(apart, np.linalg.norm((made - spin - part * (some - spin)) @ inertia, axis=1))
+    for frame, some, share in zip(frames, rate, shares):
+        beyond = (frame * after).as_rotvec() - (frame * goal).as_rotvec()
+        ended = np.linalg.norm(beyond @ inertia / PERIOD - PERIOD / heavier * frame.apply(torque), axis=1)
+        behind = np.linalg.norm((made - spin - share[:, None] * (some - spin)) @ inertia, axis=1)
+        apart = np.minimum(apart, np.where(late, behind, ended))
     euler = heavier / PERIOD * apart / (length * size)
     # Of several programs the last one began anywhere between: the axes are as uncertain as the body turned meanwhile,
     # of the moment, of gyration and, in a tick that lags, of the turn that is left.
     angle = PERIOD * np.linalg.norm(step, axis=1)
     swing = angle + PERIOD * np.linalg.norm(np.stack([body.spin[:-1], body.spin[1:]]), axis=2).sum(axis=0)
-    left = np.where(late, np.linalg.norm((after.inv().apply(step) - made) @ inertia, axis=1), 0.0)
+    unfinished = np.linalg.norm(after.inv().apply(step) - made, axis=1) + np.linalg.norm(made - alone, axis=1)
+    left = np.where(late, float(np.linalg.eigvalsh(inertia)[-1]) * unfinished, 0.0)
     left += np.linalg.norm((alone * heavier - spin) @ inertia, axis=1)
     moments = np.linalg.norm(body.wrench[:, 1:, 3:], axis=2).sum(axis=0)
     slack = ((AXES + swing) * moments + swing * left / PERIOD) / (length * size)
