@@ -1,0 +1,516 @@
+"""Judge of recorded ticks of hands and things by geometry of its own: depths, equations of motion, and hands that stop.
+
+Distances are those of `hhsim.verify`, in double precision by numpy and scipy; no compiled kernel takes part. Two things
+are convex pieces, which separating axes judge. Newton's and Euler's equations are looked at in every tick, depths in
+some of them.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hhsim.arrays import FloatArray, IntArray
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_NO_PLACE, STATUS_STUCK
+from hhsim.mesh.mesh import Mesh
+from hhsim.scene.free_object import FreeObject
+from hhsim.solver.options import Stiffness
+from hhsim.verify.contacts import PALM, Pairs, joined, near_triangle_pairs, ready_triangles, triangle_places
+from hhsim.verify.forces import balance, moment
+from hhsim.verify.kinematics import OwnHand, Posed, pose, rotations, turn_between
+from hhsim.verify.own_parts import Meetings, meetings, meetings_of_two, parts_that_may_meet, with_meetings
+
+PERIOD = 1e-3
+"""Of a tick [s]."""
+EVERY = 100
+"""Ticks from one whose depths are judged to the next."""
+DEEP = 1e-9
+"""Depth [m] that counts: a nanometre is rounding."""
+TOUCH = 5e-6
+"""Largest distance [m] of what may bear a force."""
+EQUATION = 1e-6
+"""Largest residual of an equation of motion as a share of the forces at hand."""
+AXES = 1e-3
+"""Residual of Euler's equation as a share of the moment, of ticks of several programs."""
+SPEED = 1e-9
+"""Largest difference of a velocity from that of the poses [m/s, rad/s]: rounding of a pose over a tick."""
+WINDOW, STOPPED = 100, 1e-5
+"""A hand that has not converged in so many ticks one after another, and moved less than this [m], has stopped."""
+BORNE = 0.05
+"""Contacts explain a hand that has stopped if they bear all of its pull but this share."""
+ARRIVED, ON_ITS_WAY = 1e-5, 1e-3
+"""Distance [m] from the user's hand at which a hand that was let go has followed; one that has not is on its way if it
+goes farther than this [m] in its last `WINDOW` ticks."""
+STRAIGHT = 1e-9
+"""Cross products of edges that are shorter are no axis."""
+GRAVITY = 9.81
+OPEN = "a hand has no place between open parts"
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Convex piece of a thing: corners [m], (n, 3); normals of its faces and directions of its edges, (m, 3)."""
+
+    corners: FloatArray
+    normals: FloatArray
+    edges: FloatArray
+
+    def transformed(self, turn: FloatArray, shift: FloatArray) -> "Piece":
+        """Return the piece turned by a matrix and shifted [m]."""
+        return Piece(self.corners @ turn.T + shift, self.normals @ turn.T, self.edges @ turn.T)
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """Closed mesh [m], and the convex pieces that it is made of."""
+
+    mesh: Mesh
+    pieces: tuple[Piece, ...]
+
+    def transformed(self, turn: FloatArray, shift: FloatArray) -> "Solid":
+        """Return the solid turned by a matrix and shifted [m]."""
+        pieces = tuple(piece.transformed(turn, shift) for piece in self.pieces)
+        return Solid(self.mesh.transformed(turn, shift), pieces)
+
+
+@dataclass(eq=False)
+class Motion:
+    """Recorded motion of a solid, T ticks: x in its frame is at turn · x + shift in the world; forces if it is free."""
+
+    solid: Solid
+    turn: FloatArray  # (w, x, y, z), (T, 4)
+    shift: FloatArray  # [m], (T, 3)
+    free: FreeObject | None = None  # None for what stands still or moves as given
+    velocity: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))  # of the centre of mass [m/s], (T, 3)
+    spin: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))  # angular velocity, world [rad/s], (T, 3)
+    # On the body by hands, table and other things: force [N], moment about the centre of mass [N·m], (3, T, 6).
+    wrench: FloatArray = field(default_factory=lambda: np.zeros((3, 0, 6)))
+
+
+@dataclass(eq=False)
+class Recorded:
+    """Ticks of a scene, all in the world."""
+
+    hands: tuple[HandModel, ...]
+    shown: tuple[HandConfiguration, ...]
+    haptic: tuple[HandConfiguration, ...]
+    status: IntArray  # of each hand, (H, T)
+    programs: IntArray  # linearisations of each tick, (T,)
+    bodies: tuple[Motion, ...]
+    hand_force: FloatArray | None = None  # of all hands together, as they record it [N], (T, 3)
+    hands_apart: bool = False  # True if two hands keep out of each other
+    self_contact: bool = False  # True if a hand's own parts do
+    friction: float = 0.0
+    released: bool = False  # True if the user's hands end where nothing is
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks."""
+        return int(self.status.shape[1])
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is wrong, and in which tick of the scene."""
+
+    what: str
+    tick: int
+    size: float
+
+    def __str__(self) -> str:
+        return f"tick {self.tick}: {self.what} {self.size:.3g}"
+
+
+@dataclass(eq=False)
+class Verdict:
+    """Worst figures of some scenes: depths [m], residuals as shares, and counts."""
+
+    ticks: int = 0
+    judged: int = 0
+    touching: int = 0  # judged ticks in which a hand is within `TOUCH` of something
+    deepest: dict[str, float] = field(default_factory=dict)  # by the kind of pair [m]
+    newton: float = 0.0
+    euler: float = 0.0
+    equations: int = 0  # ticks of a body in which they were looked at
+    late: int = 0  # of these, the ones that lag, whose body makes a share of its step
+    squeezed: int = 0  # ticks that say that moving parts left no place
+    squeezed_deepest: float = 0.0  # of those that were judged [m]
+    crossed: float = 0.0  # deepest of two hands where they are not kept apart [m]
+    stops: int = 0
+    explained: int = 0
+    on_the_way: int = 0  # hands that have not arrived at the end, and are moving
+    findings: list[Finding] = field(default_factory=list)
+
+    def add(self, other: "Verdict") -> None:
+        """Take in another scene's figures."""
+        for name in (
+            "ticks",
+            "judged",
+            "touching",
+            "equations",
+            "late",
+            "squeezed",
+            "stops",
+            "explained",
+            "on_the_way",
+        ):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        for name in ("newton", "euler", "squeezed_deepest", "crossed"):
+            setattr(self, name, max(getattr(self, name), getattr(other, name)))
+        for kind, depth in other.deepest.items():
+            self.deepest[kind] = max(self.deepest.get(kind, 0.0), depth)
+        self.findings += other.findings
+
+    def note(self, what: str, size: FloatArray, limit: FloatArray | float, ticks: IntArray) -> None:
+        """Keep the largest excess of a size over a limit as a finding."""
+        over = np.where(np.isfinite(size), size - limit, np.inf)
+        if len(over) and (worst := int(over.argmax())) >= 0 and over[worst] > 0.0:
+            self.findings.append(Finding(what, int(ticks[worst]), float(size[worst])))
+
+    def depth(self, kind: str, depth: FloatArray, ticks: IntArray) -> None:
+        """Keep the deepest of a kind of pair, and what is too deep as a finding."""
+        self.deepest[kind] = max(self.deepest.get(kind, 0.0), float(depth.max(initial=0.0)))
+        self.note(f"{kind}, depth [m]", depth, DEEP, ticks)
+
+
+def judge(scene: Recorded, every: int = EVERY) -> Verdict:
+    """Judge the ticks of a scene: depths in one of `every`, equations in all, and hands that stop."""
+    found = Verdict(ticks=scene.ticks)
+    owns = [own_hand_of(hand) for hand in scene.hands]
+    look = ticks_to_judge(scene, every)
+    found.judged = len(look)
+    posed = [pose(own, at.at(look)) for own, at in zip(owns, scene.shown)]
+    touching = np.zeros(len(look), bool)
+    squeezed = (scene.status[:, look] & STATUS_NO_PLACE) > 0
+    for h, (own, hand) in enumerate(zip(owns, posed)):
+        for body in scene.bodies:
+            nearest = hand_distance(own, hand, body, look)
+            depth = np.maximum(0.0, -nearest)
+            touching |= nearest < TOUCH
+            found.squeezed_deepest = max(found.squeezed_deepest, float(depth[squeezed[h]].max(initial=0.0)))
+            found.depth("hand in thing", np.where(squeezed[h], 0.0, depth), look)
+        if scene.self_contact:
+            nearest = meetings(own, hand, parts_that_may_meet(own, np.ones(5, bool)), TOUCH).nearest(len(look))
+            touching |= nearest.min(axis=1) < TOUCH
+            found.depth("hand in itself", np.maximum(0.0, -nearest.min(axis=1)), look)
+    found.squeezed = int(((scene.status & STATUS_NO_PLACE) > 0).any(axis=0).sum())
+    if len(owns) == 2:
+        nearest = meetings_of_two(owns, posed, TOUCH).nearest(len(look)).min(axis=1)
+        if scene.hands_apart:
+            touching |= nearest < TOUCH
+            found.depth("hand in hand", np.maximum(0.0, -nearest), look)
+        else:
+            found.crossed = float(np.maximum(0.0, -nearest).max(initial=0.0))
+    found.touching = int(touching.sum())
+    for i, body in enumerate(scene.bodies):
+        for other in scene.bodies[:i]:
+            found.depth("thing in thing", np.maximum(0.0, -separation(body, other, look)), look)
+        if body.free is not None and body.free.table is not None:
+            height = lowest(body, look) - body.free.table
+            found.depth("thing in table", np.maximum(0.0, -height), look)
+        if body.free is not None:
+            _equations(scene, body, found)
+    _forces(scene, found)
+    _stops(scene, owns, found)
+    return found
+
+
+def ticks_to_judge(scene: Recorded, every: int) -> IntArray:
+    """Return one tick of `every`, and the first two in which a hand is stuck or without a place, or no longer so."""
+    wanted = np.zeros(scene.ticks, bool)
+    wanted[every - 1 :: every] = True
+    for bit in (STATUS_STUCK, STATUS_NO_PLACE):
+        turns = 1 + np.flatnonzero(np.diff((scene.status & bit) > 0, axis=1).any(axis=0))
+        wanted[turns] = True
+        wanted[np.minimum(turns + 1, scene.ticks - 1)] = True
+    return np.flatnonzero(wanted)
+
+
+def own_hand_of(hand: HandModel) -> OwnHand:
+    """Return a hand as the referee has it."""
+    names = ("base", "distal", "dorsal", "length", "radius", "flexion_min", "flexion_max")
+    palm, sign = hand.palm_tree, -1.0 if hand.side == "left" else 1.0
+    arrays = [np.array(getattr(hand, name)) for name in names]
+    return OwnHand._make([*arrays, palm.leaf_center, palm.leaf_radius, sign])
+
+
+def seen(posed: Posed, turn: FloatArray, shift: FloatArray) -> Posed:
+    """Return hands (T) as bodies see them that are turned by matrices (T, 3, 3) and shifted [m] (T, 3)."""
+
+    def points(values: FloatArray) -> FloatArray:
+        flat = values.reshape(len(values), -1, 3) - shift[:, None]
+        return np.asarray(np.einsum("tji,tkj->tki", turn, flat).reshape(values.shape))
+
+    axes = np.asarray(np.einsum("tji,tfj->tfi", turn, posed.axes))
+    return Posed(points(posed.joints), axes, points(posed.palm), points(posed.position[:, None])[:, 0])
+
+
+def winding(triangles: FloatArray, points: FloatArray) -> FloatArray:
+    """Return the winding numbers of triangles (F, 3, 3) around points (n, 3), by Van Oosterom & Strackee (1983)."""
+    a, b, c = (corner[None] - points[:, None] for corner in triangles.transpose(1, 0, 2))
+    x, y, z = (np.linalg.norm(side, axis=2) for side in (a, b, c))
+    volume = np.einsum("nfi,nfi->nf", a, np.cross(b, c))
+    dots = (np.einsum("nfi,nfi->nf", one, two) * size for one, two, size in ((a, b, z), (b, c, x), (c, a, y)))
+    return np.asarray(np.arctan2(volume, x * y * z + sum(dots)).sum(axis=1) / (2.0 * np.pi))
+
+
+def hand_distance(own: OwnHand, posed: Posed, body: Motion, look: IntArray) -> FloatArray:
+    """Return the distance [m] of hands (n) and a body at the ticks `look` (n), infinite from `TOUCH` on.
+
+    A part whose axis is inside counts as deep as its radius and its axis's distance from the surface.
+    """
+    mesh = body.solid.mesh
+    here = seen(posed, rotation_matrix(body.turn[look]), body.shift[look])
+    triangles = ready_triangles(mesh.triangles)
+    pairs = near_triangle_pairs(own, here, triangles, triangle_places(mesh.triangles), np.ones(5, bool), TOUCH)
+    nearest = pairs.nearest(len(look)).min(axis=1)
+    middles = 0.5 * (here.joints[:, :, :3] + here.joints[:, :, 1:]).reshape(len(look), PALM, 3)
+    points = np.concatenate([middles, here.palm], axis=1)
+    size = np.concatenate([own.radius[:, :3].ravel(), own.palm_radius])
+    low, high = mesh.bounds
+    tick, part = np.nonzero(((points > low) & (points < high)).all(axis=2))
+    for first in range(0, len(tick), 1000):
+        t, p = tick[first : first + 1000], part[first : first + 1000]
+        inside = winding(mesh.triangles, points[t, p]) > 0.5
+        np.minimum.at(nearest, t[inside], -size[p[inside]])
+    return np.asarray(nearest)
+
+
+def separation(one: Motion, two: Motion, look: IntArray) -> FloatArray:
+    """Return the least distance [m] of two bodies' pieces along separating axes at some ticks, negative inside."""
+    found = np.full(len(look), np.inf)
+    turns, shifts = [rotation_matrix(of.turn[look]) for of in (one, two)], [of.shift[look] for of in (one, two)]
+    for a in one.solid.pieces:
+        for b in two.solid.pieces:
+            placed = [p.corners @ r.transpose(0, 2, 1) + s[:, None] for p, r, s in zip((a, b), turns, shifts)]
+            normals = [p.normals @ r.transpose(0, 2, 1) for p, r in zip((a, b), turns)]
+            edges = [p.edges @ r.transpose(0, 2, 1) for p, r in zip((a, b), turns)]
+            cross = np.cross(edges[0][:, :, None], edges[1][:, None]).reshape(len(look), -1, 3)
+            length = np.linalg.norm(cross, axis=2, keepdims=True)
+            # Parallel edges: any axis that is there already.
+            cross = np.where(length > STRAIGHT, cross / np.maximum(length, STRAIGHT), normals[0][:, :1])
+            axes = np.concatenate([*normals, cross], axis=1)
+            first, second = (np.einsum("tai,tci->tac", axes, corners) for corners in placed)
+            gap = np.maximum(first.min(axis=2) - second.max(axis=2), second.min(axis=2) - first.max(axis=2))
+            found = np.minimum(found, gap.max(axis=1))
+    return found
+
+
+def lowest(body: Motion, look: IntArray) -> FloatArray:
+    """Return the height [m] of a body's lowest corner at some ticks."""
+    up = rotation_matrix(body.turn[look])[:, 2]
+    return np.asarray((up @ body.solid.mesh.vertices.T).min(axis=1) + body.shift[look, 2])
+
+
+def _equations(scene: Recorded, body: Motion, found: Verdict) -> None:
+    """Look at velocities, Newton's and Euler's equation of a free body in all ticks but the first."""
+    free, ticks = body.free, np.arange(1, scene.ticks)
+    assert free is not None
+    late = ((scene.status[:, 1:] & (STATUS_LAG | STATUS_STUCK)) > 0).any(axis=0)
+    turned, _ = rotations(body.turn)
+    center = turned.apply(np.array(free.center)) + body.shift
+    before, after = turned[:-1], turned[1:]
+    step = (after * before.inv()).as_rotvec() / PERIOD
+    off = np.linalg.norm(np.diff(center, axis=0) / PERIOD - body.velocity[1:], axis=1)
+    off = np.maximum(off, np.linalg.norm(step - body.spin[1:], axis=1))
+    # A position far from the origin is rounded more.
+    limit = SPEED * (1.0 + np.abs(center).max())
+    found.note("velocity off its poses [m/s, rad/s]", np.where(late, 0.0, off), limit, ticks)
+    force, torque = body.wrench[:, 1:, :3].sum(axis=0), body.wrench[:, 1:, 3:].sum(axis=0)
+    heavier = 1.0 + free.damping * PERIOD
+    weight = free.mass * np.array(free.gravity)
+    size = np.linalg.norm(weight) + np.linalg.norm(body.wrench[:, 1:, :3], axis=2).sum(axis=0)
+    inertia = np.array(free.inertia)
+    # The body's velocities at the end of the tick by its program, world and body axes.
+    whole = (body.velocity[:-1] + PERIOD / free.mass * (force + weight)) / heavier
+    spin = before.inv().apply(body.spin[:-1])
+    alone = gyrated(inertia, spin) / heavier
+    frames = before.inv(), after.inv()
+    rate = [
+        np.asarray(
+            before.inv().apply(
+                frame.inv().apply(
+                    (frame * before).apply(alone) + _solved(inertia, frame.apply(torque) * (PERIOD / heavier))
+                )
+            )
+        )
+        for frame in frames
+    ]
+    # The body's axes go with it: in those of each end of the tick, as Euler's equation has them.
+    made = after.inv().apply(body.spin[1:])
+    # A tick that lags makes a share of what the program changes, one share of both velocities.
+    change = body.velocity[1:] - body.velocity[:-1]
+    wanted = whole - body.velocity[:-1]
+    off_newton = np.linalg.norm(change - wanted, axis=1)
+    shares = []
+    for some in rate:
+        both = free.mass * (change * wanted).sum(axis=1) + ((made - spin) @ inertia * (some - spin)).sum(axis=1)
+        square = free.mass * (wanted**2).sum(axis=1) + ((some - spin) @ inertia * (some - spin)).sum(axis=1)
+        shares.append(np.clip(both / np.where(square > 0.0, square, 1.0), 0.0, 1.0))
+    own = (change * wanted).sum(axis=1) / np.where((wanted**2).sum(axis=1) > 0.0, (wanted**2).sum(axis=1), 1.0)
+    off_late = np.linalg.norm(change - np.clip(own, 0.0, 1.0)[:, None] * wanted, axis=1)
+    newton = heavier * free.mass / PERIOD * np.where(late, off_late, off_newton) / size
+    length = float(np.ptp(body.solid.mesh.vertices, axis=0).max())
+    # As the program has it: rotation vectors in the body's axes where it began, at the tick's start or next to its end.
+    from scipy.spatial.transform import Rotation
+
+    goal = before * Rotation.from_rotvec(PERIOD * alone)
+    apart = np.full(len(ticks), np.inf)
+    for frame, some, share in zip(frames, rate, shares):
+        beyond = (frame * after).as_rotvec() - (frame * goal).as_rotvec()
+        ended = np.linalg.norm(beyond @ inertia / PERIOD - PERIOD / heavier * frame.apply(torque), axis=1)
+        behind = np.linalg.norm((made - spin - share[:, None] * (some - spin)) @ inertia, axis=1)
+        apart = np.minimum(apart, np.where(late, behind, ended))
+    euler = heavier / PERIOD * apart / (length * size)
+    # Of several programs the last one began anywhere between: the axes are as uncertain as the body turned meanwhile,
+    # of the moment, of gyration and, in a tick that lags, of the turn that is left.
+    angle = PERIOD * np.linalg.norm(step, axis=1)
+    swing = angle + PERIOD * np.linalg.norm(np.stack([body.spin[:-1], body.spin[1:]]), axis=2).sum(axis=0)
+    unfinished = np.linalg.norm(after.inv().apply(step) - made, axis=1) + np.linalg.norm(made - alone, axis=1)
+    left = np.where(late, float(np.linalg.eigvalsh(inertia)[-1]) * unfinished, 0.0)
+    left += np.linalg.norm((alone * heavier - spin) @ inertia, axis=1)
+    moments = np.linalg.norm(body.wrench[:, 1:, 3:], axis=2).sum(axis=0)
+    slack = ((AXES + swing) * moments + swing * left / PERIOD) / (length * size)
+    slack[scene.programs[1:] <= 1] = 0.0
+    found.equations += len(ticks)
+    found.late += int(late.sum())
+    found.newton = max(found.newton, float(newton.max(initial=0.0)))
+    found.euler = max(found.euler, float(np.maximum(0.0, euler - slack).max(initial=0.0)))
+    found.note("Newton's equation, share of the forces", newton, EQUATION, ticks)
+    found.note("Euler's equation, share of the forces at the body's length", euler, EQUATION + slack, ticks)
+
+
+def _solved(inertia: FloatArray, torque: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.solve(inertia, torque.T).T)
+
+
+def gyrated(inertia: FloatArray, spin: FloatArray) -> FloatArray:
+    """Return angular velocities (T, 3) of ticks without moments, body axes: I (w − w₀) / Δt + w × I w = 0."""
+    found = spin
+    for _ in range(20):
+        turning = found @ inertia.T
+        off = (found - spin) @ inertia.T / PERIOD + np.cross(found, turning)
+        slope = inertia / PERIOD + _crossing(found) @ inertia - _crossing(turning)
+        found = found - np.linalg.solve(slope, off[:, :, None])[:, :, 0]
+    return found
+
+
+def _crossing(vector: FloatArray) -> FloatArray:
+    """Return the matrices [v]× of vectors (T, 3)."""
+    x, y, z = vector.T
+    none = np.zeros_like(x)
+    return np.stack([none, -z, y, z, none, -x, -y, x, none], axis=1).reshape(-1, 3, 3)
+
+
+def _forces(scene: Recorded, found: Verdict) -> None:
+    """Look whether things push each other, and hands and things each other, equally and in opposite directions."""
+    free = [body for body in scene.bodies if body.wrench.shape[1]]
+    if not free:
+        return
+    ticks = np.arange(scene.ticks)
+    size = GRAVITY * sum(body.free.mass for body in free if body.free) + sum(
+        np.linalg.norm(body.wrench[:, :, :3], axis=2).sum(axis=0) for body in free
+    )
+    between = np.linalg.norm(sum(body.wrench[2, :, :3] for body in free), axis=1) / size
+    found.note("forces of things on each other, share that is not opposite", between, EQUATION, ticks)
+    if scene.hand_force is not None:
+        off = np.linalg.norm(sum(body.wrench[0, :, :3] for body in free) + scene.hand_force, axis=1) / size
+        found.note("force on the hands, share that the things do not bear", off, EQUATION, ticks)
+
+
+def _stops(scene: Recorded, owns: Sequence[OwnHand], found: Verdict) -> None:
+    """Look for hands that have stopped or were left behind, and whether their contacts bear their pull."""
+    for h, own in enumerate(owns):
+        for tick, what in _stopped(scene, own, h):
+            if not what:
+                found.on_the_way += 1
+                continue
+            left = unborne(scene, owns, h, tick)
+            found.stops += 1
+            if left <= BORNE and what != OPEN:
+                found.explained += 1
+            else:
+                away = float(np.linalg.norm(scene.haptic[h].position[tick] - scene.shown[h].position[tick]))
+                unborne_share = Finding(f"{what}, share of the pull that no contact bears", tick, left)
+                found.findings.append(
+                    Finding(f"{what}, from the user's [m]", tick, away) if what == OPEN else unborne_share
+                )
+
+
+def _stopped(scene: Recorded, own: OwnHand, h: int) -> Iterator[tuple[int, str]]:
+    """Yield the ticks in which a hand has stopped, and what that is; no words for one that is on its way."""
+    ends = np.arange(WINDOW, scene.ticks, WINDOW)
+    late = np.add.accumulate((scene.status[h] & (STATUS_LAG | STATUS_STUCK)) > 0)
+    joints = pose(own, scene.shown[h].at(np.concatenate([[0], ends]))).joints
+    moved = np.linalg.norm(np.diff(joints, axis=0), axis=3).max(axis=(1, 2))
+    before = False
+    for end, way in zip(ends.tolist(), moved):
+        stopped = late[end] - late[end - WINDOW] == WINDOW and way < STOPPED
+        if stopped and not before:
+            yield end, "a hand has stopped"
+        before = bool(stopped)
+    if scene.released:
+        last = np.array([scene.ticks - 1])
+        there, here = (pose(own, of[h].at(last)).joints for of in (scene.haptic, scene.shown))
+        if np.linalg.norm(there - here, axis=3).max() > ARRIVED:
+            was = pose(own, scene.shown[h].at(last - WINDOW)).joints
+            goes = np.linalg.norm(here - was, axis=3).max() > ON_ITS_WAY
+            # The parts are open again: there is a place.
+            has_none = bool(scene.status[h, -1] & STATUS_NO_PLACE)
+            yield scene.ticks - 1, OPEN if has_none else "" if goes else "a hand was left behind"
+
+
+def unborne(scene: Recorded, owns: Sequence[OwnHand], h: int, tick: int) -> float:
+    """Return the share of the pull on a hand that contacts and joint limits cannot bear, by least squares.
+
+    Contacts are found anew, within `TOUCH`; with friction their forces are in a pyramid of four sides.
+    """
+    at = np.array([tick])
+    posed, own = [pose(one, of.at(at)) for one, of in zip(owns, scene.shown)], owns[h]
+    here, there = scene.shown[h].at(at), scene.haptic[h].at(at)
+    stiffness = Stiffness().diagonal()
+    # What contacts have to bear: the coupling's pull with its sign changed.
+    bent = here.flexion - np.clip(there.flexion, own.flexion_min, own.flexion_max)
+    turn = turn_between(there.orientation, here.orientation)[0]
+    pull = stiffness * np.concatenate([(here.position - there.position)[0], turn, bent.ravel()])
+    pairs = _rubbing(joined([_on_body(own, posed[h], body, tick) for body in scene.bodies]), scene.friction)
+    if scene.hands_apart and len(owns) == 2:
+        pairs = joined([pairs, _on_other(meetings_of_two(owns, posed, TOUCH), h)])
+    found = moment(own, posed[h], here.flexion[0], pairs, 0, pull)
+    if scene.self_contact:
+        found = with_meetings(
+            found, posed[h], meetings(own, posed[h], parts_that_may_meet(own, np.ones(5, bool)), TOUCH), 0
+        )
+    scale = 1.0 / np.sqrt(stiffness)
+    return balance(found, scale) / max(float(np.linalg.norm(pull * scale)), 1e-12)
+
+
+def _on_body(own: OwnHand, posed: Posed, body: Motion, tick: int) -> Pairs:
+    """Return the pairs of a hand and a body that may bear a force, world."""
+    turn, shift, triangles = rotation_matrix(body.turn[[tick]]), body.shift[[tick]], body.solid.mesh.triangles
+    here = seen(posed, turn, shift)
+    pairs = near_triangle_pairs(
+        own, here, ready_triangles(triangles), triangle_places(triangles), np.ones(5, bool), TOUCH
+    )
+    return pairs._replace(point=pairs.point @ turn[0].T + shift, normal=pairs.normal @ turn[0].T)
+
+
+def _rubbing(pairs: Pairs, friction: float) -> Pairs:
+    """Return pairs whose normals are those of a pyramid of friction."""
+    if not len(pairs.tick) or friction == 0.0:
+        return pairs
+    least = np.eye(3)[np.abs(pairs.normal).argmin(axis=1)]
+    first = np.cross(pairs.normal, least)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(pairs.normal, first)
+    along = (first, -first, second, -second)
+    return joined([pairs._replace(normal=pairs.normal + friction * one) for one in along])
+
+
+def _on_other(found: Meetings, h: int) -> Pairs:
+    """Return the pairs of two hands as those of one of them."""
+    body, point, sign = (found.first, found.place, 1.0) if h == 0 else (found.second, found.other, -1.0)
+    return Pairs(found.tick, body, np.zeros_like(body), found.distance, point, sign * found.normal)
