@@ -61,7 +61,6 @@ def free() -> None:
     mesh = box((0.05, 0.05, 0.05))
     block, options = FreeObject.of_mesh(mesh), SolverOptions(surface="mesh")
     warm_up(HandModel.default(), options, block)
-    warm_up(HandModel.default(), options, block, others=2)
     surface, hands = contact_surface("mesh", mesh, None), (HandModel.default("right"), HandModel.default("left"))
     far = HandConfiguration(*far_hand(1))
     TwoHandedSolver([HandSolver(hand, surface, options) for hand in hands], block).run(far, far)

@@ -1,5 +1,6 @@
 """Two hands at one free object, against closed forms, each other's mirror image and a hand that is alone."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.scene.free_object import FreeObject
-from hhsim.solver.free_engine import FreeEngine
+from hhsim.solver.free_engine import FreeEngine, Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.solver.two_hands import TwoHandedSolver
@@ -40,10 +41,12 @@ class Run(NamedTuple):
     object: ObjectRecord
 
 
-def two_handed(mesh: Any, free: FreeObject, hands: tuple[HandModel, HandModel], **options: Any) -> TwoHandedSolver:
+def two_handed(
+    mesh: Any, free: FreeObject, hands: tuple[HandModel, HandModel], others: Sequence[Thing] = (), **options: Any
+) -> TwoHandedSolver:
     surface = contact_surface("mesh", mesh, None)
     chosen = SolverOptions(surface="mesh", **options)
-    return TwoHandedSolver([HandSolver(hand, surface, chosen) for hand in hands], free)
+    return TwoHandedSolver([HandSolver(hand, surface, chosen) for hand in hands], free, others)
 
 
 def pressing(ticks: int, height: float) -> list[HandConfiguration]:
@@ -60,11 +63,11 @@ def pressing(ticks: int, height: float) -> list[HandConfiguration]:
 class Pressed:
     """A block between two fingers, which weighs nothing until it is loaded."""
 
-    def __init__(self, height: float = 0.0, friction: float = FRICTION) -> None:
+    def __init__(self, height: float = 0.0, friction: float = FRICTION, others: Sequence[Thing] = ()) -> None:
         mesh = box([EDGE] * 3)
         free = FreeObject.of_mesh(mesh, mass=MASS, friction=friction, gravity=(0.0, 0.0, 0.0))
         stiffness = Stiffness(SPRING, 1e4, 1e4)
-        self.solver = two_handed(mesh, free, (tongs(), tongs()), fingers=("index",), stiffness=stiffness)
+        self.solver = two_handed(mesh, free, (tongs(), tongs()), others, fingers=("index",), stiffness=stiffness)
         self.way = pressing(60, height)
         self.approach = Run(self.solver.run(*self.way), self.solver.object_ticks(0))
 
@@ -90,6 +93,28 @@ def test_a_block_hangs_between_two_hands_by_their_friction_and_slides_beyond_it(
     assert beyond.object.velocity[-1, 2] < -5e-3
     fallen = block.load(1.5 * MOST, 50).object.velocity[:, 2]
     assert (fallen[-1] - fallen[9]) / 0.04 == pytest.approx(-0.5 * MOST / MASS, rel=1e-2)
+
+
+def test_a_block_between_two_hands_bears_another_one_which_falls_with_it_when_they_let_go() -> None:
+    mesh = box([0.02] * 3, np.array([0.0, 0.0, 0.5 * EDGE + 0.01 + 1e-6]))
+    upper = FreeObject.of_mesh(mesh, mass=0.1, friction=FRICTION, gravity=(0.0, 0.0, 0.0))
+    block = Pressed(others=[Thing(contact_surface("mesh", mesh, None), upper, name="upper")])
+    bodies = block.solver.engine.states[0].bodies
+    for share in np.linspace(0.05, 0.5, 20):
+        bodies[1].gravity[2] = -0.4 * share * MOST / 0.1
+        block.load(share * MOST, 10)
+    block.load(0.5 * MOST, 400)
+    held = block.load(0.5 * MOST, 100)
+    ticks = block.solver.engine.all_ticks
+    assert ticks is not None
+    assert all(np.ptp(thing.shift, axis=0).max() < 1e-9 for thing in ticks.things)
+    np.testing.assert_allclose(ticks.thing_wrench[:, -1, 2], [-0.2 * MOST, 0.2 * MOST], rtol=1e-6)
+    assert sum(each.total[-1, 2] for each in held.hands) == pytest.approx(-0.7 * MOST, rel=1e-6)
+    block.load(1.2 * MOST, 60)
+    falling = block.solver.engine.all_ticks
+    assert falling is not None and falling.things[0].velocity[-1, 2] < -0.1
+    # The upper one weighs 0.2 of that: alone it would fall faster, and both fall as one.
+    assert falling.things[1].velocity[-1, 2] == pytest.approx(falling.things[0].velocity[-1, 2], abs=1e-6)
 
 
 def test_a_squeeze_off_by_a_lever_turns_the_block_about_its_middle() -> None:

@@ -51,6 +51,8 @@ FREE_ROWS = ROW_CAPACITY + HAND_FRICTION * PER_CONTACT + TABLE_CONTACTS * (1 + P
 lie 13 cache lines apart but for whole pages: in a multiple of those they would share few places of the first cache."""
 SECOND_ROWS = ROW_CAPACITY + 490
 """Room for the contacts and limits of a second hand; as many cache lines more."""
+OTHER_ROWS = 1024
+"""Room for the contacts of up to six further things with a table: whole pages."""
 
 HAND_GROUPS = 3 * FINGER_COUNT + 2
 """Of a hand and its first thing: palm and fingers, and their limits; then palm and fingers with friction."""
@@ -77,7 +79,7 @@ def free_problem_dtype(hands: int, things: int) -> "np.dtype[Any]":
     """Build the dtype of the rows of up to so many hands and things, in the layout of `kernels.qp.active_set`."""
     common, fingers, pairs = 6 * (hands + things), FINGER_COUNT * hands, things * (hands + things - 1)
     dof = common + PHALANX_COUNT * fingers
-    rows = FREE_ROWS + SECOND_ROWS * (hands - 1) + (1 + PER_CONTACT) * TABLE_CONTACTS * (things - 1)
+    rows = FREE_ROWS + SECOND_ROWS * (hands - 1) + (OTHER_ROWS if things > 1 else 0)
     groups = HAND_GROUPS * hands + 2 * (FINGER_COUNT + 1) * (pairs - hands) + 1
     return np.dtype(
         [
