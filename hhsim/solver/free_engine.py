@@ -17,7 +17,7 @@ from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
 from hhsim.kernels.free.rows import friction_count
 from hhsim.kernels.free.state import MOST_HANDS, MOST_THINGS, free_state_dtype
 from hhsim.kernels.free.tick import Free, rebuild, run_many
-from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
@@ -126,8 +126,7 @@ class FreeEngine:
             raise InputError(f"{things} things; expected up to {MOST_THINGS}")
         many = hands + things > 2
         dtype = free_state_dtype(surface_of(surfaces[0]).candidates, many)
-        variables = 6 * (hands + things) + PHALANX_COUNT * FINGER_COUNT * hands
-        self.qp = new_work(variables, dtype["free_problem"]["rhs"].shape[0])
+        self.qp = new_work(*(dtype["free_problem"][name].shape[0] for name in ("delta", "rhs")))
         springs, modelled = workspace.options.stiffness.diagonal(), workspace.options.modelled()
         self.states = fresh_state(dtype, springs, modelled, things * (hands + things - 1))
         supports = [support_of(thing.surface.arrays, thing.surface.mesh) for thing in self.things]
