@@ -15,6 +15,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.free_object import FreeObject
 from hhsim.scene.parts_of_thing import box_mesh
+from hhsim.scene.things import load_things
 from hhsim.solver.free_engine import Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -115,6 +116,24 @@ def test_crossed_planks_lie_on_the_crossings_of_their_edges() -> None:
     crossings = ticks.things[0].point[rows][ticks.things[0].body[rows] <= -2]
     assert len(crossings)
     np.testing.assert_allclose(np.abs(crossings[:, :2]), 0.01, atol=1e-9)
+
+
+def test_a_lid_falls_onto_its_pot_and_lies_there_to_the_bit() -> None:
+    lid, pot = load_things("pot").meshes
+    middle = [0.5 * (mesh.bounds[0] + mesh.bounds[1]) * [1.0, 1.0, 0.0] for mesh in (lid, pot)]
+    # Its plug, 6 mm high, is 5.5 mm in the pot.
+    above = pot.bounds[1, 2] - lid.bounds[0, 2] - 0.0055
+    lid, pot = lid.transformed(np.eye(3), [0.0, 0.0, above] - middle[0]), pot.transformed(np.eye(3), -middle[1])
+    bodies = [(mesh, FreeObject.of_mesh(mesh, mass=mass, table=0.0)) for mesh, mass in ((lid, 0.1), (pot, 0.5))]
+    solver = solver_of(*bodies)
+    record, ticks = run(solver, 300)
+    assert not record.status.any()
+    assert ticks.things[0].shift[-1, 2] == pytest.approx(-0.0005, abs=2e-6), "it fell half a millimetre"
+    record, ticks = run(solver, 200)
+    assert not record.status.any()
+    assert all(np.ptp(thing.shift, axis=0).max() == 0.0 for thing in ticks.things[:2])
+    np.testing.assert_allclose(ticks.thing_wrench[:2, :, 2], [[0.1 * G] * 200, [-0.1 * G] * 200], rtol=1e-9)
+    np.testing.assert_allclose(ticks.things[1].table_wrench[:, 2], 0.6 * G, rtol=1e-9)
 
 
 def prism(radius: float, height: float, corners: int = 24) -> Mesh:
