@@ -169,7 +169,8 @@ class FreeEngine:
     @staticmethod
     def _are_joined(one: Thing, two: Thing) -> bool:
         """Return True if a hinge fixes one thing to the other one, through which it goes."""
-        return any(a.free.hinge is not None and a.free.hinge.on == b.name for a, b in ((one, two), (two, one)))
+        bears = ((a.free.hinge.on if a.free.hinge else "", b.name) for a, b in ((one, two), (two, one)))
+        return any(on != "" and on == name for on, name in bears)
 
     def _place(self, thing: Thing, support: Support, body: Any) -> None:
         free, period, offset = thing.free, self.workspace.options.period, self.workspace.options.offset

@@ -201,6 +201,17 @@ def test_a_lid_goes_through_what_it_hangs_on_and_bears_what_lies_on_it() -> None
     assert tipped[20] == pytest.approx(falls * DT**2 * 21 * 22 / 2, rel=0.01)
 
 
+def test_a_hinge_in_the_world_lets_the_lid_through_nothing() -> None:
+    mesh, free = plate()
+    box = box_mesh((0.1, 0.15, 0.1)).transformed(np.eye(3), np.array([0.1, 0.0, -0.0545]))
+    others = (Thing(contact_surface("mesh", box, None), FreeObject.of_mesh(box, mass=1.0), fixed=True),)
+    solver = solver_of(mesh, free, others)
+    solver.run(*far_hand(200))
+    # It falls 2 mm at most, onto a thing that has no name either.
+    angle = angles(solver.engine.all_ticks.things[0].turn)  # type: ignore[attr-defined]
+    assert -0.05 < angle[-1] < -0.001 and np.abs(np.diff(angle[-50:])).max() < 1e-9
+
+
 @pytest.mark.parametrize(
     ("hinge", "wrong"),
     [
