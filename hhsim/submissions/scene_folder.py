@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.errors import OutputError
+from hhsim.errors import InputError, OutputError
 from hhsim.exchange.hand_bodies import STEP
 from hhsim.exchange.hand_formats import hand_mjcf, hand_urdf, scene_mjcf
 from hhsim.hand.configuration import HandConfiguration
@@ -38,10 +38,11 @@ def check_scene_folder(folder: Path) -> None:
 def write_scene_folder(scene: Scene, folder: Path) -> str:
     """Make the folder of a scene in one step, and return the scene's digest, which submissions state.
 
-    Raises:
-        OutputError: As `check_scene_folder`, or it cannot be written.
+    Raises OutputError as `check_scene_folder`, or if it cannot be written; InputError for several parts or things.
     """
     check_scene_folder(folder)
+    if scene.parts is not None:
+        raise InputError(f"{scene.parts.name} has several parts or things: a scene folder is of one object")
     digest, hand, ticks = scene_digest(scene), scene.hand, scene.ticks
     description = {
         "format": "hhsim-scene",
