@@ -86,7 +86,8 @@ def _as_palm(hand: HandArrays, surface: Any, center: FloatArray) -> HandArrays:
     """Return a thing as a palm about its centre: its leaf spheres, or the corners of its mesh."""
     points, radius = support_of(surface, None)
     if len(points) > MOST_POINTS:
-        raise InputError(f"a thing beside others has {len(points):,} corners or spheres; expected up to {MOST_POINTS}")
+        expected = f"expected up to {MOST_POINTS:,}, of a tree of a lower level, or the surface mesh"
+        raise InputError(f"a thing beside others has {len(points):,} corners or spheres; {expected}")
     level = next(level for level in count(1) if BRANCHING**level >= len(points))
     return hand._replace(**palm_arrays(build_hierarchy(points - center, radius, level, BRANCHING), hand.length))
 
