@@ -329,18 +329,18 @@ def command(
         report = stack.enter_context(progress(quiet=output.quiet))
         parts = None
 
-        def choose(mesh: "Mesh") -> ChosenTree:
+        def tree_of(mesh: "Mesh") -> ChosenTree:
             return tree.choose(mesh, usual_level, report, solid=solid)
 
-        def whole(scene: "Scene") -> "Scene":
+        def with_free(scene: "Scene") -> "Scene":
             scene = replace(scene, free=free.object(scene.mesh, object_))
-            return scene if things is None else with_things(scene, things, lambda mesh: choose(mesh).tree)
+            return scene if things is None else with_things(scene, things, lambda mesh: tree_of(mesh).tree)
 
         if thing is not None:
-            trees = thing.trees(lambda mesh: choose(mesh).tree)
+            trees = thing.trees(lambda mesh: tree_of(mesh).tree)
             chosen, parts = ChosenTree(thing.tree(trees), ()), (thing, trees)
         elif tree.path is None:
-            chosen = choose(mesh)
+            chosen = tree_of(mesh)
         else:
             chosen = tree.load(mesh, mesh_file.unit_length(object_))
         if things is not None:
@@ -353,12 +353,12 @@ def command(
             placed_hands = two_handed_scenes(
                 described, mesh, chosen.tree, hands, motions, solver_options.fingers, parts
             )
-            scenes = [replace(one, scene=whole(one.scene)) for one in placed_hands]
+            scenes = [replace(one, scene=with_free(one.scene)) for one in placed_hands]
             return _replay_both(scenes, solver_options, output, output_path, [*remarks, *chosen.notes], report)
         hand = hand_of(motion, moving.side, moving.hand_file)
         placed = described_scene(described, mesh, chosen.tree, hand, motion, solver_options.fingers, thing=parts)
         remarks += filter(None, [placed.note])
-        scene = whole(placed.scene)
+        scene = with_free(placed.scene)
         settle = viewer.settle if viewer is not None else None
         typed = ("hhsim", *sys.argv[1:])
         runs = [

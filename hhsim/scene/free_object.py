@@ -27,7 +27,7 @@ LAW = "Coulomb with de Saxcé's correction, cone of 4 directions turned to the l
 
 @dataclass(frozen=True)
 class Hinge:
-    """Axis about which a free object can only turn, fixed in the world; InputError for what is no axis, or limits."""
+    """Hinge of a free object, fixed in the world; InputError for an axis of length 0, or limits without the angle 0."""
 
     axis: Triple  # direction, of any length, world
     origin: Triple  # a point of the axis [m], world
@@ -44,6 +44,12 @@ class Hinge:
             raise InputError(
                 f"hinge limits {least:g} to {most:g} rad; expected angles from the start, with 0, within ±π"
             )
+
+    @property
+    def direction(self) -> FloatArray:
+        """Unit vector along the axis, world, shape (3,)."""
+        axis = np.array(self.axis)
+        return np.asarray(axis / norm(axis))
 
     def placed(self, rotation: FloatArray, position: FloatArray) -> "Hinge":
         """Return the hinge with its axis in another frame, to which rotation (3, 3) and position [m] (3,) lead."""
@@ -90,11 +96,11 @@ class FreeObject:
 
     @property
     def pivot(self) -> FloatArray:
-        """Point about which it turns [m], world before the first tick, (3,): its centre, or the hinge's next to it."""
+        """Centre of mass, or the point of the hinge's axis nearest to it [m], world at the start, shape (3,)."""
         center = np.array(self.center)
         if self.hinge is None:
             return center
-        axis, origin = np.array(self.hinge.axis) / norm(np.array(self.hinge.axis)), np.array(self.hinge.origin)
+        axis, origin = self.hinge.direction, np.array(self.hinge.origin)
         pivot: FloatArray = origin + ((center - origin) * axis).sum() * axis
         return pivot
 

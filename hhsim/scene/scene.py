@@ -39,7 +39,7 @@ class Scene:
 
     mesh: Mesh  # surface of the object [m], world frame
     tree: SphereTree  # its sphere tree, world frame
-    hand: HandModel  # hand model
+    hand: HandModel
     trajectory: Trajectory  # motion of the haptic hand, with the object's pose
     ticks: TickInput  # motion at the tick rate, as the object sees it
     description: Mapping[str, Any] = field(default_factory=dict)  # origin of the scene as plain values, for its results

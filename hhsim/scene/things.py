@@ -142,7 +142,7 @@ class Things:
         return replace(self.meshes[0], name=self.name)
 
     def named(self, tree: SphereTree) -> SphereTree:
-        """Return the first one's tree, named for all, by which a script finds its place."""
+        """Return the first thing's tree with the name of the scene, by which a script finds its placement."""
         return replace(tree, options={**tree.options, "thing": self.name})
 
     def placed(

@@ -136,12 +136,12 @@ class FreeEngine:
             placed = list(zip(surfaces, (thing.free.pivot for thing in self.things)))
             movers += [_as_palm(workspace.hand, *given) for given in placed]
             edges = [_edges_of(*given) for given in placed]
-        most_hands, most = (MOST_HANDS, MOST_THINGS) if many else (1, 1)
+        most = MOST_THINGS if many else 1
         self.method = Free(
             workspace.tick_options,
             filled(supports, most),
             self.states,
-            filled(movers, most_hands + most if many else 1),
+            filled(movers, MOST_HANDS + MOST_THINGS if many else 1),
             filled(surfaces, most),
             filled(edges, most),
         )
@@ -208,8 +208,8 @@ class FreeEngine:
 
     @staticmethod
     def _hang(free: FreeObject, hinge: Hinge, body: Any) -> None:
-        """Have a body only turn, about the axis of its hinge."""
-        axis = np.array(hinge.axis) / norm(np.array(hinge.axis))
+        """Restrict a body to the rotation about the axis of its hinge."""
+        axis = hinge.direction
         across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
         across /= norm(across)
         body.is_hinged = True
@@ -277,7 +277,7 @@ class FreeEngine:
 
 
 def filled(values: Sequence[Any], count: int) -> tuple[Any, ...]:
-    """Return so many values, the last one again and again: a tuple's length is part of what is compiled."""
+    """Pad values to a length with the last one: a tuple's length is part of the type that is compiled for."""
     return (*values, *(values[-1] for _ in range(len(values), count)))
 
 

@@ -82,7 +82,7 @@ class SolverOptions:
     # Fingers that the scene uses, of thumb, index, middle, ring, little. The others follow the haptic hand without
     # contact; the palm is always used.
     fingers: tuple[str, ...] = FINGERS
-    # Most of them in a tick. Default: 12; method `paper` makes exactly this many, by default 1; in `penalty`, most
+    # Most linearisations in a tick. Default: 12; method `paper` makes exactly so many, by default 1; in `penalty`, most
     # rounds in which a tick finds which contacts push.
     linearisations: int = BY_METHOD
     # Work units (`hhsim.kernels.tick.state`) after which a tick begins no further linearisation; the rest of the step
@@ -94,7 +94,7 @@ class SolverOptions:
     # Pairs up to this much farther are listed between ticks. Default: 2 mm; 0.5 mm with surface `mesh`.
     skin: float = BY_SURFACE
     offset: float = 5e-7  # clearance that contacts keep, so that second-order errors of small steps do not penetrate
-    step_tolerance: float = 1e-4  # A step shorter than this ends the tick
+    step_tolerance: float = 1e-4  # a shorter step ends the tick
     tolerance: float = 1e-8  # accepted violation of a program's row, as a share of the margin
     touch: float = BY_SURFACE  # pairs nearer than this count as touching. Default: 10 µm; 1 µm with surface `mesh`.
     # Threads that share the fingers' programs of a tick of `progressive`, up to one for each finger. The bytes do not
@@ -104,7 +104,7 @@ class SolverOptions:
     # Of method `paper`: `spheres` (Eq. 13's range of k at every joint, as at the fingertip) or `flat` (Eq. 7's, but for
     # the fingertip), which takes large object spheres beyond a joint for contacts.
     frustum_ends: str = "spheres"
-    self_contact: bool = False  # true if the hand's own parts keep out of each other, with method `coupled`
+    self_contact: bool = False  # True if the hand's own parts keep out of each other, with method `coupled`
     # Duration of a tick [s]; only the dynamics of `penalty` need it. A replay takes it from the motion.
     period: float = 1e-3
     # Time constant of the coupling of `penalty` [s]: its virtual mass is G times the square of it.

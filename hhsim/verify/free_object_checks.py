@@ -497,7 +497,7 @@ def thing_claims(result: Result) -> list[Claim]:
 
 
 def _hinge(result: Result, part: str, free: dict[str, Any]) -> Claim:
-    """Judge that a thing only turns, about its hinge, as the moments about that and its friction have it."""
+    """Judge the motion of a hinged thing: rotation about the axis alone, within limits, by the moments on it."""
     from scipy.spatial.transform import Rotation
 
     hinge, ticks = free["hinge"], np.arange(result.ticks)

@@ -110,9 +110,9 @@ def _gyrate(moment: Array, period: float, spin: Array, spin_out: Array) -> None:
 
 
 @jit
-def _fall(body: Record, turn: float, x: float, y: float, z: float) -> float:
-    # Angular acceleration by weight [rad/s²] of a hinged body, turned by a small angle [rad] from its lever at hand: in
-    # the middle of a tick, so that the work is that of the weight, and no energy is gained.
+def _gravity_acceleration(body: Record, turn: float, x: float, y: float, z: float) -> float:
+    # Angular acceleration by gravity [rad/s²] of a hinged body whose lever (x, y, z) [m], world, has turned by a small
+    # angle [rad]. Taken in the middle of a tick its work is that of the weight, and no energy is gained.
     ux, uy, uz = body.axes[2, 0], body.axes[2, 1], body.axes[2, 2]
     x, y, z = x + turn * (uy * z - uz * y), y + turn * (uz * x - ux * z), z + turn * (ux * y - uy * x)
     return x * body.pull[0] + y * body.pull[1] + z * body.pull[2]
@@ -148,8 +148,8 @@ def predict(body: Record) -> None:
         x, y, z = turned(body.rotation, body.lever[0], body.lever[1], body.lever[2])
         body.start_lever[0], body.start_lever[1], body.start_lever[2] = x, y, z
         body.vector[0] = body.vector[1] = 0.0
-        foreseen = body.spin[2] + period * _fall(body, 0.5 * period * body.spin[2], x, y, z)
-        body.vector[2] = body.spin[2] + period * _fall(body, 0.5 * period * foreseen, x, y, z)
+        foreseen = body.spin[2] + period * _gravity_acceleration(body, 0.5 * period * body.spin[2], x, y, z)
+        body.vector[2] = body.spin[2] + period * _gravity_acceleration(body, 0.5 * period * foreseen, x, y, z)
     else:
         _gyrate(body.moment[:], period, body.spin[:], body.vector[:])
     turn = period * kept

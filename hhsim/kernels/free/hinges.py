@@ -1,8 +1,8 @@
 """Rows of the hinges of a program: limits of their angles, and dry friction.
 
-A hinged body has one variable, its turn δ in a step [rad]; the others of a body would do nothing. Friction of at most τ
-[N·m] costs τ |δ|, and a spare variable t makes that quadratic: t >= |δ| by two rows, and t is drawn to a target so far
-below 0 that it is pushed on with τ. The speed so far tells how large t is, so that the force is τ to the second order.
+A hinged body has one variable, its rotation δ in a step [rad]; its other columns are 0. Dry friction of at most τ [N·m]
+costs τ |δ|. In the quadratic program a slack variable t has that cost: t >= |δ| by two rows, and its target lies so far
+below 0 that the gradient there is τ. The speed so far foresees t, so that friction is τ to the second order.
 """
 
 import math
@@ -13,21 +13,21 @@ from hhsim.kernels.free.body import hinge_angle
 from hhsim.kernels.free.columns import common_count, thing_column, thing_count
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
 
-SPARE = 4
-"""Column of a hinged body's spare variable."""
+SLACK = 4
+"""Column of a hinged body's slack variable."""
 TURN = 5
-"""Column of its turn."""
+"""Column of its rotation."""
 FAR = 100.0
-"""Distance of its target below 0 [rad]: the friction is off by its share of what the turn changes in a tick."""
+"""Distance of the slack variable's target below 0 [rad]: the relative error of friction is the change of t over it."""
 HINGE_KEYS = -900
 """Keys of the rows go down from here: above those of the table, and below those of joint limits."""
 HINGE_ROWS = 4
-"""Limits below and above, then friction of either sign."""
+"""Rows of a hinge: lower and upper limit, then friction of either sign."""
 
 
 @jit
 def hinge_target(body: Record) -> float:
-    """Compute the scaled target of the spare variable."""
+    """Compute the scaled target of the slack variable."""
     return (abs(body.period * body.spin[2]) / FAR - 1.0) * math.sqrt(FAR * body.hinge_friction)
 
 
@@ -40,7 +40,7 @@ def has_hinge_rows(body: Record) -> bool:
 
 @jit_once
 def hinge_rows(bodies: Record, row: int, problem: Record) -> int:
-    """Write the rows of all hinges from a row on; returns the one behind them."""
+    """Write the rows of all hinges from a row on, and return the one behind them."""
     for k in range(thing_count(problem)):
         body, column = bodies[k], thing_column(problem, k)
         if not has_hinge_rows(body):
@@ -58,7 +58,7 @@ def hinge_rows(bodies: Record, row: int, problem: Record) -> int:
                 problem.block[j, row] = 0.0
             problem.common[column + TURN, row] = sign * body.inverse_root[TURN]
             if of_friction:
-                problem.common[column + SPARE, row] = math.sqrt(FAR / body.hinge_friction)
+                problem.common[column + SLACK, row] = math.sqrt(FAR / body.hinge_friction)
                 problem.rhs[row] = -sign * made
             else:
                 problem.rhs[row] = sign * (limit - angle)

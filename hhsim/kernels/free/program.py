@@ -15,7 +15,7 @@ from hhsim.kernels.free.columns import (
     thing_count,
     variable_count,
 )
-from hhsim.kernels.free.hinges import SPARE, hinge_target
+from hhsim.kernels.free.hinges import SLACK, hinge_target
 from hhsim.kernels.free.leanings import find_leanings, turn_contacts
 from hhsim.kernels.free.rows import STANDS_BACK, TABLE_KEYS, contact_rows, friction_rows, measure_slip
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
@@ -105,7 +105,7 @@ def scale_target(bodies: Record, problem: Record) -> None:
             else:
                 target[column + j] = 0.0
         if body.is_hinged == 1:
-            target[column + SPARE] = hinge_target(body)
+            target[column + SLACK] = hinge_target(body)
 
 
 @jit

@@ -92,13 +92,12 @@ SEARCHED = 2
 
 
 class Free(NamedTuple):
-    """Method that solves hands and things together; tuples are as long as may be, their last entry again and again."""
+    """Method that solves hands and things together; tuples are padded to their capacity with their last entry."""
 
     options: TickOptions
     supports: tuple[Support, ...]  # of each thing, its parts that can stand on a table
-    states: (
-        States  # of each pair; the first one, which a tick is given, has the fields of the program and of the things
-    )
+    # Of each pair; the first one, which a tick is given, has the fields of the program and of the things.
+    states: States
     movers: tuple[HandArrays, ...]  # of each hand; then, of several things, each as a palm without fingers
     surfaces: Any  # of each thing
     edges: tuple[Edges, ...]  # of each thing
