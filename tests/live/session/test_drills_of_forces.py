@@ -38,6 +38,8 @@ CLOSED = 0.95
 RATE = 100.0
 RAMP = 0.1
 """Of `grasping_setup` [s]."""
+FULL = 10.0
+"""More than a finger here presses [N]: full power would hide how far the ramp has come."""
 LEAST = 0.05
 """A finger that feels so much, of full power or in newtons, is told of."""
 SO_TIMESTAMPNS = 35
@@ -145,7 +147,7 @@ Worn = tuple[Peer, Supervisor]
 def worn(kind: str) -> Iterator[Worn]:
     port = free_ports(socket.SOCK_DGRAM)
     if kind == "manus":
-        peer, device = Peer(port, hand_of_bends, told_power), configure("manus", port=port)
+        peer, device = Peer(port, hand_of_bends, told_power), configure("manus", port=port, full_force=FULL)
     else:
         peer, device = Peer(port, bends, told_force), configure("udp", port=port, takes="forces")
     setup = replace(grasping_setup(1, None), device=device)
