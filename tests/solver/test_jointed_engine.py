@@ -103,6 +103,26 @@ def test_a_book_that_shuts_on_a_finger_leaves_no_place_at_the_angle_that_geometr
     assert np.isfinite(found.total).all()
 
 
+def test_a_book_that_shuts_over_the_axis_of_a_finger_lets_it_out_where_it_came_in() -> None:
+    # Shut, the plate reaches beyond the axis and is thinner than the finger: its far side is then the nearer one.
+    angles = np.concatenate([np.linspace(0.9, 0.02, 900), np.full(20, 0.02), np.linspace(0.02, 0.9, 900)])
+    parts, hand, found = trapped_finger(angles)
+    squeezed = found.status & STATUS_NO_PLACE > 0
+    least = 2.0 * math.atan(RADIUS / (WALL - RADIUS))
+    assert np.array_equal(
+        squeezed[np.abs(angles - least) > 0.01 * least], (angles < least)[np.abs(angles - least) > 0.01 * least]
+    )
+    # The wall and the lower plate hold it in their corner all the while.
+    tip = found.joints[squeezed, 1]
+    assert np.abs(tip[..., 2] - RADIUS).max() < MICROMETRE
+    assert np.abs(tip[:, :, 0].max(axis=1) - (WALL - RADIUS)).max() < MICROMETRE
+    shown = PlacedHand(found.joints, found.position, found.orientation)
+    fingers = np.array([False, True, False, False, False])
+    depth = parts.penetration("mesh", hand_shape(hand), shown, fingers, slice(0, len(angles))).depth
+    assert depth[squeezed].max() > 1.3 * RADIUS
+    assert depth[~squeezed].max() == 0.0
+
+
 def test_a_hand_beside_a_lid_that_moves_stays_outside_of_every_part() -> None:
     rng = np.random.default_rng(4)
     count = 1100

@@ -1,4 +1,4 @@
-"""Interface of an object's surface: six kernels, declared for the type of its arrays.
+"""Interface of an object's surface: seven kernels, declared for the type of its arrays.
 
 A surface keeps its near pairs with each hand body in a record of its own type, its candidates, with the fields
 `SHARED_CANDIDATES`. A pair is one body and one piece of the surface: a leaf sphere, a triangle.
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, HandArrays
-from hhsim.kernels.jit import Indices, Record, generic
+from hhsim.kernels.jit import Indices, Record, generic, jit_inline
 from hhsim.kernels.round_cone_distance import RoundCone
 
 SHARED_CANDIDATES = [
@@ -100,3 +100,17 @@ def cone_contacts(
 @generic
 def cone_distance(surface: Any, cone: RoundCone, limit: float, stack: Indices) -> float:
     """Compute the least signed distance [m] between a round cone and the surface; `limit` if none is below it."""
+
+
+@generic
+def way_out(surface: Any, x: float, y: float, z: float, stack: Indices) -> tuple[float, float, float, float]:
+    """Compute a point's signed distance from a solid [m], negative inside, and the outward normal at the nearest point.
+
+    The distance is infinite if the surface has no inside.
+    """
+
+
+@way_out.of(object)
+@jit_inline
+def _no_way_out(surface: Any, x: float, y: float, z: float, stack: Indices) -> tuple[float, float, float, float]:
+    return (np.inf, 0.0, 0.0, 0.0)

@@ -21,9 +21,9 @@ from hhsim.kernels.contact.surface import (
     record_pairs,
 )
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PHALANX_COUNT, HandArrays
-from hhsim.kernels.hand.pose import HAND_POSE
 from hhsim.kernels.jit import Array, Indices, Record, generic, jit_inline, jit_noinline
 from hhsim.kernels.mesh.features import FaceSpheres, MeshFeatures
+from hhsim.kernels.parts.ways_out import WAYS_OUT, find_ways_out, record_way_out
 from hhsim.kernels.rotation import turned, turned_back
 from hhsim.kernels.round_cone_distance import RoundCone
 from hhsim.kernels.sphere_tree import TreeArrays
@@ -42,8 +42,8 @@ def part_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("orientation", np.float64, (4,)),  # part to thing, (w, x, y, z)
             ("rotation", np.float64, (3, 3)),  # the same as a matrix
             ("yields", np.int64),  # 1 if the part has moved since the hand last had a place
-            ("hand", HAND_POSE),  # the hand in the part's frame; its axes of rotation are not written
             ("near", candidates),
+            *WAYS_OUT,
         ],
         align=True,
     )
@@ -146,6 +146,8 @@ def _evaluate(
         _see_hand(pose, part)
         pieces = part_pieces(surface.pieces, surface.start[p], surface.start[p + 1])
         status |= evaluate_rigid(pieces, hand, part.hand, reach, near, work)
+        if part.yields == 1:
+            find_ways_out(pieces, hand, part)
         for body in range(BODY_COUNT):
             candidates.nearest[body] = min(candidates.nearest[body], near.nearest[body])
             candidates.slack[body] = min(candidates.slack[body], near.slack[body])
@@ -162,7 +164,9 @@ def _within(surface: JointedSurface, hand: HandArrays, candidates: Record, body:
     within = 0
     for p in range(surface.part.shape[0]):
         near = surface.part[p].near
-        if near.nearest[body] <= limit:
+        if surface.part[p].is_over[body] == 1:
+            within += 1
+        elif near.nearest[body] <= limit:
             pieces = part_pieces(surface.pieces, surface.start[p], surface.start[p + 1])
             within += pairs_within(pieces, hand, near, body, limit)
     return within
@@ -192,7 +196,10 @@ def _record(
             continue
         first = row
         pieces = part_pieces(surface.pieces, surface.start[p], surface.start[p + 1])
-        row = record_pairs(pieces, hand, part.hand, body, part.near, limit, row, contacts)
+        if part.is_over[body] == 1:
+            row = record_way_out(hand, part, body, limit, row, contacts)
+        else:
+            row = record_pairs(pieces, hand, part.hand, body, part.near, limit, row, contacts)
         if row < 0:
             return -1
         for i in range(first, row):

@@ -23,6 +23,7 @@ from hhsim.kernels.contact.surface import (
     measure_pairs,
     pairs_within,
     record_pairs,
+    way_out,
 )
 from hhsim.kernels.contact.tiers import TIERS, next_tier, start_tiers, tier_depth, tier_of
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays, phalanx_cone, placed_sphere
@@ -52,7 +53,7 @@ from hhsim.kernels.mesh.features import (
 )
 from hhsim.kernels.mesh.ray_winding import is_surrounded
 from hhsim.kernels.prefetch import prefetch
-from hhsim.kernels.round_cone_distance import RoundCone, count_within, least_distance
+from hhsim.kernels.round_cone_distance import RoundCone, count_within, least_distance, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 from hhsim.kernels.triangle import Triangle, closest_on_triangle, triangle_at
 
@@ -816,12 +817,10 @@ def _cone_contacts(
     return row, clearance
 
 
-@cone_distance.of(MeshFeatures)
 @jit
-def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Indices) -> float:
-    # If there is an inside, the nearest triangle is searched at any distance: its side decides.
-    spheres, signed = mesh.spheres, mesh.multiplicity.shape[0] > 0
-    best = np.inf if signed else limit
+def _nearest_triangle(mesh: MeshFeatures, cone: RoundCone, best: float, stack: Indices) -> tuple[float, int, float]:
+    """Return the least distance below `best` [m], its triangle, -1 for none, and where on the axis it is."""
+    spheres = mesh.spheres
     found, parameter = -1, 0.0
     stack[0] = 0
     top = 1
@@ -845,17 +844,49 @@ def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Ind
             else:
                 nearest = away
             top += 1
+    return best, found, parameter
+
+
+@jit
+def _from_triangle(
+    mesh: MeshFeatures, found: int, x: float, y: float, z: float, stack: Indices
+) -> tuple[bool, float, float, float, float]:
+    """Return whether a point is in the solid, its distance from its nearest triangle, and the way from there to it."""
+    px, py, pz, square, feature = closest_on_triangle(x, y, z, triangle_at(mesh.corner, found))
+    behind = True
+    # The nearest triangle tells the side only on the boundary of a solid.
+    if mesh.pseudonormal.shape[0] > 0:
+        n = mesh.pseudonormal[found, feature]
+        behind = n[0] * (x - px) + n[1] * (y - py) + n[2] * (z - pz) < 0.0
+    inside = behind and is_surrounded(mesh.spheres, mesh.corner, mesh.multiplicity, x, y, z, stack)
+    return inside, math.sqrt(square), x - px, y - py, z - pz
+
+
+@cone_distance.of(MeshFeatures)
+@jit
+def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Indices) -> float:
+    # If there is an inside, the nearest triangle is searched at any distance: its side decides.
+    signed = mesh.multiplicity.shape[0] > 0
+    best, found, s = _nearest_triangle(mesh, cone, np.inf if signed else limit, stack)
     if signed and found >= 0:
-        x, y, z = cone.x + parameter * cone.ux, cone.y + parameter * cone.uy, cone.z + parameter * cone.uz
-        px, py, pz, square, feature = closest_on_triangle(x, y, z, triangle_at(mesh.corner, found))
-        behind = True
-        # The nearest triangle tells the side only on the boundary of a solid.
-        if mesh.pseudonormal.shape[0] > 0:
-            n = mesh.pseudonormal[found, feature]
-            behind = n[0] * (x - px) + n[1] * (y - py) + n[2] * (z - pz) < 0.0
-        if behind and is_surrounded(spheres, mesh.corner, mesh.multiplicity, x, y, z, stack):
-            best -= 2.0 * math.sqrt(square)
+        x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
+        inside, away, _, _, _ = _from_triangle(mesh, found, x, y, z, stack)
+        if inside:
+            best -= 2.0 * away
     return min(best, limit)
+
+
+@way_out.of(MeshFeatures)
+@jit
+def _way_out(mesh: MeshFeatures, x: float, y: float, z: float, stack: Indices) -> tuple[float, float, float, float]:
+    _, found, _ = _nearest_triangle(mesh, sphere_cone(x, y, z, 0.0), np.inf, stack)
+    if found < 0 or mesh.multiplicity.shape[0] == 0:
+        return (np.inf, 0.0, 0.0, 0.0)
+    inside, away, dx, dy, dz = _from_triangle(mesh, found, x, y, z, stack)
+    if away == 0.0:
+        return (0.0, mesh.face[found, 0], mesh.face[found, 1], mesh.face[found, 2])
+    height = -away if inside else away
+    return (height, dx / height, dy / height, dz / height)
 
 
 def _center(mesh: MeshFeatures) -> Array:

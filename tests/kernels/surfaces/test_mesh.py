@@ -23,7 +23,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_GATHERS, Reach, evaluate, find_contacts
-from hhsim.kernels.contact.surface import cone_distance
+from hhsim.kernels.contact.surface import cone_distance, way_out
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.feature_distance import line_witness, vertex_distance
@@ -666,3 +666,44 @@ def test_rows_and_programs_of_ten_thousand_ticks_against_all_features(name: str,
     harvested = harvest(name, 100 + seed, ticks, 3)
     assert harvested.programs > 0.25 * ticks / 3
     assert harvested.same > 0.3 * harvested.programs
+
+
+def box_distance(points: FloatArray, half: float) -> FloatArray:
+    """Signed distance [m] of points, (N, 3), from a cube about the origin, in closed form."""
+    beyond = np.abs(points) - half
+    return np.asarray(np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0))
+
+
+def test_way_out_of_a_cube_against_the_closed_form() -> None:
+    vertices, faces = catalogue("cube")
+    middle, half = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0)), 0.5 * float(np.ptp(vertices[:, 0]))
+    mesh, _ = mesh_features(vertices, faces, closed=True)
+    points = np.random.default_rng(5).uniform(-2.0 * half, 2.0 * half, (2000, 3))
+    found = np.array([way_out(mesh, *(middle + point), STACK) for point in points])
+    height, normal = found[:, 0], found[:, 1:]
+    assert np.abs(height - box_distance(points, half)).max() < FREE_OF_ROUNDING
+    assert (height < 0.0).sum() > 200
+    # As far along the normal is the surface.
+    assert np.abs(box_distance(points - height[:, None] * normal, half)).max() < FREE_OF_ROUNDING
+    assert np.abs(np.linalg.norm(normal, axis=1) - 1.0).max() < FREE_OF_ROUNDING
+
+
+@pytest.mark.parametrize("name", ["cup", "torus"])
+def test_way_out_leads_out_by_the_shortest_way(name: str) -> None:
+    mesh, _ = mesh_features(*CLOSED[name](), closed=True)
+    low, high = mesh.corner.reshape(-1, 3).min(axis=0), mesh.corner.reshape(-1, 3).max(axis=0)
+    inside = 0
+    for point in np.random.default_rng(6).uniform(low, high, (300, 3)):
+        height, *normal = way_out(mesh, *point, STACK)
+        away = cone_distance(mesh, RoundCone(*point, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0), np.inf, STACK)
+        assert height == pytest.approx(away, abs=FREE_OF_ROUNDING)
+        # Beyond an edge that the solid is cut in at, other faces are nearer.
+        beyond = way_out(mesh, *(point - (height - 1e-6) * np.array(normal)), STACK)[0]
+        assert (0.0 if height < 0.0 else 1e-6 - FREE_OF_ROUNDING) < beyond < 1e-6 + FREE_OF_ROUNDING
+        inside += height < 0.0
+    assert inside > 20
+
+
+def test_an_open_mesh_has_no_way_out() -> None:
+    mesh, _ = mesh_features(*OPEN["sheet"](), closed=False)
+    assert way_out(mesh, 0.0, 0.0, 0.0, STACK)[0] == np.inf
