@@ -36,7 +36,7 @@ from hhsim.kernels.round_cone_pair import round_cone_pair
 SELF_PAIRS = PHALANX_COUNT * PHALANX_COUNT * FINGER_COUNT * (FINGER_COUNT - 1) // 2 + PHALANX_COUNT * FINGER_COUNT
 """Most pairs of a hand."""
 SELF_ROWS = 32
-"""Most rows of such pairs in a program; what it lacks is found by the true distances."""
+"""Most rows of such pairs in a program, the nearest; what it lacks is found by the true distances."""
 BROKEN = -1.0
 """Stands for a distance where only the rows that the step breaks are added."""
 WHOLE_PALM = -1
@@ -66,10 +66,10 @@ SELF_CONTACT = np.dtype(
         ("count", np.int64),  # rows in the program
         ("pair", np.int64, (SELF_ROWS,)),  # pair of each row
         ("sphere", np.int64, (SELF_ROWS,)),  # its palm sphere, or WHOLE_PALM
-        ("distance", np.float64, (SELF_ROWS,)),  # [m]
-        ("normal", np.float64, (SELF_ROWS, 3)),  # unit, from the second part to the first, world
-        ("gradient", np.float64, (SELF_ROWS, DOF)),  # of the distance by the joints [m/rad]
-        ("spread", np.float64, (SELF_ROWS, FINGER_COUNT)),  # and by the fingers' abduction
+        ("distance", np.float64, (SELF_ROWS + 1,)),  # [m]; as the next three with one row more, to try a pair
+        ("normal", np.float64, (SELF_ROWS + 1, 3)),  # unit, from the second part to the first, world
+        ("gradient", np.float64, (SELF_ROWS + 1, DOF)),  # of the distance by the joints [m/rad]
+        ("spread", np.float64, (SELF_ROWS + 1, FINGER_COUNT)),  # and by the fingers' abduction
         ("dense", np.float64, (SELF_ROWS, DOF)),  # the gradient, divided by √G
         ("meets", np.int64, (FINGER_COUNT,)),  # 1 for fingers with a row
         ("share", np.float64, (FINGER_COUNT,)),  # share of its abduction step that a finger has room for
@@ -287,8 +287,6 @@ def _add_pair(
 ) -> bool:
     """Add the row of a pair that the step breaks, or not farther than `within` [m]; return if it is new."""
     own, row = state.self_contact, state.self_contact.count
-    if row == SELF_ROWS:
-        return False
     for other in range(row):
         if own.pair[other] == pair and own.sphere[other] == sphere:
             return False
@@ -296,11 +294,19 @@ def _add_pair(
     write_row(hand, state.pose, first, second, sphere, row, own)
     if not (_is_violated(options, row, state) if within == BROKEN else own.distance[row] <= within):
         return False
+    if row < SELF_ROWS:
+        own.count += 1
+    else:
+        tried, row = own.distance[row], 0
+        for other in range(SELF_ROWS):
+            row = other if own.distance[other] > own.distance[row] else row
+        if own.distance[row] <= tried:
+            return False
+        write_row(hand, state.pose, first, second, sphere, row, own)
     own.pair[row], own.sphere[row] = pair, sphere
     own.meets[first // PHALANX_COUNT] = 1
     if second != PALM_BODY:
         own.meets[second // PHALANX_COUNT] = 1
-    own.count += 1
     _leave_room(options.offset, row, state)
     return True
 
@@ -408,6 +414,12 @@ def as_it_is(pairs: NoPairs, value: Any, *others: Any) -> Any:
     return value
 
 
-for _kernel in (measure_pairs, add_rows, foresee_rows, scale_rows):
+@add_rows.of(NoPairs)
+@jit_inline
+def _add_none(pairs: NoPairs, hand: HandArrays, within: float, options: Any, state: Record) -> bool:
+    return False
+
+
+for _kernel in (measure_pairs, foresee_rows, scale_rows):
     _kernel.of(NoPairs)(nothing)
 clear_fraction.of(NoPairs)(as_it_is)

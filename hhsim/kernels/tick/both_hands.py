@@ -29,9 +29,9 @@ from hhsim.kernels.contact.hand_pairs import (
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, ROW_CAPACITY, build_rows, clamp_to_limits
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.contact.self_pairs import BROKEN, SELF_ROWS, add_rows, begin_rows, foresee_rows, scale_rows
-from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.hand.pose import copy_configuration, move, update_kinematics
-from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline, jit_noinline
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_noinline
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import WideRows
 from hhsim.kernels.rotation import rotation_vector_between
@@ -226,19 +226,11 @@ def _solve(
             work[WORK_ROWS] = max(work[WORK_ROWS], rows)
         for h in range(2):
             if not stands:
-                added = _add_own(hands[h], options[h], states[h][0]) or added
+                added = add_rows(options[h].own, hands[h], BROKEN, options[h], states[h][0]) or added
         if not added:
             break
     states[0][0].step.duration[DURATION_PALM] += monotonic_ns() - began
     return status
-
-
-@jit_inline
-def _add_own(hand: HandArrays, options: TickOptions, state: Record) -> bool:
-    """Add rows of the hand's own parts that the step brings together; returns whether one is new."""
-    before = state.self_contact.count
-    add_rows(options.own, hand, BROKEN, options, state)
-    return bool(state.self_contact.count > before)
 
 
 @jit_noinline

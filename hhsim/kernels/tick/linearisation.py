@@ -79,24 +79,30 @@ def _write_program(hand: HandArrays, options: TickOptions, state: Record) -> Non
 
 
 @generic
-def add_broken_rows(own: Any, hand: HandArrays, options: TickOptions, state: Record) -> bool:
-    """Add rows for the hand's own parts that a program's step brings together, and build it anew; False for none."""
+def add_broken_rows(own: Any, hand: HandArrays, options: TickOptions, share: float, state: Record) -> bool:
+    """Add rows for the hand's own parts that a program's step brings together, and build it anew; False for none.
+
+    The program's target is a share of the way to the user's hand.
+    """
 
 
 @add_broken_rows.of(NoPairs)
 @jit_inline
-def _add_none(own: NoPairs, hand: HandArrays, options: TickOptions, state: Record) -> bool:
+def _add_none(own: NoPairs, hand: HandArrays, options: TickOptions, share: float, state: Record) -> bool:
     return False
 
 
 @add_broken_rows.of(SelfPairs)
 @jit
-def _add_broken_rows(own: SelfPairs, hand: HandArrays, options: TickOptions, state: Record) -> bool:
+def _add_broken_rows(own: SelfPairs, hand: HandArrays, options: TickOptions, share: float, state: Record) -> bool:
     if not add_rows(own, hand, BROKEN, options, state):
         return False
-    step_to_haptic(state, state.problem.target[:], state.problem.abduction_step[:])
+    problem = state.problem
+    step_to_haptic(state, problem.target[:], problem.abduction_step[:])
+    for j in range(DOF):
+        problem.target[j] *= share
     for f in range(FINGER_COUNT):
-        state.problem.abduction_step[f] *= state.self_contact.share[f]
+        problem.abduction_step[f] *= share * state.self_contact.share[f]
     _write_program(hand, options, state)
     return True
 

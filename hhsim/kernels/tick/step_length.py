@@ -45,20 +45,20 @@ def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> t
 
 
 @jit_once
-def clip_target(hand: HandArrays, options: TickOptions, only_restore: bool, state: Record) -> float:
+def clip_target(hand: HandArrays, options: TickOptions, only_restore: bool, state: Record) -> tuple[float, float]:
     """Bring a far target nearer where less than half of the step is vouched for and it has a clearance to mend.
 
     Shortening a step also shortens what it does to mend a penetration or to keep a clearance; a program with a nearer
     target mends all of it. A hand that has its clearance keeps it on any part of a step, and the part is the better one
     where contacts bend: a third of the target brings a third of the multipliers, with which a hand that slips off what
     held it would creep. With `only_restore` the target is the hand itself. Returns the whole step's motion [m] where to
-    solve anew, else `WHOLE_TARGET`.
+    solve anew, else `WHOLE_TARGET`, and the share of the way to the user's hand that the target then is.
     """
     fraction, longest = allowed_fraction(hand, options, state)
     if only_restore:
         fraction = 0.0
     elif fraction >= (LEAST_SHARE if least_distance(state) >= CLEAR * options.offset else 0.5):
-        return WHOLE_TARGET
+        return WHOLE_TARGET, 1.0
     problem = state.problem
     for j in range(DOF):
         problem.target[j] *= fraction
@@ -66,4 +66,4 @@ def clip_target(hand: HandArrays, options: TickOptions, only_restore: bool, stat
         problem.abduction_step[f] *= fraction
     build_rows(hand, state.pose, state.contacts, options.offset, state.program.is_relaxed, problem)
     scale_rows(options.own, options.offset, state.program.is_relaxed, state)
-    return longest
+    return longest, fraction

@@ -138,7 +138,7 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
             return as_int64(OVERFLOW), full_motion
         if contacts + state.self_contact.count > 0:
             status = solve_program(method, state, qp)
-        while status == OPTIMAL and add_broken_rows(options.own, hand, options, state):
+        while status == OPTIMAL and add_broken_rows(options.own, hand, options, 1.0, state):
             status = solve_program(method, state, qp)
         if status != OPTIMAL or attempt == 1 or not complete_lists(hand, surface, options, state):
             break
@@ -152,9 +152,11 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
         work[WORK_UNITS] += UNITS_ROW * own_rows
         work[WORK_ROWS] = max(work[WORK_ROWS], contacts + own_rows)
     if status == OPTIMAL and contacts + own_rows > 0:
-        full_motion = clip_target(hand, options, only_restores(options, state, done), state)
+        full_motion, share = clip_target(hand, options, only_restores(options, state, done), state)
         if full_motion != WHOLE_TARGET:
             status = solve_program(method, state, qp)
+            while status == OPTIMAL and add_broken_rows(options.own, hand, options, share, state):
+                status = solve_program(method, state, qp)
     return status, full_motion
 
 
