@@ -77,8 +77,7 @@ class RobotHand:
     def __init__(self, path: Path, fingers: Mapping[str, str] | None = None) -> None:
         """Read a file; `fingers` maps fingers to links or sites, by default those whose names say so.
 
-        Raises:
-            InputError: MuJoCo is not installed, no such file, none of a robot, or no fingers by their names.
+        Raises InputError without MuJoCo, or for no such file, none of a robot, or no fingers by their names.
         """
         if find_spec("mujoco") is None:
             raise InputError("a robot's hand needs mujoco, which is not installed: pip install 'hhsim[retarget]'")

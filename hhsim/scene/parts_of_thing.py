@@ -142,13 +142,9 @@ def points_on(mesh: Mesh) -> FloatArray:
 def load_thing(word: str | Path, motion: object = None, *, solid: bool = True) -> ThingParts:
     """Load a thing of several parts and their meshes, moved by the motion's joints if it is a script that has some.
 
-    Args:
-        word: A name of the catalogue, or a TOML file.
-        solid: False takes the triangles of mesh files as they are.
-
-    Raises:
-        UnknownNameError: No such thing, mesh, or joint.
-        InputError: A file that cannot be used, or parts that begin inside each other.
+    `word` is a name of the catalogue, or a TOML file; without `solid` the triangles of mesh files are taken as they
+    are. Raises UnknownNameError for no such thing, mesh, or joint; InputError for a file that cannot be used, or parts
+    that begin inside each other.
     """
     path = Path(word)
     if not names_a_file(str(word)):

@@ -183,11 +183,8 @@ def _path_of(word: str) -> Path:
 def load_things(word: str, *, solid: bool = True) -> Things:
     """Load several things: a name of the catalogue, or a TOML file.
 
-    Args:
-        solid: False takes the triangles of mesh files as they are.
-
-    Raises:
-        InputError: A file that cannot be used, or things that begin inside each other.
+    Without `solid` the triangles of mesh files are taken as they are. Raises InputError for a file that cannot be used,
+    or things that begin inside each other.
     """
     path = _path_of(word)
     settings = read_settings(path, ThingsSettings, "scene of several things")
