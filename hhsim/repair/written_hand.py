@@ -60,7 +60,6 @@ class WrittenHand:
 
     Args:
         joints: Recorded joints of T frames in the order of `KEYPOINTS` [m], shape (T, 21, 3), NaN where missing.
-        hand: Hand model.
         fitted: Hand fitted to each frame, in the frame of the joints.
         tip_on_surface: True if recorded tips are points of the skin; False if they are centres of the fingertips.
     """
