@@ -31,7 +31,7 @@ import numpy as np
 from msgspec import Meta
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import HhsimError, InputError, check_known
+from hhsim.errors import InputError, check_known, named
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.catalogue import THINGS, names_a_file
 from hhsim.mesh.mesh import Mesh
@@ -188,7 +188,7 @@ def load_things(word: str, *, solid: bool = True) -> Things:
     """
     path = _path_of(word)
     settings = read_settings(path, ThingsSettings, "scene of several things")
-    try:
+    with named(word):
         meshes: Sequence[Mesh] = [
             shape_mesh(thing, path.parent, solid).transformed(
                 rotation_matrix(np.array(thing.orientation) / norm(np.array(thing.orientation))),
@@ -197,6 +197,4 @@ def load_things(word: str, *, solid: bool = True) -> Things:
             for thing in settings.thing
         ]
         require_apart([thing.name for thing in settings.thing], meshes, settings.joined)
-    except HhsimError as reason:
-        raise InputError(f"{word}: {reason}") from None
     return Things(path.stem, settings, tuple(meshes))
