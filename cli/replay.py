@@ -93,8 +93,7 @@ class SolverSettings(options.Linearising, options.SolverChoice):
     def options(self) -> "SolverOptions":
         """Return the options for the library.
 
-        Raises:
-            UsageError, HhsimError: An option of another method, a missing solver or engine, or a bad number.
+        UsageError, HhsimError for an option of another method, a missing solver or engine, or a bad number.
         """
         from hhsim.errors import InputError, UnknownNameError
         from hhsim.solver.known_methods import find_method
@@ -145,8 +144,7 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
     def motions(self, trajectory: str, reading: dict[str, Any] | None) -> "list[Motion]":
         """Return the motion that TRAJECTORY names, or that of the right and of the left hand, with its tremor.
 
-        Raises:
-            UsageError, HhsimError: Options that do not go with it, no such motion, or a file that cannot be read.
+        UsageError, HhsimError for options that do not go with it, no such motion, or a file that cannot be read.
         """
         from hhsim.scene.motion_catalogue import is_imported, resolve_trajectory
 

@@ -56,7 +56,7 @@ def check_known(kind: str, names: Iterable[str], known: Collection[str]) -> None
 
 @contextmanager
 def named(file: object) -> Iterator[None]:
-    """Put the name of a file before the message of an InputError that lacks it."""
+    """Put the name of a file, or of what else is at fault, before the message of an InputError that lacks it."""
     try:
         yield
     except InputError as error:

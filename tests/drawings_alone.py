@@ -11,8 +11,8 @@ from PIL import Image
 from hhsim.errors import InputError
 from hhsim.report.figure import Drawing, ReportFigure, new_figure
 
-CHARTS = ("time_series", "histogram", "speed_error", "pictures", "bench_chart", "bench_trade_off")
-"""Modules of the report that make one."""
+CHARTS = ("figure", "speed_error", "pictures", "bench_trade_off")
+"""Modules of the report that name the function which makes one; the others take it from the first."""
 
 
 def undrawn(name: str, title: str, caption: str, alt: str, drawing: Drawing) -> ReportFigure:

@@ -59,9 +59,8 @@ class FreeChoice(OptionGroup, heading="Free object"):
     def require(self, solver: "SolverOptions", motion: "Motion | None", *, way_out: str = "") -> None:
         """Check, before the work, that the options go together; `motion` is None where a glove makes it.
 
-        Raises:
-            UsageError: Options of a free object without --free; an object that the motion moves (with `way_out`).
-            InputError: A method that has no free objects.
+        Raises UsageError for options of a free object without --free, or an object that the motion moves (with
+        `way_out`); InputError for a method that has no free objects.
         """
         given = self.given()
         if "mass" in given and "density" in given:

@@ -70,8 +70,7 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
     def choose(self, mesh: "Mesh", usual_level: int, report: Progress, *, solid: bool = True) -> ChosenTree:
         """Build the tree, or take it from the cache; without `solid` also of triangles that enclose nothing.
 
-        Raises:
-            UsageError: Options that contradict each other.
+        Raises UsageError for options that contradict each other.
         """
         from hhsim.trees.cache import cached_sphere_tree, coarsest_sphere_tree
         from hhsim.trees.options import TreeOptions

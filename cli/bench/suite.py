@@ -28,9 +28,8 @@ class Solvers(OptionGroup, heading="Solver"):
     def options(self, usual: Sequence[str], **options: Any) -> "list[SolverOptions]":
         """Return the options of every solver; without named methods those of `usual` that take the surface.
 
-        Raises:
-            InputError: A method does not take a surface, or an option is out of its range.
-            UnknownNameError: No such method or surface.
+        Raises InputError if a method does not take a surface, or an option is out of its range; UnknownNameError for no
+        such method or surface.
         """
         from hhsim.solver.method import METHODS
         from hhsim.solver.options import SolverOptions

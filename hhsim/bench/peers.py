@@ -15,15 +15,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.run_errors import (
-    NEAR,
-    check_finite,
-    check_scenes,
-    first_hold_tremor,
-    hand_clearance,
-    placed_of,
-    sampled,
-)
+from hhsim.bench.run_errors import NEAR, check_finite, check_scenes, first_hold_tremor, hand_clearance, placed_of
 from hhsim.bench.speed_error_table import ALL, GAIN, failure_remark, frontier, percentile, summed_rows, tick_times
 from hhsim.bench.table import columns_of, figure, mean, metric, totals_of, worst
 from hhsim.errors import HhsimError, InputError
@@ -34,6 +26,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics import metrics
+from hhsim.metrics.mesh_penetration import sampled
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput

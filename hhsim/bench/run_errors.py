@@ -26,6 +26,7 @@ from hhsim.mesh.catalogue import object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics import metrics
 from hhsim.metrics.contact_points import find_contact_points
+from hhsim.metrics.mesh_penetration import sampled
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
@@ -62,12 +63,6 @@ class MeshErrors:
         "contact points whose distance from the true mesh was measured, those of one place once", "", sum, 0
     )
     samples: int = figure("ticks at which the depth in the true mesh was measured", "", sum, 0)
-
-
-def sampled(ticks: IntArray, count: int, also: Sequence[int] = ()) -> IntArray:
-    """Return `count` of some ticks, evenly spread with both ends, or all if there are fewer; and `also`."""
-    spread = ticks[np.linspace(0, ticks.size - 1, min(count, ticks.size)).astype(int)] if ticks.size else ticks
-    return np.unique(np.concatenate([spread, np.array(also, np.int64)]).astype(np.int64))
 
 
 class MeshReferee:

@@ -59,9 +59,8 @@ def csv_path(output_path: Path) -> Path:
 def check_table_path(output_path: Path) -> None:
     """Check before the work that a table can be written.
 
-    Raises:
-        OutputError: As `hhsim.system.output_path.check_output_path`, for either of the two files; a name that does not
-            end in .h5; or an existing file that is no table.
+    Raises OutputError as `hhsim.system.output_path.check_output_path`, for either of the two files; for a name that
+    does not end in .h5; or for an existing file that is no table.
     """
     if output_path.suffix != ".h5":
         raise OutputError(f"{output_path} must end in .h5: the CSV file of the same name goes beside it")
@@ -81,13 +80,9 @@ def write_table(
 ) -> None:
     """Write a table as `output_path` (.h5) and as CSV beside it; files of those names are replaced in one step each.
 
-    Args:
-        rows: Values of exactly the columns, by their names. The values of a column have one type: str, bool, int or
-            float; None is a missing number (NaN), or a missing word (empty) in a column of words.
-        options: Of the run, as JSON-able values.
-
-    Raises:
-        OutputError: As `check_table_path`; or a full disk. An existing table then stays as it is.
+    Each row has the values of exactly the columns, by their names. The values of a column have one type: str, bool, int
+    or float; None is a missing number (NaN), or a missing word (empty) in a column of words. The options are JSON-able
+    values. Raises OutputError as `check_table_path`, or for a full disk: an existing table then stays as it is.
     """
     names = [column.name for column in columns]
     if len(set(names)) != len(names):

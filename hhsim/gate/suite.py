@@ -213,11 +213,7 @@ def default_suite_text() -> str:
 
 
 def parse_suite(text: str, folder: Path, source: str) -> GateSuite:
-    """Parse the TOML of a suite whose paths are relative to `folder`; `source` is for messages.
-
-    Raises:
-        InputError: As `load_suite`.
-    """
+    """Parse a suite's TOML, with paths relative to `folder`; `source` is for messages. InputError as `load_suite`."""
     table = parse_settings(text, _SuiteTable, source)
     usual = table.on_top_of(SESSION_DEFAULTS, dict.fromkeys(COUNTERS, 0.0))
     scenes = tuple(_completed(scene, table, **usual) for scene in table.scenes)

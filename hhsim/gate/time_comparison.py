@@ -34,8 +34,7 @@ class TimeComparison:
 def compare_times(base: Sequence[float], head: Sequence[float], limit: float) -> TimeComparison:
     """Compare the p50 of processes of two sides, in one unit; `limit` is the allowed relative slowdown.
 
-    Raises:
-        InputError: Fewer than three processes of a side, or times that are not positive.
+    Raises InputError for fewer than three processes of a side, or times that are not positive.
     """
     for name, times in (("base", base), ("head", head)):
         if len(times) < LEAST_PROCESSES:

@@ -41,7 +41,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import InputError, UnknownNameError, named
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.palm_mesh import palm_mesh
 from hhsim.hand.quaternion import rotation_matrix
@@ -367,10 +367,8 @@ def _model(sizes: HandTable, side: Side, where: str) -> HandModel:
                 span = f"{kind}_min {_text(low)} must lie below {kind}_max {_text(high)} [rad]"
                 raise InputError(f"{where}: {finger}.{span}")
     arrays["distal"], arrays["dorsal"] = _frames(arrays["distal"], arrays["dorsal"], where)
-    try:
+    with named(where):
         mesh = palm_mesh(hand_length, hand_breadth, arrays["base"][1:], arrays["radius"][1:, 0])
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from error
     if side == "right":
         tree = cached_sphere_tree(mesh, TreeOptions(level=sizes.palm_level))
     else:

@@ -111,14 +111,10 @@ def resolve_object(
 ) -> tuple["Mesh", int]:
     """Return the mesh that a catalogue name or a mesh file means, and its default sphere-tree level.
 
-    Args:
-        unit, size, thickness: Of a mesh file [m], as for `hhsim.mesh.mesh.load_mesh`; a unit of None is m.
-        solid: False takes the triangles of a mesh file as they are, unless sheets are asked for.
-
-    Raises:
-        UnknownNameError: No such object; the message lists the near names.
-        InputError: No such file, or a unit, size or thickness for an object that has its own.
-        MeshError: A mesh that cannot be used.
+    Unit, size and thickness [m] are of a mesh file, as for `hhsim.mesh.mesh.load_mesh`; a unit of None is m. Without
+    `solid` the triangles of a mesh file are taken as they are, unless sheets are asked for. Raises UnknownNameError,
+    with the near names, for no such object; InputError for no such file, or a unit, size or thickness for an object
+    that has its own; MeshError for a mesh that cannot be used.
     """
     word = str(name_or_path)
     if not names_a_file(word):

@@ -18,9 +18,8 @@ ENCODING_GUESSER = "charset_normalizer"
 def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
     """Read vertices (V, 3) in the file's unit and faces (F, 3), unmerged; the parts of a scene are joined in its frame.
 
-    Raises:
-        InputError: No such file, or a folder.
-        MeshError: A format that trimesh does not read, a broken file, or one without triangles.
+    Raises InputError for no such file, or a folder; MeshError for a format that trimesh does not read, a broken file,
+    or one without triangles.
     """
     import trimesh
 

@@ -17,7 +17,6 @@ from hhsim.result.reader import Result
 
 ON_TABLE = -1
 """Body of a contact with the table; -2 and below are those with other things."""
-"""Body of a contact with the table."""
 PALM = 15
 SLIPS = 1e-6
 """Smallest travel of a slipping contact in a tick [m]: 1 mm/s."""

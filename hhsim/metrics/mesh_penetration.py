@@ -3,6 +3,7 @@
 Spheres that reach out of the mesh hold the hand off.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,12 +46,15 @@ def contact_error(bvh: MeshBvh, points: ArrayLike) -> FloatArray:
     return np.abs(mesh_signed_distance(bvh, np.ascontiguousarray(points, np.float64)))
 
 
+def sampled(ticks: IntArray, count: int, also: Sequence[int] = ()) -> IntArray:
+    """Return `count` of some ticks, evenly spread with both ends, or all if there are fewer; and `also`."""
+    spread = ticks[np.linspace(0, ticks.size - 1, min(count, ticks.size)).astype(int)] if ticks.size else ticks
+    return np.unique(np.concatenate([spread, np.array(also, np.int64)]).astype(np.int64))
+
+
 def ticks_looked_at(contact: BoolArray) -> IntArray:
     """Examined ticks, ascending: all in contact (mask (T,)), or `MOST_TICKS` of them, spread evenly."""
-    near = np.flatnonzero(contact)
-    if near.size == 0:
-        return near
-    return np.unique(near[np.linspace(0, near.size - 1, min(MOST_TICKS, near.size)).astype(int)])
+    return sampled(np.flatnonzero(contact), MOST_TICKS)
 
 
 @dataclass(frozen=True, eq=False)

@@ -77,10 +77,8 @@ def format_csv(trajectory: Trajectory) -> str:
 def parse_csv(text: str, *, name: str = "") -> Trajectory:
     """Read the motion of a CSV text; `name` is its name if the text has none.
 
-    Raises:
-        TrajectoryError: A missing column, a line of another length, a value that is no number (with its line), or a
-            motion that cannot be replayed.
-        UnknownNameError: A column of another name.
+    Raises TrajectoryError for a missing column, a line of another length, a value that is no number (with its line), or
+    a motion that cannot be replayed; UnknownNameError for a column of another name.
     """
     table = read_table(text, strict=True)
     fields, _ = csv_fields(table)

@@ -45,9 +45,8 @@ class Table:
     def numbers(self, columns: Sequence[str]) -> tuple[FloatArray, int]:
         """Return the numbers of some columns, shape (T, C), NaN for missing ones, and the count of unreadable cells.
 
-        Raises:
-            TrajectoryError: A column holds no numbers, or a strict table's a cell without one.
-            UnknownNameError: The table has no such column; the message lists similar names.
+        Raises TrajectoryError for a column without numbers, or a strict table's cell without one; UnknownNameError,
+        with similar names, for a column that the table has not.
         """
         check_known("column", columns, self.header)
         values = np.full((len(self.rows), len(columns)), np.nan)

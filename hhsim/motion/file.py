@@ -49,10 +49,7 @@ PHASE_COLUMNS = {
 def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
     """Write a trajectory as its suffix says, .h5 or .csv; a file of that name is replaced in one step.
 
-    A CSV file holds no raw channels.
-
-    Raises:
-        OutputError: Another suffix, or the file cannot be written.
+    A CSV file holds no raw channels. Raises OutputError for another suffix, or if the file cannot be written.
     """
     target = Path(path)
     suffix = target.suffix.lower()
@@ -134,8 +131,7 @@ def _write(trajectory: Trajectory, file: h5py.File) -> None:
 def read_fields(path: Path) -> dict[str, Any]:
     """Read the fields of a trajectory in an HDF5 file, by their names in `Trajectory`, without checking the arrays.
 
-    Raises:
-        TrajectoryError: Another format or schema, a missing part, or a damaged file.
+    Raises TrajectoryError for another format or schema, a missing part, or a damaged file.
     """
     try:
         file = open_hdf5(path)

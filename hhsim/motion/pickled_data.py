@@ -142,8 +142,7 @@ def pickled_arrays(data: bytes) -> dict[str, Any]:
 def pickled_with(data: bytes, new: Mapping[str, Any]) -> bytes:
     """Return a pickled dictionary with other numbers under the names of `flat`; all else in it stays.
 
-    Raises:
-        InputError: Whole numbers, or an object of a class that is not loaded.
+    Raises InputError for whole numbers, or an object of a class that is not loaded.
     """
     fields = unpickled(data, "a recording")
     if any(isinstance(value, _State) for _, value in flat(fields)):

@@ -40,8 +40,7 @@ def replayed(motion: HandConfiguration) -> HandConfiguration:
 def trajectory_of(motion: HandConfiguration, *, name: str = "", source: str = "") -> Trajectory:
     """Make a checked trajectory with one sample a tick, so that a replay at `RATE` gets the same samples.
 
-    Raises:
-        TrajectoryError: Values that a trajectory refuses; `hold_readings` replaces NaN and zero quaternions.
+    Raises TrajectoryError for values that a trajectory refuses; `hold_readings` replaces NaN and zero quaternions.
     """
     time = tick_times((motion.ticks - 1) / RATE, RATE)
     return Trajectory(time, *motion, name=name, source=source)

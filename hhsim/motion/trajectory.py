@@ -211,16 +211,11 @@ class Trajectory:
         return (self.sample_count - 1) / self.duration if self.sample_count > 1 else 0.0
 
     def resampled(self, rate: float, mode: ResampleMode = "interpolate") -> TickInput:
-        """Resample the motion to the ticks of a replay.
+        """Resample the motion to the ticks of a replay at `rate` [Hz].
 
-        Args:
-            rate: Ticks a second [Hz].
-            mode: "interpolate": monotone cubic and slerp, no overshoot; "hold": each tick takes the newest sample, as
-                from a glove that is slower than the loop.
-
-        Raises:
-            InputError: A rate that is not positive, or an unknown mode.
-            TrajectoryError: More ticks than `MOST_TICKS`.
+        The mode "interpolate" is monotone cubic and slerp, without overshoot; "hold" gives each tick the newest sample,
+        as from a glove that is slower than the loop. Raises InputError for a rate that is not positive, or an unknown
+        mode; TrajectoryError for more ticks than `MOST_TICKS`.
         """
         if not (np.isfinite(rate) and rate > 0.0):
             raise InputError(f"tick rate {rate} Hz; expected a positive number")

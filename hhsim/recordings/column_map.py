@@ -214,9 +214,7 @@ def read_column_map(path: Path) -> ColumnMap:
 def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     """Make the recording of a table by its mapping; `name` is its name if the mapping has none, `form` its format's.
 
-    Raises:
-        TrajectoryError: A column holds no numbers.
-        InputError: The table has no such column.
+    Raises TrajectoryError for a column without numbers, InputError for one that the table has not.
     """
     count = len(table.rows)
     findings: list[Finding] = [note(text) for text in table.left_out]

@@ -78,9 +78,8 @@ class JointPositions:
 def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions) -> Recording:
     """Fit our hand to joint centres; `options` state hand, unit, rate and the axis that points up.
 
-    Raises:
-        TrajectoryError: No stamps, no sample with wrist and knuckles, a hand of unknown side, or none of a known size.
-        InputError: Axes of a palm frame, which joint centres do not have.
+    Raises TrajectoryError for no stamps, no sample with wrist and knuckles, a hand of unknown side, or none of a known
+    size; InputError for axes of a palm frame, which joint centres do not have.
     """
     if options.palm_axes is not None:
         raise InputError("--palm-axes: there is no palm frame here, it follows from the wrist and the knuckles")

@@ -61,8 +61,7 @@ FROZEN_RUN = 5
 def clean_glitches(recording: Recording) -> Recording:
     """Replace outliers by NaN, and flag jumps and suspect samples, in a recording with increasing stamps, SI units.
 
-    Raises:
-        TrajectoryError: Jumps all over: the rows are no motion.
+    Raises TrajectoryError for jumps all over: the rows are no motion.
     """
     _refuse_disorder(recording)
     for kind in (POSITION, ORIENTATION, JOINT):

@@ -246,9 +246,8 @@ def recording_suffixes() -> tuple[str, ...]:
 def read_recording(path: str | Path, options: ReadOptions | None = None, original: Path | None = None) -> Recording:
     """Read a recording; `original` is the file that it was made from, beside which its object's poses may lie.
 
-    Raises:
-        TrajectoryError: No such file, an unknown format, or a damaged one; one line that begins with the path.
-        InputError: Options that do not fit the file.
+    Raises TrajectoryError, in one line that begins with the path, for no such file, an unknown format, or a damaged
+    one; InputError for options that do not fit the file.
     """
     source = Path(path)
     if source.is_dir():
@@ -271,9 +270,7 @@ def read_content(content: Content, options: ReadOptions) -> Recording:
 def format_of(content: Content, options: ReadOptions) -> RecordingFormat:
     """Return the format that the user names, else the first that detects the content.
 
-    Raises:
-        UnknownNameError: No format has that name.
-        TrajectoryError: Nothing in the file, or an unknown format.
+    Raises UnknownNameError for a format of another name, TrajectoryError for an empty file, or an unknown format.
     """
     formats = recording_formats()
     if options.form is not None:
@@ -296,17 +293,10 @@ def write_recording(
 ) -> float | None:
     """Write a file with the recording that it holds corrected; a file of that name is replaced in one step.
 
-    Args:
-        path: File that the recording was read from, by the same options.
-        recording: The recording, or some of its samples.
-
-    Returns:
-        Largest distance of a joint read back from the corrected one [m]; None for a recording of angles.
-
-    Raises:
-        OutputError: Another suffix than the file's, or no permission.
-        InputError: A format that is not written, or a correction that the file cannot hold; one line that begins with
-            the path.
+    `path` is the file that the recording was read from, by the same options; the recording may be some of its samples.
+    Returns the largest distance of a joint read back from the corrected one [m]; None for a recording of angles. Raises
+    OutputError for another suffix than the file's, or no permission; InputError, in one line that begins with the path,
+    for a format that is not written, or a correction that the file cannot hold.
     """
     source, target = Path(path), Path(out)
     if target.suffix.lower() != source.suffix.lower():

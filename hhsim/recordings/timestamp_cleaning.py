@@ -34,8 +34,7 @@ NOISE = 2e-3
 def clean_stamps(recording: Recording, max_gap: float) -> Recording:
     """Return samples with strictly increasing stamps, of stamps [s] in any state with gaps up to `max_gap` [s].
 
-    Raises:
-        TrajectoryError: Too many stamps are missing, repeat or contradict the motion, or a gap is too long.
+    Raises TrajectoryError if too many stamps are missing, repeat or contradict the motion, or a gap is too long.
     """
     recording = _one_piece(_without_repeats(_in_order(_without_missing(recording))), max_gap)
     step = np.diff(recording.time)

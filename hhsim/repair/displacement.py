@@ -39,7 +39,6 @@ def object_displacements(
     """Compute how far the object's centre of mass moves in 35/240 s [m], one value a frame.
 
     Args:
-        hand: Model of the hand.
         mesh: Closed surface of the object.
         posture: Hand at each frame of a recording, in the object's frame.
         frames: Frames at which the object is let go, from rest.

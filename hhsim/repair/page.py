@@ -8,23 +8,7 @@ from hhsim import __version__
 from hhsim.arrays import FloatArray
 from hhsim.metrics.field.hands import FieldHands
 from hhsim.repair.request import RepairOutcome
-from hhsim.report.figure import (
-    BLUE,
-    BOTTOM,
-    LEFT,
-    LEGEND_LINE,
-    RIGHT,
-    TITLE,
-    TOP,
-    VERMILLION,
-    Drawing,
-    ReportFigure,
-    add_panel,
-    drawn_figure,
-    fitted_legend,
-    gridded,
-    panel_title,
-)
+from hhsim.report import figure as style
 from hhsim.system.counted import counted
 from hhsim.table.html import render
 
@@ -65,30 +49,37 @@ def _marked(outcome: RepairOutcome) -> str:
     return f"Marked are {share}, in which a joint moves by more than the limit or no free hand was found: {listed}."
 
 
-def depth_figure(before: FieldHands, after: FieldHands) -> ReportFigure:
+def depth_figure(before: FieldHands, after: FieldHands) -> style.ReportFigure:
     """Draw the depth of the hand before and after, and the largest move of a joint, over time."""
     time = before.time
     depth = [1e3 * np.maximum(-hand.distance, 0.0) for hand in (before, after)]
     moved = 1e3 * np.linalg.norm(after.joints - before.joints, axis=2).max(axis=1)
     panels: list[tuple[str, list[tuple[str, FloatArray, str]]]] = [
-        ("Depth in the object [mm]", [("recorded", depth[0], VERMILLION), ("repaired", depth[1], BLUE)]),
-        ("Largest move of a joint [mm]", [("repaired", moved, BLUE)]),
+        ("Depth in the object [mm]", [("recorded", depth[0], style.VERMILLION), ("repaired", depth[1], style.BLUE)]),
+        ("Largest move of a joint [mm]", [("repaired", moved, style.BLUE)]),
     ]
 
     def draw(figure: "Figure", narrow: bool) -> None:
         for k, (title, curves) in enumerate(panels):
-            size = figure.get_size_inches()[0] - LEFT - RIGHT, PANEL
-            axes = add_panel(figure, LEFT, TOP + LEGEND_LINE + TITLE + k * (TITLE + PANEL + BOTTOM), size)
+            size = figure.get_size_inches()[0] - style.LEFT - style.RIGHT, PANEL
+            axes = style.add_panel(
+                figure,
+                style.LEFT,
+                style.TOP + style.LEGEND_LINE + style.TITLE + k * (style.TITLE + PANEL + style.BOTTOM),
+                size,
+            )
             lines = [axes.plot(time, values, color=color, linewidth=1.0)[0] for _, values, color in curves]
-            gridded(axes)
+            style.gridded(axes)
             axes.set_xlim(time[0], time[-1])
             axes.set_ylim(bottom=0.0)
-            panel_title(axes, title, 12.0 if len(lines) > 1 else 3.0)
+            style.panel_title(axes, title, 12.0 if len(lines) > 1 else 3.0)
             if len(lines) > 1:
-                fitted_legend([name for name, _, _ in curves], size[0]).draw(axes, lines)
+                style.fitted_legend([name for name, _, _ in curves], size[0]).draw(axes, lines)
         axes.set_xlabel("time [s]")
 
-    drawing = Drawing(draw, lambda width, narrow: TOP + LEGEND_LINE + 2 * (TITLE + PANEL + BOTTOM))
+    drawing = style.Drawing(
+        draw, lambda width, narrow: style.TOP + style.LEGEND_LINE + 2 * (style.TITLE + PANEL + style.BOTTOM)
+    )
     largest = f"recorded {depth[0].max():.1f} mm, repaired {depth[1].max():.3f} mm"
     alt = f"Depth over time; largest: {largest}; largest move of a joint {moved.max():.1f} mm"
-    return drawn_figure("depth", "Depth and correction.", f"Largest depth: {largest}.", alt, drawing)
+    return style.drawn_figure("depth", "Depth and correction.", f"Largest depth: {largest}.", alt, drawing)

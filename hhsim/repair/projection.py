@@ -55,7 +55,6 @@ def correct(
     Args:
         joints: Recorded joints in the order of `KEYPOINTS`, in the object's frame [m], shape (T, 21, 3), NaN where
             missing.
-        hand: Hand model.
         fitted, posture: Our hand as recorded and as repaired, in the object's frame; NaN in frames without a hand.
         surface: Object's surface.
         tip_on_surface: True if recorded tips are points of the skin; False if they are centres of the fingertips.

@@ -54,11 +54,8 @@ def repair_recording(
 ) -> RepairOutcome:
     """Repair a recording, and write it, its result and its report.
 
-    Raises:
-        InputError: Options that do not fit the recording or the object.
-        TrajectoryError: A recording, or object poses, that cannot be read.
-        MeshError: A mesh that cannot be used.
-        OutputError: A file cannot be written.
+    Raises InputError for options that do not fit the recording or the object, TrajectoryError for a recording or object
+    poses that cannot be read, MeshError for a mesh that cannot be used, OutputError for a file that cannot be written.
     """
     paths = _paths(request)
     read = _options(request)

@@ -17,9 +17,8 @@ from hhsim.system.output_path import check_output_path
 def export_recording(result: Result, form: str, path: Path) -> int:
     """Write the graphic hand of each tick, in the world, as a recording of a format; return the number of ticks.
 
-    Raises:
-        InputError: A format in which no file is made, or another suffix than its own.
-        OutputError: The file cannot be written.
+    Raises InputError for a format in which no file is made, or another suffix than its own; OutputError for a file that
+    cannot be written.
     """
     check_output_path(path)
     hand = result_hand(result)

@@ -64,21 +64,12 @@ class RobotPoints(NamedTuple):
 
 
 class RobotHand:
-    """A robot's hand.
-
-    Attributes:
-        joints: Names of the joints, J of them, in the order of every array of angles.
-        lower, upper: Their ranges [rad, or m of a sliding joint], shape (J,); infinite where there is none.
-        fingers: Mapped fingers, F of them, thumb first.
-        links: Link of each fingertip.
-        shapes: Hulls of what collides, or of everything where nothing does.
-    """
+    """A robot's hand."""
 
     def __init__(self, path: Path, fingers: Mapping[str, str] | None = None) -> None:
         """Read a file; `fingers` maps fingers to links or sites, by default those whose names say so.
 
-        Raises:
-            InputError: MuJoCo is not installed, no such file, none of a robot, or no fingers by their names.
+        Raises InputError without MuJoCo, or for no such file, none of a robot, or no fingers by their names.
         """
         if find_spec("mujoco") is None:
             raise InputError("a robot's hand needs mujoco, which is not installed: pip install 'hhsim[retarget]'")
@@ -98,7 +89,7 @@ class RobotHand:
         names = [model.joint(joint).name for joint in range(model.njnt)]
         # All positions are `following @ those of the own joints + constant`.
         own = [joint for joint, name in enumerate(names) if name not in mimics]
-        self.joints = tuple(names[joint] for joint in own)
+        self.joints = tuple(names[joint] for joint in own)  # J names, in the order of every array of angles
         self._constant, self._following = np.zeros(model.njnt), np.zeros((model.njnt, len(own)))
         self._following[own, range(len(own))] = 1.0
         for name, (leader, factor, constant) in mimics.items():
@@ -107,14 +98,15 @@ class RobotHand:
             self._following[names.index(name), self.joints.index(leader)] = factor
             self._constant[names.index(name)] = constant
         limited = model.jnt_limited.astype(bool)[own]
+        # Ranges of the joints [rad, or m of a sliding joint], shape (J,); infinite where there is none.
         self.lower, self.upper = (
             np.where(limited, end, limit) for end, limit in zip(model.jnt_range[own].T, (-np.inf, np.inf))
         )
         self._bodies = [model.body(body).name for body in range(model.nbody)]
-        self.shapes = self._shapes()
+        self.shapes = self._shapes()  # hulls of what collides, or of everything where nothing does
         mapping = dict(fingers) if fingers else self._fingers_by_name()
-        self.fingers = tuple(finger for finger in FINGERS if finger in mapping)
-        self.links = tuple(mapping[finger] for finger in self.fingers)
+        self.fingers = tuple(finger for finger in FINGERS if finger in mapping)  # the F mapped ones, thumb first
+        self.links = tuple(mapping[finger] for finger in self.fingers)  # link of each fingertip
         if len(self.fingers) < 2:
             raise InputError(
                 f"{path}: {len(self.fingers)} finger mapped; expected at least two, such as thumb and index"

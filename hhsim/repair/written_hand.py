@@ -60,7 +60,6 @@ class WrittenHand:
 
     Args:
         joints: Recorded joints of T frames in the order of `KEYPOINTS` [m], shape (T, 21, 3), NaN where missing.
-        hand: Hand model.
         fitted: Hand fitted to each frame, in the frame of the joints.
         tip_on_surface: True if recorded tips are points of the skin; False if they are centres of the fingertips.
     """
@@ -112,9 +111,8 @@ class WrittenHand:
     def samples(self, posed: PosedHand) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return balls that fill the bodies of one frame, and their motion with the hand.
 
-        Returns:
-            Centres [m], shape (n, 3); radii [m], shape (n,); derivatives of the centres by a change of the hand as of
-            `hhsim.repair.hand_change.change_between`, shape (n, 3, 26).
+        They are centres [m], shape (n, 3); radii [m], shape (n,); and derivatives of the centres by a change of the
+        hand as of `hhsim.repair.hand_change.change_between`, shape (n, 3, 26).
         """
         joints, position = posed.placed.joints[0], posed.placed.position[0]
         frames, palm = posed.frames[0], posed.frames[0, 0]

@@ -18,19 +18,8 @@ from hhsim.metrics.moving_parts import result_parts
 from hhsim.replay.moving_object import FreeFrame, MovingFrame, StillFrame
 from hhsim.replay.stored_scene import require_whole, stored_hand, stored_options, stored_others, stored_surface
 from hhsim.replay.tick_columns import TickColumns
+from hhsim.result import schema
 from hhsim.result.reader import Result, load_result
-from hhsim.result.schema import (
-    CONTACT,
-    CONTACT_COLUMNS,
-    FREE_COLUMNS,
-    HANDS_APART,
-    OBJECT_COLUMNS,
-    SIDES,
-    TICK_COLUMNS,
-    TWO_HANDED,
-    Column,
-    is_one_of_two,
-)
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.compile import warm_up
 from hhsim.solver.free_engine import Thing, object_record, of_tick
@@ -47,8 +36,10 @@ from hhsim.system.progress import Progress, silent
 TIMINGS = "duration/"
 GIVEN = ("time", "input_seq", "haptic/")
 """Columns that are the run's input."""
-COMPARED_IF_FREE: tuple[Column, ...] = (*OBJECT_COLUMNS, *FREE_COLUMNS)
-COMPARED: tuple[Column, ...] = tuple(column for column in TICK_COLUMNS if not column.name.startswith((TIMINGS, *GIVEN)))
+COMPARED_IF_FREE: tuple[schema.Column, ...] = (*schema.OBJECT_COLUMNS, *schema.FREE_COLUMNS)
+COMPARED: tuple[schema.Column, ...] = tuple(
+    column for column in schema.TICK_COLUMNS if not column.name.startswith((TIMINGS, *GIVEN))
+)
 """Columns that a second run computes anew; all but the input and the timings."""
 ROUNDING = {
     **dict.fromkeys(("m", "rad", "1"), 1e-12),
@@ -75,7 +66,7 @@ class ArrayComparison:
     side alone is so; `first_tick` is the first that differs, `first_beyond` the first beyond the bound, -1 if none.
     """
 
-    def __init__(self, column: Column) -> None:
+    def __init__(self, column: schema.Column) -> None:
         self.column, self.name, self.units = column, column.name, column.units
         exact = np.dtype(column.dtype).kind != "f"
         self.bound = np.inf if self.name.startswith(COUNTERS) else 0.0 if exact else ROUNDING[self.units]
@@ -207,11 +198,11 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     total, notes = _runnable(result)
     moving = [] if free is None else list(COMPARED_IF_FREE)
     ticks_arrays = [ArrayComparison(column) for column in (*COMPARED, *moving)]
-    rows = [] if free is None else CONTACT_COLUMNS
-    contacts = [ArrayComparison(replace(column, name=f"{CONTACT}/{column.name}")) for column in rows]
+    rows = [] if free is None else schema.CONTACT_COLUMNS
+    contacts = [ArrayComparison(replace(column, name=f"{schema.CONTACT}/{column.name}")) for column in rows]
     with interruptible_between() as check_interrupt:
         done = 0
-        for stored in result.blocks([column.name for column in (*TICK_COLUMNS, *moving)]):
+        for stored in result.blocks([column.name for column in (*schema.TICK_COLUMNS, *moving)]):
             report("ticks", done, total)
             stored = {name: values[: total - done] for name, values in stored.items()}
             here = slice(done, done + len(stored["time"]))
@@ -249,8 +240,8 @@ def _compare_contacts(
     result: Result, ticks: slice, computed: dict[str, AnyArray], arrays: Sequence[ArrayComparison]
 ) -> None:
     """Count the contacts of some ticks that differ; all of them do where their number differs."""
-    first, last = np.searchsorted(result[f"{CONTACT}/tick"], (ticks.start, ticks.stop))
-    at, other = result[f"{CONTACT}/tick"][first:last], computed["tick"]
+    first, last = np.searchsorted(result[f"{schema.CONTACT}/tick"], (ticks.start, ticks.stop))
+    at, other = result[f"{schema.CONTACT}/tick"][first:last], computed["tick"]
     if len(at) != len(other):
         # From the first tick on that has another number of them.
         many = ticks.stop - ticks.start
@@ -288,10 +279,10 @@ def _runnable(result: Result) -> tuple[int, list[str]]:
 
 def _other_hand(result: Result) -> Result | None:
     """Return the result of the hand that a result's moved a free object with, or kept apart from; None for none."""
-    if not (result.scene.get(TWO_HANDED) and (result.free or result.scene.get(HANDS_APART))):
+    if not (result.scene.get(schema.TWO_HANDED) and (result.free or result.scene.get(schema.HANDS_APART))):
         return None
-    side = SIDES[result.side == SIDES[0]]
-    if not is_one_of_two(result.path):
+    side = schema.SIDES[result.side == schema.SIDES[0]]
+    if not schema.is_one_of_two(result.path):
         raise InputError(f"{result.path} is of two hands together, and the other one's result is not there")
     return load_result(result.path.with_name(side))
 
@@ -306,7 +297,7 @@ def _of_both(
     others: Sequence[Thing],
 ) -> Callable[[HandConfiguration, slice], tuple[TickRecord, ObjectRecord | None]]:
     """Return what runs some ticks of two hands together again, as those of the hand of a result."""
-    place, hands = SIDES.index(result.side), [own, HandSolver(stored_hand(other), surface, options)]
+    place, hands = schema.SIDES.index(result.side), [own, HandSolver(stored_hand(other), surface, options)]
     ordered = hands if place == 0 else hands[::-1]
     loose = None if free is None else TwoHandedSolver(ordered, free, others)
     both = loose or SideBySideSolver(ordered, ThreadPoolExecutor(len(hands)))

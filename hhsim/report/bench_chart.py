@@ -8,25 +8,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from hhsim.bench.table import BenchTable, Cell
+from hhsim.report import figure as style
 from hhsim.report.bench_trade_off import TRADE_OFF_COLUMNS, bench_trade_off
-from hhsim.report.figure import (
-    BOTTOM,
-    GRID,
-    LEFT,
-    LETTER,
-    LIMIT,
-    RIGHT,
-    SOFT,
-    TITLE,
-    Album,
-    Drawing,
-    ReportFigure,
-    add_panel,
-    drawn_figure,
-    fitted_legend,
-    panel_title,
-    run_style,
-)
 from hhsim.report.trade_off import MARKS
 from hhsim.system.counted import counted
 from hhsim.table.table import Column, Table, unit_size, words
@@ -92,7 +75,7 @@ CHARTS: Mapping[str, Chart] = {
 }
 
 
-def bench_figure(found: BenchTable) -> ReportFigure | None:
+def bench_figure(found: BenchTable) -> style.ReportFigure | None:
     """Draw the chart of a table; None where its suite has none, or no row has the numbers."""
     chart = CHARTS.get(found.suite)
     names = {column.name for column in found.columns}
@@ -109,28 +92,28 @@ def bench_figure(found: BenchTable) -> ReportFigure | None:
 
     def height(width: float, narrow: bool) -> float:
         panel = PANEL if chart.y else LINE * (len(shown) + 1)
-        return fitted_legend(series, width).height + _title(chart, width)[1] + panel + BOTTOM
+        return style.fitted_legend(series, width).height + _title(chart, width)[1] + panel + style.BOTTOM
 
     def draw(figure: "Figure", narrow: bool) -> None:
         width, tall = (float(side) for side in figure.get_size_inches())
-        legend, (title, above) = fitted_legend(series, width), _title(chart, width)
-        left = LEFT if chart.y else min(0.5 * width, 0.2 + LETTER * max(map(len, shown)))
+        legend, (title, above) = style.fitted_legend(series, width), _title(chart, width)
+        left = style.LEFT if chart.y else min(0.5 * width, 0.2 + style.LETTER * max(map(len, shown)))
         down = legend.height + above
-        axes = add_panel(figure, left, down, (width - left - RIGHT, tall - down - BOTTOM))
+        axes = style.add_panel(figure, left, down, (width - left - style.RIGHT, tall - down - style.BOTTOM))
         handles = (_draw_points if chart.y else _draw_lines)(axes, found, chart, rows, series, shown)
-        panel_title(axes, title, 4, left - 0.05)
+        style.panel_title(axes, title, 4, left - 0.05)
         legend.draw(figure, handles)
 
     first = f" The first {MOST_LABELS} of {len(labels)} lines." if more > 0 else ""
     caption = f"{counted(len(rows), 'row')} of the table.{first}"
     alt = f"{chart.title}: {counted(len(rows), 'point')}, by {chart.series} ({'; '.join(series)})."
-    return drawn_figure(f"bench-{found.suite}", chart.title, caption, alt, Drawing(draw, height))
+    return style.drawn_figure(f"bench-{found.suite}", chart.title, caption, alt, style.Drawing(draw, height))
 
 
 def _title(chart: Chart, width: float) -> tuple[str, float]:
     """Return the title in lines that fit a figure `width` inches wide, and their height [inches]."""
     lines = textwrap.wrap(chart.title, int((width - 0.1) / BOLD))
-    return "\n".join(lines), TITLE + TITLE_LINE * (len(lines) - 1)
+    return "\n".join(lines), style.TITLE + TITLE_LINE * (len(lines) - 1)
 
 
 def _draw_points(
@@ -142,7 +125,9 @@ def _draw_points(
     for number, name in enumerate(series):
         of = [row for row in rows if str(row[chart.series]) == name]
         x, y = ([float(row[column]) / unit_size(units[column]) for row in of] for column in (chart.x, chart.y))
-        drawn += axes.plot(x, y, MARKS[number % len(MARKS)], color=run_style(number)[0], markersize=4.0, alpha=0.75)
+        drawn += axes.plot(
+            x, y, MARKS[number % len(MARKS)], color=style.run_style(number)[0], markersize=4.0, alpha=0.75
+        )
     for axis, column in (("x", chart.x), ("y", chart.y)):
         if _is_wide([float(row[column]) for row in rows]):
             _make_logarithmic(axes, axis)
@@ -165,19 +150,21 @@ def _draw_lines(
         x = [_along(chart, row) / factor for row in of]
         values += x
         y = [labels.index(_label(chart, row)) for row in of]
-        drawn += axes.plot(x, y, MARKS[number % len(MARKS)], color=run_style(number)[0], markersize=4.5, alpha=0.8)
+        drawn += axes.plot(
+            x, y, MARKS[number % len(MARKS)], color=style.run_style(number)[0], markersize=4.5, alpha=0.8
+        )
     axes.set_yticks(range(len(labels)), [label if len(label) <= 52 else f"{label[:51]}…" for label in labels])
     axes.set_ylim(len(labels) - 0.4, -0.6)
     for place in range(len(labels)):
-        axes.axhline(place, color=GRID, linewidth=0.6, zorder=0)
+        axes.axhline(place, color=style.GRID, linewidth=0.6, zorder=0)
     if _is_wide(values):
         _make_logarithmic(axes, "x")
     else:
         axes.set_xlim(left=min(0.0, *values))
     if chart.mark is not None:
-        axes.axvline(chart.mark, color=LIMIT, linewidth=1.0)
+        axes.axvline(chart.mark, color=style.LIMIT, linewidth=1.0)
     text = chart.axis or (chart.x.replace("_", " ") + (f" [{unit}]" if unit else ""))
-    axes.set_xlabel(text, color=SOFT)
+    axes.set_xlabel(text, color=style.SOFT)
     return drawn
 
 
@@ -224,7 +211,7 @@ def shown_unit(found: BenchTable, name: str) -> str:
     return next((unit for unit in SMALLER.get(own, ()) if largest >= unit_size(unit)), own)
 
 
-def bench_section(found: BenchTable, name: str, album: Album, prefix: str = "") -> dict[str, Any]:
+def bench_section(found: BenchTable, name: str, album: style.Album, prefix: str = "") -> dict[str, Any]:
     """Return what the page shows of a table, by the names of its template; `prefix` goes before its chart's name."""
     made = {str(key): str(value) for key, value in found.attributes.items()}
     machine = json.loads(made.get("machine", "{}"))

@@ -8,28 +8,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.metrics import metrics
-from hhsim.report.figure import (
-    BOTTOM,
-    BUDGET,
-    INK,
-    LEAST_TIME,
-    LEFT,
-    LEGEND_LINE,
-    LIMIT,
-    RIGHT,
-    SOFT,
-    TITLE,
-    TOP,
-    Drawing,
-    Legend,
-    ReportFigure,
-    add_panel,
-    drawn_figure,
-    gridded,
-    panel_title,
-    run_style,
-    time_text,
-)
+from hhsim.report import figure as style
 from hhsim.result.reader import Result
 from hhsim.system.counted import counted
 
@@ -39,7 +18,7 @@ if TYPE_CHECKING:
 
 BINS_A_DECADE = 30
 PANEL = 1.5
-STEP = TITLE + LEGEND_LINE + PANEL
+STEP = style.TITLE + style.LEGEND_LINE + PANEL
 """Height of each panel, without and with its title and legend [inches]."""
 HALO = {"boxstyle": "square,pad=0.05", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
 """Box behind text that crosses lines."""
@@ -60,7 +39,7 @@ class TickTimes:
     contact: bool
 
 
-def histogram_figure(results: Mapping[str, Result]) -> ReportFigure:
+def histogram_figure(results: Mapping[str, Result]) -> style.ReportFigure:
     """Draw CPU and wall times of ticks on a logarithmic axis with the line of 1 ms, of results by their labels."""
     runs = [_times(label, result) for label, result in results.items()]
     edges = _edges(runs)
@@ -68,19 +47,21 @@ def histogram_figure(results: Mapping[str, Result]) -> ReportFigure:
     def draw(figure: "Figure", narrow: bool) -> None:
         first: Axes | None = None
         for number, run in enumerate(runs):
-            size = float(figure.get_figwidth()) - LEFT - RIGHT, PANEL
-            axes = add_panel(figure, LEFT, TOP + (number + 1) * STEP - PANEL, size, sharex=first)
+            size = float(figure.get_figwidth()) - style.LEFT - style.RIGHT, PANEL
+            axes = style.add_panel(figure, style.LEFT, style.TOP + (number + 1) * STEP - PANEL, size, sharex=first)
             first = first or axes
-            _draw_panel(axes, run, edges, run_style(number)[0], len(runs) > 1)
+            _draw_panel(axes, run, edges, style.run_style(number)[0], len(runs) > 1)
             axes.tick_params(labelbottom=number == len(runs) - 1)
         if first is not None:
             _scale(first, edges, narrow)
             figure.axes[-1].set_xlabel("time of a tick")
 
     def height(width: float, narrow: bool) -> float:
-        return TOP + len(runs) * STEP + BOTTOM
+        return style.TOP + len(runs) * STEP + style.BOTTOM
 
-    return drawn_figure("tick-times", "How long the ticks took", _caption(runs), _alt(runs), Drawing(draw, height))
+    return style.drawn_figure(
+        "tick-times", "How long the ticks took", _caption(runs), _alt(runs), style.Drawing(draw, height)
+    )
 
 
 def _times(label: str, result: Result) -> TickTimes:
@@ -95,23 +76,23 @@ def _edges(runs: Sequence[TickTimes]) -> FloatArray:
     """Return the edges of the bins [s]; 1 ms is one of them."""
     every = np.concatenate([np.concatenate([run.all_cpu, run.wall]) for run in runs] or [np.empty(0)])
     low, high = (every.min(), every.max()) if every.size else (1e-5, 1e-4)
-    first, last = (np.log10(max(value, LEAST_TIME) / BUDGET) * BINS_A_DECADE for value in (low, high))
+    first, last = (np.log10(max(value, style.LEAST_TIME) / style.BUDGET) * BINS_A_DECADE for value in (low, high))
     bins = np.arange(np.floor(first) - 1.0, max(np.ceil(last), 0.3 * BINS_A_DECADE) + 2.0)
-    return np.asarray(BUDGET * 10.0 ** (bins / BINS_A_DECADE))
+    return np.asarray(style.BUDGET * 10.0 ** (bins / BINS_A_DECADE))
 
 
 def _draw_panel(axes: "Axes", run: TickTimes, edges: FloatArray, color: str, named: bool) -> None:
     def stairs(times: FloatArray, label: str, **look: Any) -> None:
-        counts = np.histogram(np.maximum(times, LEAST_TIME), edges)[0]
+        counts = np.histogram(np.maximum(times, style.LEAST_TIME), edges)[0]
         axes.stairs(counts, edges, baseline=0.0, label=label, **look)
 
-    gridded(axes)
-    panel_title(axes, f"{run.label}: number of ticks" if named else "number of ticks", 4 + 72 * LEGEND_LINE)
+    style.gridded(axes)
+    style.panel_title(axes, f"{run.label}: number of ticks" if named else "number of ticks", 4 + 72 * style.LEGEND_LINE)
     which = ", contact" if run.contact else ""
     if run.contact:
         stairs(run.all_cpu, "CPU, all", fill=True, color="#d8dee4")
     stairs(run.cpu, f"CPU{which}", fill=True, color=color, alpha=0.75)
-    stairs(run.wall, f"wall{which}", color=INK, linewidth=0.9)
+    stairs(run.wall, f"wall{which}", color=style.INK, linewidth=0.9)
     most = max(1, run.all_cpu.size)
     # The space above the bars is for two lines of text.
     axes.set_ylim(0.6, 10.0 ** (1.3 * np.log10(most) + 0.6))
@@ -119,25 +100,25 @@ def _draw_panel(axes: "Axes", run: TickTimes, edges: FloatArray, color: str, nam
     powers = [10**k for k in range(int(np.log10(most)) + 1)]
     axes.set_yticks(powers, [f"{power:,}" for power in powers])
     axes.minorticks_off()
-    axes.axvline(BUDGET, color=LIMIT, linewidth=1.2)
-    axes.axvspan(BUDGET, edges[-1], color=LIMIT, alpha=0.05, linewidth=0.0)
+    axes.axvline(style.BUDGET, color=style.LIMIT, linewidth=1.2)
+    axes.axvspan(style.BUDGET, edges[-1], color=style.LIMIT, alpha=0.05, linewidth=0.0)
     axes.annotate(
-        "1 ms", (BUDGET, 1.0), (3.0, -2.0), xycoords=("data", "axes fraction"), textcoords="offset points",
-        color=LIMIT, va="top",
+        "1 ms", (style.BUDGET, 1.0), (3.0, -2.0), xycoords=("data", "axes fraction"), textcoords="offset points",
+        color=style.LIMIT, va="top",
     )  # fmt: skip
     statistics = metrics.tick_statistics(1e9 * run.cpu)
     if statistics.count == 0:
-        axes.text(0.5, 0.5, "no tick", transform=axes.transAxes, ha="center", va="center", color=SOFT)
+        axes.text(0.5, 0.5, "no tick", transform=axes.transAxes, ha="center", va="center", color=style.SOFT)
         return
     for line, (name, value) in enumerate((("p50", statistics.p50), ("p99", statistics.p99))):
-        axes.axvline(1e-6 * value, color=INK, linewidth=0.9, linestyle=(0, (3, 2)))
+        axes.axvline(1e-6 * value, color=style.INK, linewidth=0.9, linestyle=(0, (3, 2)))
         # Each has its own line, however near they are to each other.
         axes.annotate(
-            f"{name} {time_text(1e-6 * value)}", (1e-6 * value, 1.0), (3.0, -2.0 - 72 * LEGEND_LINE * line),
+            f"{name} {style.time_text(1e-6 * value)}", (1e-6 * value, 1.0), (3.0, -2.0 - 72 * style.LEGEND_LINE * line),
             xycoords=("data", "axes fraction"), textcoords="offset points", va="top", bbox=HALO,
         )  # fmt: skip
     handles, names = axes.get_legend_handles_labels()
-    Legend(names, len(names)).draw(axes, handles)
+    style.Legend(names, len(names)).draw(axes, handles)
 
 
 def _scale(axes: "Axes", edges: FloatArray, narrow: bool) -> None:
@@ -147,7 +128,7 @@ def _scale(axes: "Axes", edges: FloatArray, narrow: bool) -> None:
     named = [time for time in TIMES if edges[0] <= time <= edges[-1]]
     if decades > (1.4 if narrow else 3.2):
         named = [time for time in named if np.isclose((np.log10(time) + 0.5) % 1.0, 0.5)]
-    axes.set_xticks(named, [time_text(time).replace(".0 ", " ") for time in named])
+    axes.set_xticks(named, [style.time_text(time).replace(".0 ", " ") for time in named])
     axes.minorticks_off()
 
 
@@ -168,7 +149,7 @@ def _alt(runs: Sequence[TickTimes]) -> str:
         if cpu.count == 0:
             sentences.append(f"{who}No tick.")
             continue
-        p50, p99, most = (time_text(1e-6 * value) for value in (cpu.p50, cpu.p99, cpu.max))
+        p50, p99, most = (style.time_text(1e-6 * value) for value in (cpu.p50, cpu.p99, cpu.max))
         sentences.append(
             f"{who}CPU time of {counted(cpu.count, 'tick')}{' in contact' if run.contact else ''}: median {p50}, "
             f"p99 {p99}, longest {most}; {100.0 * wall.over_budget:.2f} % took more than 1 ms of wall time."

@@ -102,10 +102,8 @@ def overview_view(result: Result) -> View:
 def draw(result: Result | str | Path, tick: int | None = None, view: tuple[float, float] | None = None) -> ReportFigure:
     """Draw the hand on the object at one tick, with contact points and forces; a notebook shows the picture by itself.
 
-    Args:
-        result: Result of a replay or a session, or its file.
-        tick: Number of the tick, from 0; None for `overview_tick`.
-        view: As of `hand_picture`, which also says the errors.
+    The result is one of a replay or a session, or its file; ticks count from 0, and None is `overview_tick`. View and
+    errors are as of `hand_picture`.
     """
     # The camera moves along with an object that moves.
     seen = (result if isinstance(result, Result) else load_result(result)).seen_from_object

@@ -8,12 +8,11 @@ from hhsim.arrays import AnyArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.metrics.run_ticks import result_ticks, touched_object
+from hhsim.metrics.run_ticks import PLACED, result_ticks, touched_object
 from hhsim.result.reader import Result
 
 DEPTH, PALM, FINGER = "penetration_depth", "penetration_palm", "penetration_finger"
 """Datasets of /tick that follow from the poses."""
-POSES = ("graphic/joints", "graphic/position", "graphic/orientation")
 BLOCK_TICKS = 16_384
 ROUNDING = 1e-9
 """Depths that differ by no more are the same [m]."""
@@ -49,11 +48,11 @@ def posed_result(result: Result) -> PosedResult:
     touched = touched_object(result)
     depths = {name: np.empty(result.ticks) for name in (DEPTH, PALM)} | {FINGER: np.empty((result.ticks, len(FINGERS)))}
     stated, first = 0.0, 0
-    for block in result.blocks([*POSES, DEPTH], BLOCK_TICKS):
+    for block in result.blocks([*PLACED, DEPTH], BLOCK_TICKS):
         count = len(block[DEPTH])
         part = slice(first, first + count)
-        found = touched.penetration(PlacedHand(*(block[name] for name in POSES)), part)
-        finite = np.logical_and.reduce([np.isfinite(block[name]).reshape(count, -1).all(1) for name in POSES])
+        found = touched.penetration(PlacedHand(*(block[name] for name in PLACED)), part)
+        finite = np.logical_and.reduce([np.isfinite(block[name]).reshape(count, -1).all(1) for name in PLACED])
         for name, values in ((DEPTH, found.depth), (PALM, found.palm), (FINGER, found.finger)):
             values[~finite] = np.nan
             depths[name][part] = values

@@ -127,8 +127,7 @@ def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report
 def check_report_path(output_path: Path) -> Path:
     """Return the path of the page NAME.html, or in a folder, which is made where it is missing.
 
-    Raises:
-        OutputError: As `hhsim.system.output_path.check_output_path`; or a file that is no report is there.
+    Raises OutputError as `hhsim.system.output_path.check_output_path`, or for a file that is no report.
     """
     is_page = output_path.suffix.lower() in (".html", ".htm")
     page = output_path if is_page else output_path / PAGE
@@ -145,8 +144,8 @@ def check_report_path(output_path: Path) -> Path:
 def write_report(report: Report, output_path: Path) -> ReportFiles:
     """Write the page and its pictures, NAME-….png beside NAME.html, all or none of them, the page last.
 
-    Raises:
-        OutputError: As `check_report_path`; a picture's name is taken where there is no report; or a full disk.
+    Raises OutputError as `check_report_path`; for a picture's name that is taken where there is no report; or a full
+    disk.
     """
     page = check_report_path(output_path)
     stem = "" if page.name == PAGE else f"{page.stem}-"

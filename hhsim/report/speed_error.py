@@ -7,14 +7,13 @@ from itertools import zip_longest
 import numpy as np
 
 from hhsim.arrays import IntArray
-from hhsim.bench.run_errors import sampled
 from hhsim.errors import HhsimError
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.metrics.contact_points import find_contact_points
-from hhsim.metrics.mesh_penetration import contact_error, mesh_clearance
+from hhsim.metrics.mesh_penetration import contact_error, mesh_clearance, sampled
 from hhsim.metrics.run.registry import tick_figures
-from hhsim.metrics.run_ticks import result_ticks
+from hhsim.metrics.run_ticks import PLACED, result_ticks
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.report.figure import ReportFigure, drawn_figure, run_style, time_text
 from hhsim.report.trade_off import MARKS, Mark, TradeOff, trade_off_drawing
@@ -94,7 +93,7 @@ def _off_the_mesh(result: Result, contact: IntArray) -> float:
         # The hand, tree or mesh is not that of the run.
         return np.nan
     chosen = sampled(contact, SAMPLES)
-    ticks = [result.at(int(tick), ("graphic/joints", "graphic/position", "graphic/orientation")) for tick in chosen]
+    ticks = [result.at(int(tick), PLACED) for tick in chosen]
     if not ticks:
         return np.nan
     placed = PlacedHand(*(np.array([tick[name] for tick in ticks]) for name in ticks[0]))

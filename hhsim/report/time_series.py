@@ -14,31 +14,7 @@ from hhsim.metrics.run_metric import PAPER_RATE
 from hhsim.metrics.run_ticks import HOLD
 from hhsim.metrics.session_faults import broken_off, session_log
 from hhsim.render.figure import halo
-from hhsim.report.figure import (
-    BOTTOM,
-    BUDGET,
-    FINGER_COLORS,
-    INK,
-    LEAST_TIME,
-    LEFT,
-    LETTER,
-    LIMIT,
-    RIGHT,
-    SKY,
-    SOFT,
-    TITLE,
-    TOP,
-    Drawing,
-    Legend,
-    ReportFigure,
-    add_panel,
-    drawn_figure,
-    fitted_legend,
-    gridded,
-    panel_title,
-    run_style,
-    time_text,
-)
+from hhsim.report import figure as style
 from hhsim.report.ticks import BLOCK_TICKS, minmax_band
 from hhsim.report.worst_ticks import WorstTick, worst_ticks
 from hhsim.result.reader import Result
@@ -53,7 +29,7 @@ if TYPE_CHECKING:
 
 FORCES = ("resultant", *FINGERS, "palm")
 PAIRS = ("within the margin", "touching")
-FORCE_COLORS = (INK, *FINGER_COLORS, SKY)
+FORCE_COLORS = (style.INK, *style.FINGER_COLORS, style.SKY)
 MOST_POINTS = 6_000
 """Most ticks that are drawn point by point; a longer run is drawn as a band."""
 STRETCHES = 700
@@ -126,7 +102,7 @@ class Panel:
     names: tuple[str, ...] = ()
 
 
-def series_figure(results: Mapping[str, Result]) -> ReportFigure:
+def series_figure(results: Mapping[str, Result]) -> style.ReportFigure:
     """Draw forces, CPU time of the tick, contacts, depth and force variation over time, phases shaded.
 
     Of one result the forces are drawn finger by finger; of several, each result is one colour in every panel.
@@ -150,8 +126,8 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
             Panel("friction of the hand, of what its contacts bear [%]", 0.75, _draw_friction),
         )
 
-    def legends(width: float) -> list[Legend]:
-        return [fitted_legend(panel.names, width - LEFT) for panel in panels]
+    def legends(width: float) -> list[style.Legend]:
+        return [style.fitted_legend(panel.names, width - style.LEFT) for panel in panels]
 
     def draw(figure: "Figure", narrow: bool) -> None:
         names = legends(float(figure.get_figwidth()))
@@ -167,26 +143,28 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
                 legend.draw(place, handles)
 
     def height(width: float, narrow: bool) -> float:
-        above = sum(TITLE + legend.height for legend in legends(width))
-        return TOP + above + sum(panel.height for panel in panels) + BOTTOM
+        above = sum(style.TITLE + legend.height for legend in legends(width))
+        return style.TOP + above + sum(panel.height for panel in panels) + style.BOTTOM
 
     alt = _alt(runs, len(panels))
     title = "Force, time and contacts over the run"
-    return drawn_figure("series", title, _caption(runs), alt, Drawing(draw, height))
+    return style.drawn_figure("series", title, _caption(runs), alt, style.Drawing(draw, height))
 
 
 BETWEEN = 0.11
 """Space between two names of phases [inches]."""
 
 
-def _placed(figure: "Figure", panels: Sequence[Panel], legends: Sequence[Legend]) -> "list[Axes]":
-    width, down = float(figure.get_figwidth()) - LEFT - RIGHT, TOP
+def _placed(figure: "Figure", panels: Sequence[Panel], legends: Sequence[style.Legend]) -> "list[Axes]":
+    width, down = float(figure.get_figwidth()) - style.LEFT - style.RIGHT, style.TOP
     places: list[Axes] = []
     for panel, legend in zip(panels, legends):
-        down += TITLE + legend.height
-        places.append(add_panel(figure, LEFT, down, (width, panel.height), sharex=places[0] if places else None))
+        down += style.TITLE + legend.height
+        places.append(
+            style.add_panel(figure, style.LEFT, down, (width, panel.height), sharex=places[0] if places else None)
+        )
         down += panel.height
-        panel_title(places[-1], panel.title, 4 + 72 * legend.height)
+        style.panel_title(places[-1], panel.title, 4 + 72 * legend.height)
     return places
 
 
@@ -206,7 +184,7 @@ def _curves(axes: "Axes", runs: Sequence[Run], values: Callable[[Run], Any], wid
     """Draw a curve for each run that has values."""
     for number, run in enumerate(runs):
         if (drawn := values(run)) is not None:
-            _curve(axes, run, drawn, *run_style(number), label=run.label, width=width)
+            _curve(axes, run, drawn, *style.run_style(number), label=run.label, width=width)
 
 
 def _at(run: Run) -> FloatArray:
@@ -219,7 +197,7 @@ def _timed(run: Run) -> bool:
 
 
 def _draw_forces(axes: "Axes", runs: Sequence[Run]) -> None:
-    gridded(axes)
+    style.gridded(axes)
     if len(runs) == 1:
         force = runs[0].force
         for k, (name, color) in enumerate(zip(FORCES, FORCE_COLORS)):
@@ -233,32 +211,34 @@ def _draw_forces(axes: "Axes", runs: Sequence[Run]) -> None:
 def _draw_times(axes: "Axes", runs: Sequence[Run]) -> None:
     from matplotlib.ticker import FixedLocator, NullLocator
 
-    gridded(axes)
-    _curves(axes, runs, lambda run: np.maximum(run.cpu, LEAST_TIME), 0.6)
+    style.gridded(axes)
+    _curves(axes, runs, lambda run: np.maximum(run.cpu, style.LEAST_TIME), 0.6)
     axes.set_yscale("log")
     every = np.concatenate([run.cpu for run in runs])
     known = every[np.isfinite(every) & (every > 0.0)]
     low, high = (float(known.min()), float(known.max())) if known.size else (1e-5, 1e-4)
-    axes.set_ylim(max(0.7 * low, LEAST_TIME), max(1.6 * high, 2.2 * BUDGET))
-    axes.axhline(BUDGET, color=LIMIT, linewidth=1.0)
+    axes.set_ylim(max(0.7 * low, style.LEAST_TIME), max(1.6 * high, 2.2 * style.BUDGET))
+    axes.axhline(style.BUDGET, color=style.LIMIT, linewidth=1.0)
     axes.annotate(
-        "1 ms: a tick at 1 kHz", (1.0, BUDGET), (0.0, 2.0), xycoords=("axes fraction", "data"),
-        textcoords="offset points", ha="right", va="bottom", color=LIMIT,
+        "1 ms: a tick at 1 kHz", (1.0, style.BUDGET), (0.0, 2.0), xycoords=("axes fraction", "data"),
+        textcoords="offset points", ha="right", va="bottom", color=style.LIMIT,
     )  # fmt: skip
     axes.yaxis.set_major_locator(FixedLocator([10.0**k for k in range(-7, 2)]))
     axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter(lambda value, _: time_text(value).replace(".0 ", " "))
+    axes.yaxis.set_major_formatter(lambda value, _: style.time_text(value).replace(".0 ", " "))
     _mark(axes, runs, "slowest", lambda run, tick: float(run.cpu[tick]), "slowest")
 
 
 def _draw_pairs(axes: "Axes", runs: Sequence[Run]) -> None:
-    gridded(axes)
+    style.gridded(axes)
     for number, run in enumerate(runs):
-        color, dashes = run_style(number)
+        color, dashes = style.run_style(number)
         one = len(runs) == 1
         labels = PAIRS if number == 0 else ("", "")
-        _curve(axes, run, run.result["contacts/candidates"], SKY if one else color, "-" if one else dashes, labels[0])
-        _curve(axes, run, run.result["contacts/touching"], INK if one else color, "-" if one else ":", labels[1])
+        _curve(
+            axes, run, run.result["contacts/candidates"], style.SKY if one else color, "-" if one else dashes, labels[0]
+        )
+        _curve(axes, run, run.result["contacts/touching"], style.INK if one else color, "-" if one else ":", labels[1])
     axes.set_ylim(0.0, max(1.08 * axes.get_ylim()[1], 1.0))
 
 
@@ -272,17 +252,17 @@ def _length_unit(runs: Sequence[Run]) -> tuple[str, float]:
 
 
 def _draw_depth(axes: "Axes", runs: Sequence[Run], scale: float) -> None:
-    gridded(axes)
+    style.gridded(axes)
     _curves(axes, runs, lambda run: scale * run.result["penetration_depth"], 0.8)
     some = any((run.result["penetration_depth"] > 0.0).any() for run in runs)
     axes.set_ylim(0.0, 1.15 * axes.get_ylim()[1] if some else 1.0)
     if not some and any(run.result.ticks for run in runs):
-        axes.text(0.5, 0.5, "none in any tick", transform=axes.transAxes, ha="center", va="center", color=SOFT)
+        axes.text(0.5, 0.5, "none in any tick", transform=axes.transAxes, ha="center", va="center", color=style.SOFT)
     _mark(axes, runs, "deepest", lambda run, tick: scale * float(run.result["penetration_depth"][tick]), "deepest")
 
 
 def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
-    gridded(axes)
+    style.gridded(axes)
     _curves(axes, runs, lambda run: run.result["force_variation_rate"], 0.7)
     axes.set_yscale("symlog", linthresh=0.1, linscale=0.6)
     axes.set_yticks(VARIATION_TICKS, [f"{value:g}" for value in VARIATION_TICKS])
@@ -290,16 +270,16 @@ def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
     largest = max((float(np.nanmax(run.result["force_variation_rate"], initial=1.0)) for run in runs), default=1.0)
     axes.set_ylim(0.0, max(3.0, 2.0 * min(largest, 1e6)))
     if any(run.result.scene.get("rate") == PAPER_RATE and of_the_paper(run.result.scene) for run in runs):
-        axes.axhline(PAPER_VARIATION, color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)))
+        axes.axhline(PAPER_VARIATION, color=style.SOFT, linewidth=0.9, linestyle=(0, (4, 3)))
         axes.annotate(
             f"the paper: {PAPER_VARIATION} %", (0.0, PAPER_VARIATION), (3.0, 2.0),
-            xycoords=("axes fraction", "data"), textcoords="offset points", va="bottom", color=SOFT,
+            xycoords=("axes fraction", "data"), textcoords="offset points", va="bottom", color=style.SOFT,
             **halo(2.5),
         )  # fmt: skip
 
 
 def _draw_stiffness(axes: "Axes", runs: Sequence[Run]) -> None:
-    gridded(axes)
+    style.gridded(axes)
     if len(runs) > 1:
 
         def stiffest(run: Run) -> Any:
@@ -307,20 +287,20 @@ def _draw_stiffness(axes: "Axes", runs: Sequence[Run]) -> None:
 
         _curves(axes, runs, stiffest)
     elif (stiffness := runs[0].stiffness) is not None:
-        for finger, (name, color) in enumerate(zip(FINGERS, FINGER_COLORS)):
+        for finger, (name, color) in enumerate(zip(FINGERS, style.FINGER_COLORS)):
             _curve(axes, runs[0], stiffness[:, finger], color, label=name)
     axes.set_ylim(0.0, max(1.15 * axes.get_ylim()[1], 0.1))
 
 
 def _draw_rise(axes: "Axes", runs: Sequence[Run]) -> None:
-    gridded(axes)
+    style.gridded(axes)
     _curves(axes, runs, lambda run: run.free and 1e3 * (run.free.center[:, 2] - run.free.center[0, 2]), 1.2)
 
 
 def _draw_friction(axes: "Axes", runs: Sequence[Run]) -> None:
-    gridded(axes)
+    style.gridded(axes)
     _curves(axes, runs, lambda run: run.free and 100.0 * run.free.friction_share, 0.7)
-    axes.axhline(100.0, color=LIMIT, linewidth=1.0)
+    axes.axhline(100.0, color=style.LIMIT, linewidth=1.0)
     axes.set_ylim(0.0, 120.0)
 
 
@@ -328,11 +308,11 @@ def _mark(axes: "Axes", runs: Sequence[Run], kind: str, height: Any, word: str) 
     """Point at a worst tick."""
     for run, worst in ((one, worst) for one in runs for worst in one.worst if worst.kind == kind):
         place = float(_at(run)[worst.tick]), height(run, worst.tick)
-        axes.plot(*place, "v", color=INK, markersize=4.0, zorder=6, clip_on=False)
+        axes.plot(*place, "v", color=style.INK, markersize=4.0, zorder=6, clip_on=False)
         late = worst.tick > 0.6 * run.result.ticks
         axes.annotate(
             word, place, (-5.0 if late else 5.0, 1.0), textcoords="offset points", ha="right" if late else "left",
-            va="bottom", color=INK, zorder=6, **halo(2.5),
+            va="bottom", color=style.INK, zorder=6, **halo(2.5),
         )  # fmt: skip
 
 
@@ -349,10 +329,10 @@ def _draw_phases(axes: "Sequence[Axes]", run: Run) -> None:
                 place.axvspan(first, last, color=PHASE_COLORS[phase.name], linewidth=0.0, zorder=0)
             elif phase.first_tick > 0:
                 place.axvline(first, color=GREY_LINE, linewidth=0.6, linestyle=":", zorder=0)
-        if (last - first) / across * inches > LETTER * len(phase.name) + 0.5 * BETWEEN:
+        if (last - first) / across * inches > style.LETTER * len(phase.name) + 0.5 * BETWEEN:
             axes[0].annotate(
                 phase.name, (0.5 * (first + last), 1.0), (0.0, -2.0), xycoords=("data", "axes fraction"),
-                textcoords="offset points", ha="center", va="top", color=SOFT,
+                textcoords="offset points", ha="center", va="top", color=style.SOFT,
             )  # fmt: skip
 
 
@@ -360,9 +340,9 @@ def _draw_marks(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
     """Draw a line through all panels at each mark, and its word at the top where it fits."""
     low, high = axes[0].get_xlim()
     inches = axes[0].get_position().width * axes[0].figure.get_figwidth()  # type: ignore[union-attr]
-    word_width = LETTER * MARK_LETTERS * (high - low) / inches
+    word_width = style.LETTER * MARK_LETTERS * (high - low) / inches
     for number, run in enumerate(runs):
-        color, named = LIMIT if len(runs) == 1 else run_style(number)[0], np.inf
+        color, named = style.LIMIT if len(runs) == 1 else style.run_style(number)[0], np.inf
         for place in axes:
             place.vlines(
                 [at for at, _ in run.marks], 0.0, 1.0, color, "--", transform=place.get_xaxis_transform(),
@@ -389,7 +369,7 @@ def _draw_axis(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
         place.tick_params(labelbottom=False)
     axes[-1].set_xlabel("time [s]" if all(map(_timed, runs)) else "tick")
     if not ends:
-        axes[0].text(0.5, 0.5, "no tick", transform=axes[0].transAxes, ha="center", va="center", color=SOFT)
+        axes[0].text(0.5, 0.5, "no tick", transform=axes[0].transAxes, ha="center", va="center", color=style.SOFT)
 
 
 def _caption(runs: Sequence[Run]) -> str:
@@ -431,7 +411,7 @@ def _alt(runs: Sequence[Run], panels: int) -> str:
         force, depth = (
             float(np.nanmax(values, initial=0.0)) for values in (run.force[:, 0], run.result["penetration_depth"])
         )
-        fast, slow = (time_text(float(extreme(run.cpu))) for extreme in (np.min, np.max))
+        fast, slow = (style.time_text(float(extreme(run.cpu))) for extreme in (np.min, np.max))
         sentences.append(
             f"{who}The total force reaches {force:.2f} N. Ticks take {fast} to {slow} of CPU time, with up to "
             f"{counted(int(run.result['contacts/candidates'].max()), 'pair')} within the margin. "

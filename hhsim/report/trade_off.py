@@ -7,20 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhsim.render.figure import halo
-from hhsim.report.figure import (
-    BOTTOM,
-    BUDGET,
-    LEFT,
-    LIMIT,
-    SOFT,
-    TITLE,
-    Drawing,
-    add_panel,
-    fitted_legend,
-    gridded,
-    panel_title,
-    time_text,
-)
+from hhsim.report import figure as style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,13 +64,13 @@ class TradeOff:
     # Error that the paper states, drawn over its range of times; NaN for its times alone, None for neither.
     paper: float | None = None
     axis: str = "CPU time of a tick in contact"  # label of the axis below
-    budget: float | None = BUDGET  # limit of a time, drawn as a line [s]; None for none
-    spelled: Callable[[float], str] = time_text  # text of a number on the axis below
+    budget: float | None = style.BUDGET  # limit of a time, drawn as a line [s]; None for none
+    spelled: Callable[[float], str] = style.time_text  # text of a number on the axis below
 
 
 def trade_off_drawing(
     panels: Sequence[TradeOff], names: Mapping[str, tuple[str, str]], size: tuple[float, float]
-) -> Drawing:
+) -> style.Drawing:
     """Return the drawing of panels, whose least width with labels, and height, are `size` [inches].
 
     `names` has colour and mark by label in the legend.
@@ -96,26 +83,26 @@ def trade_off_drawing(
         from matplotlib.lines import Line2D
 
         width = float(figure.get_figwidth())
-        across, legend = across_of(width, narrow), fitted_legend(list(names), width)
+        across, legend = across_of(width, narrow), style.fitted_legend(list(names), width)
         share = (width - RIGHT) / across
-        inside = share - LEFT - RIGHT, size[1]
+        inside = share - style.LEFT - RIGHT, size[1]
         for number, panel in enumerate(panels):
             row, column = divmod(number, across)
-            down = legend.height + (row + 1) * TITLE + row * (size[1] + BOTTOM)
-            _draw_panel(add_panel(figure, column * share + LEFT, down, inside), panel, inside[0])
+            down = legend.height + (row + 1) * style.TITLE + row * (size[1] + style.BOTTOM)
+            _draw_panel(style.add_panel(figure, column * share + style.LEFT, down, inside), panel, inside[0])
         handles = [Line2D([], [], color=color, marker=mark, linewidth=1.2) for color, mark in names.values()]
         legend.draw(figure, handles)
 
     def height(width: float, narrow: bool) -> float:
         rows = -(-len(panels) // across_of(width, narrow))
-        return fitted_legend(list(names), width).height + rows * (TITLE + size[1] + BOTTOM) + 0.05
+        return style.fitted_legend(list(names), width).height + rows * (style.TITLE + size[1] + style.BOTTOM) + 0.05
 
-    return Drawing(draw, height)
+    return style.Drawing(draw, height)
 
 
 def _draw_panel(axes: "Axes", panel: TradeOff, width: float) -> None:
-    gridded(axes)
-    panel_title(axes, panel.title, 6, LEFT - 0.16)
+    style.gridded(axes)
+    style.panel_title(axes, panel.title, 6, style.LEFT - 0.16)
     errors = [0.0 if abs(mark.error) < ROUNDING else mark.error for mark in panel.marks if np.isfinite(mark.error)]
     some = [error for error in errors if error > 0.0]
     paper = panel.paper if panel.paper is not None and np.isfinite(panel.paper) else None
@@ -126,16 +113,16 @@ def _draw_panel(axes: "Axes", panel: TradeOff, width: float) -> None:
     zero = low * 10.0 ** (-0.12 * decades)
     has_zero = len(some) < max(1, len(errors))
     axes.set(xscale="log", yscale="log", ylim=(zero * 10.0 ** (-0.1 * decades) if has_zero else low, high))
-    axes.axhline(low, color=SOFT, linewidth=0.5, linestyle=":")
+    axes.axhline(low, color=style.SOFT, linewidth=0.5, linestyle=":")
     _draw_axis(axes, panel, width)
     if paper is not None:
-        axes.plot(PAPER_RANGE, [paper] * 2, color=SOFT, linewidth=3.0, solid_capstyle="round")
+        axes.plot(PAPER_RANGE, [paper] * 2, color=style.SOFT, linewidth=3.0, solid_capstyle="round")
         axes.annotate(
             "the paper", (PAPER_RANGE[1], paper), (-4.0, 3.0), textcoords="offset points", ha="right", va="bottom",
-            color=SOFT,
+            color=style.SOFT,
         )  # fmt: skip
     elif panel.paper is not None:
-        axes.axvspan(*PAPER_RANGE, color=SOFT, alpha=0.1, linewidth=0)
+        axes.axvspan(*PAPER_RANGE, color=style.SOFT, alpha=0.1, linewidth=0)
     heights = [mark.error if mark.error >= ROUNDING else zero for mark in panel.marks]
     known = [(mark, height) for mark, height in zip(panel.marks, heights) if mark.known]
     for mark, height in known:
@@ -147,9 +134,9 @@ def _draw_panel(axes: "Axes", panel: TradeOff, width: float) -> None:
     if best := sorted((mark.cost, height) for mark, height in known if mark.best):
         # Steps, down to the cheapest and on to the right of the best.
         costs, steps = [best[0][0], *(cost for cost, _ in best), 1e9], [1e9, *(off for _, off in best), best[-1][1]]
-        axes.plot(costs, steps, color=SOFT, linewidth=0.9, drawstyle="steps-post", zorder=2)
+        axes.plot(costs, steps, color=style.SOFT, linewidth=0.9, drawstyle="steps-post", zorder=2)
     if not errors:
-        axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", va="center", color=SOFT)
+        axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", va="center", color=style.SOFT)
     powers = [10.0**k for k in range(round(np.log10(low)), round(np.log10(high)) + 1)]
     powers = powers[:: 1 + len(powers) // 7]
     # An energy may be below the optimum; a depth is not below 0.
@@ -175,7 +162,7 @@ def _draw_axis(axes: "Axes", panel: TradeOff, width: float) -> None:
     low, high = 0.5 * min(costs, default=1.0), 2.0 * max(costs, default=1.0)
     axes.set_xlim(low, high)
     if panel.budget is not None:
-        axes.axvline(panel.budget, color=LIMIT, linewidth=1.2)
+        axes.axvline(panel.budget, color=style.LIMIT, linewidth=1.2)
     decade = width / float(np.log10(high / low))
     step = int(np.ceil(TIME_LABEL / decade))
     powers = [k for k in range(-8, 8) if low <= 10.0**k <= high]

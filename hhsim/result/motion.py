@@ -30,9 +30,8 @@ def holds_a_result(path: Path) -> bool:
 def load_result_motion(path: Path) -> Trajectory:
     """Read the motion of a result or a session, complete or not, and the object's place.
 
-    Raises:
-        InputError: As `load_result`, or a thing of several parts.
-        TrajectoryError: No tick or no good sample, or a hand that is not finite.
+    Raises InputError as `load_result`, or for a thing of several parts; TrajectoryError for no tick or no good sample,
+    or a hand that is not finite.
     """
     result = load_result(path)
     if result.parts:

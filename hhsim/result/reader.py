@@ -402,9 +402,8 @@ def _dataset_names(group: h5py.Group) -> list[str]:
 def check_result_path(path: Path) -> None:
     """Check, before the work, that a result can be written to `path`.
 
-    Raises:
-        OutputError: As `hhsim.system.output_path.check_output_path`; another suffix; or an existing file that is no
-            result.
+    Raises OutputError as `hhsim.system.output_path.check_output_path`; for another suffix; or for an existing file that
+    is no result.
     """
     check_output_path(path)
     if path.suffix.lower() not in schema.SUFFIXES:

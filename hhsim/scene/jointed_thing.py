@@ -38,7 +38,7 @@ import numpy as np
 from msgspec import Meta, structs
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError, check_known
+from hhsim.errors import InputError, check_known, named
 from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.npz_arrays import numbers, read_npy, read_npz
@@ -214,10 +214,8 @@ class JointedThing(Settings, frozen=True):
         joints = {part.name: part.joint for part in self.part if part.joint}
         check_known("joint", motions, joints)
         for name, motion in motions.items():
-            try:
+            with named(f"joint {name}"):
                 joints[name].check_motion(motion)
-            except InputError as reason:
-                raise InputError(f"joint {name}: {reason}") from None
         parts = (
             structs.replace(part, joint=structs.replace(joints[part.name], motion=tuple(motions[part.name])))
             if part.name in motions
@@ -257,11 +255,9 @@ def read_jointed_thing(path: Path) -> JointedThing:
     for part in thing.part:
         joint = part.joint
         if joint is not None and joint.recording is not None:
-            keyframes, file = joint.recording.read(path.parent), path.parent / joint.recording.file
-            try:
+            keyframes = joint.recording.read(path.parent)
+            with named(path.parent / joint.recording.file):
                 joint = structs.replace(joint, motion=keyframes, recording=None)
-            except InputError as reason:
-                raise InputError(f"{file}: {reason}") from None
         parts.append(structs.replace(part, joint=joint))
     return structs.replace(thing, part=tuple(parts))
 

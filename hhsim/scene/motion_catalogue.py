@@ -129,9 +129,8 @@ def of_the_paper(description: Mapping[str, Any]) -> bool:
 def resolve_trajectory(name_or_path: str | Path, reading: Reading | None = None) -> Motion:
     """Return the script, demonstration or recording that a word on the command line means; a catalogue name wins.
 
-    Raises:
-        UnknownNameError: Neither a catalogue name nor a path with a known suffix.
-        TrajectoryError: No such file, or one that is not what its suffix says.
+    Raises UnknownNameError for neither a catalogue name nor a path with a known suffix; TrajectoryError for no such
+    file, or one that is not what its suffix says.
     """
     word = str(name_or_path)
     if word in trajectory_names():

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import HhsimError, InputError, check_known
+from hhsim.errors import InputError, check_known, named
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.catalogue import THINGS, names_a_file, object_names, resolve_object, thing_names
 from hhsim.mesh.mesh import Mesh
@@ -142,25 +142,19 @@ def points_on(mesh: Mesh) -> FloatArray:
 def load_thing(word: str | Path, motion: object = None, *, solid: bool = True) -> ThingParts:
     """Load a thing of several parts and their meshes, moved by the motion's joints if it is a script that has some.
 
-    Args:
-        word: A name of the catalogue, or a TOML file.
-        solid: False takes the triangles of mesh files as they are.
-
-    Raises:
-        UnknownNameError: No such thing, mesh, or joint.
-        InputError: A file that cannot be used, or parts that begin inside each other.
+    `word` is a name of the catalogue, or a TOML file; without `solid` the triangles of mesh files are taken as they
+    are. Raises UnknownNameError for no such thing, mesh, or joint; InputError for a file that cannot be used, or parts
+    that begin inside each other.
     """
     path = Path(word)
     if not names_a_file(str(word)):
         check_known("thing", [str(word)], thing_names())
         path = Path(str(files("hhsim.objects") / THINGS / f"{word}.toml"))
     thing = read_jointed_thing(path)
-    try:
+    with named(word):
         thing = thing.moved(dict(getattr(motion, "joints", ())))
         found = ThingParts(path.stem, thing, tuple(shape_mesh(part, path.parent, solid) for part in thing.part))
         found.require_apart()
-    except HhsimError as reason:
-        raise InputError(f"{word}: {reason}") from None
     return found
 
 
@@ -169,10 +163,8 @@ def shape_mesh(part: Shape, folder: Path, solid: bool) -> Mesh:
     if part.box is not None:
         return box_mesh(part.box, part.name)
     known = part.mesh in object_names()
-    try:
+    with named(f"part '{part.name}'"):
         mesh, _ = resolve_object(part.mesh if known else folder / part.mesh, part.unit, solid=solid)
-    except HhsimError as reason:
-        raise InputError(f"part '{part.name}': {reason}") from None
     return replace(mesh, name=part.name)
 
 

@@ -31,7 +31,7 @@ import numpy as np
 from msgspec import Meta
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import HhsimError, InputError, check_known
+from hhsim.errors import InputError, check_known, named
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.catalogue import THINGS, names_a_file
 from hhsim.mesh.mesh import Mesh
@@ -183,15 +183,12 @@ def _path_of(word: str) -> Path:
 def load_things(word: str, *, solid: bool = True) -> Things:
     """Load several things: a name of the catalogue, or a TOML file.
 
-    Args:
-        solid: False takes the triangles of mesh files as they are.
-
-    Raises:
-        InputError: A file that cannot be used, or things that begin inside each other.
+    Without `solid` the triangles of mesh files are taken as they are. Raises InputError for a file that cannot be used,
+    or things that begin inside each other.
     """
     path = _path_of(word)
     settings = read_settings(path, ThingsSettings, "scene of several things")
-    try:
+    with named(word):
         meshes: Sequence[Mesh] = [
             shape_mesh(thing, path.parent, solid).transformed(
                 rotation_matrix(np.array(thing.orientation) / norm(np.array(thing.orientation))),
@@ -200,6 +197,4 @@ def load_things(word: str, *, solid: bool = True) -> Things:
             for thing in settings.thing
         ]
         require_apart([thing.name for thing in settings.thing], meshes, settings.joined)
-    except HhsimError as reason:
-        raise InputError(f"{word}: {reason}") from None
     return Things(path.stem, settings, tuple(meshes))

@@ -34,7 +34,6 @@ class HandSolver:
     """Keeps the graphic hand between ticks.
 
     Args:
-        hand: Hand model.
         surface: Object's surface, world frame, of the kind that the options name: a
             `hhsim.trees.contact_surface.ContactSurface`, or its arrays alone. A method from outside may need the mesh.
         options: Method, stiffness and lengths.

@@ -18,9 +18,7 @@ _known_for_now: dict[str, Method] = {}
 def find_method(name: str) -> Method:
     """Return the method of a name of `method_names`, or `package.module:Class`; `ISOLATED` may precede an outside one.
 
-    Raises:
-        UnknownNameError: No such method.
-        InputError: It cannot be imported, or is no method.
+    Raises UnknownNameError for no such method, InputError for one that cannot be imported, or is no method.
     """
     if name in METHODS:
         return METHODS[name]

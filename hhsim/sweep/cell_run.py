@@ -152,8 +152,7 @@ def cell_hand(cell: Cell, plan_folder: Path, motion: Motion) -> HandModel:
 def cell_object(cell: Cell, plan_folder: Path) -> tuple[Mesh, SphereTree]:
     """Return the mesh [m] of a cell and its sphere tree.
 
-    Raises:
-        HhsimError: As `hhsim.mesh.catalogue.resolve_object`, or no tree of that level or error.
+    Raises HhsimError as `hhsim.mesh.catalogue.resolve_object`, or for no tree of that level or error.
     """
     shape, solid = cell.object, cell.surface != "mesh"
     size, thickness = (None if given is None else 1e-3 * given for given in (shape.size_mm, shape.thickness_mm))

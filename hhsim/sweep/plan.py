@@ -110,10 +110,8 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
             continue
         cell = Cell(shape, motion, method, surface, called, given, seed, plan.ticks, plan.repeat)
         if (method, surface, called) not in checked:
-            try:
+            with named(f"{where}, [options.{called}], {method}"):
                 cell.solver_options()
-            except InputError as error:
-                raise InputError(f"{where}, [options.{called}], {method}: {error}") from None
             checked.add((method, surface, called))
         ticks = durations[motion.word].ticks(given.get("rate", 1000.0), plan.ticks)
         planned = PlannedCell(cell, cell.digest(folder), ticks)

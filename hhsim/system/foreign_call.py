@@ -32,9 +32,8 @@ class Timed(NamedTuple):
 def foreign_call(function: Callable[..., Any], *given: Any) -> Timed:
     """Call foreign code and measure it by clocks that were bound before that code was imported.
 
-    Raises:
-        ForeignError: The code raised an exception, SystemExit and its own KeyboardInterrupt included.
-        KeyboardInterrupt: Ctrl-C was pressed.
+    Raises ForeignError for any exception of the code, SystemExit and its own KeyboardInterrupt included;
+    KeyboardInterrupt if Ctrl-C was pressed.
     """
     with _own_output(), watched_sigint() as is_pressed:
         try:

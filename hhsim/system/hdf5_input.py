@@ -60,15 +60,10 @@ def read_numbers(dataset: h5py.Dataset, rows: Any = ...) -> NDArray[Any]:
 
 
 def open_hdf5(path: Path, shipped: bool = False) -> h5py.File:
-    """Open a file for reading after a child process has read it.
+    """Open a file for reading after a child process has read it; none reads a `shipped` one whose checksum holds.
 
-    Args:
-        shipped: It came with hhsim: where its checksum holds, no child process reads it.
-
-    Raises:
-        DamagedFileError: No ordinary file, other bytes than were sealed, or one that cannot be read to its end.
-        BlockingIOError: Another process is writing it.
-        OSError: No HDF5 file, or one that cannot be opened.
+    Raises DamagedFileError for no ordinary file, other bytes than were sealed, or one that cannot be read to its end;
+    BlockingIOError if another process is writing it; OSError for no HDF5 file, or one that cannot be opened.
     """
     try:
         check_ordinary(path, most=sys.maxsize)

@@ -45,7 +45,6 @@ def build_sphere_tree(
 
     Args:
         mesh: Watertight and wound outward.
-        options: None for the defaults.
         progress: Called with (stage, done, total), stages "cover", "tree" and "measure".
         threads: Number of threads; the bytes do not depend on it.
 

@@ -91,9 +91,8 @@ def cache_path(mesh: Mesh, options: TreeOptions) -> Path:
 def coarsest_sphere_tree(mesh: Mesh, max_error: float, progress: Progress = silent) -> SphereTree:
     """Build levels from the coarsest on; return the first that is proved to protrude by no more than `max_error` [m].
 
-    Raises:
-        InputError: `max_error` is no length, or no level meets it.
-        MeshError: As for `hhsim.trees.builder.build_sphere_tree`.
+    Raises InputError if `max_error` is no length, or no level meets it; MeshError as
+    `hhsim.trees.builder.build_sphere_tree`.
     """
     if not (math.isfinite(max_error) and max_error > 0.0):
         raise InputError(f"the largest error is {max_error:g} m: it must be positive and finite")

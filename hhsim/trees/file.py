@@ -83,8 +83,7 @@ def _write_dataset(group: h5py.Group, name: str, data: AnyArray, units: str, lon
 def load_tree(path: str | Path, shipped: bool = False) -> SphereTree:
     """Read and check a tree, of a user or shipped with hhsim.
 
-    Raises:
-        InputError: There is no hhsim-tree file of a known version, or no valid tree in it.
+    Raises InputError for no hhsim-tree file of a known version, or no valid tree in it.
     """
     source = Path(path)
     if not source.exists():

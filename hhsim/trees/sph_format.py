@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
+from hhsim.errors import InputError, named
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
@@ -48,7 +48,7 @@ def load_sph(path: str | Path) -> SphereTree:
         lines = read_input_text(source, "ascii", "replace").splitlines()
     except OSError as error:
         raise InputError(f"{source}: {error.strerror or error}; expected a sphere tree (.sph)") from error
-    try:
+    with named(source):
         levels, branching = _header(lines)
         slots = _slots(levels, branching)
         spheres = _spheres([line for line in lines[1:] if line.strip()], slots)
@@ -58,8 +58,6 @@ def load_sph(path: str | Path) -> SphereTree:
         orphans = np.flatnonzero(used[1:] & ~used[(np.arange(1, slots) - 1) // branching]) + 1
         if orphans.size:
             raise InputError(f"the sphere in slot {orphans[0]} hangs under an unused slot")
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from error
     center, radius, level, parent = [spheres[0, :3]], [spheres[0, 3]], [0], [-1]
     # Slot of each node of the level above; None below a sphere that is repeated.
     above: list[tuple[int, int | None]] = [(0, 0)]

@@ -67,9 +67,8 @@ def parse_target(text: str) -> RerunTarget:
 def check_target(target: RerunTarget) -> None:
     """Raise, before the work, what would keep a recording from getting there.
 
-    Raises:
-        InputError: No screen, no viewer that listens, or rerun's package for notebooks is not installed.
-        OutputError: A file that cannot be written, or that exists and is no rerun recording.
+    InputError for no screen, no viewer that listens, or without rerun's package for notebooks; OutputError for a file
+    that cannot be written, or that exists and is no rerun recording.
     """
     if target.kind == "file":
         check_output_path(target.path)

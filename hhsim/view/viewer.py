@@ -66,13 +66,9 @@ def view_result(
 ) -> Viewed:
     """Show a result of a replay or a session, complete or not; by default in the notebook whose cell calls this.
 
-    Args:
-        every: Show only every so-manieth tick; plots but for forces show the worst of the ticks between.
-        spheres: Show the leaf spheres in place of the object's mesh.
-
-    Raises:
-        InputError: The result holds no tick, or cannot be read; as `rerun_stream`.
-        OutputError: As `rerun_stream`.
+    Only every so-manieth tick is shown (`every`); plots but for forces show the worst of the ticks between. With
+    `spheres` the leaf spheres stand in place of the object's mesh. Raises InputError for a result without a tick, or
+    that cannot be read; and as `rerun_stream`, OutputError too.
     """
     if result.ticks == 0:
         raise InputError(f"{result.path} holds no tick")

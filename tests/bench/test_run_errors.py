@@ -6,16 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hhsim.bench.run_errors import (
-    NEAR,
-    ErrorScene,
-    MeshReferee,
-    error_scene,
-    hand_clearance,
-    placed_of,
-    run_errors,
-    sampled,
-)
+from hhsim.bench.run_errors import NEAR, ErrorScene, MeshReferee, error_scene, hand_clearance, placed_of, run_errors
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
@@ -24,7 +15,7 @@ from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.mesh_penetration import mesh_clearance
+from hhsim.metrics.mesh_penetration import mesh_clearance, sampled
 from hhsim.motion.analytic_motion import still
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene

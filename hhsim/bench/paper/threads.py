@@ -79,8 +79,7 @@ COLUMNS = (
 def measure(options: ThreadsOptions, progress: Progress = silent) -> list[dict[str, Any]]:
     """Play the scenes in turns; return a row for each scene, method and number of threads, by the names of `COLUMNS`.
 
-    Raises:
-        HhsimError: As `hhsim.bench.paper.bench.measure`.
+    Raises HhsimError as `hhsim.bench.paper.bench.measure`.
     """
     hand = HandModel.default()
     solvers = [

@@ -40,9 +40,8 @@ RUNTIME = 1.0
 def check_program_file(path: Path) -> None:
     """Check before the work that programs and their test set can be written.
 
-    Raises:
-        OutputError: As `hhsim.system.output_path.check_output_path`; a name that does not end in .parquet; or an
-            existing file that is no Parquet file, or no test set of ours.
+    Raises OutputError as `hhsim.system.output_path.check_output_path`; for a name that does not end in .parquet; or for
+    an existing file that is no Parquet file, or no test set of ours.
     """
     if path.suffix != ".parquet":
         raise OutputError(f"{path} must end in .parquet: the programs go there")
@@ -110,8 +109,7 @@ def qpbenchmark_commands(path: Path) -> list[str]:
 def test_set(path: Path) -> type:
     """Return the test set of a file of programs, a class of qpbenchmark, with our solver among those that it runs.
 
-    Raises:
-        ImportError: qpbenchmark is not installed.
+    Raises ImportError without qpbenchmark.
     """
     import qpsolvers
     from qpbenchmark.parquet_test_set import ParquetTestSet

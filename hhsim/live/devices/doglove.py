@@ -2,14 +2,13 @@
 
 from dataclasses import dataclass
 
-from hhsim.live.devices.registry import Glove, GloveOptions, setting
+from hhsim.live.devices.registry import Glove, ReachedOptions, setting
 
 
 @dataclass(frozen=True)
-class DogloveOptions(GloveOptions):
+class DogloveOptions(ReachedOptions):
     """Settings of a DOGlove."""
 
-    host: str = setting("127.0.0.1", "Where the glove's server is", "HOST")
     port: int = setting(5009, "Port of the glove's server", "PORT", least=1, most=65534)
     path: str = setting(
         "", "Serial line, such as /dev/ttyUSB0, instead of the network", "LINE", flags=("--serial", "--path")

@@ -18,18 +18,14 @@ MOST_MALFORMED = 20
 
 
 class StreamGlove(GloveDevice):
-    """Glove whose samples are messages of a byte stream, which begin anew with each connection.
-
-    Attributes:
-        _waiting: Whole messages that were not read yet, each with CLOCK_MONOTONIC of its last byte [ns].
-        _lost: Reason why the glove is gone; None while it is there.
-    """
+    """Glove whose samples are messages of a byte stream, which begin anew with each connection."""
 
     def __init__(self, link: ByteLink) -> None:
         self._link = link
         self._connection = 0
+        # Whole messages that were not read yet, each with CLOCK_MONOTONIC of its last byte [ns].
         self._waiting: deque[tuple[bytes, int]] = deque()
-        self._lost: DeviceError | None = None
+        self._lost: DeviceError | None = None  # reason why the glove is gone; None while it is there
         self._malformed_run = 0
         self.counters = DeviceCounters()
 

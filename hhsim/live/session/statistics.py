@@ -21,30 +21,20 @@ RATE_WINDOW = 2.0
 
 
 class LiveTally:
-    """Counts over the ticks of a session.
-
-    Args:
-        ring: Ring of `LIVE_TICK`, read from its beginning; None if the ticks are passed to `count`.
-
-    Attributes:
-        wakeup, latency, duration: Lateness of the loop, time from sample to command, time of the solver's tick [ns].
-        ticks: Number of ticks with a hand; those before the first input are not in the ring.
-        missed: Periods without a tick, before the counted ticks.
-        new_samples: Number of ticks that used a sample for the first time.
-        superseded: Number of samples that a newer one replaced before a tick could use them.
-        stiff: Number of ticks with a stiffness above 0.
-        free_for: Number of ticks whose fingers were kept free, by reason.
-        freed: Number of ticks whose fingers a fault freed.
-    """
+    """Counts over the ticks of a session, of its ring of `LIVE_TICK` from the beginning, or as passed to `count`."""
 
     def __init__(self, ring: SharedRing | None = None) -> None:
         self._reader = None if ring is None else RingReader(ring)
+        # Lateness of the loop, time from sample to command, time of the solver's tick [ns].
         self.wakeup, self.latency, self.duration = LogHistogram(), LogHistogram(), LogHistogram()
-        self.ticks = self.missed = self.new_samples = self.superseded = 0
+        self.ticks = 0  # with a hand; those before the first input are not in the ring
+        self.missed = 0  # periods without a tick, before the counted ticks
+        # Ticks that used a sample for the first time, and samples that a newer one replaced before one could use them.
+        self.new_samples = self.superseded = 0
+        # Ticks: the last two are those with a stiffness above 0, and those whose fingers a fault freed.
         self.stuck = self.lagging = self.in_contact = self.stiff = self.freed = 0
-        self.candidates_max = 0
-        self.force_max = 0.0
-        self.free_for = dict.fromkeys(Safety, 0)
+        self.candidates_max, self.force_max = 0, 0.0
+        self.free_for = dict.fromkeys(Safety, 0)  # ticks whose fingers were kept free, by reason
         self._sample = -1
         self._recent: list[tuple[int, int]] = []
 

@@ -48,8 +48,7 @@ DECOMPOSITION = {
 def simulation_displacements(hands: FieldHands, frames: tuple[int, ...]) -> FloatArray:
     """Compute the displacement of the object's centre at some frames [m], NaN without a hand there.
 
-    Raises:
-        InputError: PyBullet is not installed, a frame that does not exist, or a hand without skin and cones.
+    Raises InputError without PyBullet, or for a frame that does not exist, or a hand without skin and cones.
     """
     outside = [frame for frame in frames if not 0 <= frame < len(hands.time)]
     if outside:

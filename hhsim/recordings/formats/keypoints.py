@@ -93,9 +93,8 @@ def joints_of_array(
 def _ordered(joints: JointPositions, options: ReadOptions, where: str = "") -> JointPositions:
     """Return 21 joints of a file's rows in the order of `KEYPOINTS`.
 
-    Raises:
-        TrajectoryError: Two orders are as plausible, and neither the options nor the name `where` of the array tell.
-        InputError: The options state an order of other joints.
+    Raises TrajectoryError if two orders are as plausible, and neither the options nor the name `where` of the array
+    tell; InputError if the options state an order of other joints.
     """
     if options.joint_order == "openxr":
         raise InputError(f"--joint-order openxr: {COUNT} joints a sample; expected 25 or 26")
