@@ -381,7 +381,7 @@ def around_hole(mesh: Mesh) -> list[FloatArray]:
 
     A part is what is between two half planes from the hole's axis through neighbouring corners of its rim.
     """
-    from scipy.spatial import ConvexHull
+    from scipy.spatial import ConvexHull, QhullError
 
     low, high = mesh.bounds
     middle, half = 0.5 * (low + high), 0.5 * np.ptp(mesh.bounds, axis=0)
@@ -400,7 +400,10 @@ def around_hole(mesh: Mesh) -> list[FloatArray]:
         outer = direction * (half[:2] / np.maximum(np.abs(direction), 1e-300)).min()
         planes.append(np.concatenate([inner, [[*outer, -half[2]], [*outer, half[2]]]]))
     parts = [np.concatenate([one, next_]) + middle for one, next_ in zip(planes, planes[1:] + planes[:1])]
-    filled = sum(float(ConvexHull(part).volume) for part in parts)
+    try:
+        filled = sum(float(ConvexHull(part).volume) for part in parts)
+    except QhullError:  # of a mesh without a hole a part may be flat
+        return []
     return parts if np.isclose(filled, mesh.volume, rtol=1e-5) else []
 
 

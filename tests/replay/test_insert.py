@@ -157,7 +157,7 @@ def test_in_the_hole_the_peg_leans_no_more_than_clearance_and_depth_allow(result
 
 def test_a_peg_that_is_off_the_hole_tilts_as_far_as_can_be_and_jams(missed: Result) -> None:
     share, held = share_of_the_gap(turn_of(missed), foot_of(missed)), last(missed, 6)
-    assert len(share) > 500 and 0.9 < share.max() <= 1.0
+    assert len(share) > 500 and 0.8 < share.max() <= 1.0
     assert foot_of(missed)[held, 2] > 0.01 and np.degrees(tilt_of(missed)[held]) > 2.0
     still = foot_of(missed)[held - 200 : held]
     assert np.ptp(still, axis=0).max() < 1e-6, "friction holds it there, though the hand presses"
