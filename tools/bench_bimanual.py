@@ -638,9 +638,9 @@ def figures(play: Play, course: Course, cpu: FloatArray, bears: BoolArray) -> Fi
             height, beside = _on(play, pause, center, things, part.stop - 1)
             there = abs(height) < STANDS and beside
             stands &= there
-            bears = pause.below or pause.around
-            if bears and there:
-                moved = RigidMotion(*(values[late] for values in things[bears]))
+            other = pause.below or pause.around
+            if other and there:
+                moved = RigidMotion(*(values[late] for values in things[other]))
                 creeps.append(drift(moved.seen_points(points[0][late])))
     return Figures(
         p50=float(p50),

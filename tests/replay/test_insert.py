@@ -111,7 +111,7 @@ def share_of_the_gap(turn: FloatArray, foot: FloatArray) -> FloatArray:
     for height in (lower, np.full(len(lower), upper)):
         at = foot + axis * ((height - foot[:, 2]) / axis[:, 2])[:, None]
         shares.append(np.hypot(*(at[:, :2] - MIDDLE).T) / SLACK)
-    return np.max(shares, axis=0)
+    return np.asarray(np.max(shares, axis=0))
 
 
 def test_two_fingertips_hold_the_peg_by_friction_until_they_let_go(result: Result) -> None:
