@@ -4,14 +4,17 @@
 
 needs the extra `mujoco`. Every scene is played by hhsim's `coupled` on the mesh and by MuJoCo with several settings:
 the same capsule hands, haptic input at 1 kHz, masses, inertias, friction and table. In MuJoCo a hand is that of
-`hhsim.engines.mujoco`, without weight; a convex thing is one geom, another one convex parts. The input is that of
-`hhsim replay`, with pauses of `--pause` seconds in which the haptic hands stand still.
+`hhsim.engines.mujoco`, without weight; a convex thing is one geom, another one convex parts, and a block with a round
+hole exact ones. The input is that of `hhsim replay`, with pauses of `--pause` seconds in which the haptic hands stand
+still. Where a thing goes into a hole, every method first plays as far as the pause above it, and the way there is then
+changed by what its own thing was off.
 
 Methods take turns every `BLOCK` ticks. Of each tick the median of the repetitions counts, in thread CPU time: of hhsim
 the whole tick, of MuJoCo `mj_step` alone. Times are those of the ticks in which the
 hands of `coupled` push, without the pauses.
 
-Depths are those of the shown hands in the true meshes, of the things in each other and in the table, at every tick.
+Depths are those of the shown hands in the true meshes, of the things in each other and in the table, at every tick;
+of things that are no boxes those of the corners of each in the other's mesh.
 """
 
 import argparse
@@ -19,7 +22,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
@@ -38,7 +41,7 @@ from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel, Side
-from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.mesh.catalogue import names_a_thing, object_description, resolve_object
 from hhsim.mesh.mesh import Mesh
@@ -47,6 +50,7 @@ from hhsim.motion.object_motion import RigidMotion
 from hhsim.scene.described_scene import SceneWords
 from hhsim.scene.free_object import CLEARANCE, FreeObject
 from hhsim.scene.scene import Scene, open_scene
+from hhsim.scene.synthesis import minimum_jerk
 from hhsim.scene.two_hands import two_handed_motions, two_handed_scenes
 from hhsim.solver.free_engine import FreeEngine, Thing
 from hhsim.solver.hand_solver import HandSolver
@@ -80,6 +84,7 @@ class Pause(NamedTuple):
     hands: tuple[int, ...] = ()  # hands that hold the first thing; none: it stands on the thing `below`
     below: int = 0
     lift: float = 0.0  # rise of the hands by then [m]; 0 if the thing is put down
+    around: int = 0  # fixed thing in whose hole it stands; none: 0
 
 
 @dataclass(frozen=True)
@@ -90,12 +95,14 @@ class Task:
     motion: str
     hands: int
     pauses: tuple[Pause, ...]
+    aim: int | None = None  # phase of the way to the hole, whose end is the first pause
 
 
 TASKS = {
     "lift-both": Task("cube", "lift-both", 2, (Pause(4, (0, 1), lift=0.1), Pause(7))),
     "hand-over": Task("cup", "hand-over", 2, (Pause(3, (0,), lift=0.1), Pause(8, (1,), lift=0.1))),
     "stack": Task("blocks", "stack", 1, (Pause(4, (0,), lift=0.12), Pause(6, below=2))),
+    "insert": Task("peg", "insert", 1, (Pause(4, (0,), lift=0.06), Pause(7, around=1)), aim=4),
 }
 """Scenes by the names of their motions."""
 
@@ -107,7 +114,7 @@ class Play:
     Attributes:
         hands: One or two.
         haptic: Input of each hand, world, shape (T, ...).
-        things: Free things with their meshes in the world before the first tick.
+        things: Free and fixed things with their meshes in the world before the first tick; the first one is free.
         pauses: Pauses, and their ticks.
     """
 
@@ -115,6 +122,7 @@ class Play:
     haptic: tuple[HandConfiguration, ...]
     things: tuple[Thing, ...]
     pauses: tuple[tuple[Pause, slice], ...]
+    aim: slice | None = None  # ticks of the way to a hole
 
     @property
     def ticks(self) -> int:
@@ -148,18 +156,37 @@ def play_of(task: Task, pause: float) -> Play:
         known = object_description(task.object_name)
         table = float(first.mesh.bounds[0, 2]) - CLEARANCE
         free = FreeObject.of_mesh(first.mesh, density=known["density"], friction=known["friction"], table=table)
-    given = [("first", first.mesh, first.tree, free), *(each[:4] for each in first.others)]
-    if any(other.fixed for other in first.others):
-        raise InputError(f"{task.object_name} has a fixed thing; expected free ones")
-    if first.others and not all(_is_box(mesh) for _, mesh, _, _ in given):
-        raise InputError(f"{task.object_name} has a thing that is no box along the axes; expected boxes")
-    things = [Thing(contact_surface("mesh", mesh, tree), own, name=name) for name, mesh, tree, own in given]
+    given = [("first", first.mesh, first.tree, free, False), *first.others]
+    things = [Thing(contact_surface("mesh", mesh, tree), own, fixed, name) for name, mesh, tree, own, fixed in given]
     index, ticks = paused(
         [phase.last_tick for phase in first.ticks.phases], [one.phase for one in task.pauses], round(1e3 * pause)
     )
     haptic = [HandConfiguration.of(scene.ticks).at(index) for scene in scenes]
     hands = tuple(capsule_hand(scene.hand.side) for scene in scenes)
-    return Play(hands, tuple(haptic), tuple(things), tuple(zip(task.pauses, ticks)))
+    aim = None
+    if task.aim is not None:
+        begins = first.ticks.phases[task.aim].first_tick
+        aim = slice(int(np.searchsorted(index, begins)), ticks[0].start)
+    return Play(hands, tuple(haptic), tuple(things), tuple(zip(task.pauses, ticks)), aim)
+
+
+def aimed(play: Play, make: "Callable[[Play], Ours | Theirs]") -> Play:
+    """Return a play whose way to the hole ends where the lower end of a method's first thing is over it."""
+    if play.aim is None:
+        return play
+    above, hole = play.pauses[0][1], play.mesh(play.pauses[-1][0].around).bounds.mean(axis=0)
+    method = make(play)
+    for begun in range(0, above.stop, BLOCK):
+        method.run(slice(begun, min(begun + BLOCK, above.stop)))
+    moved = RigidMotion(*(values[above] for values in method.course.thing(0)))
+    low, high = play.mesh(0).bounds
+    foot = np.array([*(0.5 * (low + high))[:2], low[2]])
+    found = moved.points(np.broadcast_to(foot, (len(moved.turn), 3)))[-len(moved.turn) // 2 :].mean(axis=0)
+    off = (hole - found) * [1.0, 1.0, 0.0]
+    share = np.clip((np.arange(play.ticks) - play.aim.start) / (play.aim.stop - play.aim.start), 0.0, 1.0)
+    further = minimum_jerk(share)[:, None] * off
+    haptic = tuple(given._replace(position=given.position + further) for given in play.haptic)
+    return replace(play, haptic=haptic)
 
 
 def _is_box(mesh: Mesh) -> bool:
@@ -282,14 +309,30 @@ class HandAndThings(MuJoCo):
             body.gravcomp = 1.0
         return spec
 
+    def _add_object(self, spec: Any, scene: MethodScene) -> None:
+        parts = around_hole(scene.mesh) if scene.mesh is not None else []
+        if not parts:
+            super()._add_object(spec, scene)
+            return
+        body = spec.worldbody.add_body(name="object")
+        for i, points in enumerate(parts):
+            spec.add_mesh(name=f"part {i}", uservert=points.ravel())
+            kind = self._mujoco.mjtGeom.mjGEOM_MESH
+            body.add_geom(type=kind, meshname=f"part {i}", **self._touching())
+
     def thing_spec(self, thing: Thing) -> Any:
-        """Return a free thing alone."""
+        """Return a thing alone."""
         spec, free = self._new(), thing.free
         if free.of_table != free.friction:
             raise InputError("MuJoCo has one friction of a thing with hands and table; expected equal ones")
         self.friction, self.condim = free.friction, 3
         self._add_object(spec, self._scene)
         body = spec.body("object")
+        if thing.fixed:
+            for geom in body.geoms:
+                geom.contype, geom.conaffinity = THING, HAND | THING
+                geom.friction = [free.friction, 0.0, 0.0]
+            return spec
         body.add_freejoint()
         body.mass, body.ipos, body.explicitinertial = free.mass, free.center, True
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = free.inertia
@@ -333,6 +376,39 @@ class HandAndThings(MuJoCo):
         )
 
 
+def around_hole(mesh: Mesh) -> list[FloatArray]:
+    """Return the corners of each convex part of a block with a round hole from top to bottom [m]; none of another mesh.
+
+    A part is what is between two half planes from the hole's axis through neighbouring corners of its rim.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    low, high = mesh.bounds
+    middle, half = 0.5 * (low + high), 0.5 * np.ptp(mesh.bounds, axis=0)
+    seen = mesh.vertices - middle
+    radius = np.hypot(seen[:, 0], seen[:, 1])
+    # The corners at the narrowest, and those between it and the ends at the same angles.
+    narrow = seen[radius < radius.min() * (1.0 + 1e-6)]
+    angles = np.unique(np.round(np.arctan2(narrow[:, 1], narrow[:, 0]), 6))
+    if len(angles) < 3 or radius.min() < 1e-6:
+        return []
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    planes = []
+    for direction in directions:
+        beside = np.abs(seen[:, 0] * direction[1] - seen[:, 1] * direction[0]) < 1e-7
+        inner = seen[beside & (seen[:, :2] @ direction > 0.0) & (radius < RIM * radius.min())]
+        outer = direction * (half[:2] / np.maximum(np.abs(direction), 1e-300)).min()
+        planes.append(np.concatenate([inner, [[*outer, -half[2]], [*outer, half[2]]]]))
+    parts = [np.concatenate([one, next_]) + middle for one, next_ in zip(planes, planes[1:] + planes[:1])]
+    try:
+        filled = sum(float(ConvexHull(part).volume) for part in parts)
+    except QhullError:  # of a mesh without a hole a part may be flat
+        return []
+    return parts if np.isclose(filled, mesh.volume, rtol=1e-5) else []
+
+
+RIM = 1.3
+"""Largest radius of a hole's rim over that of its narrowest part."""
 RESPONSE = 0.01
 """τ of the hand [s]: with 3 ms, a lighter hand, depth and creep are mostly larger."""
 INTEGRATOR = "mjINT_IMPLICITFAST"
@@ -408,7 +484,10 @@ class Theirs:
             hand.bind(self.model, self.data, h)
             hand.put(haptic.at(0))
         bodies = [self.model.body(f"{k}/object") for k in range(len(play.things))]
-        self._of_thing = [int(self.model.jnt_qposadr[body.jntadr[0]]) for body in bodies]
+        self._of_thing = [
+            None if thing.fixed else int(self.model.jnt_qposadr[body.jntadr[0]])
+            for thing, body in zip(play.things, bodies)
+        ]
         of_geom = self.model.geom_bodyid
         self._is_thing = np.isin(of_geom, [body.id for body in bodies])
         self._is_hand = (self.model.geom_contype == HAND) & ~self._is_thing
@@ -430,7 +509,10 @@ class Theirs:
             for hand, haptic, kept in zip(self._hands, self._play.haptic, shown):
                 kept.append(hand.shown(haptic.abduction[tick]))
             bears[i] = data.ncon > 0 and bool(self._is_hand[data.contact.geom].any())
-        things = [RigidMotion(qpos[:, first + 3 : first + 7], qpos[:, first : first + 3]) for first in self._of_thing]
+        things = [
+            still(count) if first is None else RigidMotion(qpos[:, first + 3 : first + 7], qpos[:, first : first + 3])
+            for first in self._of_thing
+        ]
         hands = [HandConfiguration(*(np.stack(values) for values in zip(*kept))) for kept in shown]
         self.course.keep(hands, things, bears, cpu)
 
@@ -444,6 +526,11 @@ class Theirs:
             bodies = self.model.geom_bodyid[self.data.contact.geom[i]]
             total += force * (float(bodies[1] == first) - float(bodies[0] == first))
         return total
+
+
+def still(ticks: int) -> RigidMotion:
+    """Return the motion of what stays where it is."""
+    return RigidMotion(np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), np.zeros((ticks, 3)))
 
 
 def corners(mesh: Mesh) -> FloatArray:
@@ -551,21 +638,19 @@ def figures(play: Play, course: Course, cpu: FloatArray, bears: BoolArray) -> Fi
             height, beside = _on(play, pause, center, things, part.stop - 1)
             there = abs(height) < STANDS and beside
             stands &= there
-            if pause.below and there:
-                moved = RigidMotion(*(values[late] for values in things[pause.below]))
+            other = pause.below or pause.around
+            if other and there:
+                moved = RigidMotion(*(values[late] for values in things[other]))
                 creeps.append(drift(moved.seen_points(points[0][late])))
     return Figures(
         p50=float(p50),
         p99=float(p99),
         in_thing=max(depth_in(play.mesh(k), moved, zip(play.hands, placed)) for k, moved in enumerate(things)),
         of_things=max(
-            (
-                float(box_depth(points[i], axes_of(things[i]), points[j], axes_of(things[j])).max())
-                for i, j in combinations(range(len(things)), 2)
-            ),
+            (depth_in_each_other(play, things, points, i, j) for i, j in combinations(range(len(things)), 2)),
             default=np.nan,
         ),
-        in_table=max(depth_in_table(play, k, moved) for k, moved in enumerate(things)),
+        in_table=max(depth_in_table(play, k, moved) for k, moved in enumerate(things) if not play.things[k].fixed),
         creeps=tuple(creeps),
         rise=tuple(rise),
         lifted=lifted,
@@ -576,6 +661,9 @@ def figures(play: Play, course: Course, cpu: FloatArray, bears: BoolArray) -> Fi
 
 def _on(play: Play, pause: Pause, center: FloatArray, things: Sequence[RigidMotion], tick: int) -> tuple[float, bool]:
     """Height of the first thing above where it is to stand [m], and whether it is above what it is to stand on."""
+    if pause.around:
+        hole = play.mesh(pause.around).bounds.mean(axis=0)[:2]
+        return float(center[tick, 2] - center[0, 2]), bool(np.hypot(*(center[tick, :2] - hole)) < STANDS)
     if not pause.below:
         return float(center[tick, 2] - center[0, 2]), True
     of_below = np.array(play.things[pause.below].free.center)
@@ -604,6 +692,28 @@ def depth_in(mesh: Mesh, moved: RigidMotion, hands: Any) -> float:
     return max(0.0, -float(min(nearest)))
 
 
+def depth_in_each_other(
+    play: Play, things: Sequence[RigidMotion], points: Sequence[FloatArray], i: int, j: int
+) -> float:
+    """Return the largest depth of two things in each other [m]: of boxes, or of the corners of each in the other one.
+
+    `points` are the corners of the boxes around all things at each tick.
+    """
+    if _is_box(play.mesh(i)) and _is_box(play.mesh(j)):
+        return float(box_depth(points[i], axes_of(things[i]), points[j], axes_of(things[j])).max())
+    depth = 0.0
+    for one, other in ((i, j), (j, i)):
+        mesh = play.mesh(other)
+        bvh, (low, high) = build_mesh_bvh(mesh.vertices, mesh.faces), mesh.bounds
+        of_one = play.mesh(one).vertices
+        for part in np.array_split(np.arange(play.ticks), max(1, play.ticks // 500)):
+            moved, seen_by = (RigidMotion(*(values[part] for values in things[k])) for k in (one, other))
+            seen = seen_by.seen_points(moved.points(np.broadcast_to(of_one, (len(part), *of_one.shape))))
+            near = seen[((seen > low) & (seen < high)).all(axis=2)]
+            depth = max(depth, -float(mesh_signed_distance(bvh, near).min(initial=0.0)))
+    return depth
+
+
 def depth_in_table(play: Play, thing: int, moved: RigidMotion) -> float:
     """Return the largest depth of a thing in its table [m]; 0 without one."""
     table = play.things[thing].free.table
@@ -622,10 +732,11 @@ def measure(task: Task, settings: Mapping[str, type[HandAndThings]], pause: floa
     play = play_of(task, pause)
     makers: dict[str, Callable[[Play], Ours | Theirs]] = {OURS: Ours}
     makers |= {name: partial(Theirs, setting=setting) for name, setting in settings.items()}
+    plays = {name: aimed(play, make) for name, make in makers.items()}
     times: dict[str, list[FloatArray]] = {name: [] for name in makers}
     kept: dict[str, Course] = {}
     for turn in range(repeat):
-        methods = {name: make(play) for name, make in makers.items()}
+        methods = {name: make(plays[name]) for name, make in makers.items()}
         names = list(methods) if turn % 2 == 0 else list(reversed(methods))
         for begun in range(0, play.ticks, BLOCK):
             for name in names:
