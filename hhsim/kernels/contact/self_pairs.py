@@ -27,7 +27,7 @@ from hhsim.kernels.hand.kinematics import (
     phalanx_cone,
     placed_sphere,
 )
-from hhsim.kernels.hand.pose import update_kinematics
+from hhsim.kernels.hand.pose import HAND_POSE, copy_configuration, update_kinematics
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, generic, jit, jit_inline
 from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
@@ -37,6 +37,8 @@ SELF_PAIRS = PHALANX_COUNT * PHALANX_COUNT * FINGER_COUNT * (FINGER_COUNT - 1) /
 """Most pairs of a hand."""
 SELF_ROWS = 32
 """Most rows of such pairs in a program, the nearest; what it lacks is found by the true distances."""
+BEND = 1e-4
+"""Largest rotation of a joint [rad] for a difference of gradients."""
 BROKEN = -1.0
 """Stands for a distance where only the rows that the step breaks are added."""
 WHOLE_PALM = -1
@@ -54,6 +56,7 @@ class SelfPairs(NamedTuple):
 
     first: Indices  # a phalanx, body 0 to 14, (N,)
     second: Indices  # a phalanx of a later finger, or the palm, body 15, (N,)
+    hand: HandArrays
 
 
 SELF_CONTACT = np.dtype(
@@ -74,6 +77,7 @@ SELF_CONTACT = np.dtype(
         ("meets", np.int64, (FINGER_COUNT,)),  # 1 for fingers with a row
         ("share", np.float64, (FINGER_COUNT,)),  # share of its abduction step that a finger has room for
         ("holds", np.bool_),  # a share is below 1
+        ("bent", HAND_POSE),  # the hand a little farther along a step, for second derivatives
     ],
     align=True,
 )
@@ -403,6 +407,52 @@ def _clear_fraction(pairs: SelfPairs, fraction: float, hand: HandArrays, state: 
     return fraction
 
 
+@generic
+def add_bends(
+    pairs: Any,
+    pose: Record,
+    own: Record,
+    first: int,
+    loaded: Indices,
+    multiplier: Array,
+    step: Array,
+    product_out: Array,
+) -> None:
+    """Add Σ λ ∇²d · step over the loaded rows of such pairs, see `curvature_product`; those begin at `first`."""
+
+
+@add_bends.of(SelfPairs)
+@jit
+def _add_bends(
+    pairs: SelfPairs, pose: Record, own: Record, first: int, row: Indices, force: Array, step: Array, product: Array
+) -> None:
+    # By the difference of gradients a little farther on: two nearest points that slide make a long closed form.
+    most, bends = 0.0, False
+    for j in range(6, DOF):
+        most = max(most, abs(step[j]))
+    for i in range(row.shape[0]):
+        bends = bends or row[i] >= first
+    if not bends or most == 0.0:
+        return
+    bent, share, last = own.bent, BEND / most, as_int64(SELF_ROWS)
+    copy_configuration(pose, bent)
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT):
+            bent.flexion[f, k] += share * step[6 + PHALANX_COUNT * f + k]
+    update_kinematics(pairs.hand, bent)
+    for i in range(row.shape[0]):
+        own_row = row[i] - first
+        if own_row < 0:
+            continue
+        pair = own.pair[own_row]
+        write_row(pairs.hand, bent, pairs.first[pair], pairs.second[pair], own.sphere[own_row], last, own)
+        for j in range(6, DOF):
+            before, after = own.gradient[own_row, j], own.gradient[last, j]
+            # A lever below the least one counts as none, which is no curvature.
+            if before != 0.0 and after != 0.0:
+                product[j] += force[i] * (after - before) / share
+
+
 @jit_inline
 def nothing(pairs: NoPairs, *others: Any) -> None:
     """Do nothing: the implementation of kernels for a hand without such pairs."""
@@ -420,6 +470,6 @@ def _add_none(pairs: NoPairs, hand: HandArrays, within: float, options: Any, sta
     return False
 
 
-for _kernel in (measure_pairs, foresee_rows, scale_rows):
+for _kernel in (measure_pairs, foresee_rows, scale_rows, add_bends):
     _kernel.of(NoPairs)(nothing)
 clear_fraction.of(NoPairs)(as_it_is)

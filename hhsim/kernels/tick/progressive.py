@@ -151,7 +151,7 @@ def _solve_palm(options: TickOptions, state: Record, qp: QpWork) -> int:
     for j in range(6):
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
     if work.variables == 6:
-        lagrangian = lagrangian_of(state, step, as_int64(0), as_int64(6))
+        lagrangian = lagrangian_of(options.own, state, step, as_int64(0), as_int64(6))
         longest = options.longest_correction
         correct_for_curvature(lagrangian, step.delta[:], rows, tolerance, longest, state.correction, qp)
     for j in range(6):
@@ -201,7 +201,7 @@ def solve_finger(options: TickOptions, state: Record, finger: int, qp: QpWork) -
         own.delta[j] = work.palm_step[j] * problem.inverse_root[j]
     for k in range(PHALANX_COUNT):
         own.delta[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
-    lagrangian = lagrangian_of(state, own, as_int64(offset), as_int64(PHALANX_COUNT))
+    lagrangian = lagrangian_of(options.own, state, own, as_int64(offset), as_int64(PHALANX_COUNT))
     longest = options.longest_correction
     correct_for_curvature(lagrangian, own.delta[:], rows, tolerance, longest, own.correction, qp)
     for k in range(PHALANX_COUNT):

@@ -13,12 +13,14 @@ another one. The tick judges it by true distances like any other step.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.kernels.hand.kinematics import DOF
-from hhsim.kernels.jit import Array, Indices, Record, jit_inline, jit_once
+from hhsim.kernels.contact.linearise import limit_start
+from hhsim.kernels.contact.self_pairs import add_bends
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit_inline, jit_once
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.row_scan import MeetingRows, ProgramRows, row_violations
 from hhsim.kernels.tick.curvature import curvature_product
@@ -58,8 +60,10 @@ def _project_out(n: int, k: int, basis: Array, vector: Array) -> None:
 class Lagrangian(NamedTuple):
     """Curved part of a program: its contacts that carry a multiplier, and the hand's variables that it has."""
 
+    own: Any  # pairs of the hand's own parts that may meet
     pose: Record  # the configuration of the linearisation
     contacts: Record  # its contact records
+    parts: Record  # rows of the hand's own parts
     row: Indices  # rows with a multiplier, (>= loaded,)
     multiplier: Array  # theirs [N], (>= loaded,)
     loaded: int  # how many
@@ -70,16 +74,19 @@ class Lagrangian(NamedTuple):
 
 # Put into its callers before they are lowered: a function cannot return records.
 @jit_once
-def lagrangian_of(state: Record, solution: Record, offset: int, n: int) -> Lagrangian:
+def lagrangian_of(own: Any, state: Record, solution: Record, offset: int, n: int) -> Lagrangian:
     """Return the curved part of a program at the state's pose, by the rows and multipliers of its solution."""
     row, multiplier, inverse_root = solution.row[:], solution.multiplier[:], state.problem.inverse_root[:]
-    return Lagrangian(state.pose, state.contacts, row, multiplier, solution.count, inverse_root, offset, n)
+    given = state.pose, state.contacts, state.self_contact
+    return Lagrangian(own, *given, row, multiplier, solution.count, inverse_root, offset, n)
 
 
 @jit_inline
 def _curvature(lagrangian: Lagrangian, step: Array, product_out: Array) -> None:
-    pose, contacts = lagrangian.pose, lagrangian.contacts
-    curvature_product(pose, contacts, lagrangian.row, lagrangian.multiplier, lagrangian.loaded, step, product_out)
+    pose, contacts, loaded = lagrangian.pose, lagrangian.contacts, lagrangian.loaded
+    row, multiplier, first = lagrangian.row, lagrangian.multiplier, limit_start(contacts, as_int64(FINGER_COUNT))
+    curvature_product(pose, contacts, row, multiplier, loaded, step, product_out)
+    add_bends(lagrangian.own, pose, lagrangian.parts, first, row[:loaded], multiplier, step, product_out)
 
 
 @jit_once

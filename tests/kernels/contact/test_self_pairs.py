@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+import pytest
 from contact_scenes import LEFT, RIGHT, moved
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,6 +17,7 @@ from hhsim.kernels.contact.self_pairs import (
     SELF_CONTACT,
     WHOLE_PALM,
     NoPairs,
+    add_bends,
     add_rows,
     measure_pairs,
     pair_distance,
@@ -148,3 +150,36 @@ def test_a_hand_that_is_not_finite_has_no_clearance_and_spoils_no_other() -> Non
     found = self_clearance(RIGHT, PAIRS["right"], flexion, abduction)
     np.testing.assert_array_equal(np.isnan(found), [False, True, False, False])
     assert found[3] > 0.0
+
+
+def second_difference(at: HandConfiguration, step: FloatArray, first: int, second: int, size: float) -> float:
+    """Second derivative of a pair's distance along a step, by central differences."""
+    moved_hands = (at._replace(flexion=at.flexion + size * k * step[6:].reshape(1, 5, 3)) for k in (-1, 0, 1))
+    before, here, after = (pair_distance(RIGHT.arrays(), posed(RIGHT, one), first, second) for one in moved_hands)
+    return float(before - 2.0 * here + after) / size**2
+
+
+def test_second_derivatives_of_a_pair_are_those_of_its_distance() -> None:
+    random, pairs, looked = np.random.default_rng(8), PAIRS["right"], 0
+    arrays = RIGHT.arrays()
+    for _ in range(200):
+        at = random_hand(random, RIGHT, 0.01)
+        here, own = posed(RIGHT, at), fresh()
+        pair = int(random.integers(len(pairs.first)))
+        first, second = int(pairs.first[pair]), int(pairs.second[pair])
+        if second == PALM:
+            continue
+        own.pair[0], own.sphere[0], own.count = pair, WHOLE_PALM, 1
+        write_row(arrays, here, first, second, WHOLE_PALM, 0, own)
+        step, product = np.zeros(21), np.zeros(21)
+        step[6:] = random.normal(size=15)
+        add_bends(pairs, here, own, 40, np.array([3, 40]), np.array([9.0, 2.0]), step, product)
+
+        wide, narrow = (second_difference(at, step, first, second, size) for size in (2e-4, 1e-4))
+        # Where the nearest point comes to an end of an axis the distance has no second derivative.
+        if abs(wide - narrow) > 1e-3 * abs(narrow) + 1e-5:
+            continue
+        looked += 1
+        assert step @ product == pytest.approx(2.0 * narrow, rel=0.01, abs=1e-3)
+        assert not product[:6].any()
+    assert looked > 100
