@@ -13,7 +13,7 @@ from hhsim.gate.baseline import Baseline, RecordedScene
 from hhsim.gate.input_hash import differences
 from hhsim.gate.metrics import SESSION_DEFAULTS, RunFigures, run_figures, without_times
 from hhsim.gate.run import RunFailed, Side, Step, process_times
-from hhsim.gate.suite import REPLAY, SESSION, SUBMISSION, GateScene, GateSuite, default_suite
+from hhsim.gate.suite import REPLAY, SESSION, SUBMISSION, GateScene, GateSuite, default_suite, usual_limits
 from hhsim.gate.time_comparison import NOT_COMPARABLE
 from hhsim.gate.verdict import GateRow, inputs_row
 from hhsim.kernels.machine_calibration import REFERENCE_VERSION
@@ -135,7 +135,7 @@ def gate_result(
             unlike = f"no scene of {source} has the inputs of {result.path}"
     if suite is not None:
         kind = SESSION if result.live is not None else SUBMISSION if result.score else REPLAY
-        limits, slack = suite.limits_of(kind), suite.slack
+        limits, slack = usual_limits(kind, suite.limits), suite.slack
     else:
         usual, slack = default_limits(stored_promises(result.scene)), default_suite().slack
         # A default limit is left out where the run has no such figure.
