@@ -9,12 +9,19 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.qp import active_set
 from hhsim.kernels.qp.row_scan import STRIP, ProgramRows, WideRows
+from hhsim.solver.qp import QpProblem
 
 Rows = tuple[FloatArray, FloatArray, FloatArray]
 """Matrix (m, n), right-hand side (m,), target (n,)."""
 Maker = Callable[[np.random.Generator, int, int], Rows]
 
 VARIABLES = (3, 6, 21)
+
+
+def energy(problem: QpProblem, solution: FloatArray) -> float:
+    """The coupling's energy [J] of a step δ, shape (n,)."""
+    offset = solution - problem.target
+    return 0.5 * float(offset @ (problem.stiffness * offset))
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,7 @@ def test_every_name_of_our_code_in_a_docstring_or_comment_is_there() -> None:
 
 
 def test_what_is_there_is_told_from_what_is_not() -> None:
-    there = ("hhsim.solver.qp", "hhsim.solver.qp.QpProblem.kkt_residual", "QpProblem.objective", "json.dumps")
+    there = ("hhsim.solver.qp", "hhsim.solver.qp.QpProblem.kkt_residual", "QpProblem.conditioned", "json.dumps")
     assert all(map(is_there, (*there, "hhsim.solver.qp.solve", "kernels.qp.active_set")))
     gone = ("hhsim.solver.gone", "hhsim.solver.qp.gone", "hhsim.solver.qp.QpProblem.gone", "QpProblem.gone")
     assert not any(map(is_there, (*gone, "kernels.distance", "gone_for_good_" + "x")))

@@ -13,17 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.bench.run_errors import (
-    MOST_HANDS,
-    ErrorScene,
-    MeshReferee,
-    RunErrors,
-    check_finite,
-    check_scenes,
-    digest_of,
-    error_scene,
-    run_errors,
-)
+from hhsim.bench import run_errors as runs
 from hhsim.errors import HhsimError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -76,7 +66,7 @@ class SpeedErrorOptions:
     rate: float = 1000.0  # tick rate [Hz]
     seed: int = 0  # of the tremor
     # Limit of the hands of a run whose depth in the mesh is measured; identical ones count once.
-    hands: int = MOST_HANDS
+    hands: int = runs.MOST_HANDS
 
     def __post_init__(self) -> None:
         """Fill in what is installed; raise InputError for unknown names, empty lists and numbers out of range."""
@@ -87,7 +77,7 @@ class SpeedErrorOptions:
             object.__setattr__(self, "methods", known)
         backends = available_backends() if self.backends is None else self.backends
         object.__setattr__(self, "backends", tuple(name for name in backends if name != ACTIVE_SET))
-        check_scenes(self.objects, self.motions)
+        runs.check_scenes(self.objects, self.motions)
         check_known("method", self.methods or (), list(METHODS))
         check_known("QP solver", self.backends or (), available_backends())
         for method in self.methods or ():
@@ -142,7 +132,7 @@ class Run:
     # Candidate pairs and work units of the same ticks, shape (n,).
     candidates: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     work: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    errors: RunErrors | None = None
+    errors: runs.RunErrors | None = None
     digest: str = ""  # of its poses and forces
     repeatable: bool = True  # True if all repetitions had the same digest
     ticks: int = 0  # ticks of a repetition
@@ -153,7 +143,7 @@ class Run:
 class _Scene:
     object_name: str
     motion: str
-    errors: ErrorScene
+    errors: runs.ErrorScene
     surfaces: dict[tuple[str, int], Any]
     """Arrays by the surface and the level of a configuration."""
 
@@ -227,12 +217,12 @@ def _scenes(hand: HandModel, options: SpeedErrorOptions, progress: Progress) -> 
         triangles = contact_surface("mesh", mesh, finest).arrays
         surfaces: dict[tuple[str, int], Any] = {("spheres", level): tree.arrays() for level, tree in trees.items()}
         surfaces["mesh", NO_LEVEL] = triangles
-        referee = MeshReferee(mesh, options.hands)
+        referee = runs.MeshReferee(mesh, options.hands)
         for j, motion in enumerate(options.motions):
             progress("scenes, with their optima", i * len(options.motions) + j, count)
             trajectory = synthesize(load_script(motion), hand, finest, options.seed)
             ticks = make_scene(mesh, finest, hand, trajectory, rate=options.rate).ticks
-            errors = error_scene(hand, referee, ticks, triangles, SolverOptions(), options.seed)
+            errors = runs.error_scene(hand, referee, ticks, triangles, SolverOptions(), options.seed)
             yield _Scene(name, motion, errors, surfaces)
 
 
@@ -252,10 +242,10 @@ def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
             before = own.run(*HandConfiguration.of(haptic).part(0, window.start))
             solver.place(*HandConfiguration.of(before).at(-1))
         record = solver.run(*HandConfiguration.of(haptic).at(window))
-        check_finite(record)
-        digest = digest_of(record)
+        runs.check_finite(record)
+        digest = runs.digest_of(record)
         if run.errors is None:
-            run.errors = run_errors(scene.errors, surface, options, record, window)
+            run.errors = runs.run_errors(scene.errors, surface, options, record, window)
             run.digest, run.ticks = digest, len(record.position)
             run.candidates = record.work[contact, WORK_CANDIDATES]
             run.work = record.work[contact, WORK_UNITS]

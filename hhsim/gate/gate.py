@@ -8,25 +8,14 @@ from typing import Any
 from msgspec import structs
 
 from hhsim.errors import InputError
+from hhsim.gate import verdict as verdicts
 from hhsim.gate.baseline import Baseline, RecordedScene
 from hhsim.gate.input_hash import differences
 from hhsim.gate.metrics import SESSION_DEFAULTS, RunFigures, run_figures, without_times
 from hhsim.gate.run import RunFailed, Side, Step, process_times
-from hhsim.gate.suite import REPLAY, SESSION, SUBMISSION, GateScene, GateSuite, default_suite
+from hhsim.gate.suite import REPLAY, SESSION, SUBMISSION, GateScene, GateSuite, default_suite, usual_limits
 from hhsim.gate.time_comparison import NOT_COMPARABLE
-from hhsim.gate.verdict import (
-    REFUSED,
-    GateRow,
-    failed_run,
-    inputs_row,
-    judge_bits,
-    judge_counters,
-    judge_errors,
-    judge_inputs,
-    judge_others,
-    judge_time,
-    overall,
-)
+from hhsim.gate.verdict import GateRow, inputs_row
 from hhsim.kernels.machine_calibration import REFERENCE_VERSION
 from hhsim.replay.limits import default_limits, stored_promises
 from hhsim.result.reader import Result
@@ -47,12 +36,12 @@ class GateReport:
     @property
     def verdict(self) -> str:
         """Verdict of all rows: worse where a limit is missed; "" where nothing was compared."""
-        return overall(self.rows)[0]
+        return verdicts.overall(self.rows)[0]
 
     @property
     def exit_code(self) -> int:
         """Exit code: 0 ok, 1 a limit was missed, 2 a scene was refused for bad input, 3 cannot compare."""
-        return overall(self.rows)[1]
+        return verdicts.overall(self.rows)[1]
 
     @property
     def missed(self) -> list[GateRow]:
@@ -62,7 +51,7 @@ class GateReport:
     @property
     def refused(self) -> list[str]:
         """Reasons why scenes, or the whole, could not be run."""
-        return [f"{row.scene}: {row.reason}" for row in self.rows if row.verdict == REFUSED]
+        return [f"{row.scene}: {row.reason}" for row in self.rows if row.verdict == verdicts.REFUSED]
 
     def to_json(self) -> dict[str, Any]:
         """Return it as plain values."""
@@ -146,7 +135,7 @@ def gate_result(
             unlike = f"no scene of {source} has the inputs of {result.path}"
     if suite is not None:
         kind = SESSION if result.live is not None else SUBMISSION if result.score else REPLAY
-        limits, slack = suite.limits_of(kind), suite.slack
+        limits, slack = usual_limits(kind, suite.limits), suite.slack
     else:
         usual, slack = default_limits(stored_promises(result.scene)), default_suite().slack
         # A default limit is left out where the run has no such figure.
@@ -170,11 +159,12 @@ def _judged(
     motion_may_change: bool = False,
 ) -> list[GateRow]:
     """Rows of a run but its time; figures of a base with other inputs are left out."""
-    inputs = [] if base is None else [judge_inputs(name, head, base, motion_may_change)]
+    inputs = [] if base is None else [verdicts.judge_inputs(name, head, base, motion_may_change)]
     alike = None if base is None or differences(base.inputs, head.inputs) else base
-    counters = [] if alike is None else judge_counters(name, head, alike, slack)
-    bits = [] if alike is None else judge_bits(name, head, alike)
-    return [*inputs, *bits, *judge_errors(name, head, alike, limits), *judge_others(name, head, limits), *counters]
+    counters = [] if alike is None else verdicts.judge_counters(name, head, alike, slack)
+    bits = [] if alike is None else verdicts.judge_bits(name, head, alike)
+    errors, others = verdicts.judge_errors(name, head, alike, limits), verdicts.judge_others(name, head, limits)
+    return [*inputs, *bits, *errors, *others, *counters]
 
 
 @dataclass(frozen=True)
@@ -194,7 +184,7 @@ class _SuiteGate:
         try:
             figures = self.head.figures(scene, self.suite.folder)
         except RunFailed as failed:
-            return [failed_run(scene.name, str(failed), refused=failed.refused)], None
+            return [verdicts.failed_run(scene.name, str(failed), refused=failed.refused)], None
         rows: list[GateRow] = []
         kept = None if self.baseline is None else self.baseline.scenes.get(scene.name)
         before, why, base = None if kept is None else kept.figures, "", self.base
@@ -231,7 +221,7 @@ class _SuiteGate:
             except RunFailed as failed:
                 # It ran once and does not run every time.
                 if failed.side == self.head.name:
-                    return [*rows, failed_run(scene.name, str(failed))], None
+                    return [*rows, verdicts.failed_run(scene.name, str(failed))], None
                 rows.append(inputs_row(scene.name, str(failed), NOT_COMPARABLE, "time"))
         return rows, recorded
 
@@ -245,7 +235,7 @@ class _SuiteGate:
         suite, rows = self.suite, []
         if base is not None:
             times, before = process_times(scene, suite.folder, self.head, base, suite.time.processes, step)
-            rows.append(judge_time(scene.name, times, before, suite.time.limit))
+            rows.append(verdicts.judge_time(scene.name, times, before, suite.time.limit))
         against = kept if self.base is None and kept is not None and kept.times else None
         if against is not None and self.baseline is not None and self.baseline.reference_version != REFERENCE_VERSION:
             reason = f"reference workload {self.baseline.reference_version} there, {REFERENCE_VERSION} here"
@@ -257,5 +247,5 @@ class _SuiteGate:
         if against is not None:
             here = [time / reference for time, reference in zip(times, references)]
             there = [time / reference for time, reference in zip(against.times, against.references)]
-            rows.append(judge_time(scene.name, here, there, suite.time.recorded_limit, divided=True))
+            rows.append(verdicts.judge_time(scene.name, here, there, suite.time.recorded_limit, divided=True))
         return rows, structs.replace(recorded, times=tuple(times), references=tuple(references))

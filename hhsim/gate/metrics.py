@@ -12,18 +12,12 @@ import numpy as np
 from hhsim.arrays import AnyArray
 from hhsim.gate.input_hash import RunInputs, run_inputs
 from hhsim.hand.forward_kinematics import PlacedHand
-from hhsim.metrics import metrics
+from hhsim.metrics import metrics, session_faults
 from hhsim.metrics.run.registry import judged_metrics, known_figures, run_metrics, tick_figures
 from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
 from hhsim.metrics.run_metric import Figure
 from hhsim.metrics.run_ticks import PLACED, result_ticks, touched_object
-from hhsim.metrics.session_faults import (
-    SESSION_FAULTS,
-    SESSION_TIMES,
-    ended_before_its_time,
-    first_mishap,
-    recorded_faults,
-)
+from hhsim.metrics.session_faults import SESSION_FAULTS, SESSION_TIMES
 from hhsim.replay.limits import default_limits, stored_promises
 from hhsim.result.digest import tick_digest
 from hhsim.result.reader import Result
@@ -116,8 +110,8 @@ def run_figures(result: Result) -> RunFigures:
     others |= {name: float(value) for name, value in result.score.items() if name in OF_SUBMISSIONS}
     ended = ("", "")
     if result.live is not None:
-        others |= recorded_faults(result).figures
-        ended = first_mishap(result), ended_before_its_time(result)
+        others |= session_faults.recorded_faults(result).figures
+        ended = session_faults.first_mishap(result), session_faults.ended_before_its_time(result)
     stuck = is_mostly_stuck(errors.get("stuck_ticks", 0.0), result.ticks)
     suspicions = tuple(map(str, result.scene.get("submission", {}).get("suspicions", ())))
     promises = stored_promises(result.scene)

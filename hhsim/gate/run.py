@@ -13,10 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hhsim.errors import HhsimError, InputError
 from hhsim.gate.metrics import RunFigures, cpu_p50, run_figures
 from hhsim.gate.suite import GateScene
 from hhsim.gate.time_comparison import base_first
+from hhsim.kernels.machine_calibration import ROWS, SPHERES, time_reference
 from hhsim.result.reader import Result, load_result
 from hhsim.system.deferred_sigint import interruptible_between
 
@@ -130,8 +134,6 @@ def process_times(
     Without a base, the second times are those of the reference workload, right before each process of head. Raises
     RunFailed where a run did not end well.
     """
-    from hhsim.gate.machine_calibration import reference_p50
-
     times: dict[str, list[float]] = {"head": [], "base": []}
     with interruptible_between() as check_interrupt:
         for pair in range(processes):
@@ -142,3 +144,26 @@ def process_times(
                 times[name].append(reference_p50() if side is None else side.replay(scene, folder, cpu_p50))
                 check_interrupt()
     return times["head"], times["base"]
+
+
+def reference_p50(repeats: int = 2_000) -> float:
+    """Median CPU time of a fixed workload on this machine now [s]: the yardstick of times taken on another machine.
+
+    The first call compiles it, or loads it.
+    """
+    center, radius, matrix = reference_input()
+    factor = np.zeros_like(matrix)
+    time_reference(center, radius, matrix, factor, np.zeros(10, np.int64))
+    duration = np.zeros(repeats, np.int64)
+    time_reference(center, radius, matrix, factor, duration)
+    return float(np.median(duration)) * 1e-9
+
+
+def reference_input() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Centres (3, S), radii (S,) and a positive definite matrix (21, 21), the same numbers for ever."""
+    index = np.arange(3 * SPHERES, dtype=np.float64)
+    center = ((index * 0.6180339887498949) % 1.0).reshape(3, SPHERES)
+    radius = np.asarray(0.01 + 0.01 * ((np.arange(SPHERES) * 0.7548776662466927) % 1.0), dtype=np.float64)
+    row = np.arange(ROWS, dtype=np.float64)
+    matrix = np.exp(-np.abs(row[:, None] - row[None, :]) / 4.0) + np.eye(ROWS)
+    return center, radius, matrix

@@ -184,13 +184,9 @@ class GateSuite(_SuiteTable, frozen=True, kw_only=True):
     folder: Path  # folder of the file, to which paths are relative
     source: str  # name for messages
 
-    def limits_of(self, kind: str) -> Mapping[str, float]:
-        """Return the suite's limits that a result of a kind can have."""
-        return usual_limits(kind, self.limits)
-
 
 def usual_limits(kind: str, limits: Mapping[str, float]) -> dict[str, float]:
-    """Return the limits that scenes of a kind can have."""
+    """Return those of a suite's limits that a scene, or a result, of a kind can have."""
     others = {name for of, names in ONLY_OF.items() if of != kind for name in names}
     return {name: limit for name, limit in limits.items() if name not in others}
 

@@ -10,17 +10,11 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
+from hhsim.kernels.mesh import features as kernel
 from hhsim.kernels.mesh.bvh import pseudonormals
 from hhsim.kernels.mesh.covered_borders import covered_corners, covered_edges, touches_itself
 from hhsim.kernels.mesh.feature_distance import ON
-from hhsim.kernels.mesh.features import (
-    EDGE_FIELDS,
-    FACE_FIELDS,
-    FaceSpheres,
-    MeshFeatures,
-    face_spheres,
-    touchable_vertices,
-)
+from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.topology import directed_edges, distinct_rows, face_areas, merged_vertices, part_labels
 from hhsim.reproducible import arc_tangent, dot, norm, sine_and_cosine
@@ -74,7 +68,7 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
     normal[~high] = _normals(shape[~high])[0]
     # First what needs most room beside it: a million triangles hold a gigabyte in the end.
     face, slack = _faces(shape, normal)
-    spheres = face_spheres(corner)
+    spheres = kernel.face_spheres(corner)
 
     side, ends, edge, first, edge_ends, line = _edges(place, corners)
     # What has no area has no direction across its sides.
@@ -122,7 +116,7 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
     if one_sided:
         normal_at[corners] = outward[:, 1:4]
     touchable = np.empty(len(place), dtype=bool)
-    touchable_vertices(spoke_start, spoke, normal_at, touchable)
+    kernel.touchable_vertices(spoke_start, spoke, normal_at, touchable)
     if not one_sided:
         border = np.flatnonzero(np.diff(wing_start) == 1)
         inward, own = wing[wing_start[border]], wing_face[wing_start[border]]
@@ -182,7 +176,7 @@ def _strips(triangle: FloatArray) -> FloatArray:
 
 
 def _are_covered(
-    spheres: FaceSpheres, face: FloatArray, place: FloatArray, corners: IntArray, marked: IntArray
+    spheres: kernel.FaceSpheres, face: FloatArray, place: FloatArray, corners: IntArray, marked: IntArray
 ) -> BoolArray:
     # Which of the corners marked lie within the plane of each of their faces.
     covered = np.zeros(len(place), dtype=bool)
@@ -242,7 +236,7 @@ def _normals(triangle: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _faces(triangle: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     # The fields of each face, and how far it reaches beyond its sides [m].
-    face = np.empty((len(triangle), FACE_FIELDS))
+    face = np.empty((len(triangle), kernel.FACE_FIELDS))
     face[:, :3] = normal
     face[:, 3] = dot(normal, triangle[:, 0])
     slack = np.minimum(ON, BEYOND * _least_half_sine(triangle))
@@ -276,7 +270,7 @@ def _edges(place: FloatArray, corners: IntArray) -> tuple[IntArray, IntArray, In
     edge_ends = np.ascontiguousarray(np.stack([low[first], top[first]], axis=1))
     start, along = place[edge_ends[:, 0]], place[edge_ends[:, 1]] - place[edge_ends[:, 0]]
     length = np.linalg.norm(along, axis=1)[:, None]
-    line = np.ascontiguousarray(np.concatenate([start, along / length, length], axis=1)).reshape(-1, EDGE_FIELDS)
+    line = np.ascontiguousarray(np.concatenate([start, along / length, length], axis=1)).reshape(-1, kernel.EDGE_FIELDS)
     return side, ends, edge.reshape(-1), first, edge_ends, line
 
 

@@ -7,16 +7,9 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import OutputError, TrajectoryError
+from hhsim.hand import model
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.model import (
-    BREADTH_PER_LENGTH,
-    DEFAULT_HAND_LENGTH,
-    HAND_LENGTH_RANGE,
-    MIRROR,
-    HandModel,
-    default_fingers,
-    format_hand_file,
-)
+from hhsim.hand.model import HandModel
 from hhsim.recordings.finger_ik import finger_joints, usual_fingers
 from hhsim.recordings.frames import in_palm, turned
 from hhsim.recordings.joint_fit import fitted_angles, fitted_axes, recorded_limits
@@ -46,14 +39,14 @@ def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
     if bones is None:
         form = recording.form or "it"
         raise TrajectoryError(f"--fit-hand needs the centres of the joints, and {form} holds angles only")
-    low, high = HAND_LENGTH_RANGE
+    low, high = model.HAND_LENGTH_RANGE
     if not low <= bones.hand_length <= high:
         raise TrajectoryError(f"--fit-hand: the hand is {bones.hand_length:.3g} m long; expected {low:g} to {high:g} m")
     usual = usual_fingers()["base"]
     width = np.linalg.norm(bones.base[1] - bones.base[4]) / np.linalg.norm(usual[1] - usual[4])
-    share = float(np.clip(width * BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH / bones.hand_length, *BREADTHS))
+    share = float(np.clip(width * model.BREADTH_PER_LENGTH * model.DEFAULT_HAND_LENGTH / bones.hand_length, *BREADTHS))
     breadth = share * bones.hand_length
-    ours = default_fingers(bones.hand_length, breadth)
+    ours = model.default_fingers(bones.hand_length, breadth)
     radius = ours["radius"] if bones.radius is None else np.minimum.accumulate(bones.radius, axis=1)
     length = bones.length.copy()
     if bones.tip_on_surface:
@@ -66,7 +59,7 @@ def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
             f"--fit-hand: bone {bone + 1} of the {FINGERS[finger]} is {1e3 * length[finger, bone]:.1f} mm long; "
             f"expected more than {1e3 * SHORTEST:g} mm"
         )
-    mirror = MIRROR if bones.hand == "left" else np.ones(3)
+    mirror = model.MIRROR if bones.hand == "left" else np.ones(3)
     axes: dict[str, FloatArray] = {}
     if recording.joints is not None:
         recording, axes = _fitted(recording, recording.joints, bones, mirror)
@@ -76,7 +69,9 @@ def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
     sizes = {"base": base - shift, "length": length} | axes | ({} if bones.radius is None else {"radius": radius})
     fingers = {finger: {key: rows[f] for key, rows in sizes.items()} for f, finger in enumerate(FINGERS)}
     radii = "radii in proportion to its length and breadth" if bones.radius is None else "radii as recorded"
-    text = format_hand_file(bones.hand_length, breadth, fingers, f"Fitted to {source}: bones as medians, {radii}.")
+    text = model.format_hand_file(
+        bones.hand_length, breadth, fingers, f"Fitted to {source}: bones as medians, {radii}."
+    )
     # What no hand file may hold is refused before it is written.
     HandModel.of_text(text, "--fit-hand")
     moved = recording.changed(position=recording.position + turned(recording.orientation, shift * mirror))

@@ -11,20 +11,10 @@ import numpy as np
 
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork
+from hhsim.kernels.tick import method as parts
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
 from hhsim.kernels.tick.haptic_input import set_haptic
-from hhsim.kernels.tick.method import (
-    Coupled,
-    Progressive,
-    advance,
-    begin_motion,
-    energy_stalled,
-    finish_tick,
-    may_end,
-    recover,
-    solve_linearisation,
-    solve_program,
-)
+from hhsim.kernels.tick.method import Coupled, Progressive
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_PALM
@@ -45,7 +35,7 @@ class PythonPrograms(NamedTuple):
     solve: Callable[[], bool]
 
 
-@solve_program.of(PythonPrograms)
+@parts.solve_program.of(PythonPrograms)
 def _solve(given: PythonPrograms, state: Any, qp: QpWork) -> int:
     return OPTIMAL if given.solve() else INFEASIBLE
 
@@ -54,10 +44,10 @@ def _as_the_method(part: Any) -> Any:
     return lambda given, *others: part(given.method, *others)
 
 
-for _part in (begin_motion, may_end, recover, advance, finish_tick, energy_stalled):
+for _part in (parts.begin_motion, parts.may_end, parts.recover, parts.advance, parts.finish_tick, parts.energy_stalled):
     _part.of(PythonPrograms)(_as_the_method(_part))
 # Interpreted, so that it can call Python; what else it calls is compiled.
-solve_linearisation.of(PythonPrograms)(getattr(solve_hand, "py_func", solve_hand))
+parts.solve_linearisation.of(PythonPrograms)(getattr(solve_hand, "py_func", solve_hand))
 
 
 def drive_tick(workspace: TickWorkspace, method: Coupled | Progressive, solve: Callable[[], bool]) -> int:

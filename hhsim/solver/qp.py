@@ -82,11 +82,6 @@ class QpProblem:
         if not np.all(self.stiffness > 0.0):
             raise InputError(f"QP: every stiffness must be positive, the least is {self.stiffness.min()}")
 
-    def objective(self, solution: FloatArray) -> float:
-        """Coupling energy [J] at δ, shape (n,)."""
-        offset = solution - self.target
-        return 0.5 * float(offset @ (self.stiffness * offset))
-
     def kkt_residual(self, solution: FloatArray, multiplier: FloatArray) -> float:
         """Largest violation [√J] of the optimality conditions by δ, shape (n,), with multipliers, shape (m,).
 

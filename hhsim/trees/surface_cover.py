@@ -8,14 +8,7 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.cover.greedy_cover import (
-    assign,
-    covering_radius,
-    greedy_cover,
-    longest_edges,
-    owner_cost,
-    spare_spheres,
-)
+from hhsim.kernels.cover import greedy_cover as kernel
 from hhsim.kernels.cover.micro_triangle import MicroTriangles, cut_mesh, edges_for, halve
 from hhsim.kernels.cover.sphere_descent import move_spheres
 from hhsim.kernels.kd_tree import subtrees
@@ -88,7 +81,7 @@ class _Cover:
         """Give every micro-triangle to its best sphere, by their depths or by other ones."""
         depth = self.depth if depth is None else depth
         self.workers.each(
-            lambda root: assign(
+            lambda root: kernel.assign(
                 self.micro, root, self.center, depth, self.owner, self.cost, self.second_owner, self.second_cost
             ),
             ((root,) for root in self.roots),
@@ -101,7 +94,7 @@ class _Cover:
             center, depth = np.empty((self.spheres, 3)), np.empty(self.spheres)
             center[:here], depth[:here] = self.center, self.depth
             # In its own frame the mesh has the size 1.
-            count = greedy_cover(
+            count = kernel.greedy_cover(
                 self.bvh, self.micro, 1.0, _REACH, 2 * _TRIALS, here, center, depth, self.owner, self.cost
             )
             self.center, self.depth = center[:count].copy(), depth[:count].copy()
@@ -120,13 +113,13 @@ class _Cover:
         self.micro, source = halve(self.micro, chosen)
         self.owner, self.second_owner = self.owner[source], self.second_owner[source]
         self.cost, self.second_cost = np.empty((2, len(source)))
-        owner_cost(self.micro, self.center, self.depth, self.owner, self.cost)
-        owner_cost(self.micro, self.center, self.depth, self.second_owner, self.second_cost)
+        kernel.owner_cost(self.micro, self.center, self.depth, self.owner, self.cost)
+        kernel.owner_cost(self.micro, self.center, self.depth, self.second_owner, self.second_cost)
 
     def refine(self, share: float) -> None:
         """Halve the micro-triangles that cost more than `share` of the worst: they decide the cost of their spheres."""
         longest, own = np.empty(len(self.owner)), self._largest(self.cost)
-        longest_edges(self.micro.corner, longest)
+        kernel.longest_edges(self.micro.corner, longest)
         # A sphere that no other one can stand in for costs infinitely much; between two of those there is no number.
         with np.errstate(invalid="ignore"):
             high = float(np.quantile(own, _HIGH))
@@ -165,7 +158,7 @@ class _Cover:
             # Without a sphere the cover costs what its micro-triangles cost under their second ones.
             cost = self._largest(self.second_cost)
             spared = np.empty(len(self.depth), np.bool_)
-            spare_spheres(
+            kernel.spare_spheres(
                 np.argsort(cost, kind="stable"), first, order, self.second_owner, len(self.depth) - spheres, spared
             )
             lost = spared[self.owner]
@@ -308,7 +301,7 @@ def cover_of(
     progress("cover", cycles + 1, cycles + 1)
 
     radius = np.empty(len(cover.depth))
-    covering_radius(cover.micro, cover.center, cover.owner, radius)
+    kernel.covering_radius(cover.micro, cover.center, cover.owner, radius)
     used = radius >= 0.0
     center, radius = mesh.frame.out_of(cover.center[used]), radius[used] * mesh.frame.size
     size = max(mesh.reach, float(np.abs(center).max()))

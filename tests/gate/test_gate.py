@@ -23,7 +23,15 @@ from hhsim.gate.input_hash import TOLERANCE, differences
 from hhsim.gate.metrics import RunFigures, run_figures
 from hhsim.gate.report import cells, headline, junit, markdown, number_text
 from hhsim.gate.run import RunFailed, Side
-from hhsim.gate.suite import GateScene, GateSuite, default_suite, default_suite_text, load_suite, parse_suite
+from hhsim.gate.suite import (
+    GateScene,
+    GateSuite,
+    default_suite,
+    default_suite_text,
+    load_suite,
+    parse_suite,
+    usual_limits,
+)
 from hhsim.gate.verdict import GateRow, judge_errors, judge_time, overall
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.replay.limits import default_limits
@@ -349,7 +357,7 @@ def test_a_figure_has_one_limit_for_all_methods_or_is_not_promised() -> None:
     # The objects of the default suite are fixed.
     free = {name: metric.judged for name, metric in judged_metrics().items() if metric.free_only}
     limited_ones = {name: by.limit for name, by in free.items() if by is not None and by.limit is not None}
-    usual = {**default_suite().limits_of("object"), **limited_ones}
+    usual = {**usual_limits("object", default_suite().limits), **limited_ones}
     lacks = {"coupled": set(), "progressive": {"tracking_excess"}}
     neither = {"tracking_excess", "penetration_max", "free_off_max"}
     for method in METHODS:
@@ -396,9 +404,9 @@ def test_figures_of_a_session_are_limited_beside_those_of_scenes(result: Path) -
     assert not of_sessions & suite.scenes[0].limits.keys()
     replayed = load_result(result)
     assert not of_sessions & {row.name for row in gate_result(replayed, suite).rows}
-    limits = suite.limits_of("session")
+    limits = usual_limits("session", suite.limits)
     assert limits.keys() & of_sessions == of_sessions - {"ended_early"} and limits["freed_share"] == 5.0
-    assert "mesh_depth_max" not in limits and "mesh_depth_max" in suite.limits_of("submission")
+    assert "mesh_depth_max" not in limits and "mesh_depth_max" in usual_limits("submission", suite.limits)
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,7 @@ def one_run(one_result: tuple[RunFigures, float], monkeypatch: pytest.MonkeyPatc
         return one_result[0] if read is run_figures else one_result[1]
 
     monkeypatch.setattr(Side, "replay", replay)
-    monkeypatch.setattr("hhsim.gate.machine_calibration.reference_p50", lambda: 1e-6)
+    monkeypatch.setattr("hhsim.gate.run.reference_p50", lambda: 1e-6)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import integrate, stats
 
 from hhsim.errors import InputError
-from hhsim.gate import machine_calibration as gate_reference
+from hhsim.gate import run as gate_reference
 from hhsim.gate.time_comparison import base_first, compare_times
 from hhsim.kernels import machine_calibration as reference_work
 

@@ -19,10 +19,9 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
-from hhsim.repair.link_depth import DEPTH_FRAMES, link_depths
 from hhsim.repair.retarget import Retargeted, retarget
 from hhsim.repair.robot_hand import RobotHand
-from hhsim.repair.robot_motion import robot_motion
+from hhsim.repair.robot_motion import DEPTH_FRAMES, link_depths, robot_motion
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import make_scene

@@ -5,29 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.bench.robustness.case import (
-    Figure,
-    HardCase,
-    HardRun,
-    Outcome,
-    ball_run,
-    distance_left,
-    largest_step,
-    rest_figure,
-    rest_of_run,
-)
-from hhsim.bench.robustness.postures import (
-    FIST,
-    HALF,
-    INDEX,
-    POINTING,
-    joints_at_origin,
-    poke,
-    shifted,
-    squeeze,
-    threaded,
-    tip_at,
-)
+from hhsim.bench.robustness import case, postures
+from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
+from hhsim.bench.robustness.postures import FIST, HALF, INDEX, POINTING, shifted
 from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of
 from hhsim.bench.robustness.triangle_objects import ball_mesh, box_mesh, joined_mesh, ring_mesh, roof_mesh
 from hhsim.bench.run_errors import hand_clearance, placed_of
@@ -53,7 +33,7 @@ RIDGE_SPHERE = 3e-3
 
 
 def _handle_place() -> tuple[FloatArray, FloatArray, float]:
-    radius, joints = right_hand().radius[INDEX], joints_at_origin(POINTING)[INDEX]
+    radius, joints = right_hand().radius[INDEX], postures.joints_at_origin(POINTING)[INDEX]
     axis = (joints[2] - joints[1]) / np.linalg.norm(joints[2] - joints[1])
     inner = 0.5 * (radius[1] + radius[2]) + 0.5 * HANDLE_CLEARANCE
     return 0.5 * (joints[1] + joints[2]), axis, float(inner)
@@ -77,16 +57,16 @@ def _handle(seed: int) -> Sequence[HardRun]:
 
 def _judge_handle(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     center, axis, inner = _handle_place()
-    within = threaded(outcomes[0].ticks.joints[:, INDEX], center, axis, inner + HANDLE_PROFILE)
+    within = postures.threaded(outcomes[0].ticks.joints[:, INDEX], center, axis, inner + HANDLE_PROFILE)
     return [
         Figure("ticks of shaking with the finger through the ring's side", int((~within[125:725]).sum()), 0),
-        distance_left(outcomes, "distance left after pulling it out"),
+        case.distance_left(outcomes, "distance left after pulling it out"),
     ]
 
 
 def _opposed(seed: int) -> Sequence[HardRun]:
     random = np.random.default_rng([seed, 11])
-    tip = still(tip_at(np.zeros(3)), flexion=POINTING)
+    tip = still(postures.tip_at(np.zeros(3)), flexion=POINTING)
     start, deep = shifted(tip, 0.0, -0.1, 0.0), shifted(tip, 0.0, 0.06, 0.0)
     motion = start.hold(4).line(deep, 200).hold(100)
     for side in (0.03, -0.03):
@@ -99,7 +79,7 @@ def _opposed(seed: int) -> Sequence[HardRun]:
         ("cup", "in the cup's handle", (0.0331, 0.012, -0.0022), np.array(UPRIGHT), (0.0, 1.0, 0.0)),
     ):
         item, along = load_object(name), np.array(direction)
-        goal = still(tip_at(point, orientation), orientation, POINTING)
+        goal = still(postures.tip_at(point, orientation), orientation, POINTING)
         start = shifted(goal, *(-0.1 * along))
         motion = start.hold(4).line(goal, 120).line(shifted(goal, *(0.02 * along)), 60).hold(20)
         for _ in range(25):
@@ -127,7 +107,7 @@ def _wedge() -> tuple[SphereTree, Mesh]:
 
 
 def _judge_released(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
-    return [distance_left(outcomes, "distance left after pulling the finger out")]
+    return [case.distance_left(outcomes, "distance left after pulling the finger out")]
 
 
 def _inside(seed: int) -> Sequence[HardRun]:
@@ -135,7 +115,7 @@ def _inside(seed: int) -> Sequence[HardRun]:
     runs = []
     for name, start, item in (
         ("palm in the middle", still((0.0, 0.0, 0.0), flexion=HALF), usual),
-        ("fingertip 10 mm in", still(tip_at((0.0, 0.0, BALL_RADIUS - 0.01)), flexion=POINTING), usual),
+        ("fingertip 10 mm in", still(postures.tip_at((0.0, 0.0, BALL_RADIUS - 0.01)), flexion=POINTING), usual),
         ("ball in a closed fist", still(np.zeros(3), flexion=FIST), _fist_ball()),
         ("palm in a wall", still((0.0, 0.0, 0.0), flexion=HALF), wall),
     ):
@@ -156,13 +136,13 @@ def _judge_inside(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     return [
         Figure("starts inside without the status bit", unmarked, 0),
         Figure("gap to the surface while inside", float(np.max(gaps)), 1e-5, "m"),
-        distance_left(outcomes, "distance left after leaving", 1e-9),
+        case.distance_left(outcomes, "distance left after leaving", 1e-9),
     ]
 
 
 def _fist_ball() -> tuple[SphereTree, Mesh]:
     """A ball of 20 mm that the four fingers of a fist curl around."""
-    middle = joints_at_origin(FIST)[1:, 1:3].reshape(-1, 3).mean(axis=0)
+    middle = postures.joints_at_origin(FIST)[1:, 1:3].reshape(-1, 3).mean(axis=0)
     return ball(300, 0.02).transformed(np.eye(3), middle), ball_mesh(0.02, 3).transformed(np.eye(3), middle)
 
 
@@ -192,7 +172,7 @@ def _degenerate(seed: int) -> Sequence[HardRun]:
         HardRun("64 spheres in one place", motion, tree_of(same, np.repeat([0.03, 0.02], 64))),
         HardRun("spheres of no size", motion, tree_of(points, 0.0)),
         HardRun("radii 1,000:1", motion, tree_of(core, sizes)),
-        HardRun("one point", poke(), tree_of(np.zeros((1, 3)), 0.0)),
+        HardRun("one point", postures.poke(), tree_of(np.zeros((1, 3)), 0.0)),
     ]
 
 
@@ -211,7 +191,7 @@ def _many(seed: int) -> Sequence[HardRun]:
 
 
 def _judge_many(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
-    return [rest_of_run(outcome, slice(-161, -100)) for outcome in outcomes]
+    return [case.rest_of_run(outcome, slice(-161, -100)) for outcome in outcomes]
 
 
 def _cast_in(seed: int) -> Sequence[HardRun]:
@@ -232,11 +212,11 @@ def _cast_in(seed: int) -> Sequence[HardRun]:
 
 def _judge_cast_in(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     stuck = sum(int(((outcome.ticks.status & STATUS_STUCK) > 0).sum()) for outcome in outcomes)
-    return [Figure("stuck ticks", stuck, 0), *(rest_of_run(outcome, slice(-41, None)) for outcome in outcomes)]
+    return [Figure("stuck ticks", stuck, 0), *(case.rest_of_run(outcome, slice(-41, None)) for outcome in outcomes)]
 
 
 def _too_many(seed: int) -> Sequence[HardRun]:
-    return [HardRun("5,000 spheres in one place", poke(), tree_of(np.zeros((5000, 3)), 1e-3))]
+    return [HardRun("5,000 spheres in one place", postures.poke(), tree_of(np.zeros((5000, 3)), 1e-3))]
 
 
 def _ridge(seed: int) -> Sequence[HardRun]:
@@ -246,7 +226,7 @@ def _ridge(seed: int) -> Sequence[HardRun]:
     rows = [
         spheres + [0.5 * RIDGE_SPHERE * (i % 2), i * RIDGE_SPHERE, -0.8 * abs(i) * RIDGE_SPHERE] for i in range(-8, 9)
     ]
-    pressed = still(tip_at((-0.04, 0.0, 0.004)), flexion=POINTING)
+    pressed = still(postures.tip_at((-0.04, 0.0, 0.004)), flexion=POINTING)
     motion = shifted(pressed, 0.0, 0.0, 0.04).hold(4).line(pressed, 100).hold(40)
     ticks = 600
     time = np.linspace(0.0, 1.0, ticks)[:, None]
@@ -262,21 +242,21 @@ def _ridge(seed: int) -> Sequence[HardRun]:
 
 def _judge_ridge(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     outcome, sliding = outcomes[0], slice(144, -60)
-    shown = largest_step(outcome.ticks.joints[sliding, INDEX, 3])
+    shown = case.largest_step(outcome.ticks.joints[sliding, INDEX, 3])
     return [
         # Three coordinates and a lever may each add as much as the hand's own motion; a jump is far more.
         Figure(
             "largest step of the fingertip over the hand's",
-            shown / largest_step(outcome.run.motion.position[sliding]),
+            shown / case.largest_step(outcome.run.motion.position[sliding]),
             10.0,
         ),
-        rest_figure(outcome, slice(-61, None)),
+        case.rest_figure(outcome, slice(-61, None)),
     ]
 
 
 def _touching(seed: int) -> Sequence[HardRun]:
     hand = right_hand()
-    joints = joints_at_origin(np.zeros((5, 3)))
+    joints = postures.joints_at_origin(np.zeros((5, 3)))
     rest = still(np.zeros(3))
     runs = []
     for finger, name in ((2, "middle fingertip"), (INDEX, "index fingertip")):
@@ -312,7 +292,7 @@ def _limits(seed: int) -> Sequence[HardRun]:
     for name, flexion in (("curled beyond", hand.flexion_max + 0.5), ("stretched beyond", hand.flexion_min - 0.5)):
         above, pressed = (still((0.0, -0.045, height), flexion=flexion) for height in (0.12, 0.03))
         motion = above.hold(20).line(pressed, 120).hold(100).line(above, 100).hold(20)
-        runs.append(ball_run(f"{name}, pressed on a ball", motion))
+        runs.append(case.ball_run(f"{name}, pressed on a ball", motion))
     return runs
 
 
@@ -332,19 +312,19 @@ def _wire(seed: int) -> Sequence[HardRun]:
         ("index finger", POINTING, np.zeros(5), INDEX),
     ):
         # The wire stands 30 mm behind the fingertip.
-        middle = tip_at(np.zeros(3), flexion=flexion, finger=finger) + [0.0, 0.03, 0.0]
+        middle = postures.tip_at(np.zeros(3), flexion=flexion, finger=finger) + [0.0, 0.03, 0.0]
         left, right = (still(middle + [x, 0.0, 0.0], flexion=flexion, abduction=abduction) for x in (-0.1, 0.1))
         runs.append(HardRun(name, left.hold(4).line(right, 40).hold(40).line(left, 40).hold(40), wire))
     return runs
 
 
 def _abduction(seed: int) -> Sequence[HardRun]:
-    joints = joints_at_origin(np.full((5, 3), 0.1))
+    joints = postures.joints_at_origin(np.full((5, 3), 0.1))
     between = 0.5 * (joints[1, 2] + joints[2, 2])
     gap = 0.5 * float(np.linalg.norm(joints[1, 2] - joints[2, 2])) - right_hand().radius[1, 2]
     radius = max(gap, 0.002)
     mesh = ball_mesh(radius, 3).transformed(np.eye(3), between)
-    return [HardRun("ball between two fingers", squeeze(), tree_of(between, radius), mesh)]
+    return [HardRun("ball between two fingers", postures.squeeze(), tree_of(between, radius), mesh)]
 
 
 CONTACT_CASES = (

@@ -5,16 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.robustness.case import (
-    Figure,
-    HardCase,
-    HardRun,
-    Outcome,
-    ball_run,
-    motion_difference,
-    rest_figure,
-    shown_points,
-)
+from hhsim.bench.robustness import case
+from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import HALF, POINTING, RIM, crossings, handling, tip_at
 from hhsim.bench.robustness.sphere_objects import ball, disc, plate, tree_of
 from hhsim.bench.robustness.triangle_objects import ball_mesh, box_mesh, disc_mesh
@@ -48,7 +40,7 @@ def _judge_deep(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     return [
         Figure("gap to the surface at the end", gap, TOUCHING, "m"),
         Figure("palm above the ball's middle at the end", record.position[-1, 2], 0.1, "m", at_least=True),
-        rest_figure(outcome, slice(190, None)),
+        case.rest_figure(outcome, slice(190, None)),
     ]
 
 
@@ -73,7 +65,7 @@ def _swipe(seed: int) -> Sequence[HardRun]:
 
 
 def _through(outcomes: Sequence[Outcome], thing: str, radius: float) -> Figure:
-    through = sum(crossings(shown_points(outcome.ticks), radius - RIM) for outcome in outcomes)
+    through = sum(crossings(case.shown_points(outcome.ticks), radius - RIM) for outcome in outcomes)
     return Figure(f"points of the hand that went through the {thing}", through, 0)
 
 
@@ -94,10 +86,10 @@ def _teleport(seed: int) -> Sequence[HardRun]:
         for y, orientation, ticks in ((-0.03, UPRIGHT, 200), (0.0, turned, 100))
     )
     return [
-        ball_run("through air", air),
-        ball_run("across a ball", across_ball),
+        case.ball_run("through air", air),
+        case.ball_run("across a ball", across_ball),
         HardRun("across a wall", across_wall, wall, box_mesh(2.0 * WALL, 2.0 * WALL, 4.6e-3)),
-        ball_run("back and forth", sequence(*jumps)),
+        case.ball_run("back and forth", sequence(*jumps)),
     ]
 
 
@@ -142,10 +134,10 @@ def _bad_samples(seed: int) -> Sequence[HardRun]:
     for values in late:
         values[:7] = np.nan
     return [
-        ball_run("a fifth is bad", dirty),
-        ball_run("the last good one repeated", hold_readings(dirty)),
-        ball_run("none at first", late),
-        ball_run("the first one from the start", hold_readings(late)),
+        case.ball_run("a fifth is bad", dirty),
+        case.ball_run("the last good one repeated", hold_readings(dirty)),
+        case.ball_run("none at first", late),
+        case.ball_run("the first one from the start", hold_readings(late)),
     ]
 
 
@@ -159,8 +151,8 @@ def _judge_bad_samples(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     invalid = [(outcome.ticks.status & STATUS_INPUT_INVALID) > 0 for outcome in outcomes]
     differing = sum(int((bad == sound_samples(o.run.motion)).sum()) for bad, o in zip(invalid, outcomes))
     return [
-        Figure("difference to the last good sample repeated", motion_difference(dirty, repeated), 0.0, "m"),
-        Figure("difference to a hand that waits for its first sample", motion_difference(late, first), 0.0, "m"),
+        Figure("difference to the last good sample repeated", case.motion_difference(dirty, repeated), 0.0, "m"),
+        Figure("difference to a hand that waits for its first sample", case.motion_difference(late, first), 0.0, "m"),
         Figure("samples not told good from bad", differing, 0),
     ]
 
@@ -173,7 +165,7 @@ def _turns(seed: int) -> Sequence[HardRun]:
         for axis in np.concatenate([np.eye(3), -np.eye(3)]):
             turned = touching._replace(orientation=quaternion_product(quaternion(angle * axis), touching.orientation))
             motion = sequence(motion, turned.hold(59), touching.hold(59))
-        runs.append(ball_run(name, motion))
+        runs.append(case.ball_run(name, motion))
     return runs
 
 
@@ -185,7 +177,7 @@ def _never(seed: int) -> Sequence[HardRun]:
     motion = still((0.0, 0.0, 0.45), flexion=HALF, ticks=ticks)
     motion.position[:] += 0.1 * np.sin(2.0 * np.pi * time * [1.0, 2.0, 3.0] + phase)
     motion.orientation[:] = quaternion(1.2 * np.sin(2.0 * np.pi * time * [2.0, 1.0, 3.0] + phase))
-    return [ball_run("half a metre away", motion)]
+    return [case.ball_run("half a metre away", motion)]
 
 
 def _judge_never(outcomes: Sequence[Outcome]) -> Sequence[Figure]:

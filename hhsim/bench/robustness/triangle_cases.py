@@ -6,42 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.bench.robustness.case import (
-    Figure,
-    HardCase,
-    HardRun,
-    Outcome,
-    distance_left,
-    largest_step,
-    motion_difference,
-    rest_of_run,
-    shown_points,
-)
+from hhsim.bench.robustness import case, postures
+from hhsim.bench.robustness import triangle_objects as shapes
+from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.invariance_cases import SAME, to_convergence
-from hhsim.bench.robustness.postures import (
-    HALF,
-    INDEX,
-    POINTING,
-    RIM,
-    crossings,
-    joints_at_origin,
-    shifted,
-    squeeze,
-    tip_at,
-)
+from hhsim.bench.robustness.postures import HALF, INDEX, POINTING, RIM, shifted
 from hhsim.bench.robustness.sphere_objects import right_hand
-from hhsim.bench.robustness.triangle_objects import (
-    ALONG_X,
-    box_mesh,
-    cone_mesh,
-    globe_mesh,
-    joined_mesh,
-    loose_mesh,
-    roof_mesh,
-    sheet_mesh,
-    strips_mesh,
-    tube_mesh,
-)
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.mesh import Mesh
@@ -78,44 +48,44 @@ def _run(name: str, mesh: Mesh, motion: HandConfiguration) -> HardRun:
 
 
 def _released(outcomes: Sequence[Outcome]) -> Figure:
-    return distance_left(outcomes, "distance left after pulling the finger away")
+    return case.distance_left(outcomes, "distance left after pulling the finger away")
 
 
 def _poking(side: float = 1.0) -> HandConfiguration:
     """Index finger that points down at the origin, or up at it for a side of -1; no other finger is in the way."""
     turn = quaternion(np.array([-0.5 * np.pi * side, 0.0, 0.0]))
-    return still(tip_at(np.zeros(3), turn), turn, POINTING)
+    return still(postures.tip_at(np.zeros(3), turn), turn, POINTING)
 
 
 def _thin(seed: int) -> Sequence[HardRun]:
     runs = []
     for thickness, mesh in (
-        ("of no thickness", sheet_mesh(SHEET, SHEET)),
-        ("1 nm thick", box_mesh(SHEET, SHEET, 1e-9)),
-        ("1 µm thick", box_mesh(SHEET, SHEET, 1e-6)),
+        ("of no thickness", shapes.sheet_mesh(SHEET, SHEET)),
+        ("1 nm thick", shapes.box_mesh(SHEET, SHEET, 1e-9)),
+        ("1 µm thick", shapes.box_mesh(SHEET, SHEET, 1e-6)),
     ):
         for name, side in (("from above", 1.0), ("from below", -1.0)):
             tip = _poking(side)
             start, behind = shifted(tip, 0.0, 0.0, 0.05 * side), shifted(tip, 0.0, 0.0, -0.03 * side)
             motion = start.hold(4).line(behind, 100).hold(60).line(shifted(behind, 0.03, 0.02, 0.0), 100).hold(60)
             runs.append(_run(f"{thickness}, {name}", mesh, motion.line(start, 150).hold(20)))
-    joints = joints_at_origin(np.full((5, 3), 0.1))
-    upright = sheet_mesh(0.03, 0.03).transformed(ALONG_X, 0.5 * (joints[1, 2] + joints[2, 2]))
-    return [*runs, _run("between two fingers", upright, squeeze())]
+    joints = postures.joints_at_origin(np.full((5, 3), 0.1))
+    upright = shapes.sheet_mesh(0.03, 0.03).transformed(shapes.ALONG_X, 0.5 * (joints[1, 2] + joints[2, 2]))
+    return [*runs, _run("between two fingers", upright, postures.squeeze())]
 
 
 def _judge_thin(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     flat = outcomes[:-1]
-    through = sum(crossings(shown_points(outcome.ticks), 0.5 * SHEET - RIM) for outcome in flat)
+    through = sum(postures.crossings(case.shown_points(outcome.ticks), 0.5 * SHEET - RIM) for outcome in flat)
     return [
         Figure("points of the hand that went through the sheet", through, 0),
         _released(flat),
-        *(rest_of_run(outcome, slice(264, 325)) for outcome in flat),
+        *(case.rest_of_run(outcome, slice(264, 325)) for outcome in flat),
     ]
 
 
 def _edge(seed: int) -> Sequence[HardRun]:
-    radius, joints = right_hand().radius[INDEX], joints_at_origin(POINTING)[INDEX]
+    radius, joints = right_hand().radius[INDEX], postures.joints_at_origin(POINTING)[INDEX]
     size = 0.5 * (radius[1] + radius[2])
     pressed = still(np.array([0.0, 0.0, size - 0.003]) - 0.5 * (joints[1] + joints[2]), flexion=POINTING)
     ticks = 600
@@ -129,9 +99,9 @@ def _edge(seed: int) -> Sequence[HardRun]:
     motion = motion.line(pressed, 40).hold(60).line(above, 100).hold(20)
     upright = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     return [
-        _run("a ridge of 90°", roof_mesh(0.2, 0.02, 0.02), motion),
-        _run("a ridge of 10°", roof_mesh(0.2, 0.05 * np.tan(np.radians(5.0)), 0.05), motion),
-        _run("the edge of a sheet", sheet_mesh(0.2, 0.05).transformed(upright, (0.0, 0.0, -0.025)), motion),
+        _run("a ridge of 90°", shapes.roof_mesh(0.2, 0.02, 0.02), motion),
+        _run("a ridge of 10°", shapes.roof_mesh(0.2, 0.05 * np.tan(np.radians(5.0)), 0.05), motion),
+        _run("the edge of a sheet", shapes.sheet_mesh(0.2, 0.05).transformed(upright, (0.0, 0.0, -0.025)), motion),
     ]
 
 
@@ -139,10 +109,10 @@ def _judge_edge(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     figures, moving = [_released(outcomes)], slice(164, 764)
     for outcome in outcomes:
         hand, motion = outcome.run.hand, outcome.run.motion.at(moving)
-        own = largest_step([hand.joints(*sample) for sample in zip(*motion, strict=True)])
-        shown = largest_step(shown_points(outcome.ticks)[moving])
+        own = case.largest_step([hand.joints(*sample) for sample in zip(*motion, strict=True)])
+        shown = case.largest_step(case.shown_points(outcome.ticks)[moving])
         figures.append(Figure(f"largest step of the hand over the user's, {outcome.run.name}", shown / own, JUMP))
-        figures += [rest_of_run(outcome, slice(104, 164)), rest_of_run(outcome, slice(804, 864))]
+        figures += [case.rest_of_run(outcome, slice(104, 164)), case.rest_of_run(outcome, slice(804, 864))]
     return figures
 
 
@@ -151,7 +121,7 @@ def _lying(seed: int) -> Sequence[HardRun]:
     # Turned by the taper of the last phalanx, whose underside is then parallel to the face.
     taper = np.arcsin((hand.radius[INDEX, 2] - hand.radius[INDEX, 3]) / hand.length[INDEX, 2])
     turn = quaternion(np.array([-taper, 0.0, 0.0]))
-    joints = joints_at_origin(POINTING, turn)[INDEX]
+    joints = postures.joints_at_origin(POINTING, turn)[INDEX]
     # It would bend through the face: pressed a little its tip touches, pressed more it lies flat, then its other end.
     bent = POINTING.copy()
     bent[INDEX, 2] += 0.1
@@ -160,7 +130,7 @@ def _lying(seed: int) -> Sequence[HardRun]:
     )
     # The face begins under the last joint, in front of the other fingers.
     start = joints[2, 1] - joints[3, 1] - 1e-3
-    face = sheet_mesh(0.4, 0.4).transformed(np.eye(3), (0.0, 0.2 + start, 0.0))
+    face = shapes.sheet_mesh(0.4, 0.4).transformed(np.eye(3), (0.0, 0.2 + start, 0.0))
     motion = shifted(low, 0.0, 0.0, 0.04).hold(4)
     for goal, ticks in ((low, 100), (lower, 300), (low, 300), (shifted(low, 0.02, 0.01, 0.0), 200)):
         motion = motion.line(goal, ticks).hold(60)
@@ -180,7 +150,7 @@ def _judge_lying(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
         Figure("ticks with both ends of the last phalanx on the face", lying, 20, at_least=True),
         Figure("share of the force that comes back while it is pressed and eased", float(back), STEADY),
         Figure("share by which the force changes in a tick of sliding", float(change), STEADY),
-        *(rest_of_run(outcome, slice(first, first + 60)) for first in (104, 464, 824, 1084)),
+        *(case.rest_of_run(outcome, slice(first, first + 60)) for first in (104, 464, 824, 1084)),
         _released(outcomes),
     ]
 
@@ -193,13 +163,13 @@ def _vertex(seed: int) -> Sequence[HardRun]:
     above = shifted(tip, 0.0, 0.0, 0.06)
     motion = sequence(above.hold(4).line(tip, 100).hold(60), around, tip.hold(60)).line(above, 100).hold(20)
     return [
-        _run(f"{name} of 100 triangles", cone_mesh(0.06, height, 100), motion)
+        _run(f"{name} of 100 triangles", shapes.cone_mesh(0.06, height, 100), motion)
         for name, height in (("apex", 0.03), ("pit", -0.03))
     ]
 
 
 def _judge_vertex(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
-    rest = [rest_of_run(outcome, part) for outcome in outcomes for part in (slice(104, 164), slice(465, 525))]
+    rest = [case.rest_of_run(outcome, part) for outcome in outcomes for part in (slice(104, 164), slice(465, 525))]
     return [_released(outcomes), *rest]
 
 
@@ -210,7 +180,9 @@ def _sliding(direction: FloatArray) -> HandConfiguration:
     # Off the middle, so that no contact is symmetric.
     height = ROUND + right_hand().radius[INDEX, 3] - PRESSED
     middle = np.array([1.3e-3 * direction[1], 1.3e-3 * direction[0], height])
-    start, end = (still(tip_at(middle + share * SLID * direction, turn, bent), turn, bent) for share in (-0.5, 0.5))
+    start, end = (
+        still(postures.tip_at(middle + share * SLID * direction, turn, bent), turn, bent) for share in (-0.5, 0.5)
+    )
     motion = shifted(start, 0.0, 0.0, 0.03).hold(4).line(start, 100).hold(60).line(end, SLIDING).hold(60)
     return motion.line(shifted(end, 0.0, 0.0, 0.03), 100).hold(20)
 
@@ -220,10 +192,10 @@ def _facets(seed: int) -> Sequence[HardRun]:
     turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     runs = []
     for count in (64, 128, 256, 1024):
-        tube = tube_mesh(ROUND, 0.08, count)
+        tube = shapes.tube_mesh(ROUND, 0.08, count)
         runs.append(_run(f"{count} around a cylinder, along the finger", tube, along))
         runs.append(_run(f"{count} around a cylinder, across it", tube.transformed(turned, np.zeros(3)), across))
-    runs += [_run(f"{count} around a ball", globe_mesh(ROUND, count), along) for count in (64, 128)]
+    runs += [_run(f"{count} around a ball", shapes.globe_mesh(ROUND, count), along) for count in (64, 128)]
     return [each for run in runs for each in (run, replace(run, adapt=to_convergence))]
 
 
@@ -235,7 +207,7 @@ def _judge_facets(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
         wanted = np.diff(outcome.run.motion.position[SLIDE], axis=0)
         pace = (shown * wanted).sum(axis=1) / (wanted * wanted).sum(axis=1)
         least, most = (f"way of the tip over the user's, {which} in a tick, {name}" for which in ("least", "most"))
-        step = largest_step(force) / float(np.linalg.norm(force, axis=1).mean())
+        step = case.largest_step(force) / float(np.linalg.norm(force, axis=1).mean())
         rate = 1.0 / outcome.options.period
         ripple = force_ripple(force, rate) / force_ripple(optimum.ticks.total[SLIDE], rate)
         figures += [
@@ -243,7 +215,7 @@ def _judge_facets(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
             Figure(least, float(pace.min()), SLOWEST, at_least=True),
             Figure(most, float(pace.max()), FASTEST),
             Figure(f"ripple over that of the optimum, {name}", ripple, RIPPLE),
-            rest_of_run(outcome, slice(SLIDE.stop, SLIDE.stop + 60)),
+            case.rest_of_run(outcome, slice(SLIDE.stop, SLIDE.stop + 60)),
         ]
     return figures
 
@@ -260,7 +232,7 @@ def _on_floor() -> HandConfiguration:
 def _floor(name: str, description: str, title: str, make: Callable[[np.random.Generator], Mesh]) -> HardCase:
     def build(seed: int) -> Sequence[HardRun]:
         motion = _on_floor()
-        meshes = (("two triangles", sheet_mesh(SHEET, SHEET)), (title, make(np.random.default_rng([seed, 30]))))
+        meshes = (("two triangles", shapes.sheet_mesh(SHEET, SHEET)), (title, make(np.random.default_rng([seed, 30]))))
         return [HardRun(named, motion, mesh=mesh, adapt=to_convergence) for named, mesh in meshes]
 
     return HardCase(name, f"a floor {description}: as on two", build, _judge_floor)
@@ -268,21 +240,21 @@ def _floor(name: str, description: str, title: str, make: Callable[[np.random.Ge
 
 def _judge_floor(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     plain, other = outcomes
-    moved = motion_difference(other.ticks, plain.ticks) / plain.run.hand.hand_length
-    rest = [rest_of_run(outcome, slice(764, 824)) for outcome in outcomes]
+    moved = case.motion_difference(other.ticks, plain.ticks) / plain.run.hand.hand_length
+    rest = [case.rest_of_run(outcome, slice(764, 824)) for outcome in outcomes]
     return [*rest, Figure(f"difference of motion to two triangles, {other.run.name}", moved, SAME)]
 
 
 def _slivers(random: np.random.Generator) -> Mesh:
     rows = np.arange(-0.5 * SHEET, 0.5 * SHEET, 2e-3)
-    return strips_mesh([-0.5 * SHEET, 0.5 * SHEET], [np.sort([*rows, *(rows[1:] + 0.1 / 1e6), 0.5 * SHEET])])
+    return shapes.strips_mesh([-0.5 * SHEET, 0.5 * SHEET], [np.sort([*rows, *(rows[1:] + 0.1 / 1e6), 0.5 * SHEET])])
 
 
 def _t_junctions(random: np.random.Generator) -> Mesh:
     half = 0.5 * SHEET
     columns = np.linspace(-half, half, 31)
     counts = random.integers(0, 60, 30)
-    return strips_mesh(list(columns), [np.sort([-half, *random.uniform(-half, half, n), half]) for n in counts])
+    return shapes.strips_mesh(list(columns), [np.sort([-half, *random.uniform(-half, half, n), half]) for n in counts])
 
 
 def _overlapping(random: np.random.Generator) -> Mesh:
@@ -291,8 +263,8 @@ def _overlapping(random: np.random.Generator) -> Mesh:
     corners = np.concatenate([middle + size * random.normal(size=(300, 3, 2)) / 2.0, np.zeros((300, 3, 1))], axis=2)
     corners = corners[np.abs(corners).max(axis=(1, 2)) < 0.5 * SHEET]
     # Some of them again, and some of those wound the other way.
-    loose = [loose_mesh(part) for part in (corners, corners[:50], corners[25:75, ::-1])]
-    return joined_mesh([sheet_mesh(SHEET, SHEET), *loose])
+    loose = [shapes.loose_mesh(part) for part in (corners, corners[:50], corners[25:75, ::-1])]
+    return shapes.joined_mesh([shapes.sheet_mesh(SHEET, SHEET), *loose])
 
 
 def _soup(seed: int) -> Sequence[HardRun]:
@@ -301,7 +273,9 @@ def _soup(seed: int) -> Sequence[HardRun]:
     corners = middle + random.uniform(2e-3, 1e-2, (300, 1, 1)) * random.normal(size=(300, 3, 3))
     # The hand begins outside of the ball that holds all of it.
     corners = corners[np.linalg.norm(corners, axis=2).max(axis=1) < 0.1]
-    return [_run(f"{len(corners)} loose triangles", loose_mesh(corners), random_targets(right_hand(), 1800, random))]
+    return [
+        _run(f"{len(corners)} loose triangles", shapes.loose_mesh(corners), random_targets(right_hand(), 1800, random))
+    ]
 
 
 _CASES = (
@@ -325,4 +299,4 @@ _CASES = (
     _floor("overlaps", "of triangles that overlap in its plane", "overlaps", _overlapping),
     HardCase("triangle-soup", "random targets among loose triangles that cut each other", _soup),
 )
-TRIANGLE_CASES = tuple(replace(case, mesh_only=True) for case in _CASES)
+TRIANGLE_CASES = tuple(replace(hard, mesh_only=True) for hard in _CASES)

@@ -12,15 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
-from hhsim.live.device import (
-    FINGER_COUNT,
-    Capability,
-    DeviceCounters,
-    FingerCommand,
-    GloveDevice,
-    GloveInfo,
-    NothingHeld,
-)
+from hhsim.live import device
+from hhsim.live.device import FINGER_COUNT, Capability, GloveDevice, NothingHeld
 from hhsim.live.devices.registry import GloveConfig
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
@@ -57,13 +50,13 @@ class SimGlove(NothingHeld, GloveDevice):
         self._held_back = np.zeros(FINGER_COUNT)
         self._start_ns = -1
         self._next = 0
-        self.info = GloveInfo(
+        self.info = device.GloveInfo(
             name="simulated glove",
             capabilities=Capability.POSITION_LIMIT | Capability.STIFFNESS | Capability.JOINTS | Capability.STAMPS,
             channels=tuple(f"{finger}_bend" for finger in ("thumb", "index", "middle", "ring", "little")),
             hand=config.hand,
         )
-        self.counters = DeviceCounters()
+        self.counters = device.DeviceCounters()
 
     def open(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open`."""
@@ -115,7 +108,7 @@ class SimGlove(NothingHeld, GloveDevice):
         channels[list(BEND)] = bend
         return self._regression.angles(channels)
 
-    def send(self, command: FingerCommand) -> bool:
+    def send(self, command: device.FingerCommand) -> bool:
         """See `GloveDevice.send`."""
         self._limit[:] = command.bend
         self._stiffness[:] = np.clip(command.stiffness, 0.0, 1.0)

@@ -14,20 +14,11 @@ import numpy as np
 
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.jit import JIT_ENABLED
+from hhsim.kernels.live import tick
 from hhsim.kernels.live.deadlines import begin_periods
 from hhsim.kernels.live.loop import ASKS_PYTHON, SystemFiles, run_loop
 from hhsim.kernels.live.notes import NOTES
 from hhsim.kernels.live.phase import PHASE
-from hhsim.kernels.live.tick import (
-    LOOP,
-    NOT_PLACED,
-    PLACED,
-    PLACING,
-    STOP_ASKED,
-    STOP_DURATION,
-    STOP_SIGNAL,
-    LiveArrays,
-)
 from hhsim.kernels.parallel.atomic import load_acquire, store_release
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.live.device import MOST_CHANNELS, Capability, GloveInfo
@@ -97,8 +88,8 @@ class LiveLoop:
         self._haptic = HapticBlock(*(rows[name].view(np.ndarray) for name in names))
         self._record = TickRecord(*(rows[name].view(np.ndarray) for name in TickRecord._fields))
         self._object = None if setup.free is None else object_row(rows)
-        self.live = LiveArrays(
-            loop=zeroed(LOOP),
+        self.live = tick.LiveArrays(
+            loop=zeroed(tick.LOOP),
             deadlines=deadlines,
             phase=zeroed(PHASE),
             interlock=interlock_record(setup.safety, dry_run=setup.dry_run, period_ns=period),
@@ -136,7 +127,8 @@ class LiveLoop:
     def stopped(self) -> str:
         """Reason why the loop is to end, "" while it goes on."""
         code = int(self.at.stop[0])
-        return {STOP_SIGNAL: self._signal, STOP_ASKED: self._requested(), STOP_DURATION: "duration"}.get(code, "")
+        asked, signal = self._requested(), self._signal
+        return {tick.STOP_SIGNAL: signal, tick.STOP_ASKED: asked, tick.STOP_DURATION: "duration"}.get(code, "")
 
     def _requested(self) -> str:
         """Return who requested the end by `stop_requested`, "" if nobody has."""
@@ -148,7 +140,7 @@ class LiveLoop:
         if not self.stopped:
             # A loop that has not begun gets a signal for a request to the command.
             self._signal = self._requested() or reason
-            self.at.stop[0] = STOP_SIGNAL
+            self.at.stop[0] = tick.STOP_SIGNAL
 
     def run(self, cpu: int = -1) -> str:
         """Run until it is stopped, then free the fingers; returns the reason for its end.
@@ -183,16 +175,16 @@ class LiveLoop:
         object.
         """
         placing, status = self.at.placing, self.memory.status
-        while load_acquire(placing, 0) != PLACING:
+        while load_acquire(placing, 0) != tick.PLACING:
             if status["stage"] >= Stage.ENDING:
                 return
             time.sleep(PLACE_SECONDS)
         try:
             self.at.status = self.solver.begin(self._haptic)
-            store_release(placing, 0, PLACED)
+            store_release(placing, 0, tick.PLACED)
         except Exception as error:
             self.story.detail[Safety.SOLVER_FAILED] = f"{type(error).__name__}: {error}"
-            store_release(placing, 0, NOT_PLACED)
+            store_release(placing, 0, tick.NOT_PLACED)
 
     def begin(self, accounts: CpuAccounts) -> SystemFiles:
         """Begin the first period with the accounts of the calling thread; earlier samples, too old, are skipped."""

@@ -52,13 +52,10 @@ MOST_LETTERS = 1 << 28
 """Longest text; a damaged file may grow for ever."""
 
 
-def _json_text(text: str) -> str:
-    return unpack(text) if looks_packed(text) else text
-
-
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one in more frames; raises TrajectoryError."""
-    document = read_json(_json_text(content.text))
+    text = content.text
+    document = read_json(unpack(text) if looks_packed(text) else text)
     frames = list(_frames(document))
     metadata = document.get("metadata") if isinstance(document, dict) else None
     metadata = metadata if isinstance(metadata, dict) else {}
