@@ -28,7 +28,7 @@ from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.feature_distance import line_witness, vertex_distance
 from hhsim.kernels.mesh.features import ALONG, MeshFeatures
-from hhsim.kernels.round_cone_distance import RoundCone
+from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 from hhsim.kernels.surfaces.mesh import NEAR_CONE, PHALANX_CAPACITY, SKIN_SHARES, _into_cone
 from hhsim.kernels.tick.curvature import curvature_product
@@ -695,7 +695,7 @@ def test_way_out_leads_out_by_the_shortest_way(name: str) -> None:
     inside = 0
     for point in np.random.default_rng(6).uniform(low, high, (300, 3)):
         height, *normal = way_out(mesh, *point, STACK)
-        away = cone_distance(mesh, RoundCone(*point, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0), np.inf, STACK)
+        away = cone_distance(mesh, sphere_cone(float(point[0]), float(point[1]), float(point[2]), 0.0), np.inf, STACK)
         assert height == pytest.approx(away, abs=FREE_OF_ROUNDING)
         # Beyond an edge that the solid is cut in at, other faces are nearer.
         beyond = way_out(mesh, *(point - (height - 1e-6) * np.array(normal)), STACK)[0]
