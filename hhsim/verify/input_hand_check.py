@@ -10,7 +10,7 @@ from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, as_number, judged
 from hhsim.verify.contacts import near_pairs
 from hhsim.verify.judged_body import JudgedBody, judged_bodies
-from hhsim.verify.kinematics import Posed, rotations
+from hhsim.verify.kinematics import Posed, turn_between
 from hhsim.verify.tick_data import LENGTH, WHY_LENGTH, JudgedTicks
 
 DEPTH = "input_depth_max"
@@ -45,7 +45,9 @@ def motion_claim(result: Result) -> Claim:
     for column in names:
         rows = np.asarray(result[column]).reshape(result.ticks, -1)
         turns = column.endswith("orientation") and not held
-        steps, order = (_turns(rows), 1) if turns else (rows, 1 if held else 4)
+        steps, order = (
+            (np.nan_to_num(turn_between(rows[:-1], rows[1:]), nan=np.inf), 1) if turns else (rows, 1 if held else 4)
+        )
         bent = np.abs(np.diff(steps, order, axis=0)).max(axis=1, initial=0.0)
         reach = result.ticks - len(bent)
         same = np.flatnonzero(seq[reach:] == seq[: len(bent)])
@@ -57,14 +59,6 @@ def motion_claim(result: Result) -> Claim:
     rest = result.ticks - len(known)
     note = f"not known of {counted(rest, 'tick')}, whose sample has too few" if rest else ""
     return judged(name, says, off[known], BETWEEN, "m, rad", "rounding of stamps", ticks=known, note=note)
-
-
-def _turns(quaternion: FloatArray) -> FloatArray:
-    """Rotation vector from each tick to the next [rad], in the first tick's frame, shape (T - 1, 3)."""
-    here, none = rotations(quaternion)
-    turn = np.asarray((here[:-1].inv() * here[1:]).as_rotvec())
-    turn[none[:-1] | none[1:]] = np.inf
-    return turn
 
 
 def _depth(judge: JudgedTicks) -> Claim:
