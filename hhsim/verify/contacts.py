@@ -135,7 +135,7 @@ def near_pairs(hand: OwnHand, posed: Posed, spheres: Places, fingers: BoolArray,
 def _by_chunks(posed: Posed, search: Callable[[Posed], Pairs]) -> Pairs:
     """Pairs of a search by `CHUNK` ticks."""
     found: list[Pairs] = []
-    for first in range(0, len(posed.joints), CHUNK):
+    for first in range(0, max(len(posed.joints), 1), CHUNK):
         pairs = search(posed.at(slice(first, first + CHUNK)))
         found.append(pairs._replace(tick=pairs.tick + first))
     return joined(found)

@@ -34,11 +34,15 @@ class Moment(NamedTuple):
 
 def moment(hand: OwnHand, posed: Posed, flexion: FloatArray, pairs: Pairs, i: int, pull: FloatArray) -> Moment:
     """Build the `Moment` of tick `i` of `posed` from its contacts, flexion (5, 3) [rad] and pull (21,)."""
+    pushed = pushes(posed, i, pairs.body, pairs.point, pairs.normal)
+    return Moment(*pushed, *limit_rows(hand, flexion), pull, pairs.distance, pairs.body)
+
+
+def limit_rows(hand: OwnHand, flexion: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rows of the joints at a limit, shape (M, 21), and the range of each joint down and up [rad], shape (2, 15)."""
     unit = np.eye(21)[6:]
     left = np.stack([(flexion - hand.flexion_min).ravel(), (hand.flexion_max - flexion).ravel()])
-    limits = np.concatenate([unit[left[0] <= AT_LIMIT], -unit[left[1] <= AT_LIMIT]])
-    pushed = pushes(posed, i, pairs.body, pairs.point, pairs.normal)
-    return Moment(*pushed, limits, left, pull, pairs.distance, pairs.body)
+    return np.concatenate([unit[left[0] <= AT_LIMIT], -unit[left[1] <= AT_LIMIT]]), left
 
 
 def pushes(

@@ -3,6 +3,7 @@
 Velocities are derived from poses, forces on the object from contacts, slip from the poses of both bodies.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -13,17 +14,18 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.object_motion import RigidMotion
-from hhsim.result.reader import Result
-from hhsim.result.schema import TWO_HANDED
+from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import SIDES, TWO_HANDED, is_one_of_two
 from hhsim.scene.parts_of_thing import points_on
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
-from hhsim.verify.contacts import PALM
+from hhsim.verify.contacts import PALM, Pairs, joined
 from hhsim.verify.file_checks import follows
 from hhsim.verify.force_checks import FORCE, WHY_FORCE, WHY_SLACK, force_slack
-from hhsim.verify.forces import AT_LIMIT, moment, pushes, residual
+from hhsim.verify.forces import AT_LIMIT, limit_rows, pushes, residual
+from hhsim.verify.judged_body import JudgedBody
 from hhsim.verify.kinematics import Posed, configurations, own_hand, phalanx_axes, pose, rotations
-from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_OTHER, STUCK, JudgedTicks
 from hhsim.verify.tree_checks import TrueSurface
 
 if TYPE_CHECKING:
@@ -32,8 +34,8 @@ if TYPE_CHECKING:
 
 TURNS = 1e-6
 """Speed beyond which a hinge turns, and its friction is against that [rad/s]."""
-LOOKED_AT = 100
-"""Ticks in which the things are looked for in each other."""
+LOOKED_AT, TOGETHER = 1000, 32
+"""Ticks in which the things are looked for in each other, and how many at once, to bound the memory."""
 ON_TABLE = -1
 UNIT = 1e-9
 EARTH = (0.0, 0.0, -9.81)
@@ -48,6 +50,11 @@ CLEAR = 5e-7
 """Error of a contact's slip from its clearance [m]."""
 AGAINST = np.cos(np.radians(45.0)) - 1e-6
 """Cosine of the friction's error: four directions approximate the circle, to 45°."""
+
+SIDES_OF_CONE = 8
+"""Sides of the pyramid around the cone of a contact that is not in the file."""
+SAME_THING = 1e-9
+"""Tolerance between the object and the first of several things [m, N]."""
 
 
 class FreeThing:
@@ -102,6 +109,12 @@ class FreeThing:
         """Ticks that neither lag nor are stuck; in others the object makes only a fraction of its program's step."""
         behind = (np.asarray(self.result["status"]) & (LAG | STUCK)) != 0
         return np.asarray(np.flatnonzero(~behind))
+
+    @cached_property
+    def lowest(self) -> FloatArray:
+        """Height of the lowest point at every tick [m], shape (T,)."""
+        corners = self.vertices - np.array(self.free["center"])
+        return np.asarray(self.center[1:, 2] + (corners @ self.turned[1:].as_matrix()[:, 2].T).min(axis=0))
 
     def unbalanced(self, force: FloatArray) -> FloatArray:
         """Residual of Newton's equation [N], shape (T,), for the forces (T, 3); a fixed thing has no velocity."""
@@ -189,12 +202,15 @@ def free_claims(result: Result) -> list[Claim]:
         _equal_and_opposite(motion),
         *_cones(motion),
         *_slips(motion),
-        _table(motion),
+        _table(motion, things),
         *_contacts(motion),
         _solid(motion),
         *(_hinge(thing) for thing in things if thing.free.get("hinge")),
     ]
-    return claims if len(things) == 1 else [*claims, _between_things(result), _things_apart(things)]
+    if len(things) > 1:
+        claims += [_first_thing(motion, things[0]), _between_things(things), _hands_on_things(things)]
+        claims.append(_things_apart(things))
+    return claims
 
 
 def _of_each(name: str, says: str, unit: str, why: str, things: Sequence[FreeThing], figures: Any) -> list[Claim]:
@@ -459,23 +475,82 @@ def _frames(posed: Posed, palm: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def free_hand_claim(judge: JudgedTicks) -> Claim:
-    """Judge a free object's hand, world: contacts, friction and joint limits balance the coupling."""
-    motion = FreeMotion(judge.result)
+    """Judge a free object's hand, world: contacts, friction and joint limits balance the coupling.
+
+    Contacts with other things are not in the file: any that push within their cones, where the hand is near enough,
+    may bear what is left, as long as they give the forces on the hand's bodies and on these things.
+    """
+    result, motion = judge.result, FreeMotion(judge.result)
+    others = [FreeThing(result, *one) for one in zip(result.scene.get("others", ()), result.parts[1:])]
     settled = judge.status[judge.chosen] & (STUCK | LAG | CAPACITY_EXCEEDED) == 0
-    places = np.flatnonzero(settled & motion.alone[judge.chosen])
+    places, ticks = np.flatnonzero(settled), judge.chosen[settled]
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
-    off, none = np.empty(len(places)), judge.pairs.at(np.zeros(0, np.int64))
-    for n, i in enumerate(places):
-        tick = int(judge.chosen[i])
-        at = moment(judge.hand, judge.chosen_posed, judge.chosen_shown.flexion[i], none, int(i), judge.pull[tick])
+    stored = judge.stored_forces(ticks).reshape(len(ticks), -1)
+    near = _near_others(judge, motion, places[~motion.alone[ticks]])
+    # A wrench on a thing is that of both hands.
+    known = [] if result.scene.get(TWO_HANDED) else others
+    wrench = np.concatenate([stored[:, :0], *(thing.of("hand_wrench")[ticks] for thing in known)], axis=1)
+    scale = np.concatenate([judge.scale, np.ones(stored.shape[1]), np.tile(judge.scale[:6], len(known))])
+    off = np.empty(len(places))
+    for n, (i, tick) in enumerate(zip(places.tolist(), ticks.tolist())):
         rows = np.arange(*np.searchsorted(motion.tick, [tick, tick + 1]))
         rows = rows[motion.own[rows]]
         twist = motion.torsion[rows, None] * motion.normal[rows]
-        borne, _ = pushes(judge.chosen_posed, int(i), motion.body[rows], motion.point[rows], motion.force[rows], twist)
-        off[n] = residual((at.limits * judge.scale).T, (at.pull - borne.sum(axis=0)) * judge.scale)
+        pushed = pushes(judge.chosen_posed, i, motion.body[rows], motion.point[rows], motion.force[rows], twist)
+        borne, on_bodies = (values.sum(axis=0) for values in pushed)
+        limits, _ = limit_rows(judge.hand, judge.chosen_shown.flexion[i])
+        may = [np.pad(limits, ((0, 0), (0, len(scale) - 21)))]
+        for k, thing in enumerate(others):
+            body, point, force, twist = _cone(near.of(i), judge.bodies[k + 1], thing.free)
+            on_thing = np.zeros((len(body), len(others), 6))
+            on_thing[:, k, :3], on_thing[:, k, 3:] = -force, -np.cross(point - thing.center[tick + 1], force) - twist
+            columns = [
+                *pushes(judge.chosen_posed, i, body, point, force, twist),
+                on_thing.reshape(len(body), 6 * len(others)),
+            ]
+            may.append(np.concatenate(columns, axis=1)[:, : len(scale)])
+        wanted = np.concatenate([judge.pull[tick] - borne, stored[n] - on_bodies, wrench[n]])
+        off[n] = residual((np.concatenate(may) * scale).T, wanted * scale)
     says = "the coupling of a settled tick is borne by its contacts, friction and all, and by joints at their limits"
     tolerance = force_slack(judge, size, judge.chosen)[places]
-    return judged("hand's balance", says, off, tolerance, "N", WHY_SLACK, ticks=judge.chosen[places])
+    return judged("hand's balance", says, off, tolerance, "N", WHY_SLACK, ticks=ticks)
+
+
+def _near_others(judge: JudgedTicks, motion: FreeMotion, places: IntArray) -> Pairs:
+    """Pairs of the hand and the other things that may bear a force at some chosen ticks, world."""
+    within = judge.touch + _stands_off(judge, motion.ticks) + np.asarray(motion.result["object/friction_residual"])
+    reach = float(within[judge.chosen[places]].max(initial=0.0)) + LENGTH
+    near = joined([judge.near_body(body, places, reach) for body in judge.bodies[1:] or judge.bodies])
+    near = near._replace(tick=places[near.tick])
+    return near.at(np.flatnonzero(near.distance <= within[judge.chosen[near.tick]] + LENGTH))
+
+
+def _cone(pairs: Pairs, of: JudgedBody, free: dict[str, Any]) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """Bodies, points [m], forces [N] and moments [N·m] that span what contacts with a thing may do to the hand.
+
+    A pyramid around the circular cone holds it, and a pair at an edge of several triangles counts once.
+    """
+    pairs = pairs.at(of.of(pairs))
+    rows = np.round(np.column_stack([pairs.body, pairs.point, pairs.normal]), 9)
+    pairs = pairs.at(np.sort(np.unique(rows, axis=0, return_index=True)[1]))
+    first = np.cross(pairs.normal, np.eye(3)[np.abs(pairs.normal).argmin(axis=1)])
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    around, normal = np.linspace(0.0, 2.0 * np.pi, SIDES_OF_CONE, endpoint=False)[:, None, None], pairs.normal
+    across = np.cos(around) * first + np.sin(around) * np.cross(normal, first)
+    force = normal + float(free["friction"]) / np.cos(np.pi / SIDES_OF_CONE) * across
+    twist = np.concatenate([np.broadcast_to(sign * float(free["torsion"]) * normal, force.shape) for sign in (1, -1)])
+    count = 2 * SIDES_OF_CONE
+    return (
+        np.tile(pairs.body, count),
+        np.tile(pairs.point, (count, 1)),
+        np.tile(force.reshape(-1, 3), (2, 1)),
+        twist.reshape(-1, 3),
+    )
+
+
+def _stands_off(judge: JudgedTicks, ticks: IntArray) -> FloatArray:
+    """Distance [m] of what bears a force: steps are straight and rotations are not; the slip has a clearance."""
+    return np.asarray(CLEAR + judge.moved[ticks].clip(max=judge.margin) ** 2 / RADIUS)
 
 
 def free_complementarity_claim(judge: JudgedTicks) -> Claim:
@@ -486,15 +561,15 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     on_the_way = motion.own & ~np.isin(motion.tick, motion.whole)
     slipped = float(motion.free["friction"]) * motion.slip[on_the_way]
     np.maximum.at(floats, (motion.tick[on_the_way], motion.body[on_the_way]), slipped)
-    places = np.flatnonzero((judge.status[judge.chosen] & STUCK == 0) & motion.alone[judge.chosen])
+    # How a contact with another thing slips in a tick that lags is not in the file.
+    known = motion.alone | (judge.status & LAG == 0)
+    places = np.flatnonzero((judge.status[judge.chosen] & STUCK == 0) & known[judge.chosen])
     ticks = judge.chosen[places]
     late = judge.status[ticks] & LAG > 0
     to_go = np.where(late, np.asarray(motion.result["lag"])[ticks], 0.0)
-    # Steps are straight and rotations are not; the slip may be too large by its clearance.
-    tolerance = CLEAR + judge.moved[ticks].clip(max=float(judge.options["margin"])) ** 2 / RADIUS
-    bears = (np.where(late, judge.bearing, judge.touch) + to_go + tolerance)[:, None] + floats[ticks]
+    bears = (np.where(late, judge.bearing, judge.touch) + to_go + _stands_off(judge, ticks))[:, None] + floats[ticks]
     # Distances beyond the margin are unknown.
-    nearest = np.minimum(judge.near.nearest[places], float(judge.options["margin"]))
+    nearest = np.minimum(judge.near.nearest[places], judge.margin)
     apart = nearest > bears + LENGTH
     size = np.linalg.norm(judge.stored_forces(ticks), axis=2)
     off = np.where(apart, size, 0.0).max(axis=1)
@@ -502,14 +577,13 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     return judged("complementarity", says, off, FORCE, "N", "rounding of a sum", ticks=ticks)
 
 
-def _table(motion: FreeMotion) -> Claim:
+def _table(motion: FreeMotion, things: Sequence[FreeThing]) -> Claim:
     says, height = "the object's lowest point is above the table, as high as the file says", motion.free["table"]
     stored = np.asarray(motion.result["object/table_distance"])
     if height is None:
         return all_true("table", says, np.isfinite(stored), ticks=motion.ticks, note="there is none")
-    corners = motion.result.static["object/vertices"] - np.array(motion.free["center"])
-    lowest = motion.center[1:, 2] + (corners @ motion.turned[1:].as_matrix()[:, 2].T).min(axis=0) - height
-    off = np.maximum(np.abs(lowest - stored), -lowest)
+    lowest = [thing.lowest - height for thing in things if not thing.free.get("fixed")]
+    off = np.maximum(np.abs(lowest[0] - stored), -np.min(lowest, axis=0))
     return judged("table", says, off, LENGTH, "m", "a nanometre", ticks=motion.ticks)
 
 
@@ -550,11 +624,41 @@ def _hinge(thing: FreeThing) -> Claim:
     return judged("hinge", says, off, 1.0, "1", "a nanometre; a millionth of the forces", ticks=thing.ticks)
 
 
-def _between_things(result: Result) -> Claim:
-    force = np.stack([np.asarray(result[f"{part}/thing_wrench"])[:, :3] for part in result.parts])
-    says = "the forces of the things on each other are equal and opposite"
-    size, off = FORCE * (1.0 + np.abs(force).sum(axis=(0, 2))), np.abs(force.sum(axis=0)).max(axis=1)
-    return judged("between things", says, off, size, "N", WHY_FORCE, ticks=np.arange(result.ticks))
+def _first_thing(motion: FreeMotion, first: FreeThing) -> Claim:
+    pairs = ((getattr(motion, name), getattr(first, name)) for name in ("center", "velocity", "spin", "borne"))
+    off = [np.abs(one - other)[-len(motion.ticks) :].max(axis=1) for one, other in pairs]
+    off.append((motion.turned[1:].inv() * first.turned[1:]).magnitude())
+    says = "motion and forces of the object are those of the first thing"
+    return judged("first thing", says, np.max(off, axis=0), SAME_THING, "m, N", "rounding of sums", ticks=motion.ticks)
+
+
+def _between_things(things: Sequence[FreeThing]) -> Claim:
+    """Judge forces, and moments about the origin; a moment is about what a contact was at in the tick."""
+    force, moment = np.zeros((2, len(things[0].ticks), 3))
+    size, travel = np.ones(len(force)), np.zeros(len(force))
+    for thing in things:
+        wrench, extent = thing.of("thing_wrench"), float(np.ptp(thing.vertices, axis=0).max())
+        force += wrench[:, :3]
+        moment += wrench[:, 3:] + np.cross(thing.center[1:], wrench[:, :3])
+        size += np.abs(wrench).sum(axis=1)
+        travel += np.linalg.norm(np.diff(thing.center, axis=0), axis=1) + extent * np.linalg.norm(thing.turn, axis=1)
+    off = np.maximum(np.abs(force).max(axis=1), np.maximum(0.0, np.abs(moment).max(axis=1) - size * travel))
+    says = "the forces of the things on each other are equal and opposite, and their moments but for the tick's travel"
+    return judged("between things", says, off, FORCE * size, "N, N·m", WHY_FORCE, ticks=things[0].ticks)
+
+
+def _hands_on_things(things: Sequence[FreeThing]) -> Claim:
+    result, name = things[0].result, "hands on things"
+    says, hands = "the forces of the hands on the things are opposite to those on the hands", [result]
+    if result.scene.get(TWO_HANDED):
+        if not is_one_of_two(result.path):
+            return Claim(name, says, NOT_JUDGED, note=NO_OTHER)
+        hands = [load_result(result.path.with_name(side)) for side in SIDES]
+    ticks = np.arange(min(hand.ticks for hand in hands))
+    forces = [thing.of("hand_wrench")[ticks, :3] for thing in things]
+    forces += [np.asarray(hand["force/total"])[ticks] for hand in hands]
+    off, size = np.abs(np.sum(forces, axis=0)).max(axis=1), 1.0 + np.abs(forces).sum(axis=(0, 2))
+    return judged(name, says, off, FORCE * size, "N", WHY_FORCE, ticks=ticks)
 
 
 def _things_apart(things: Sequence[FreeThing]) -> Claim:
@@ -564,17 +668,19 @@ def _things_apart(things: Sequence[FreeThing]) -> Claim:
     meshes = [Mesh(result[f"{part}/vertices"], result[f"{part}/faces"]) for part in result.parts]
     shells, points = [TrueSurface(mesh) for mesh in meshes], [points_on(mesh) for mesh in meshes]
     moved = [RigidMotion(*(motion[ticks] for motion in of)) for of in result.meshes_moved()]
-    depth = np.zeros(len(ticks))
-    names = result.scene["thing"]["parts"]
-    joined = [{name, one.free["hinge"]["on"]} for name, one in zip(names, things) if one.free.get("hinge")]
-    for i, shell in enumerate(shells):
-        low, high = meshes[i].bounds - [[CLEAR], [-CLEAR]]
-        for j in range(len(shells)):
-            seen = moved[i].seen_points(moved[j].points(np.broadcast_to(points[j], (len(ticks), *points[j].shape))))
+    depth, names = np.zeros(len(ticks)), result.scene["thing"]["parts"]
+    joined_by = [{name, one.free["hinge"]["on"]} for name, one in zip(names, things) if one.free.get("hinge")]
+    for (i, shell), j in itertools.product(enumerate(shells), range(len(shells))):
+        if i == j or {names[i], names[j]} in joined_by:
+            continue
+        # What is deeper than the clearance is as far within the bounds.
+        low, high = meshes[i].bounds + [[CLEAR], [-CLEAR]]
+        for rows in np.array_split(np.arange(len(ticks)), range(TOGETHER, len(ticks), TOGETHER)):
+            here, there = (RigidMotion(*(values[rows] for values in moved[k])) for k in (i, j))
+            seen = here.seen_points(there.points(np.broadcast_to(points[j], (len(rows), *points[j].shape))))
             inside = ((seen > low) & (seen < high)).all(axis=2)
-            if i == j or {names[i], names[j]} in joined:
-                continue
             for t in np.flatnonzero(inside.any(axis=1)):
-                depth[t] = max(depth[t], -float(shell.signed_distance(seen[t][inside[t]]).min()))
+                found = -float(shell.signed_distance(seen[t][inside[t]]).min())
+                depth[rows[t]] = max(depth[rows[t]], found)
     says = f"no thing is in another one, by points of its triangles in {len(ticks)} ticks"
     return judged("things apart", says, depth, CLEAR, "m", "the clearance", ticks=ticks)
