@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from file_faults import Fault, at, attribute, with_name
+from file_faults import Fault, at, with_name
 from sampled import first_of_each
 from sealed_change import changed
 
@@ -137,11 +137,7 @@ def test_a_planted_fault_is_found_by_name(honest: Result, tmp_path: Path, fault:
 
 def test_figures_that_results_of_several_things_once_lacked_are_not_judged(honest: Result, tmp_path: Path) -> None:
     def verdicts(change: dict[str, Any]) -> dict[str, Claim]:
-        def fault(file: h5py.File) -> None:
-            for name, value in change.items():
-                attribute(name, "summary", name, lambda _, value=value: value)(file)
-
-        result = planted(honest, tmp_path, fault)
+        result = planted(honest, tmp_path, lambda file: file["summary"].attrs.update(change))
         return {claim.name: claim for claim in input_hand_claims(JudgedTicks(result, np.array([HELD])))}
 
     assert verdicts({})["correction"].verdict == HOLDS
