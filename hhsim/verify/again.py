@@ -22,7 +22,7 @@ from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned
 from hhsim.scene.two_hands import motion_of_side
 from hhsim.system.progress import Progress
-from hhsim.verify.claim import NOT_JUDGED, Claim, difference, judged, told_apart
+from hhsim.verify.claim import NOT_JUDGED, Claim, difference, figures_apart, judged
 from hhsim.verify.origin_checks import own_object, own_tree
 
 SAME_MOTION = 1e-9
@@ -66,14 +66,8 @@ def _ticks(again: RunAgain) -> Claim:
 
 def _figures(result: Result, own: dict[str, float], again: RunAgain) -> Claim:
     name, says = "again: figures", "runs of their own give the figures that do not follow from the ticks"
-    stored = np.array([float(result.summary.get(key, np.inf)) for key in own])
-    found = np.array(list(own.values()))
-    apart = difference(stored, found) / np.maximum(1.0, np.nan_to_num(np.abs(found)))
-    wrong = [
-        "{} is stored as {}, a run gives {}".format(key, *told_apart(a, b))
-        for key, a, b, off in zip(own, stored, found, apart)
-        if off > SAME_FIGURE
-    ]
+    size = np.maximum(1.0, np.nan_to_num(np.abs(list(own.values()))))
+    apart, wrong = figures_apart(result.summary, own, size, SAME_FIGURE, "a run gives")
     why = "iterations that end a step earlier or later"
     if wrong and again.made_elsewhere:
         return Claim(name, says, NOT_JUDGED, note="; ".join([*wrong, *again.notes]))

@@ -1,5 +1,6 @@
 """Verdict of the referee on one claim of a result, with the worst deviation, its tick and the tolerance."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -95,3 +96,16 @@ def told_apart(stored: float, own: float) -> tuple[str, str]:
     """Both numbers as text, with the fewest digits, at least six, that show their difference."""
     digits = next((n for n in range(6, 18) if f"{stored:.{n}g}" != f"{own:.{n}g}"), 6)
     return f"{stored:.{digits}g}", f"{own:.{digits}g}"
+
+
+def figures_apart(
+    stored: Mapping[str, Any], own: Mapping[str, float], size: ArrayLike, limit: float, source: str
+) -> tuple[FloatArray, list[str]]:
+    """Deviations of stored figures from own ones, in units of `size`, and those above `limit` in words.
+
+    A figure that is not stored is infinitely far off; `source` says what gives the own ones.
+    """
+    given, found = np.array([as_number(stored.get(name, np.inf)) for name in own]), np.array(list(own.values()))
+    off = difference(given, found) / np.maximum(size, np.finfo(float).tiny)
+    told = zip(own, map(told_apart, given, found), off > limit)
+    return off, [f"{name} is stored as {one}, {source} {other}" for name, (one, other), far in told if far]

@@ -105,14 +105,15 @@ def near_rows(
 
     `a`, `b` are the ends of the capsules' axes [m], shape (N, 3), `thick` their radii [m], -inf to leave one out.
     """
-    axis = b - a
-    square = np.einsum("ni,ni->n", axis, axis)
     # A hand that is not finite is near nothing.
-    known = np.isfinite(square)
-    row, piece = pieces.within(0.5 * (a + b), np.where(known, 0.5 * np.sqrt(square) + thick + near, -np.inf))
-    away = pieces.center[piece] - a[row]
+    some = np.flatnonzero(np.isfinite(a - b).all(axis=1) & (thick > -np.inf))
+    axis = b[some] - a[some]
+    square = np.einsum("ni,ni->n", axis, axis)
+    row, piece = pieces.within(0.5 * (a + b)[some], 0.5 * np.sqrt(square) + thick[some] + near)
+    away = pieces.center[piece] - a[some][row]
     along = np.einsum("ni,ni->n", away, axis[row]) / np.where(square > 0.0, square, 1.0)[row]
     away -= np.clip(along, 0.0, 1.0)[:, None] * axis[row]
+    row = some[row]
     kept = np.sqrt(np.einsum("ni,ni->n", away, away)) <= (thick + near)[row] + pieces.radius[piece]
     order = np.lexsort((piece[kept], row[kept]))
     return row[kept][order], piece[kept][order]
@@ -120,17 +121,23 @@ def near_rows(
 
 def near_pairs(hand: OwnHand, posed: Posed, spheres: Places, fingers: BoolArray, near: float) -> Pairs:
     """Find all pairs of a body and a sphere no more than `near` [m] apart, world, of the fingers in `fingers` (5,)."""
-    return _by_chunks(
-        posed, lambda some: (_phalanges(hand, some, spheres, fingers, near), _palm(hand, some, spheres, near))
-    )
+
+    def search(some: Posed) -> Pairs:
+        a, b, radius_a, radius_b, thick = _searched(hand, some, spheres, fingers, near)
+        row, leaf = near_rows(a, b, thick, spheres, near)
+        center = spheres.center[leaf]
+        place, size = axis_places(a[row], b[row], radius_a[row], radius_b[row], center)
+        return _of_hands(hand, ball_pairs(row, leaf, place, size, place - center, spheres.radius[leaf], near))
+
+    return _by_chunks(posed, search)
 
 
-def _by_chunks(posed: Posed, search: Callable[[Posed], tuple[Pairs, ...]]) -> Pairs:
+def _by_chunks(posed: Posed, search: Callable[[Posed], Pairs]) -> Pairs:
     """Pairs of a search by `CHUNK` ticks."""
     found: list[Pairs] = []
-    for first in range(0, len(posed.joints), CHUNK):
-        some = posed.at(slice(first, first + CHUNK))
-        found.extend(pairs._replace(tick=pairs.tick + first) for pairs in search(some))
+    for first in range(0, max(len(posed.joints), 1), CHUNK):
+        pairs = search(posed.at(slice(first, first + CHUNK)))
+        found.append(pairs._replace(tick=pairs.tick + first))
     return joined(found)
 
 
@@ -148,13 +155,15 @@ def axis_places(
     Ends, centres and points have shape (N, 3), radii (N,).
     """
     axis, drop = b - a, radius_b - radius_a
+    share, long = np.zeros(len(a)), axis.any(axis=1)
+    start, along, falling = (a - center)[long], axis[long], drop[long]
 
     def falls(share: FloatArray) -> BoolArray:
-        away = a + share[:, None] * axis - center
+        away = start + share[:, None] * along
         length = np.sqrt(np.einsum("ni,ni->n", away, away))
-        return np.asarray(np.einsum("ni,ni->n", away, axis) < drop * length)
+        return np.asarray(np.einsum("ni,ni->n", away, along) < falling * length)
 
-    share = lowest_places(len(a), falls)
+    share[long] = lowest_places(len(start), falls)
     return a + share[:, None] * axis, radius_a + share * drop
 
 
@@ -169,55 +178,49 @@ def lowest_places(count: int, falls: Callable[[FloatArray], BoolArray]) -> Float
     return np.where(low == 0.0, 0.0, np.where(high == 1.0, 1.0, 0.5 * (low + high)))
 
 
-class Phalanges(NamedTuple):
-    """Round cones of all phalanges of some hands, 15 a tick."""
+class RoundCones(NamedTuple):
+    """Bodies of hands at some ticks: phalanges, and the palm's spheres, cones without length."""
 
-    a: FloatArray  # start of the axes [m] (N, 3)
-    b: FloatArray  # end of the axes [m] (N, 3)
-    radius_a: FloatArray  # radii at both ends [m] (N,)
+    a: FloatArray  # start of each axis [m] (T, B, 3)
+    b: FloatArray
+    radius_a: FloatArray  # [m] (B,)
     radius_b: FloatArray
-    thick: FloatArray  # larger radius [m], -inf for a finger that does not count (N,)
 
 
-def phalanges(hand: OwnHand, posed: Posed, fingers: BoolArray) -> Phalanges:
-    """Round cones of the phalanges of hands; `fingers` (5,) selects the fingers that count."""
-    ticks = len(posed.joints)
-    a, b = posed.joints[:, :, :3].reshape(-1, 3), posed.joints[:, :, 1:].reshape(-1, 3)
-    radius_a, radius_b = (np.tile(hand.radius[:, part].ravel(), ticks) for part in (slice(3), slice(1, 4)))
-    counts = np.tile(np.repeat(fingers, 3), ticks)
-    return Phalanges(a, b, radius_a, radius_b, np.where(counts, np.maximum(radius_a, radius_b), -np.inf))
+def round_cones(hand: OwnHand, posed: Posed) -> RoundCones:
+    """Return the bodies of some hands."""
+    parts = slice(3), slice(1, 4)
+    a, b = (np.concatenate([posed.joints[:, :, some].reshape(-1, PALM, 3), posed.palm], axis=1) for some in parts)
+    return RoundCones(a, b, *(np.append(hand.radius[:, some].ravel(), hand.palm_radius) for some in parts))
 
 
-def near_palm_rows(hand: OwnHand, posed: Posed, pieces: Places, near: float) -> tuple[IntArray, IntArray]:
-    """Indices as of `near_rows` for the palms' spheres; a palm that is far as a whole is skipped."""
-    spheres = len(hand.palm_radius)
+def _searched(hand: OwnHand, posed: Posed, pieces: Places, fingers: BoolArray, near: float) -> tuple[FloatArray, ...]:
+    """Ends (N, 3), radii at both and larger radii (N,) of all bodies [m]; the latter are -inf for those left out.
+
+    These are the fingers not in `fingers` (5,), and a palm that is far as a whole.
+    """
+    of, ticks = round_cones(hand, posed), len(posed.joints)
     reach = float((np.linalg.norm(hand.palm_center, axis=1) + hand.palm_radius).max()) + near
-    close = np.flatnonzero(pieces.counts(posed.position, reach))
-    center = posed.palm[close].reshape(-1, 3)
-    row, piece = near_rows(center, center, np.tile(hand.palm_radius, len(close)), pieces, near)
-    return close[row // spheres] * spheres + row % spheres, piece
+    used = np.broadcast_to(pieces.counts(posed.position, reach)[:, None] > 0, of.a.shape[:2]).copy()
+    used[:, :PALM] = np.repeat(fingers, 3)
+    thick = np.where(used, np.maximum(of.radius_a, of.radius_b), -np.inf)
+    return (
+        of.a.reshape(-1, 3),
+        of.b.reshape(-1, 3),
+        np.tile(of.radius_a, ticks),
+        np.tile(of.radius_b, ticks),
+        thick.ravel(),
+    )
 
 
-def _phalanges(hand: OwnHand, posed: Posed, spheres: Places, fingers: BoolArray, near: float) -> Pairs:
-    of = phalanges(hand, posed, fingers)
-    row, leaf = near_rows(of.a, of.b, of.thick, spheres, near)
-    center, radius = spheres.center[leaf], spheres.radius[leaf]
-    place, size = axis_places(of.a[row], of.b[row], of.radius_a[row], of.radius_b[row], center)
-    return ball_pairs(row // 15, row % 15, leaf, place, size, place - center, radius, near)
-
-
-def _palm(hand: OwnHand, posed: Posed, spheres: Places, near: float) -> Pairs:
-    row, leaf = near_palm_rows(hand, posed, spheres, near)
-    count = len(hand.palm_radius)
-    place, size = posed.palm.reshape(-1, 3)[row], hand.palm_radius[row % count]
-    body = np.full(len(row), PALM)
-    center, radius = spheres.center[leaf], spheres.radius[leaf]
-    return ball_pairs(row // count, body, leaf, place, size, place - center, radius, near)
+def _of_hands(hand: OwnHand, pairs: Pairs) -> Pairs:
+    """Pairs whose `body` counts the round cones of all hands as those of their ticks and bodies."""
+    tick, body = np.divmod(pairs.body, PALM + len(hand.palm_radius))
+    return pairs._replace(tick=tick, body=np.minimum(body, PALM))
 
 
 def ball_pairs(
-    tick: IntArray,
-    body: IntArray,
+    row: IntArray,
     leaf: IntArray,
     place: FloatArray,
     size: FloatArray,
@@ -225,7 +228,7 @@ def ball_pairs(
     radius: FloatArray | float,
     near: float,
 ) -> Pairs:
-    """Pairs of the hand's balls (`place`, `size`) and pieces no more than `near` [m] apart.
+    """Pairs of the hand's balls (`place`, `size`) and pieces no more than `near` [m] apart; their `body` is the row.
 
     `away` [m], shape (N, 3), leads to each ball's centre from the sphere's centre, of a given radius [m], or from the
     nearest point of the triangle, with radius 0.
@@ -233,7 +236,7 @@ def ball_pairs(
     length = np.linalg.norm(away, axis=1)
     normal = away / np.where(length > 0.0, length, 1.0)[:, None]
     distance = length - size - radius
-    pairs = Pairs(tick, body, leaf, distance, place - size[:, None] * normal, normal)
+    pairs = Pairs(np.zeros(len(row), np.int64), row, leaf, distance, place - size[:, None] * normal, normal)
     return pairs.at(np.flatnonzero(distance <= near))
 
 
@@ -280,37 +283,30 @@ def near_triangle_pairs(
     exceeds the radius, that of a body whose axis passes through the triangle. `fingers` (5,) selects the fingers.
     """
 
-    def search(some: Posed) -> tuple[Pairs, ...]:
-        phalanx = _phalanges_on_triangles(hand, some, triangles, places, fingers, near)
-        return phalanx, _palm_on_triangles(hand, some, triangles, places, near)
+    def search(some: Posed) -> Pairs:
+        a, b, radius_a, radius_b, thick = _searched(hand, some, places, fingers, near)
+        row, face = near_rows(a, b, thick, places, near)
+        row, face = _not_apart(a, b, thick + near, triangles, row, face)
+        axis, drop = (b - a)[row], (radius_b - radius_a)[row]
+        long = axis.any(axis=1)
+        some_drop, ready = drop[long], triangles.at(face[long])
+        start, along = np.ascontiguousarray(a[row][long].T), np.ascontiguousarray(axis[long].T)
+
+        def falls(share: FloatArray) -> BoolArray:
+            away = away_from_triangles(ready, start + share * along)
+            return np.asarray((away * along).sum(axis=0) < some_drop * np.sqrt((away * away).sum(axis=0)))
+
+        share = np.zeros(len(row))
+        share[long] = lowest_places(len(some_drop), falls)
+        ends = [np.flatnonzero(long & (share != end)) for end in (0.0, 1.0)]
+        rows = np.concatenate([np.arange(len(row)), *ends])
+        at = np.concatenate([share, *(np.full(len(found), end) for end, found in enumerate(ends))])
+        of = row[rows]
+        place, size = a[of] + at[:, None] * axis[rows], radius_a[of] + at * drop[rows]
+        away = away_from_triangles(triangles.at(face[rows]), place.T).T
+        return _of_hands(hand, ball_pairs(of, face[rows], place, size, away, 0.0, near))
 
     return _by_chunks(posed, search)
-
-
-def _phalanges_on_triangles(
-    hand: OwnHand, posed: Posed, triangles: ReadyTriangles, places: Places, fingers: BoolArray, near: float
-) -> Pairs:
-    of = phalanges(hand, posed, fingers)
-    row, face = near_rows(of.a, of.b, of.thick, places, near)
-    row, face = _not_apart(of.a, of.b, of.thick + near, triangles, row, face)
-    axis, drop, ready = (of.b - of.a)[row], (of.radius_b - of.radius_a)[row], triangles.at(face)
-    start, along = np.ascontiguousarray(of.a[row].T), np.ascontiguousarray(axis.T)
-
-    def falls(share: FloatArray) -> BoolArray:
-        away = away_from_triangles(ready, start + share * along)
-        return np.asarray((away * along).sum(axis=0) < drop * np.sqrt((away * away).sum(axis=0)))
-
-    share = lowest_places(len(row), falls)
-    found = [
-        _with_triangles(row, face, of.a[row] + share[:, None] * axis, of.radius_a[row] + share * drop, ready, near)
-    ]
-    for end in (0.0, 1.0):
-        other = share != end
-        place = of.a[row[other]] + end * axis[other]
-        size = of.radius_a[row[other]] + end * drop[other]
-        found.append(_with_triangles(row[other], face[other], place, size, ready.at(other), near))
-    together = Pairs(*(np.concatenate(values) for values in zip(*found)))
-    return together._replace(tick=together.tick // 15, body=together.tick % 15)
 
 
 def _not_apart(
@@ -327,22 +323,6 @@ def _not_apart(
         kept = apart <= thick[row]
         row, face = row[kept], face[kept]
     return row, face
-
-
-def _palm_on_triangles(hand: OwnHand, posed: Posed, triangles: ReadyTriangles, places: Places, near: float) -> Pairs:
-    row, face = near_palm_rows(hand, posed, places, near)
-    count, center = len(hand.palm_radius), posed.palm.reshape(-1, 3)
-    row, face = _not_apart(center, center, np.tile(hand.palm_radius, len(posed.palm)) + near, triangles, row, face)
-    pairs = _with_triangles(row, face, center[row], hand.palm_radius[row % count], triangles.at(face), near)
-    return pairs._replace(tick=pairs.tick // count, body=np.full(len(pairs.tick), PALM))
-
-
-def _with_triangles(
-    row: IntArray, face: IntArray, place: FloatArray, size: FloatArray, triangles: ReadyTriangles, near: float
-) -> Pairs:
-    """Near pairs of balls and triangles, a triangle for each ball; `tick` is the row."""
-    away = away_from_triangles(triangles, place.T).T
-    return ball_pairs(row, np.zeros(len(row), np.int64), face, place, size, away, 0.0, near)
 
 
 def away_from_triangles(triangles: ReadyTriangles, points: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from hhsim.metrics.mesh_penetration import ticks_looked_at
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_CLAIMED, NOT_JUDGED, Claim, all_true, as_number, difference, judged
 from hhsim.verify.coal_distance import EXACT, coal_distance, sphere_shapes, triangle_shapes
-from hhsim.verify.contacts import PALM
+from hhsim.verify.contacts import PALM, round_cones
 from hhsim.verify.file_checks import follows
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LENGTH, WHY_LENGTH, JudgedTicks
 from hhsim.verify.tree_checks import TrueSurface, nearest_on
@@ -94,7 +94,7 @@ def _candidates(judge: JudgedTicks) -> list[Claim]:
 
 def _by_library(judge: JudgedTicks) -> Claim:
     shapes = [triangle_shapes(of.mesh) if judge.on_mesh else sphere_shapes(of.center, of.radius) for of in judge.bodies]
-    starts = [of.first for of in judge.bodies]
+    starts, cones = [of.first for of in judge.bodies], round_cones(judge.hand, judge.chosen_posed)
     hand, pairs, posed, off, ticks = judge.hand, judge.pairs, judge.chosen_posed, [], []
     # Sorted by tick, then distance: the first of each tick is its nearest pair.
     pairs = pairs.at(np.flatnonzero(np.isin(pairs.tick, judge.asked)))
@@ -102,14 +102,8 @@ def _by_library(judge: JudgedTicks) -> Claim:
     for n in order[np.unique(pairs.tick[order], return_index=True)[1]]:
         i, body, leaf = int(pairs.tick[n]), int(pairs.body[n]), int(pairs.leaf[n])
         if body == PALM:
-            away = np.abs(np.linalg.norm(posed.palm[i] - pairs.point[n], axis=1) - hand.palm_radius)
-            nearest = int(away.argmin())
-            a = b = posed.palm[i, nearest]
-            first = last = float(hand.palm_radius[nearest])
-        else:
-            f, k = divmod(body, 3)
-            a, b = posed.joints[i, f, k], posed.joints[i, f, k + 1]
-            first, last = (float(size) for size in hand.radius[f, k : k + 2])
+            body += int(np.abs(np.linalg.norm(posed.palm[i] - pairs.point[n], axis=1) - hand.palm_radius).argmin())
+        a, b, first, last = cones.a[i, body], cones.b[i, body], float(cones.radius_a[body]), float(cones.radius_b[body])
         which = int(np.searchsorted(starts, leaf, side="right")) - 1
         a, b = judge.bodies[which].seen_points(np.stack([a, b])[None], np.array([i]))[0]
         found = coal_distance(a, b, first, last, *shapes[which](leaf - starts[which]))

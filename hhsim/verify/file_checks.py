@@ -233,16 +233,19 @@ def _tree_encloses(result: Result) -> Claim:
 def cover(result: Result) -> Claim:
     """Judge whether the leaves cover the mesh: its vertices, edge midpoints and random points."""
     vertices, faces = np.array(result.static["object/vertices"]), np.array(result.static["object/faces"])
-    says, why = "the leaf spheres cover the object's surface", "less than any figure is stated to"
-    try:
-        gap = outside_spheres(vertices, faces, *leaves(result))
-    except MeshError as error:
-        return judged("cover", says, [np.inf], COVER, "m", "exact", note=str(error))
-    claim = judged("cover", says, gap, COVER, "m", why)
-    if covers(result):
+    claim = covered("cover", "the leaf spheres cover the object's surface", vertices, faces, *leaves(result))
+    if claim.note or covers(result):
         return claim
     note = "this tree was not built to cover the mesh, or the file does not say how it was"
     return replace(claim, verdict=NOT_CLAIMED, tick=None, note=note)
+
+
+def covered(name: str, says: str, *surfaces: Any) -> Claim:
+    """Judge whether spheres cover a mesh: `surfaces` are the arguments of `outside_spheres`."""
+    try:
+        return judged(name, says, outside_spheres(*surfaces), COVER, "m", "less than any figure is stated to")
+    except MeshError as error:
+        return judged(name, says, [np.inf], COVER, "m", "exact", note=str(error))
 
 
 def outside_spheres(vertices: FloatArray, faces: IntArray, center: FloatArray, radius: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.verify.contacts import PALM, Pairs, axis_places
-from hhsim.verify.kinematics import OwnHand, Posed
+from hhsim.verify.kinematics import OwnHand, Posed, phalanx_axes
 
 AT_LIMIT = 1e-9
 """Distance to a joint's limit [rad] within which the limit can bear a torque."""
@@ -24,9 +24,9 @@ class Moment(NamedTuple):
     """Contacts, joint limits and pull of the coupling at one tick."""
 
     jacobian: FloatArray  # derivative of the contacts' distances by q (N, 21)
+    bodies: FloatArray  # normal of each contact in its body's three columns (N, 48)
     limits: FloatArray  # rows of the joints at a limit (M, 21)
     range_left: FloatArray  # range of each joint down and up [rad] (2, 15)
-    bodies: FloatArray  # normal of each contact in its body's three columns (N, 48)
     pull: FloatArray  # w [N, N·m] (21,)
     distance: FloatArray  # of the contacts [m] (N,)
     body: IntArray  # of the contacts (N,)
@@ -34,21 +34,35 @@ class Moment(NamedTuple):
 
 def moment(hand: OwnHand, posed: Posed, flexion: FloatArray, pairs: Pairs, i: int, pull: FloatArray) -> Moment:
     """Build the `Moment` of tick `i` of `posed` from its contacts, flexion (5, 3) [rad] and pull (21,)."""
-    count = len(pairs.body)
-    jacobian, bodies = np.zeros((count, 21)), np.zeros((count, BODY_COLUMNS))
-    jacobian[:, :3] = pairs.normal
-    jacobian[:, 3:6] = _cross(pairs.point - posed.position[i], pairs.normal)
-    bodies[np.arange(count)[:, None], 3 * pairs.body[:, None] + np.arange(3)] = pairs.normal
-    rows = np.flatnonzero(pairs.body != PALM)
-    finger, last = np.divmod(pairs.body[rows], 3)
-    arm = pairs.point[rows, None] - posed.joints[i, finger, :3]
-    torque = (_cross(posed.axes[i, finger][:, None], arm) * pairs.normal[rows, None]).sum(axis=2)
-    columns = 6 + 3 * finger[:, None] + np.arange(3)
-    jacobian[rows[:, None], columns] = np.where(np.arange(3) <= last[:, None], torque, 0.0)
+    pushed = pushes(posed, i, pairs.body, pairs.point, pairs.normal)
+    return Moment(*pushed, *limit_rows(hand, flexion), pull, pairs.distance, pairs.body)
+
+
+def limit_rows(hand: OwnHand, flexion: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rows of the joints at a limit, shape (M, 21), and the range of each joint down and up [rad], shape (2, 15)."""
     unit = np.eye(21)[6:]
     left = np.stack([(flexion - hand.flexion_min).ravel(), (hand.flexion_max - flexion).ravel()])
-    limits = np.concatenate([unit[left[0] <= AT_LIMIT], -unit[left[1] <= AT_LIMIT]])
-    return Moment(jacobian, limits, left, bodies, pull, pairs.distance, pairs.body)
+    return np.concatenate([unit[left[0] <= AT_LIMIT], -unit[left[1] <= AT_LIMIT]]), left
+
+
+def pushes(
+    posed: Posed, i: int, body: IntArray, point: FloatArray, force: FloatArray, twist: FloatArray | float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Generalised forces (N, 21) of forces at points of bodies of tick `i`, and each in its body's columns (N, 48).
+
+    `force` [N], `point` [m] and the moments `twist` [N·m] have shape (N, 3).
+    """
+    rows, parts = np.arange(len(body))[:, None], np.arange(3)
+    jacobian, bodies = np.zeros((len(body), 21)), np.zeros((len(body), BODY_COLUMNS))
+    twist = np.broadcast_to(twist, force.shape)
+    jacobian[:, :3], jacobian[:, 3:6] = force, _cross(point - posed.position[i], force) + twist
+    bodies[rows, 3 * body[:, None] + parts] = force
+    rows = np.flatnonzero(body != PALM)[:, None]
+    finger, last = np.divmod(body[rows], 3)
+    turned = _cross(point[rows] - posed.joints[i, finger[:, 0], :3], force[rows]) + twist[rows]
+    torque = (posed.axes[i, finger[:, 0], None] * turned).sum(axis=2)
+    jacobian[rows, 6 + 3 * finger + parts] = np.where(parts <= last, torque, 0.0)
+    return jacobian, bodies
 
 
 def balance(at: Moment, scale: FloatArray) -> float:
@@ -108,7 +122,7 @@ def proxy_forces(pairs: Pairs, graphic: Posed, haptic: Posed, turn: FloatArray, 
             there = haptic.position[i] + turn @ (point - graphic.position[i])
         else:
             f, k = divmod(int(body), 3)
-            ours, theirs = (_phalanx_frame(posed, i, f, k) for posed in (graphic, haptic))
+            ours, theirs = (phalanx_axes(posed.at(slice(i, i + 1)), f, k)[0] for posed in (graphic, haptic))
             there = haptic.joints[i, f, k] + theirs @ ours.T @ (point - graphic.joints[i, f, k])
         found[body] += stiffness * np.linalg.norm(point - there) * normal
     return found
@@ -165,13 +179,6 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Cross products along the last axis; numpy's are slower for one tick's few."""
     (x, y, z), (u, v, w) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
-
-
-def _phalanx_frame(posed: Posed, i: int, f: int, k: int) -> FloatArray:
-    along = posed.joints[i, f, k + 1] - posed.joints[i, f, k]
-    along = along / np.linalg.norm(along)
-    axis = posed.axes[i, f]
-    return np.stack([axis, along, np.cross(axis, along)], axis=1)
 
 
 def residual(matrix: FloatArray, wanted: FloatArray) -> float:

@@ -3,6 +3,9 @@
 Velocities are derived from poses, forces on the object from contacts, slip from the poses of both bodies.
 """
 
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -11,17 +14,18 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.object_motion import RigidMotion
-from hhsim.result.reader import Result
-from hhsim.result.schema import TWO_HANDED
+from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import SIDES, TWO_HANDED, is_one_of_two
 from hhsim.scene.parts_of_thing import points_on
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
-from hhsim.verify.contacts import PALM
+from hhsim.verify.contacts import PALM, Pairs, joined
 from hhsim.verify.file_checks import follows
 from hhsim.verify.force_checks import FORCE, WHY_FORCE, WHY_SLACK, force_slack
-from hhsim.verify.forces import AT_LIMIT, residual
-from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, rotations
-from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
+from hhsim.verify.forces import AT_LIMIT, limit_rows, pushes, residual
+from hhsim.verify.judged_body import JudgedBody
+from hhsim.verify.kinematics import Posed, configurations, own_hand, phalanx_axes, pose, rotations
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_OTHER, STUCK, JudgedTicks
 from hhsim.verify.tree_checks import TrueSurface
 
 if TYPE_CHECKING:
@@ -30,8 +34,8 @@ if TYPE_CHECKING:
 
 TURNS = 1e-6
 """Speed beyond which a hinge turns, and its friction is against that [rad/s]."""
-LOOKED_AT = 100
-"""Ticks in which the things are looked for in each other."""
+LOOKED_AT, TOGETHER = 1000, 32
+"""Ticks in which the things are looked for in each other, and how many at once, to bound the memory."""
 ON_TABLE = -1
 UNIT = 1e-9
 EARTH = (0.0, 0.0, -9.81)
@@ -47,55 +51,58 @@ CLEAR = 5e-7
 AGAINST = np.cos(np.radians(45.0)) - 1e-6
 """Cosine of the friction's error: four directions approximate the circle, to 45°."""
 
+SIDES_OF_CONE = 8
+"""Sides of the pyramid around the cone of a contact that is not in the file."""
+SAME_THING = 1e-9
+"""Tolerance between the object and the first of several things [m, N]."""
 
-class FreeMotion:
-    """Stored motion and forces of a free object, world frame, and quantities that follow from the poses alone."""
 
-    def __init__(self, result: Result) -> None:
-        self.result, self.free = result, result.scene["free"]
+class FreeThing:
+    """Stored motion of a free object, or of one of several things, and what follows from the poses alone, world."""
+
+    def __init__(self, result: Result, free: dict[str, Any], group: str = "object") -> None:
+        self.result, self.free, self.group, self.name = result, free, group, group.rpartition("/")[2]
         self.period = 1.0 / result.rate
-        self.mass, self.inertia = float(self.free["mass"]), np.array(self.free["inertia"], np.float64)
-        self.gravity, self.damping = np.array(self.free["gravity"]), float(self.free["damping"])
+        self.mass, self.inertia = float(free["mass"]), np.array(free["inertia"], np.float64)
+        self.gravity, self.damping = np.array(free["gravity"]), float(free["damping"])
         self.ticks = np.arange(result.ticks)
         # The first tick follows the scene's start; after a recorder's gap the tick before is unknown.
         self.follows = follows(result)
         self.follows[0] = result.live is None or result["live/tick/record"][0] == 0
-        # Invalid ticks and bodies are found by `_contacts`.
-        self.tick: IntArray = np.clip(result["contact/tick"], 0, result.ticks - 1)
-        most = 2 * PALM + 1 if result.scene.get(TWO_HANDED) else PALM
-        self.body: IntArray = np.clip(np.asarray(result["contact/body"], np.int64), ON_TABLE - len(result.parts), most)
-        self.point, self.normal = (np.asarray(result[f"contact/{name}"]) for name in ("point", "normal"))
-        self.load, self.friction = (
-            np.asarray(result[f"contact/{name}"]) for name in ("normal_force", "friction_force")
-        )
-        self.torsion, self.slip = (np.asarray(result[f"contact/{name}"]) for name in ("torsional_moment", "slip"))
-        # Other things count as the table does; their own motion is not in the slip that is computed here.
-        self.of_table, of_thing = self.body <= ON_TABLE, self.body < ON_TABLE
-        # Contacts of another hand, whose poses are in its own result.
-        self.of_other = (self.body > PALM) | of_thing
-        self.own = ~(self.of_table | self.of_other)
+        # The frame of a thing beside others is the world's before the first tick.
+        static, self.place, self.orientation = result.static, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+        if group == "object":
+            self.place, self.orientation = static["object/position"], static["object/orientation"]
+        self.vertices = np.asarray(static["object/vertices"] if group == "object" else self.of("vertices"))
+        # Velocity of the centre of mass [m/s] and angular velocity [rad/s], from before the first tick on, (T + 1, 3).
+        self.velocity, self.spin = (np.vstack([free[of], self.of(of)]) for of in ("velocity", "angular_velocity"))
+        # Wrench about the centre of mass [N, N·m], (T, 6); what other things do to the first counts as the table's.
+        sources = ("hand", "table") if group == "object" else ("hand", "table", "thing")
+        self.borne = np.sum([self.of(f"{source}_wrench") for source in sources], axis=0)
+
+    def of(self, column: str) -> FloatArray:
+        """Dataset of the thing."""
+        return np.asarray(self.result[f"{self.group}/{column}"])
 
     @cached_property
     def turned(self) -> "Rotation":
         """Rotations of the object from its place before the first tick, T + 1 of them."""
-        first = self.result.static["object/orientation"]
-        poses, _ = rotations(np.vstack([first, self.result["object/orientation"]]))
+        poses, _ = rotations(np.vstack([self.orientation, self.of("orientation")]))
         return poses * poses[0].inv()
 
     @cached_property
     def center(self) -> FloatArray:
         """Centre of mass before the first tick and at every tick [m], shape (T + 1, 3)."""
-        first = self.result.static["object/position"]
-        origin = np.vstack([first, self.result["object/position"]])
-        return np.asarray(origin + self.turned.apply(np.array(self.free["center"]) - first))
+        return self.moved(np.array(self.free["center"]))
+
+    def moved(self, point: FloatArray) -> FloatArray:
+        """Point of the object [m], (3,) before the first tick, there and at every tick, shape (T + 1, 3)."""
+        return np.asarray(np.vstack([self.place, self.of("position")]) + self.turned.apply(point - self.place))
 
     @cached_property
-    def alone(self) -> BoolArray:
-        """True for ticks in which no hand bears on another thing, whose contacts are not in the file, shape (T,)."""
-        found = np.ones(len(self.ticks), bool)
-        for part in self.result.parts[1:]:
-            found &= ~np.asarray(self.result[f"{part}/hand_wrench"]).any(axis=1)
-        return found
+    def turn(self) -> FloatArray:
+        """Rotation vectors from tick to tick [rad], shape (T, 3)."""
+        return np.asarray((self.turned[1:] * self.turned[:-1].inv()).as_rotvec())
 
     @cached_property
     def whole(self) -> IntArray:
@@ -104,25 +111,16 @@ class FreeMotion:
         return np.asarray(np.flatnonzero(~behind))
 
     @cached_property
-    def force(self) -> FloatArray:
-        """Force of each contact on the body it acts on [N], shape (C, 3)."""
-        return np.asarray(self.load[:, None] * self.normal + self.friction)
-
-    def wrench(self, of_table: bool) -> FloatArray:
-        """Wrench of the contacts with table or hands on the object, about its centre of mass, shape (T, 6)."""
-        chosen = self.of_table == of_table
-        sign = 1.0 if of_table else -1.0
-        tick, force = self.tick[chosen], sign * self.force[chosen]
-        moment = np.cross(self.point[chosen] - self.center[1:][tick], force)
-        moment += sign * self.torsion[chosen, None] * self.normal[chosen]
-        found = np.zeros((len(self.ticks), 6))
-        np.add.at(found, tick, np.concatenate([force, moment], axis=1))
-        return found
+    def lowest(self) -> FloatArray:
+        """Height of the lowest point at every tick [m], shape (T,)."""
+        corners = self.vertices - np.array(self.free["center"])
+        return np.asarray(self.center[1:, 2] + (corners @ self.turned[1:].as_matrix()[:, 2].T).min(axis=0))
 
     def unbalanced(self, force: FloatArray) -> FloatArray:
-        """Residual of Newton's equation [N], shape (T,), for the contacts' forces (T, 3)."""
-        velocity = np.vstack([self.free["velocity"], self.result["object/velocity"]])
-        heavier = 1.0 + self.damping * self.period
+        """Residual of Newton's equation [N], shape (T,), for the forces (T, 3); a fixed thing has no velocity."""
+        velocity, heavier = self.velocity, 1.0 + self.damping * self.period
+        if self.free.get("fixed"):
+            return np.asarray(self.mass / self.period * np.linalg.norm(velocity[1:], axis=1))
         made = heavier * velocity[1:] - velocity[:-1]
         wanted = self.period * (force / self.mass + self.gravity)
         off = np.sqrt(((made - wanted) ** 2).sum(axis=1))
@@ -134,6 +132,50 @@ class FreeMotion:
         share = np.clip((change * change_wanted).sum(axis=1) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
         apart = heavier * np.sqrt(((change - share[:, None] * change_wanted) ** 2).sum(axis=1))
         return np.asarray(self.mass / self.period * np.where(late, apart, off))
+
+
+class FreeMotion(FreeThing):
+    """Motion of a free object, and its contacts."""
+
+    def __init__(self, result: Result) -> None:
+        super().__init__(result, result.scene["free"])
+        # Invalid ticks and bodies are found by `_contacts`.
+        self.tick: IntArray = np.clip(result["contact/tick"], 0, result.ticks - 1)
+        most = 2 * PALM + 1 if result.scene.get(TWO_HANDED) else PALM
+        self.body: IntArray = np.clip(np.asarray(result["contact/body"], np.int64), ON_TABLE - len(result.parts), most)
+        self.point, self.normal, self.load, self.friction, self.torsion, self.slip = (
+            np.asarray(result[f"contact/{name}"])
+            for name in ("point", "normal", "normal_force", "friction_force", "torsional_moment", "slip")
+        )
+        # Other things count as the table does; their own motion is not in the slip that is computed here.
+        self.of_table, of_thing = self.body <= ON_TABLE, self.body < ON_TABLE
+        # Contacts of another hand, whose poses are in its own result.
+        self.of_other = (self.body > PALM) | of_thing
+        self.own = ~(self.of_table | self.of_other)
+
+    @cached_property
+    def alone(self) -> BoolArray:
+        """True for ticks in which no hand bears on another thing, whose contacts are not in the file, shape (T,)."""
+        found = np.ones(len(self.ticks), bool)
+        for part in self.result.parts[1:]:
+            found &= ~np.asarray(self.result[f"{part}/hand_wrench"]).any(axis=1)
+        return found
+
+    @cached_property
+    def force(self) -> FloatArray:
+        """Force of each contact on the body it acts on [N], shape (C, 3)."""
+        return np.asarray(self.load[:, None] * self.normal + self.friction)
+
+    def of_contacts(self, of_table: bool) -> FloatArray:
+        """Wrench of the contacts with table or hands on the object, about its centre of mass, shape (T, 6)."""
+        chosen = self.of_table == of_table
+        sign = 1.0 if of_table else -1.0
+        tick, force = self.tick[chosen], sign * self.force[chosen]
+        moment = np.cross(self.point[chosen] - self.center[1:][tick], force)
+        moment += sign * self.torsion[chosen, None] * self.normal[chosen]
+        found = np.zeros((len(self.ticks), 6))
+        np.add.at(found, tick, np.concatenate([force, moment], axis=1))
+        return found
 
     @property
     def coefficient(self) -> FloatArray:
@@ -147,21 +189,38 @@ class FreeMotion:
 
 
 def free_claims(result: Result) -> list[Claim]:
-    """Judge what the file claims of a free object; none where it is not free."""
+    """Judge what the file claims of a free object, or of several things; none where none is free."""
     if not result.free:
         return []
     motion = FreeMotion(result)
-    return [
-        *_velocities(motion),
-        *([] if motion.free.get("hinge") else _balance(motion)),
+    stated = zip((motion.free, *result.scene.get("others", ())), result.parts)
+    things = [FreeThing(result, *one) for one in stated] or [motion]
+    claims = [
+        *_velocities(things),
+        *_balance([thing for thing in things if not thing.free.get("hinge")]),
         *_wrenches(motion),
         _equal_and_opposite(motion),
         *_cones(motion),
         *_slips(motion),
-        _table(motion),
+        _table(motion, things),
         *_contacts(motion),
         _solid(motion),
+        *(_hinge(thing) for thing in things if thing.free.get("hinge")),
     ]
+    if len(things) > 1:
+        claims += [_first_thing(motion, things[0]), _between_things(things), _hands_on_things(things)]
+        claims.append(_things_apart(things))
+    return claims
+
+
+def _of_each(name: str, says: str, unit: str, why: str, things: Sequence[FreeThing], figures: Any) -> list[Claim]:
+    """Judge deviations, tolerances and ticks of each thing: the claim is that of the worst one; none for no thing."""
+    found = [judged(name, says, off, limit, unit, why, ticks=ticks) for off, limit, ticks in figures]
+    if len(found) < 2:
+        return found
+    worst = max(range(len(found)), key=lambda i: (found[i].failed, found[i].worst / found[i].tolerance))
+    note = f"the worst is that of {things[worst].name}"
+    return [replace(found[worst], checked=sum(claim.checked for claim in found), note=note)]
 
 
 def _contacts(motion: FreeMotion) -> list[Claim]:
@@ -210,54 +269,61 @@ def _solid(motion: FreeMotion) -> Claim:
     return claim
 
 
-def _velocities(motion: FreeMotion) -> list[Claim]:
-    travel = np.diff(motion.center, axis=0) / motion.period
-    turn = (motion.turned[1:] * motion.turned[:-1].inv()).as_rotvec() / motion.period
+def _velocities(things: Sequence[FreeThing]) -> list[Claim]:
     # A position is rounded to 1e-16, a quaternion to a few of them; over 1 ms that is 1e-13 and more.
-    kept, why, found = motion.whole[motion.follows[motion.whole]], "rounding of a pose over a period of the ticks", []
-    for name, own, unit in (("velocity", travel, "m/s"), ("angular_velocity", turn, "rad/s")):
-        off = np.linalg.norm(own - motion.result[f"object/{name}"], axis=1)
+    why, travel, turn = "rounding of a pose over a period of the ticks", [], []
+    for thing in things:
+        kept = thing.whole[thing.follows[thing.whole]]
         # The start of the first step is not in the file.
-        off[0] = 0.0
-        says = f"the object's {name.replace('_', ' ')} is that of its poses"
-        found.append(judged(f"object {name.split('_')[0]}", says, off[kept], 1e-9, unit, why, ticks=kept))
-    return found
+        kept = kept[kept > 0]
+        made = np.diff(thing.center, axis=0) / thing.period - thing.velocity[1:]
+        travel.append((np.linalg.norm(made, axis=1)[kept], 1e-9, kept))
+        turn.append((np.linalg.norm(thing.turn / thing.period - thing.spin[1:], axis=1)[kept], 1e-9, kept))
+    says = "the object's {} is that of its poses"
+    return [
+        *_of_each("object velocity", says.format("velocity"), "m/s", why, things, travel),
+        *_of_each("object angular", says.format("angular velocity"), "rad/s", why, things, turn),
+    ]
 
 
-def _balance(motion: FreeMotion) -> list[Claim]:
-    rate, heavier = 1.0 / motion.period, 1.0 + motion.damping * motion.period
-    result = motion.result
-    wrench = np.asarray(result["object/hand_wrench"]) + result["object/table_wrench"]
-    size = 1.0 + np.abs(wrench[:, :3]).sum(axis=1)
-    off = motion.unbalanced(wrench[:, :3])
-    kept = np.flatnonzero(motion.follows)
+def _balance(things: Sequence[FreeThing]) -> list[Claim]:
     says = "m Δv / Δt is the weight and the forces of hand and table; in a tick that lags, a share of them"
-    newton = judged("Newton", says, off[kept], (FORCE * size)[kept], "N", WHY_FORCE, ticks=kept)
-    # Body axes: without moments the object turns by Δt ω, with I (ω - ω₀) / Δt + ω × I ω = 0.
-    omega = np.vstack([motion.free["angular_velocity"], result["object/angular_velocity"]])
-    spin = motion.turned[:-1].inv().apply(omega[:-1])
-    alone = _gyrated(motion.inertia, spin, motion.period)
+    newton = []
+    for thing in things:
+        kept = np.flatnonzero(thing.follows)
+        limit = FORCE * (1.0 + np.abs(thing.borne[:, :3]).sum(axis=1))
+        newton.append((thing.unbalanced(thing.borne[:, :3])[kept], limit[kept], kept))
+    claims = _of_each("Newton", says, "N", WHY_FORCE, things, newton)
+    says = "the change of its turning is the moments of hand and table"
+    why = "a millionth of the forces at the object's length, and a thousandth of the moment; of several programs "
+    why += "in a tick the object's turn of it, since nobody knows which of the axes between they had"
+    free = [thing for thing in things if not thing.free.get("fixed")]
+    return [*claims, *_of_each("Euler", says, "N·m", why, free, map(_euler, free))]
+
+
+def _euler(motion: FreeThing) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Residual of Euler's equation [N·m], its tolerance and the ticks."""
     from scipy.spatial.transform import Rotation
 
+    rate, heavier, wrench = 1.0 / motion.period, 1.0 + motion.damping * motion.period, motion.borne
+    # Body axes: without moments the object turns by Δt ω, with I (ω - ω₀) / Δt + ω × I ω = 0.
+    spin = motion.turned[:-1].inv().apply(motion.spin[:-1])
+    alone = _gyrated(motion.inertia, spin, motion.period)
     goal = motion.turned[:-1] * Rotation.from_rotvec(motion.period * alone / heavier)
     # Step and moments are rotation vectors in the body's axes where its program begins: at the tick's start or, of
     # several programs, next to its end.
     apart = np.full((2, len(spin)), np.inf)
-    moment = np.linalg.norm(wrench[:, 3:], axis=1)
     # The last of several programs began anywhere between: the axes are as uncertain as the object turns.
-    turned = np.asarray((motion.turned[:-1].inv() * motion.turned[1:]).magnitude())
-    turned[np.asarray(result["work/linearisations"]) <= 1] = 0.0
+    turned = np.linalg.norm(motion.turn, axis=1)
+    turned[np.asarray(motion.result["work/linearisations"]) <= 1] = 0.0
     for at, frame in enumerate((motion.turned[:-1].inv(), motion.turned[1:].inv())):
         beyond = (frame * motion.turned[1:]).as_rotvec() - (frame * goal).as_rotvec()
         apart[at] = np.linalg.norm(heavier * rate**2 * beyond @ motion.inertia.T - frame.apply(wrench[:, 3:]), axis=1)
-    length = float(np.ptp(result.static["object/vertices"], axis=0).max())
+    length = float(np.ptp(motion.vertices, axis=0).max())
     kept = motion.whole[motion.follows[motion.whole]]
-    says, limit = "the change of its turning is the moments of hand and table", FORCE * length * size
-    why = "a millionth of the forces at the object's length, and a thousandth of the moment; of several programs "
-    why += "in a tick the object's turn of it, since nobody knows which of the axes between they had"
-    limit += (1e-3 + turned) * moment
-    euler = judged("Euler", says, apart.min(axis=0)[kept], limit[kept], "N·m", why, ticks=kept)
-    return [newton, euler]
+    limit = FORCE * length * (1.0 + np.abs(wrench[:, :3]).sum(axis=1))
+    limit += (1e-3 + turned) * np.linalg.norm(wrench[:, 3:], axis=1)
+    return apart.min(axis=0)[kept], limit[kept], kept
 
 
 def _gyrated(inertia: FloatArray, spin: FloatArray, period: float) -> FloatArray:
@@ -271,7 +337,7 @@ def _gyrated(inertia: FloatArray, spin: FloatArray, period: float) -> FloatArray
 def _wrenches(motion: FreeMotion) -> list[Claim]:
     found = []
     for name, of_table in (("hand", False), ("table", True)):
-        own, stored = motion.wrench(of_table), np.asarray(motion.result[f"object/{name}_wrench"])
+        own, stored = motion.of_contacts(of_table), np.asarray(motion.result[f"object/{name}_wrench"])
         size = 1.0 + np.abs(stored).sum(axis=1)
         says, off = f"the {name}'s force and moment on the object are those of its contacts", np.abs(own - stored)
         claim = f"{name} on object", says, off.max(axis=1), FORCE * size, "N, N·m", WHY_FORCE
@@ -313,7 +379,7 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     joints = np.asarray(motion.result["graphic/joints"])
     moved = np.linalg.norm(np.diff(joints, axis=0, prepend=joints[:1]), axis=3).max(axis=(1, 2))
     # A step of the solver is straight, rotation is not: ½ travel² / radius, of the object ½ turn² radius.
-    turn = np.asarray((motion.turned[1:] * motion.turned[:-1].inv()).magnitude())[motion.tick]
+    turn = np.linalg.norm(motion.turn, axis=1)[motion.tick]
     arm = np.linalg.norm(motion.point - motion.center[1:][motion.tick], axis=1)
     # Several steps may overshoot their end: one there and one back bends twice.
     bends = np.where(np.asarray(motion.result["work/linearisations"]) > 1, 1.0, 0.5)
@@ -391,7 +457,7 @@ def _slip_and_spin(motion: FreeMotion) -> tuple[FloatArray, FloatArray]:
     was = origin[t - 1, b] + np.einsum("cij,cj->ci", axes[t - 1, b], local)
     slid[chosen] += point[chosen] - was
     of_hand = np.einsum("cij,ckj->cik", axes[t, b], axes[t - 1, b])
-    turn = np.where(motion.of_table[:, None], 1.0, -1.0) * step.inv().as_rotvec()[tick]
+    turn = np.where(motion.of_table[:, None], 1.0, -1.0) * motion.turn[tick]
     turn[chosen] += 0.5 * np.stack(
         [of_hand[:, (i + 2) % 3, (i + 1) % 3] - of_hand[:, (i + 1) % 3, (i + 2) % 3] for i in range(3)], axis=1
     )
@@ -403,39 +469,88 @@ def _slip_and_spin(motion: FreeMotion) -> tuple[FloatArray, FloatArray]:
 
 def _frames(posed: Posed, palm: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Origins (T, 16, 3) and axes as columns (T, 16, 3, 3) of the hand's bodies; palm axes (T, 3, 3)."""
-    ticks = len(posed.joints)
-    origin, axes = np.empty((ticks, PALM + 1, 3)), np.empty((ticks, PALM + 1, 3, 3))
-    for body in range(PALM):
-        f, k = divmod(body, 3)
-        along = posed.joints[:, f, k + 1] - posed.joints[:, f, k]
-        along = along / np.linalg.norm(along, axis=1, keepdims=True)
-        origin[:, body] = posed.joints[:, f, k]
-        axes[:, body] = np.stack([posed.axes[:, f], along, np.cross(posed.axes[:, f], along)], axis=2)
-    origin[:, PALM] = posed.position
-    axes[:, PALM] = palm
-    return origin, axes
+    axes = np.stack([*(phalanx_axes(posed, *divmod(body, 3)) for body in range(PALM)), palm], axis=1)
+    phalanges = posed.joints[:, :, :3].reshape(-1, PALM, 3)
+    return np.concatenate([phalanges, posed.position[:, None]], axis=1), axes
 
 
 def free_hand_claim(judge: JudgedTicks) -> Claim:
-    """Judge a free object's hand, world: contacts, friction and joint limits balance the coupling."""
-    motion = FreeMotion(judge.result)
+    """Judge a free object's hand, world: contacts, friction and joint limits balance the coupling.
+
+    Contacts with other things are not in the file: any that push within their cones, where the hand is near enough,
+    may bear what is left, as long as they give the forces on the hand's bodies and on these things.
+    """
+    result, motion = judge.result, FreeMotion(judge.result)
+    others = [FreeThing(result, *one) for one in zip(result.scene.get("others", ()), result.parts[1:])]
     settled = judge.status[judge.chosen] & (STUCK | LAG | CAPACITY_EXCEEDED) == 0
-    places = np.flatnonzero(settled & motion.alone[judge.chosen])
+    places, ticks = np.flatnonzero(settled), judge.chosen[settled]
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
+    stored = judge.stored_forces(ticks).reshape(len(ticks), -1)
+    near = _near_others(judge, motion, places[~motion.alone[ticks]])
+    # A wrench on a thing is that of both hands.
+    known = [] if result.scene.get(TWO_HANDED) else others
+    wrench = np.concatenate([stored[:, :0], *(thing.of("hand_wrench")[ticks] for thing in known)], axis=1)
+    scale = np.concatenate([judge.scale, np.ones(stored.shape[1]), np.tile(judge.scale[:6], len(known))])
     off = np.empty(len(places))
-    for n, i in enumerate(places):
-        tick = int(judge.chosen[i])
-        borne = np.zeros(21)
+    for n, (i, tick) in enumerate(zip(places.tolist(), ticks.tolist())):
         rows = np.arange(*np.searchsorted(motion.tick, [tick, tick + 1]))
-        for row in rows[motion.own[rows]]:
-            borne += _on_hand(judge.chosen_posed, int(i), motion, int(row))
-        flexion, unit = judge.chosen_shown.flexion[i], np.eye(21)[6:]
-        low, high = flexion - judge.hand.flexion_min <= AT_LIMIT, judge.hand.flexion_max - flexion <= AT_LIMIT
-        limits = np.concatenate([unit[low.ravel()], -unit[high.ravel()]]) * judge.scale
-        off[n] = residual(limits.T, (judge.pull[tick] - borne) * judge.scale)
+        rows = rows[motion.own[rows]]
+        twist = motion.torsion[rows, None] * motion.normal[rows]
+        pushed = pushes(judge.chosen_posed, i, motion.body[rows], motion.point[rows], motion.force[rows], twist)
+        borne, on_bodies = (values.sum(axis=0) for values in pushed)
+        limits, _ = limit_rows(judge.hand, judge.chosen_shown.flexion[i])
+        may = [np.pad(limits, ((0, 0), (0, len(scale) - 21)))]
+        for k, thing in enumerate(others):
+            body, point, force, twist = _cone(near.of(i), judge.bodies[k + 1], thing.free)
+            on_thing = np.zeros((len(body), len(others), 6))
+            on_thing[:, k, :3], on_thing[:, k, 3:] = -force, -np.cross(point - thing.center[tick + 1], force) - twist
+            columns = [
+                *pushes(judge.chosen_posed, i, body, point, force, twist),
+                on_thing.reshape(len(body), 6 * len(others)),
+            ]
+            may.append(np.concatenate(columns, axis=1)[:, : len(scale)])
+        wanted = np.concatenate([judge.pull[tick] - borne, stored[n] - on_bodies, wrench[n]])
+        off[n] = residual((np.concatenate(may) * scale).T, wanted * scale)
     says = "the coupling of a settled tick is borne by its contacts, friction and all, and by joints at their limits"
     tolerance = force_slack(judge, size, judge.chosen)[places]
-    return judged("hand's balance", says, off, tolerance, "N", WHY_SLACK, ticks=judge.chosen[places])
+    return judged("hand's balance", says, off, tolerance, "N", WHY_SLACK, ticks=ticks)
+
+
+def _near_others(judge: JudgedTicks, motion: FreeMotion, places: IntArray) -> Pairs:
+    """Pairs of the hand and the other things that may bear a force at some chosen ticks, world."""
+    within = judge.touch + _stands_off(judge, motion.ticks) + np.asarray(motion.result["object/friction_residual"])
+    reach = float(within[judge.chosen[places]].max(initial=0.0)) + LENGTH
+    near = joined([judge.near_body(body, places, reach) for body in judge.bodies[1:] or judge.bodies])
+    near = near._replace(tick=places[near.tick])
+    return near.at(np.flatnonzero(near.distance <= within[judge.chosen[near.tick]] + LENGTH))
+
+
+def _cone(pairs: Pairs, of: JudgedBody, free: dict[str, Any]) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """Bodies, points [m], forces [N] and moments [N·m] that span what contacts with a thing may do to the hand.
+
+    A pyramid around the circular cone holds it, and a pair at an edge of several triangles counts once.
+    """
+    pairs = pairs.at(of.of(pairs))
+    rows = np.round(np.column_stack([pairs.body, pairs.point, pairs.normal]), 9)
+    pairs = pairs.at(np.sort(np.unique(rows, axis=0, return_index=True)[1]))
+    first = np.cross(pairs.normal, np.eye(3)[np.abs(pairs.normal).argmin(axis=1)])
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    around, normal = np.linspace(0.0, 2.0 * np.pi, SIDES_OF_CONE, endpoint=False)[:, None, None], pairs.normal
+    across = np.cos(around) * first + np.sin(around) * np.cross(normal, first)
+    force = normal + float(free["friction"]) / np.cos(np.pi / SIDES_OF_CONE) * across
+    twist = np.concatenate([np.broadcast_to(sign * float(free["torsion"]) * normal, force.shape) for sign in (1, -1)])
+    count = 2 * SIDES_OF_CONE
+    return (
+        np.tile(pairs.body, count),
+        np.tile(pairs.point, (count, 1)),
+        np.tile(force.reshape(-1, 3), (2, 1)),
+        twist.reshape(-1, 3),
+    )
+
+
+def _stands_off(judge: JudgedTicks, ticks: IntArray) -> FloatArray:
+    """Distance [m] of what bears a force: steps are straight and rotations are not; the slip has a clearance."""
+    return np.asarray(CLEAR + judge.moved[ticks].clip(max=judge.margin) ** 2 / RADIUS)
 
 
 def free_complementarity_claim(judge: JudgedTicks) -> Claim:
@@ -446,15 +561,15 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     on_the_way = motion.own & ~np.isin(motion.tick, motion.whole)
     slipped = float(motion.free["friction"]) * motion.slip[on_the_way]
     np.maximum.at(floats, (motion.tick[on_the_way], motion.body[on_the_way]), slipped)
-    places = np.flatnonzero((judge.status[judge.chosen] & STUCK == 0) & motion.alone[judge.chosen])
+    # How a contact with another thing slips in a tick that lags is not in the file.
+    known = motion.alone | (judge.status & LAG == 0)
+    places = np.flatnonzero((judge.status[judge.chosen] & STUCK == 0) & known[judge.chosen])
     ticks = judge.chosen[places]
     late = judge.status[ticks] & LAG > 0
     to_go = np.where(late, np.asarray(motion.result["lag"])[ticks], 0.0)
-    # Steps are straight and rotations are not; the slip may be too large by its clearance.
-    tolerance = CLEAR + judge.moved[ticks].clip(max=float(judge.options["margin"])) ** 2 / RADIUS
-    bears = (np.where(late, judge.bearing, judge.touch) + to_go + tolerance)[:, None] + floats[ticks]
+    bears = (np.where(late, judge.bearing, judge.touch) + to_go + _stands_off(judge, ticks))[:, None] + floats[ticks]
     # Distances beyond the margin are unknown.
-    nearest = np.minimum(judge.near.nearest[places], float(judge.options["margin"]))
+    nearest = np.minimum(judge.near.nearest[places], judge.margin)
     apart = nearest > bears + LENGTH
     size = np.linalg.norm(judge.stored_forces(ticks), axis=2)
     off = np.where(apart, size, 0.0).max(axis=1)
@@ -462,137 +577,110 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     return judged("complementarity", says, off, FORCE, "N", "rounding of a sum", ticks=ticks)
 
 
-def _on_hand(posed: Posed, i: int, motion: FreeMotion, row: int) -> FloatArray:
-    """Generalised force of a contact on palm and joints, [N] and [N·m], shape (21,)."""
-    force, twist = motion.force[row], motion.torsion[row] * motion.normal[row]
-    point, body = motion.point[row], int(motion.body[row])
-    found = np.zeros(21)
-    found[:3] = force
-    found[3:6] = np.cross(point - posed.position[i], force) + twist
-    if body != PALM:
-        f, last = divmod(body, 3)
-        for k in range(last + 1):
-            found[6 + 3 * f + k] = posed.axes[i, f] @ (np.cross(point - posed.joints[i, f, k], force) + twist)
-    return found
-
-
-def _table(motion: FreeMotion) -> Claim:
+def _table(motion: FreeMotion, things: Sequence[FreeThing]) -> Claim:
     says, height = "the object's lowest point is above the table, as high as the file says", motion.free["table"]
     stored = np.asarray(motion.result["object/table_distance"])
     if height is None:
         return all_true("table", says, np.isfinite(stored), ticks=motion.ticks, note="there is none")
-    corners = motion.result.static["object/vertices"] - np.array(motion.free["center"])
-    lowest = motion.center[1:, 2] + (corners @ motion.turned[1:].as_matrix()[:, 2].T).min(axis=0) - height
-    off = np.maximum(np.abs(lowest - stored), -lowest)
+    lowest = [thing.lowest - height for thing in things if not thing.free.get("fixed")]
+    off = np.maximum(np.abs(lowest[0] - stored), -np.min(lowest, axis=0))
     return judged("table", says, off, LENGTH, "m", "a nanometre", ticks=motion.ticks)
 
 
-def thing_claims(result: Result) -> list[Claim]:
-    """Judge what the file claims of several things; none where there is one."""
-    stated = [result.scene["free"], *result.scene.get("others", ())] if result.free else []
-    if len(stated) < 2:
-        return []
-    hinges = [_hinge(result, part, free) for part, free in zip(result.parts, stated) if free.get("hinge")]
-    return [_things_move(result, stated), _between_things(result), _things_apart(result, stated), *hinges]
-
-
-def _hinge(result: Result, part: str, free: dict[str, Any]) -> Claim:
+def _hinge(thing: FreeThing) -> Claim:
     """Judge the motion of a hinged thing: rotation about the axis alone, within limits, by the moments on it."""
     from scipy.spatial.transform import Rotation
 
-    hinge, ticks = free["hinge"], np.arange(result.ticks)
+    hinge, rate, mass, gravity = thing.free["hinge"], 1.0 / thing.period, thing.mass, thing.gravity
     axis, limits = np.array(hinge["axis"]) / np.linalg.norm(hinge["axis"]), hinge["limits"] or (-np.inf, np.inf)
-    poses = Rotation.from_quat(np.asarray(result[f"{part}/orientation"])[:, [1, 2, 3, 0]])
-    off = np.linalg.norm(poses.apply(hinge["origin"]) + result[f"{part}/position"] - hinge["origin"], axis=1)
-    off = np.maximum(off, np.linalg.norm(poses.apply(axis) - axis, axis=1)) / LENGTH
-    center = np.array(free["center"])
-    arm = center - hinge["origin"] - ((center - hinge["origin"]) @ axis) * axis
-    angle = poses.as_rotvec() @ axis
-    before = np.concatenate([[0.0], angle[:-1]])
-    spin = np.concatenate([[np.array(free["angular_velocity"]) @ axis], result[f"{part}/angular_velocity"] @ axis])
+    origin, wrench, spin = np.array(hinge["origin"]), thing.borne, thing.spin @ axis
+    off = np.linalg.norm(thing.moved(origin) - origin, axis=1)
+    off = np.maximum(off, np.linalg.norm(thing.turned.apply(axis) - axis, axis=1))[1:] / LENGTH
+    arm = thing.center - origin
+    arm -= np.outer(arm @ axis, axis)
+    length, angle = np.linalg.norm(arm[0]), thing.turned.as_rotvec() @ axis
+    before, angle = angle[:-1], angle[1:]
     off = np.maximum(off, np.maximum(limits[0] - angle, angle - limits[1]) / UNIT)
-    wrench = np.sum([result[f"{part}/{by}_wrench"] for by in ("hand", "table", "thing")], axis=0)
-
-    def lever(turned: FloatArray) -> FloatArray:
-        return np.asarray(Rotation.from_rotvec(turned[:, None] * axis).apply(arm))
-
-    moment = (wrench[:, 3:] + np.cross(lever(before), wrench[:, :3])) @ axis
-    middle = before + 0.5 * spin[:-1] / result.rate
-    weight = free["mass"] * np.cross(lever(middle), free["gravity"]) @ axis
-    inertia = axis @ np.array(free["inertia"]) @ axis + free["mass"] * arm @ arm
-    heavier = 1.0 + float(free["damping"]) / result.rate
+    moment = (wrench[:, 3:] + np.cross(arm[:-1], wrench[:, :3])) @ axis
+    middle = Rotation.from_rotvec(np.outer(0.5 * thing.period * spin[:-1], axis)).apply(arm[:-1])
+    inertia = axis @ thing.inertia @ axis + mass * length**2
     # What is left is the hinge's own: friction, and at a limit what it bears.
-    own = inertia * result.rate * (heavier * spin[1:] - spin[:-1]) - moment - weight
+    own = inertia * rate * ((1.0 + thing.damping / rate) * spin[1:] - spin[:-1]) - moment
+    own -= mass * np.cross(middle, gravity) @ axis
     low, high = angle <= limits[0] + AT_LIMIT, angle >= limits[1] - AT_LIMIT
-    against = -hinge["friction"] * np.sign(spin[1:])
-    turns = np.abs(spin[1:]) > TURNS
-    most, least = np.where(turns, against, hinge["friction"]), np.where(turns, against, -hinge["friction"])
-    size = FORCE * (1.0 + np.abs(wrench).sum(axis=1)) * (1.0 + np.linalg.norm(arm))
+    turns, friction = np.abs(spin[1:]) > TURNS, hinge["friction"]
+    against = -friction * np.sign(spin[1:])
+    size = FORCE * (1.0 + np.abs(wrench).sum(axis=1)) * (1.0 + length)
     # Of several programs in a tick the last one began anywhere between its ends; the speed changes meanwhile.
-    turned = np.where(np.asarray(result["work/linearisations"]) > 1, np.abs(angle - before), 0.0)
-    turned += np.abs(np.diff(spin)) / result.rate
-    size += (
-        turned
-        * np.linalg.norm(arm)
-        * (np.abs(wrench[:, :3]).sum(axis=1) + free["mass"] * np.linalg.norm(free["gravity"]))
+    turned = np.where(np.asarray(thing.result["work/linearisations"]) > 1, np.abs(angle - before), 0.0)
+    turned += np.abs(np.diff(spin)) * thing.period
+    size += turned * length * (np.abs(wrench[:, :3]).sum(axis=1) + mass * np.linalg.norm(gravity))
+    beyond = np.where(low, 0.0, own - np.where(turns, against, friction))
+    wrong = np.maximum(beyond, np.where(high, 0.0, np.where(turns, against, -friction) - own)) / size
+    off[thing.whole] = np.maximum(off, wrong)[thing.whole]
+    says = (
+        f"{thing.group} only turns about its hinge, within its limits, as moments about it, weight and friction have it"
     )
-    wrong = np.maximum(np.where(low, 0.0, own - most), np.where(high, 0.0, least - own)) / size
-    wrong[(np.asarray(result["status"]) & (LAG | STUCK)) != 0] = 0.0
-    says = f"{part} only turns about its hinge, within its limits, as moments about it, weight and friction have it"
-    return judged(
-        "hinge", says, np.maximum(off, wrong), 1.0, "1", "a nanometre; a millionth of the forces", ticks=ticks
-    )
+    return judged("hinge", says, off, 1.0, "1", "a nanometre; a millionth of the forces", ticks=thing.ticks)
 
 
-def _things_move(result: Result, stated: list[dict[str, Any]]) -> Claim:
-    ticks, off = np.arange(result.ticks), np.zeros(result.ticks)
-    size = np.ones(result.ticks)
-    for part, free in zip(result.parts, stated):
-        mass, first = float(free["mass"]), np.array([free["velocity"]])
-        velocity = np.concatenate([first, np.asarray(result[f"{part}/velocity"])])
-        force = sum(np.asarray(result[f"{part}/{by}_wrench"])[:, :3] for by in ("hand", "table", "thing"))
-        if free.get("hinge"):
-            continue
-        if free.get("fixed"):
-            wrong = np.abs(velocity).max(axis=1)[1:]
-        else:
-            heavier = 1.0 + float(free["damping"]) / result.rate
-            gained = mass * result.rate * (heavier * velocity[1:] - velocity[:-1])
-            wrong = np.abs(gained - force - mass * np.array(free["gravity"])).max(axis=1)
-        off, size = np.maximum(off, wrong), size + np.abs(force).max(axis=1)
-    # A tick that lags makes a share of its last program's step.
-    off[(np.asarray(result["status"]) & (LAG | STUCK)) != 0] = 0.0
-    says = "each thing's velocity changes as the hand's, the table's and the others' forces and its weight have it"
-    return judged("things move", says, off, FORCE * size, "N", WHY_FORCE, ticks=ticks)
+def _first_thing(motion: FreeMotion, first: FreeThing) -> Claim:
+    pairs = ((getattr(motion, name), getattr(first, name)) for name in ("center", "velocity", "spin", "borne"))
+    off = [np.abs(one - other)[-len(motion.ticks) :].max(axis=1) for one, other in pairs]
+    off.append((motion.turned[1:].inv() * first.turned[1:]).magnitude())
+    says = "motion and forces of the object are those of the first thing"
+    return judged("first thing", says, np.max(off, axis=0), SAME_THING, "m, N", "rounding of sums", ticks=motion.ticks)
 
 
-def _between_things(result: Result) -> Claim:
-    force = np.stack([np.asarray(result[f"{part}/thing_wrench"])[:, :3] for part in result.parts])
-    says = "the forces of the things on each other are equal and opposite"
-    size, off = FORCE * (1.0 + np.abs(force).sum(axis=(0, 2))), np.abs(force.sum(axis=0)).max(axis=1)
-    return judged("between things", says, off, size, "N", WHY_FORCE, ticks=np.arange(result.ticks))
+def _between_things(things: Sequence[FreeThing]) -> Claim:
+    """Judge forces, and moments about the origin; a moment is about what a contact was at in the tick."""
+    force, moment = np.zeros((2, len(things[0].ticks), 3))
+    size, travel = np.ones(len(force)), np.zeros(len(force))
+    for thing in things:
+        wrench, extent = thing.of("thing_wrench"), float(np.ptp(thing.vertices, axis=0).max())
+        force += wrench[:, :3]
+        moment += wrench[:, 3:] + np.cross(thing.center[1:], wrench[:, :3])
+        size += np.abs(wrench).sum(axis=1)
+        travel += np.linalg.norm(np.diff(thing.center, axis=0), axis=1) + extent * np.linalg.norm(thing.turn, axis=1)
+    off = np.maximum(np.abs(force).max(axis=1), np.maximum(0.0, np.abs(moment).max(axis=1) - size * travel))
+    says = "the forces of the things on each other are equal and opposite, and their moments but for the tick's travel"
+    return judged("between things", says, off, FORCE * size, "N, N·m", WHY_FORCE, ticks=things[0].ticks)
 
 
-def _things_apart(result: Result, stated: list[dict[str, Any]]) -> Claim:
+def _hands_on_things(things: Sequence[FreeThing]) -> Claim:
+    result, name = things[0].result, "hands on things"
+    says, hands = "the forces of the hands on the things are opposite to those on the hands", [result]
+    if result.scene.get(TWO_HANDED):
+        if not is_one_of_two(result.path):
+            return Claim(name, says, NOT_JUDGED, note=NO_OTHER)
+        hands = [load_result(result.path.with_name(side)) for side in SIDES]
+    ticks = np.arange(min(hand.ticks for hand in hands))
+    forces = [thing.of("hand_wrench")[ticks, :3] for thing in things]
+    forces += [np.asarray(hand["force/total"])[ticks] for hand in hands]
+    off, size = np.abs(np.sum(forces, axis=0)).max(axis=1), 1.0 + np.abs(forces).sum(axis=(0, 2))
+    return judged(name, says, off, FORCE * size, "N", WHY_FORCE, ticks=ticks)
+
+
+def _things_apart(things: Sequence[FreeThing]) -> Claim:
     """Look for points of each thing's triangles and edges in each other one, by winding and nearest triangle."""
+    result = things[0].result
     ticks = np.unique(np.linspace(0, result.ticks - 1, LOOKED_AT).astype(int))
     meshes = [Mesh(result[f"{part}/vertices"], result[f"{part}/faces"]) for part in result.parts]
     shells, points = [TrueSurface(mesh) for mesh in meshes], [points_on(mesh) for mesh in meshes]
-    moved = [
-        RigidMotion(*(np.asarray(result[f"{part}/{column}"])[ticks] for column in ("orientation", "position")))
-        for part in result.parts
-    ]
-    depth = np.zeros(len(ticks))
-    names = result.scene["thing"]["parts"]
-    joined = [{name, free["hinge"]["on"]} for name, free in zip(names, stated) if free.get("hinge")]
-    for i, shell in enumerate(shells):
-        low, high = meshes[i].bounds - [[CLEAR], [-CLEAR]]
-        for j in range(len(shells)):
-            seen = moved[i].seen_points(moved[j].points(np.broadcast_to(points[j], (len(ticks), *points[j].shape))))
+    moved = [RigidMotion(*(motion[ticks] for motion in of)) for of in result.meshes_moved()]
+    depth, names = np.zeros(len(ticks)), result.scene["thing"]["parts"]
+    joined_by = [{name, one.free["hinge"]["on"]} for name, one in zip(names, things) if one.free.get("hinge")]
+    for (i, shell), j in itertools.product(enumerate(shells), range(len(shells))):
+        if i == j or {names[i], names[j]} in joined_by:
+            continue
+        # What is deeper than the clearance is as far within the bounds.
+        low, high = meshes[i].bounds + [[CLEAR], [-CLEAR]]
+        for rows in np.array_split(np.arange(len(ticks)), range(TOGETHER, len(ticks), TOGETHER)):
+            here, there = (RigidMotion(*(values[rows] for values in moved[k])) for k in (i, j))
+            seen = here.seen_points(there.points(np.broadcast_to(points[j], (len(rows), *points[j].shape))))
             inside = ((seen > low) & (seen < high)).all(axis=2)
-            if i == j or {names[i], names[j]} in joined:
-                continue
             for t in np.flatnonzero(inside.any(axis=1)):
-                depth[t] = max(depth[t], -float(shell.signed_distance(seen[t][inside[t]]).min()))
+                found = -float(shell.signed_distance(seen[t][inside[t]]).min())
+                depth[rows[t]] = max(depth[rows[t]], found)
     says = f"no thing is in another one, by points of its triangles in {len(ticks)} ticks"
     return judged("things apart", says, depth, CLEAR, "m", "the clearance", ticks=ticks)

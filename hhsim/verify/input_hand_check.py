@@ -10,12 +10,18 @@ from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, as_number, judged
 from hhsim.verify.contacts import near_pairs
 from hhsim.verify.judged_body import JudgedBody, judged_bodies
-from hhsim.verify.kinematics import Posed, rotations
+from hhsim.verify.kinematics import Posed, turn_between
 from hhsim.verify.tick_data import LENGTH, WHY_LENGTH, JudgedTicks
 
 DEPTH = "input_depth_max"
 CORRECTION = ("correction_palm_mean", "correction_palm_max", "correction_joint_mean", "correction_joint_max")
 FIGURES = (DEPTH, *CORRECTION)
+INPUT_DEPTH = "input depth", "the user's hand is as deep as the summary says, and in no tick deeper"
+OFF_THE_USER = (
+    "correction",
+    "the shown hand is as far from the user's, in the ticks in which it touches, as the summary says",
+)
+"""Claims of the summary, each a name and a statement."""
 SEARCHED = 1e-6
 """Tolerance of the search for the deepest tick [m]."""
 BETWEEN = 1e-8
@@ -24,8 +30,14 @@ BETWEEN = 1e-8
 
 def input_hand_claims(judge: JudgedTicks) -> list[Claim]:
     """Judge the summary's figures of the user's hand; none of a session or a stopped run."""
-    if judge.result.live is not None or not judge.result.complete:
+    result = judge.result
+    if result.live is not None or not result.complete:
         return []
+    # No version tells them apart: results of several parts or things once had none of the figures, which are NaN there.
+    # Now the depth is always a number, so that a result that lacks some of them is wrong.
+    if result.parts and np.isnan([as_number(result.summary.get(name, np.inf)) for name in FIGURES]).all():
+        note = "the file has no such figures, as those of several parts or things once had none; make it anew"
+        return [Claim(*claim, NOT_JUDGED, unit="m", note=note) for claim in (INPUT_DEPTH, OFF_THE_USER)]
     return [_depth(judge), _correction(judge)]
 
 
@@ -45,7 +57,9 @@ def motion_claim(result: Result) -> Claim:
     for column in names:
         rows = np.asarray(result[column]).reshape(result.ticks, -1)
         turns = column.endswith("orientation") and not held
-        steps, order = (_turns(rows), 1) if turns else (rows, 1 if held else 4)
+        steps, order = (
+            (np.nan_to_num(turn_between(rows[:-1], rows[1:]), nan=np.inf), 1) if turns else (rows, 1 if held else 4)
+        )
         bent = np.abs(np.diff(steps, order, axis=0)).max(axis=1, initial=0.0)
         reach = result.ticks - len(bent)
         same = np.flatnonzero(seq[reach:] == seq[: len(bent)])
@@ -59,18 +73,9 @@ def motion_claim(result: Result) -> Claim:
     return judged(name, says, off[known], BETWEEN, "m, rad", "rounding of stamps", ticks=known, note=note)
 
 
-def _turns(quaternion: FloatArray) -> FloatArray:
-    """Rotation vector from each tick to the next [rad], in the first tick's frame, shape (T - 1, 3)."""
-    here, none = rotations(quaternion)
-    turn = np.asarray((here[:-1].inv() * here[1:]).as_rotvec())
-    turn[none[:-1] | none[1:]] = np.inf
-    return turn
-
-
 def _depth(judge: JudgedTicks) -> Claim:
-    name, says = "input depth", "the user's hand is as deep as the summary says, and in no tick deeper"
     if judge.on_mesh:
-        return Claim(name, says, NOT_JUDGED, unit="m", note="inside a mesh the referee has no depth of its own")
+        return Claim(*INPUT_DEPTH, NOT_JUDGED, unit="m", note="inside a mesh the referee has no depth of its own")
     deepest, every = 0.0, np.arange(judge.result.ticks)
     for body in judged_bodies(judge.result, every):
         posed = body.seen(judge.wanted_posed, every)
@@ -84,11 +89,10 @@ def _depth(judge: JudgedTicks) -> Claim:
 
         deepest = search_deepest(moved[:, None], depths, deepest)
     off = abs(deepest - as_number(judge.result.summary.get(DEPTH)))
-    return judged(name, says, [off], SEARCHED, "m", "as near as it is searched for")
+    return judged(*INPUT_DEPTH, [off], SEARCHED, "m", "as near as it is searched for")
 
 
 def _correction(judge: JudgedTicks) -> Claim:
-    says = "the shown hand is as far from the user's, in the ticks in which it touches, as the summary says"
     result, shown, wanted = judge.result, judge.shown_posed, judge.wanted_posed
     touch = np.asarray(result["contacts/touching"]) > 0
     for part in ("position", "orientation", "flexion", "abduction"):
@@ -100,4 +104,4 @@ def _correction(judge: JudgedTicks) -> Claim:
     stated = np.array([as_number(result.summary.get(name, np.inf)) for name in CORRECTION])
     # Without contact there is no such figure.
     off = np.where(np.isnan(stated) & np.isnan(found), 0.0, np.abs(stated - found))
-    return judged("correction", says, off, LENGTH, "m", WHY_LENGTH)
+    return judged(*OFF_THE_USER, off, LENGTH, "m", WHY_LENGTH)

@@ -83,6 +83,13 @@ def pose(hand: OwnHand, at: HandConfiguration) -> Posed:
     return posed
 
 
+def phalanx_axes(posed: Posed, f: int, k: int) -> FloatArray:
+    """Axes of a phalanx as columns, shape (T, 3, 3): its joint's, along it, and across both."""
+    along = posed.joints[:, f, k + 1] - posed.joints[:, f, k]
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    return np.stack([posed.axes[:, f], along, np.cross(posed.axes[:, f], along)], axis=2)
+
+
 def turn_between(first: FloatArray, second: FloatArray) -> FloatArray:
     """Rotation vectors [rad], world, (T, 3), between orientations w x y z; NaN if one is invalid."""
     (there, neither), (here, nor) = rotations(second), rotations(first)

@@ -11,7 +11,7 @@ from hhsim.metrics.run.registry import known_figures, run_metrics, tick_figures
 from hhsim.metrics.run_ticks import ticks_alone
 from hhsim.result.reader import Result
 from hhsim.solver.method import EVERYTHING
-from hhsim.verify.claim import NOT_JUDGED, Claim, as_number, difference, judged, told_apart
+from hhsim.verify.claim import NOT_JUDGED, Claim, as_number, difference, figures_apart, judged
 from hhsim.verify.depth_checks import CONTACT_ERROR
 from hhsim.verify.file_checks import follows
 from hhsim.verify.input_hand_check import FIGURES as INPUT_HAND
@@ -58,17 +58,9 @@ def _summary_claims(result: Result) -> list[Claim]:
     own = {"ticks": float(result.ticks)}
     own |= {name: value for name, value in figures.items() if name not in ELSEWHERE}
     stored = {name: as_number(value) for name, value in result.summary.items()}
-    off = {}
-    for name, value in own.items():
-        if name in stored:
-            tolerance = np.nan_to_num(np.abs(value)) + ROUNDING.get(name, 0.0) / SAME
-            apart = float(difference(np.array(stored[name]), np.array(value)))
-            off[name] = apart / tolerance if tolerance > 0.0 else np.inf if apart > 0.0 else 0.0
-    wrong = [
-        "{} is stored as {}, the ticks give {}".format(name, *told_apart(stored[name], own[name]))
-        for name, value in off.items()
-        if value > SAME
-    ]
+    known = {name: value for name, value in own.items() if name in stored}
+    size = [np.nan_to_num(np.abs(value)) + ROUNDING.get(name, 0.0) / SAME for name, value in known.items()]
+    off, wrong = figures_apart(stored, known, size, SAME, "the ticks give")
     gone = sorted(required_figures(result) - stored.keys())
     wrong += [f"{name} is not there" for name in gone]
     metrics = run_metrics()
@@ -76,7 +68,7 @@ def _summary_claims(result: Result) -> list[Claim]:
     rest = sorted(name for name in stored if name not in own and name not in judged_apart)
     invented = [name for name in rest if name not in metrics]
     wrong += [f"{name} has no definition" for name in invented]
-    values = np.concatenate([list(off.values()), np.full(len(gone) + len(invented), np.inf)])
+    values = np.append(off, np.full(len(gone) + len(invented), np.inf))
     says = "the figures of the summary are those of the ticks, and no others"
     why = "sums in another order differ by less; 1e-9 N and 1e-9 % where rounding is all there is"
     claims = [judged("summary", says, values, SAME, "1", why, note="; ".join(wrong))]

@@ -12,8 +12,8 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.verify.contacts import BODIES, PALM, axis_places, lowest_places
-from hhsim.verify.forces import BODY_COLUMNS, Moment
+from hhsim.verify.contacts import BODIES, PALM, RoundCones, axis_places, lowest_places, round_cones
+from hhsim.verify.forces import Moment, pushes
 from hhsim.verify.kinematics import OwnHand, Posed, pose
 
 SAMPLES = 5
@@ -70,13 +70,13 @@ def meetings(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Meetin
     """Find the pairs of `may` (15, 16) that are no more than `near` [m] apart; hands that are not finite have none."""
     spheres = PALM + np.arange(len(hand.palm_radius))
     couples = [(int(i), int(j)) for i, k in zip(*np.nonzero(may)) for j in ([k] if k < PALM else spheres)]
-    bodies = _bodies(hand, posed)
+    bodies = round_cones(hand, posed)
     return _near(bodies, bodies, near, lambda a, b: couples)
 
 
 def meetings_of_two(hands: Sequence[OwnHand], posed: Sequence[Posed], near: float) -> Meetings:
     """Find the pairs of two hands' bodies that are no more than `near` [m] apart, the palm's spheres on both sides."""
-    bodies = [_bodies(hand, at) for hand, at in zip(hands, posed)]
+    bodies = [round_cones(hand, at) for hand, at in zip(hands, posed)]
     size = [np.maximum(one.radius_a, one.radius_b) for one in bodies]
 
     def couples(one: FloatArray, other: FloatArray) -> list[tuple[int, int]]:
@@ -91,25 +91,8 @@ def meetings_of_two(hands: Sequence[OwnHand], posed: Sequence[Posed], near: floa
     return _near(bodies[0], bodies[1], near, couples)
 
 
-class _Bodies(NamedTuple):
-    """Round cones of hands at some ticks: phalanges, and the palm's spheres, cones without length."""
-
-    a: FloatArray  # start of each axis [m] (T, B, 3)
-    b: FloatArray
-    radius_a: FloatArray  # [m] (B,)
-    radius_b: FloatArray
-
-
-def _bodies(hand: OwnHand, posed: Posed) -> _Bodies:
-    a, b = (
-        np.concatenate([posed.joints[:, :, part].reshape(-1, PALM, 3), posed.palm], axis=1)
-        for part in (slice(3), slice(1, 4))
-    )
-    return _Bodies(a, b, *(np.append(hand.radius[:, p].ravel(), hand.palm_radius) for p in (slice(3), slice(1, 4))))
-
-
 def _near(
-    one: _Bodies, other: _Bodies, near: float, couples: Callable[[FloatArray, FloatArray], list[tuple[int, int]]]
+    one: RoundCones, other: RoundCones, near: float, couples: Callable[[FloatArray, FloatArray], list[tuple[int, int]]]
 ) -> Meetings:
     shares, found = np.linspace(0.0, 1.0, SAMPLES)[:, None], []
     for start in range(0, max(len(one.a), 1), TICKS):
@@ -150,20 +133,13 @@ def _near(
 
 def with_meetings(at: Moment, posed: Posed, pairs: Meetings, i: int) -> Moment:
     """Add the pairs of tick `i` of `posed` to what can push there: each pushes its parts, one against the other."""
-    count = len(pairs.first)
-    jacobian, bodies = np.zeros((count, 21)), np.zeros((count, BODY_COLUMNS))
-    for body, point, sign in ((pairs.first, pairs.place, 1.0), (pairs.second, pairs.other, -1.0)):
-        bodies[np.arange(count)[:, None], 3 * body[:, None] + np.arange(3)] = sign * pairs.normal
-        rows = np.flatnonzero(body != PALM)
-        finger, last = np.divmod(body[rows], PER_FINGER)
-        arm = point[rows, None] - posed.joints[i, finger, :PER_FINGER]
-        turned = np.cross(posed.axes[i, finger][:, None], arm)
-        torque = sign * (turned * pairs.normal[rows, None]).sum(axis=2)
-        columns = 6 + PER_FINGER * finger[:, None] + np.arange(PER_FINGER)
-        jacobian[rows[:, None], columns] = np.where(np.arange(PER_FINGER) <= last[:, None], torque, 0.0)
+    first = pushes(posed, i, pairs.first, pairs.place, pairs.normal)
+    second = pushes(posed, i, pairs.second, pairs.other, -pairs.normal)
+    # Between two parts of the hand nothing acts on the whole of it.
+    jacobian = np.where(np.arange(21) < 6, 0.0, first[0] + second[0])
     return at._replace(
         jacobian=np.concatenate([at.jacobian, jacobian]),
-        bodies=np.concatenate([at.bodies, bodies]),
+        bodies=np.concatenate([at.bodies, first[1] + second[1]]),
         distance=np.concatenate([at.distance, pairs.distance]),
         body=np.concatenate([at.body, pairs.first]),
     )

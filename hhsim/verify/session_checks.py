@@ -14,7 +14,7 @@ from hhsim.metrics.session_faults import MISSED_BY
 from hhsim.result.reader import Result
 from hhsim.result.safety import Safety, free_counts
 from hhsim.system.counted import counted
-from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged, told_apart
+from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, figures_apart, judged
 from hhsim.verify.finger_command_checks import command_claims
 from hhsim.verify.session_rows import LOOP_DIED, MOST_READ, SessionRows
 
@@ -265,15 +265,11 @@ def _figures(rows: SessionRows) -> list[Claim]:
     if not rows.result.complete:
         return []
     stored = rows.result.summary
-    wrong, off = [], []
     own = {**_counts(rows), **_percentiles(rows)}
-    for name, value in own.items():
-        given = float(stored.get(name, math.nan))
-        tolerance = (HALF_A_BIN if name.endswith(tuple(PERCENTILES)) else SAME) * max(abs(value), SAME)
-        apart = 0.0 if math.isnan(given) and math.isnan(value) else abs(given - value) / tolerance
-        off.append(apart if name in stored else math.inf)
-        if not apart <= 1.0 or name not in stored:
-            wrong.append("{} is stored as {}, the rows give {}".format(name, *told_apart(given, value)))
+    share = [HALF_A_BIN if name.endswith(tuple(PERCENTILES)) else SAME for name in own]
+    size = share * np.fmax(np.abs(list(own.values())), SAME)
+    apart, wrong = figures_apart(stored, own, size, 1.0, "the rows give")
+    off = apart.tolist()
     # A loop that was killed had counted its last tick's or not. The most are all periods that have no row.
     least = int(rows.missed.sum()) - (int(rows.missed[-1]) if rows.live["ended"] == LOOP_DIED else 0)
     most = int(rows.period[-1]) + 1 - len(rows.period)

@@ -212,7 +212,7 @@ class JudgedTicks:
             moved[1:] |= np.diff(np.concatenate(motion, axis=1), axis=0).any(axis=1)
         return moved
 
-    def _near(self, body: JudgedBody, places: IntArray, reach: float) -> Pairs:
+    def near_body(self, body: JudgedBody, places: IntArray, reach: float) -> Pairs:
         """Find the pairs with one body within `reach` [m] at some chosen ticks, which are counted from 0."""
         posed = body.seen(self.chosen_posed, places)
         if self.on_mesh:
@@ -226,7 +226,7 @@ class JudgedTicks:
         found_blocks = []
         for block in np.array_split(places, range(BLOCK, len(places), BLOCK)):
             size = len(block)
-            found = joined([self._near(body, block, reach) for body in self.bodies])
+            found = joined([self.near_body(body, block, reach) for body in self.bodies])
             pairs = found.within(2.0 * self.bearing)
             counts = self.pair_counts(found, self.surely, size)[0], self.pair_counts(found, self.margin, size)[1]
             bodies = (found.within(limit).bodies(size) for limit in (self.surely - LENGTH, self.margin + LENGTH))

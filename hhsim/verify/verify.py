@@ -22,7 +22,7 @@ from hhsim.verify.coal_distance import require_coal
 from hhsim.verify.depth_checks import contact_error_claim, depth_claims
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
-from hhsim.verify.free_object_checks import free_claims, free_complementarity_claim, free_hand_claim, thing_claims
+from hhsim.verify.free_object_checks import free_claims, free_complementarity_claim, free_hand_claim
 from hhsim.verify.input_hand_check import input_hand_claims, motion_claim
 from hhsim.verify.mesh_distance import EXACT, HandReferee
 from hhsim.verify.metric_checks import metric_claims
@@ -131,7 +131,7 @@ def verify(
         *session_claims(result),
         *origin_claims(result, again),
     ]
-    claims += [*free_claims(result), *thing_claims(result)]
+    claims += free_claims(result)
     if result.free:
         claims += [free_hand_claim(JudgedTicks(result, numbers)), free_complementarity_claim(judge)]
     if again:

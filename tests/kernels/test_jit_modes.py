@@ -79,11 +79,10 @@ SCRIPT = textwrap.dedent(
         (folder / "signatures.json").write_text(json.dumps(signatures))
     """
 )
-MODES = {
-    "compiled": {"NUMBA_DISABLE_JIT": "0", "NUMBA_BOUNDSCHECK": "0"},
-    "checked": {"NUMBA_DISABLE_JIT": "0", "NUMBA_BOUNDSCHECK": "1", "NUMBA_OPT": "0"},
-    "python": {"NUMBA_DISABLE_JIT": "1", "NUMBA_BOUNDSCHECK": "0"},
-}
+MODES = {"compiled": {}, "checked": {"NUMBA_BOUNDSCHECK": "1", "NUMBA_OPT": "0"}, "python": {"NUMBA_DISABLE_JIT": "1"}}
+"""Settings of numba. What a mode leaves out is not set, not even to 0: the kernels are then those in the cache."""
+UNSET = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
+"""Environment without settings of numba."""
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +104,7 @@ def computed(folder: Path, mode: str) -> dict[str, AnyArray]:
         cache = folder / "cache" if mode == "checked" else cache_root()
         subprocess.run(
             [sys.executable, "-c", SCRIPT, str(folder), mode],
-            env={**os.environ, "HHSIM_CACHE_DIR": str(cache), **MODES[mode]},
+            env={**UNSET, "HHSIM_CACHE_DIR": str(cache), **MODES[mode]},
             check=True,
             timeout=900,
         )

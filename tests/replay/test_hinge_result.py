@@ -14,7 +14,7 @@ from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import open_scene
 from hhsim.solver.options import SolverOptions
-from hhsim.verify.free_object_checks import thing_claims
+from hhsim.verify.free_object_checks import free_claims
 from hhsim.verify.verify import verify
 
 LEAF = "things/door/leaf"
@@ -64,7 +64,7 @@ def test_the_referee_finds_a_planted_fault(result: Result, tmp_path: Path, datas
     shutil.copy(result.path, path)
     with opened(path) as file:
         file[dataset][2000] += add
-    assert "hinge" in {claim.name for claim in thing_claims(load_result(path)) if claim.failed}
+    assert "hinge" in {claim.name for claim in free_claims(load_result(path)) if claim.failed}
 
 
 @pytest.mark.parametrize("change", [{"friction": 0.09}, {"limits": [-0.5, 0.5]}, {"origin": [-0.13, 0.001, 0.0]}])
@@ -75,4 +75,4 @@ def test_the_referee_finds_another_hinge_than_that_of_the_run(
     shutil.copy(result.path, path)
     with opened(path) as file:
         forge_scene(file, lambda scene: scene["free"]["hinge"].update(change))
-    assert "hinge" in {claim.name for claim in thing_claims(load_result(path)) if claim.failed}
+    assert "hinge" in {claim.name for claim in free_claims(load_result(path)) if claim.failed}

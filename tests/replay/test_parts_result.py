@@ -28,13 +28,13 @@ from hhsim.view.film import video_frames
 from hhsim.view.sink import parse_target
 from hhsim.view.viewer import view_result
 
-FIRST, TICKS = 1900, 400
+FIRST, TICKS = 1600, 400
 LID = "things/laptop/lid"
 
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    """Return a scene in which the hand comes down onto the base while the lid closes."""
+    """Return a scene in which the hand comes down onto the base while the lid closes; it begins outside of both."""
     scene = open_scene("laptop", "close", solid=False, level=2)
     assert scene.parts is not None
     return replace(scene, ticks=scene.ticks.first(TICKS), parts=scene.parts.at(slice(FIRST, FIRST + TICKS)))
@@ -115,8 +115,9 @@ def test_the_referee_judges_contacts_and_forces_of_each_part(result: Result, tmp
         }
 
     assert "force balance" in failing("tick/force/total", pressed, 10.0)
-    # The part that bears on the hand is elsewhere in that tick.
-    assert {"complementarity", "force balance", "non-penetration"} <= failing(f"{LID}/position", pressed, 2e-3)
+    # The part that bears on the hand is elsewhere in that tick: away from the hand, or in it.
+    assert {"complementarity", "force balance"} <= failing(f"{LID}/position", pressed, 2e-3)
+    assert "non-penetration" in failing(f"{LID}/position", pressed, -2e-3)
 
 
 def test_the_viewer_moves_each_part_and_finds_the_contacts_on_it(result: Result, tmp_path: Path) -> None:

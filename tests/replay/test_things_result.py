@@ -13,7 +13,7 @@ from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import open_scene
 from hhsim.solver.options import SolverOptions
-from hhsim.verify.free_object_checks import thing_claims
+from hhsim.verify.free_object_checks import free_claims
 from hhsim.verify.verify import verify
 
 TICKS = 60
@@ -47,13 +47,13 @@ def test_the_ticks_run_again_are_the_same(result: Result) -> None:
 def test_the_referee_finds_each_claim_true(result: Result) -> None:
     report = verify(result)
     assert not [claim.name for claim in report.claims if claim.failed]
-    assert {"things move", "between things", "things apart"} <= {claim.name for claim in report.claims}
+    assert {"Newton", "between things", "things apart"} <= {claim.name for claim in report.claims}
 
 
 @pytest.mark.parametrize(
     ("dataset", "add", "name"),
     [
-        (f"{BLUE}/velocity", [0.0, 0.0, 1e-3], "things move"),
+        (f"{BLUE}/velocity", [0.0, 0.0, 1e-3], "Newton"),
         (f"{GREEN}/thing_wrench", [0.0, 0.0, 1e-3, 0.0, 0.0, 0.0], "between things"),
         (f"{BLUE}/position", [0.0, 0.0, -1e-5], "things apart"),
     ],
@@ -65,7 +65,7 @@ def test_the_referee_finds_a_planted_fault(
     shutil.copy(result.path, path)
     with opened(path) as file:
         file[dataset][TICKS - 1] += add
-    assert name in {claim.name for claim in thing_claims(load_result(path)) if claim.failed}
+    assert name in {claim.name for claim in free_claims(load_result(path)) if claim.failed}
 
 
 ON_ANOTHER = """

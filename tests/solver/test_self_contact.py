@@ -4,33 +4,47 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from free_scenes import box, solver_of
 from sampled import sampled
-from sphere_scenes import CURL, UNTIMED, bumpy_ball, record_clearance, sphere_tree
+from sphere_scenes import BALL_RADIUS, CURL, UNTIMED, bumpy_ball, record_clearance, sphere_tree
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import self_clearance, self_pairs
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_ABDUCTION_HELD, STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
+from hhsim.mesh.mesh import Mesh
 from hhsim.motion.analytic_motion import random_targets, still
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.trees.contact_surface import contact_surface
+from hhsim.trees.sphere_tree import SphereTree
+from hhsim.verify.mesh_distance import EXACT, HandReferee
 
 RIGHT, LEFT = HandModel.default("right"), HandModel.default("left")
-AIR = sphere_tree(np.full((1, 3), 50.0), np.array([0.01]))
+FAR = [50.0, 50.0, 50.0]
+AIR: dict[str, Any] = {
+    "mesh": contact_surface("mesh", box((0.02, 0.02, 0.02), FAR), None).arrays,
+    "spheres": sphere_tree(np.array([FAR]), np.array([0.01])).arrays(),
+}
+"""What a hand in the air is beside, of either surface."""
 OPTIONS = SolverOptions(self_contact=True)
+EITHER = sampled(["mesh", "spheres"], lambda place, _: place == 0)
+"""Surfaces; a hand's own parts are the same beside either, and other tests compile it beside triangles, too."""
 PINCH_FLEXION = np.zeros((5, 3))
 PINCH_FLEXION[0], PINCH_FLEXION[1] = (0.1, 0.9, 0.9), (1.2, 1.2, 0.6)
 PINCH = still(np.zeros(3), flexion=PINCH_FLEXION, abduction=np.array([0.5, 0.0, 0.0, 0.0, 0.0]))
 OPEN = still(np.zeros(3))
 
 
-def run(motion: HandConfiguration, hand: HandModel = RIGHT, tree: Any = AIR, **options: Any) -> TickRecord:
-    return HandSolver(hand, tree.arrays(), SolverOptions(**{"self_contact": True, **options})).run(*motion)
+def run(motion: HandConfiguration, hand: HandModel = RIGHT, beside: Any = AIR, **options: Any) -> TickRecord:
+    chosen = SolverOptions(**{"self_contact": True, "surface": "mesh", **options})
+    return HandSolver(hand, beside[chosen.surface], chosen).run(*motion)
 
 
 def clearance(hand: HandModel, record: Any) -> FloatArray:
@@ -74,11 +88,19 @@ def _rate(record: TickRecord, joint: int) -> float:
     return (ahead - behind) / 2e-6
 
 
-def test_where_nothing_meets_every_byte_is_as_without() -> None:
-    ball = bumpy_ball(150)
+def ball(leaves: int) -> tuple[Mesh, SphereTree, dict[str, Any]]:
+    """A ball of triangles, a bumpy one of spheres, and both as what a hand touches."""
+    found = trimesh.creation.icosphere(subdivisions=2, radius=BALL_RADIUS)
+    mesh, tree = Mesh(np.array(found.vertices), np.array(found.faces)), bumpy_ball(leaves)
+    return mesh, tree, {"mesh": contact_surface("mesh", mesh, None).arrays, "spheres": tree.arrays()}
+
+
+@pytest.mark.parametrize("surface", EITHER)
+def test_where_nothing_meets_every_byte_is_as_without(surface: str) -> None:
+    _, _, beside = ball(150)
     opened, grasped = still([0.0, -0.045, 0.056], flexion=0.4 * CURL), still([0.0, -0.045, 0.054], flexion=CURL)
     motion = opened.line(grasped, 119).hold(40)
-    ours, theirs = (run(motion, tree=ball, self_contact=on) for on in (True, False))
+    ours, theirs = (run(motion, beside=beside, surface=surface, self_contact=on) for on in (True, False))
     assert clearance(RIGHT, theirs).min() > 0.0 and np.linalg.norm(theirs.total[-1]) > 1.0
     for name in UNTIMED:
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
@@ -132,14 +154,19 @@ def test_another_solver_of_the_programs_gives_the_same_hand(backend: str) -> Non
     np.testing.assert_allclose(theirs.phalanx[-1], ours.phalanx[-1], atol=1e-3)
 
 
+@pytest.mark.parametrize("surface", EITHER)
 @pytest.mark.parametrize("seed", sampled(range(20), lambda seed, _: seed == 0))
-def test_random_ticks_never_enter_hand_or_object(seed: int) -> None:
+def test_random_ticks_never_enter_hand_or_object(seed: int, surface: str) -> None:
     random = np.random.default_rng(seed)
-    ball, motion = bumpy_ball(60), random_targets(RIGHT, 500, random, hold=20)
-    record = run(motion, tree=ball)
+    (mesh, tree, beside), motion = ball(60), random_targets(RIGHT, 500, random, hold=20)
+    record = run(motion, beside=beside, surface=surface)
     assert clearance(RIGHT, motion).min() < -2e-3
     assert clearance(RIGHT, record).min() >= 0.0
-    assert record_clearance(RIGHT, ball, record).min() >= 0.0
+    if surface == "spheres":
+        assert record_clearance(RIGHT, tree, record).min() >= 0.0
+    else:
+        shown = PlacedHand(record.joints, record.position, record.orientation)
+        assert -EXACT < HandReferee(mesh).clearances(hand_shape(RIGHT), shown, 1e-3).min() < 1e-5
 
 
 @pytest.mark.parametrize("method", ["progressive", "paper", "penalty"])

@@ -43,7 +43,7 @@ def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
     scene = short_scene(short_grasp())
     path = tmp_path_factory.mktemp("honest") / "pinch.h5"
     in_the_air = make_scene(scene.mesh, scene.tree, HandModel.default(), pinch())
-    replay_scene(in_the_air, SolverOptions(self_contact=True), path, description={"hand_file": None})
+    replay_scene(in_the_air, SolverOptions(self_contact=True, surface="mesh"), path, description={"hand_file": None})
     return load_result(path)
 
 
@@ -87,7 +87,7 @@ def test_the_claim_is_of_runs_that_make_it(honest: Result, tmp_path: Path) -> No
     scene = short_scene(short_grasp())
     path = tmp_path / "through.h5"
     in_the_air = make_scene(scene.mesh, scene.tree, HandModel.default(), replace(pinch(), name="through"))
-    replay_scene(in_the_air, SolverOptions(), path, description={"hand_file": None})
+    replay_scene(in_the_air, SolverOptions(surface="mesh"), path, description={"hand_file": None})
     through = load_result(path)
     assert through.summary["self_depth_graphic"] == through.summary["self_depth_haptic"] > 5e-3
     assert not {"own parts", "depth in itself"} & {claim.name for claim in verify(through).claims}

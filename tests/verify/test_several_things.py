@@ -1,0 +1,156 @@
+"""The referee's claims of several things: an honest result passes, and planted faults are found under their names."""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from file_faults import Fault, at, with_name
+from sampled import first_of_each
+from sealed_change import changed
+
+from hhsim.replay.replay import replay_scene
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.scene import open_scene
+from hhsim.solver.options import SolverOptions
+from hhsim.verify.claim import HOLDS, NOT_JUDGED, Claim
+from hhsim.verify.depth_checks import depth_claims
+from hhsim.verify.free_object_checks import FreeMotion, free_claims, free_complementarity_claim, free_hand_claim
+from hhsim.verify.input_hand_check import CORRECTION, FIGURES, input_hand_claims
+from hhsim.verify.metric_checks import metric_claims
+from hhsim.verify.object_frame import seen_by_referee
+from hhsim.verify.tick_data import JudgedTicks
+
+TICKS, AT_REST, HELD = 1600, 300, 1590
+"""Ticks of the run, one in which no hand is near, and one in which the hand bears on both things."""
+HALVES = "".join(
+    f"""
+[[thing]]
+name = "{name}"
+box = [0.019999, 0.04, 0.04]
+position = [{x}, 0.0, 0.02]
+mass = 0.05
+"""
+    for name, x in (("one", -0.01), ("two", 0.01))
+)
+"""A block in two halves, which the fingers press on each other."""
+ONE, TWO = (f"things/halves/{name}" for name in ("one", "two"))
+
+
+@pytest.fixture(scope="module")
+def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    folder = tmp_path_factory.mktemp("halves")
+    (folder / "halves.toml").write_text(HALVES)
+    scene = open_scene(str(folder / "halves.toml"), "stack", solid=False, level=2)
+    assert scene.parts is not None
+    scene = replace(scene, ticks=scene.ticks.first(TICKS), parts=scene.parts.at(slice(TICKS)))
+    replay_scene(scene, SolverOptions(surface="mesh"), folder / "halves.h5")
+    return load_result(folder / "halves.h5")
+
+
+def claims(result: Result, ticks: Any = (AT_REST, HELD)) -> dict[str, Claim]:
+    chosen = np.asarray(ticks)
+    world, seen = JudgedTicks(result, chosen), JudgedTicks(result.seen_by(seen_by_referee), chosen)
+    found = [*free_claims(result), free_hand_claim(world), free_complementarity_claim(seen), *depth_claims(seen)]
+    return {claim.name: claim for claim in found}
+
+
+def failing(result: Result) -> set[str]:
+    return {name for name, claim in claims(result).items() if claim.failed}
+
+
+def planted(result: Result, folder: Path, fault: Fault) -> Result:
+    path = folder / "planted.h5"
+    shutil.copy(result.path, path)
+    with changed(path) as file:
+        fault(file)
+    return load_result(path)
+
+
+def test_an_honest_result_passes_where_the_hand_bears_on_both(honest: Result) -> None:
+    motion = FreeMotion(honest)
+    assert (~motion.alone).sum() > 200 and np.abs(honest[f"{ONE}/hand_wrench"][HELD]).max() > 1.0
+    found = claims(honest, np.arange(0, TICKS, 10))
+    assert not [claim for claim in found.values() if claim.failed]
+    assert found["hand's balance"].checked == found["complementarity"].checked == TICKS // 10
+    for name in ("object velocity", "object angular", "Newton", "Euler"):
+        assert found[name].checked > 2 * (TICKS - 20) and "the worst is that of" in found[name].note
+
+
+def given_to_another(file: h5py.File) -> None:
+    """What one body bears is given to the next one that bears something: the sum is the same."""
+    phalanx = file["tick/force/phalanx"][HELD].reshape(15, 3)
+    one, other = np.flatnonzero(np.abs(phalanx).any(axis=1))[:2]
+    phalanx[[one, other]] = phalanx[[other, one]]
+    file["tick/force/phalanx"][HELD] = phalanx.reshape(5, 3, 3)
+
+
+def force_in_the_air(file: h5py.File) -> None:
+    """A body that touches nothing bears half a newton, and another one less."""
+    phalanx = file["tick/force/phalanx"][HELD].reshape(15, 3)
+    bears = np.abs(phalanx).any(axis=1)
+    phalanx[np.flatnonzero(~bears)[0], 2] += 0.5
+    phalanx[np.flatnonzero(bears)[0], 2] -= 0.5
+    file["tick/force/phalanx"][HELD] = phalanx.reshape(5, 3, 3)
+
+
+def of_second(name: str, column: str, tick: int, change: Callable[[Any], Any]) -> Fault:
+    return at(name, f"{TWO}/{column}", tick, change)
+
+
+def into_the_hand(file: h5py.File) -> None:
+    """The second thing, where its hand's force has it, half a millimetre on."""
+    push = file[f"{TWO}/hand_wrench"][HELD, :3]
+    file[f"{TWO}/position"][HELD] -= 5e-4 * push / np.linalg.norm(push)
+
+
+FAULTS: dict[Fault, str] = {
+    of_second("faster", "velocity", AT_REST, lambda x: x + (0.0, 1e-4, 0.0)): "object velocity",
+    of_second("spinning", "angular_velocity", AT_REST, lambda x: x + (0.0, 0.0, 1e-4)): "object angular",
+    of_second("pulled", "table_wrench", AT_REST, lambda x: x + (1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)): "Newton",
+    of_second("twisted", "table_wrench", AT_REST, lambda x: x + (0.0, 0.0, 0.0, 0.0, 0.0, 1e-3)): "Euler",
+    of_second("twisted by the hand", "hand_wrench", HELD, lambda x: x + (0.0, 0.0, 0.0, 0.01, 0.0, 0.0)): "Euler",
+    of_second("sunken", "position", AT_REST, lambda x: x - (0.0, 0.0, 1e-6)): "table",
+    of_second(
+        "turned in itself", "thing_wrench", AT_REST, lambda x: x + (0.0, 0.0, 0.0, 0.0, 0.0, 1e-3)
+    ): "between things",
+    of_second("helped", "hand_wrench", HELD, lambda x: x + (0.0, 0.0, 1e-3, 0.0, 0.0, 0.0)): "hands on things",
+    at("of another object", "tick/object/hand_wrench", (HELD, 2), lambda x: x + 1e-3): "first thing",
+    at("first elsewhere", f"{ONE}/velocity", (HELD, 2), lambda x: x + 1e-6): "first thing",
+    given_to_another: "hand's balance",
+    force_in_the_air: "complementarity",
+    into_the_hand: "non-penetration",
+    with_name("deep_in_the_hand", lambda file: into_the_hand(file)): "depth",
+    of_second("overlapping", "position", AT_REST, lambda x: x - (1e-5, 0.0, 0.0)): "things apart",
+}
+
+
+@pytest.mark.parametrize("fault", first_of_each(FAULTS), ids=lambda fault: fault.__name__)
+def test_a_planted_fault_is_found_by_name(honest: Result, tmp_path: Path, fault: Fault) -> None:
+    assert FAULTS[fault] not in failing(honest)
+    assert FAULTS[fault] in failing(planted(honest, tmp_path, fault))
+
+
+def test_figures_that_results_of_several_things_once_lacked_are_not_judged(honest: Result, tmp_path: Path) -> None:
+    def verdicts(change: dict[str, Any]) -> dict[str, Claim]:
+        result = planted(honest, tmp_path, lambda file: file["summary"].attrs.update(change))
+        return {claim.name: claim for claim in input_hand_claims(JudgedTicks(result, np.array([HELD])))}
+
+    assert verdicts({})["correction"].verdict == HOLDS
+    lacking = verdicts(dict.fromkeys(FIGURES, np.nan))
+    assert {claim.verdict for claim in lacking.values()} == {NOT_JUDGED}
+    assert all("has no such figures" in claim.note for claim in lacking.values())
+    # A result of today has the depth at least, and each figure.
+    assert verdicts(dict.fromkeys(CORRECTION, np.nan))["correction"].failed
+    with_none = tmp_path / "none.h5"
+    shutil.copy(honest.path, with_none)
+    with changed(with_none) as file:
+        for name in FIGURES:
+            del file["summary"].attrs[name]
+    result = load_result(with_none)
+    assert {claim.name for claim in metric_claims(result) if claim.failed} == {"summary"}
+    assert any(claim.failed for claim in input_hand_claims(JudgedTicks(result, np.array([HELD]))))
