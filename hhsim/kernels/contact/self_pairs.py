@@ -77,6 +77,7 @@ SELF_CONTACT = np.dtype(
         ("meets", np.int64, (FINGER_COUNT,)),  # 1 for fingers with a row
         ("share", np.float64, (FINGER_COUNT,)),  # share of its abduction step that a finger has room for
         ("holds", np.bool_),  # a share is below 1
+        ("bends", np.bool_),  # the rows have second derivatives in the program at hand
         ("bent", HAND_POSE),  # the hand a little farther along a step, for second derivatives
     ],
     align=True,

@@ -86,7 +86,8 @@ def _curvature(lagrangian: Lagrangian, step: Array, product_out: Array) -> None:
     pose, contacts, loaded = lagrangian.pose, lagrangian.contacts, lagrangian.loaded
     row, multiplier, first = lagrangian.row, lagrangian.multiplier, limit_start(contacts, as_int64(FINGER_COUNT))
     curvature_product(pose, contacts, row, multiplier, loaded, step, product_out)
-    add_bends(lagrangian.own, pose, lagrangian.parts, first, row[:loaded], multiplier, step, product_out)
+    if lagrangian.parts.bends:
+        add_bends(lagrangian.own, pose, lagrangian.parts, first, row[:loaded], multiplier, step, product_out)
 
 
 @jit_once

@@ -68,6 +68,9 @@ REACH_GROWTH = 4.0
 """Growth of the reach after a step that it has cut short."""
 TRUST_GROWTH = 2.0
 """Growth of the trust radius from one unfinished tick to the next, after a step that was accepted."""
+FLAT_PROGRAMS = 3
+"""First programs of a tick, in which the hand's own pairs do not bend: most ticks need no more, and the derivatives
+take half a tick."""
 MOST_FAILED_STEPS = 3
 """Steps in a row that may end inside the object before they are taken back."""
 MOST_IDLE_TICKS = 10
@@ -132,6 +135,7 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
     options, work = method.options, state.work
     units, status, full_motion = work[WORK_UNITS], as_int64(OPTIMAL), WHOLE_TARGET
     contacts = as_int64(0)
+    state.self_contact.bends = done >= FLAT_PROGRAMS
     for attempt in range(2):
         contacts = build_program(hand, surface, options, state)
         if contacts < 0:
