@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -162,12 +163,12 @@ def test_the_way_to_a_hole_is_changed_by_what_the_thing_was_off() -> None:
             motion = RigidMotion(np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)), np.tile(hole - foot - off, (count, 1)))
             self.course.keep([], [motion], np.zeros(count, bool), np.zeros(count))
 
-    changed = bench.aimed(play, Carried)  # type: ignore[arg-type]
+    changed = bench.aimed(play, cast(Any, Carried))
     further = changed.haptic[0].position - play.haptic[0].position
     assert not further[: play.aim.start + 1].any()
     np.testing.assert_allclose(further[above.start :], np.tile(off, (play.ticks - above.start, 1)), atol=1e-12)
     assert (np.diff(further[:, 0]) >= 0.0).all()
-    assert bench.aimed(replace(play, aim=None), Carried).haptic is play.haptic  # type: ignore[arg-type]
+    assert bench.aimed(replace(play, aim=None), cast(Any, Carried)).haptic is play.haptic
 
 
 @needs_mujoco
