@@ -20,15 +20,15 @@ def self_pairs(hand: HandModel, fingers: Sequence[str] = FINGERS) -> SelfPairs:
     near to it as the limits of flexion allow: a proximal phalanx and the palm.
     """
     straight = np.clip(np.zeros((1, 5, 3)), hand.flexion_min, hand.flexion_max)
-    spread, arrays, found = np.zeros((1, 5)), hand.arrays(), []
+    spread, found = np.zeros((1, 5)), []
     for i in range(PALM_BODY):
         for j in range(PHALANGES * (i // PHALANGES + 1), PALM_BODY + 1):
             used = all(body == PALM_BODY or FINGERS[body // PHALANGES] in fingers for body in (i, j))
-            pair = SelfPairs(np.array([i]), np.array([j]), arrays)
+            pair = SelfPairs(np.array([i]), np.array([j]))
             if used and self_clearance(hand, pair, straight, spread)[0] > 0.0:
                 found.append((i, j))
     first, second = np.array(found, np.int64).reshape(-1, 2).T
-    return SelfPairs(np.ascontiguousarray(first), np.ascontiguousarray(second), arrays)
+    return SelfPairs(np.ascontiguousarray(first), np.ascontiguousarray(second))
 
 
 def self_clearance(hand: HandModel, pairs: SelfPairs, flexion: FloatArray, abduction: FloatArray) -> FloatArray:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.contact.linearise import LEVER_FLOOR, LIMIT_ROWS, limit_start
 from hhsim.kernels.copy import copy_values
+from hhsim.kernels.elementary import sine_cosine
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
     DOF,
@@ -27,8 +28,8 @@ from hhsim.kernels.hand.kinematics import (
     phalanx_cone,
     placed_sphere,
 )
-from hhsim.kernels.hand.pose import HAND_POSE, copy_configuration, update_kinematics
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, generic, jit, jit_inline
+from hhsim.kernels.hand.pose import HAND_POSE, update_kinematics
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, generic, jit, jit_inline, jit_noinline
 from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
 from hhsim.kernels.round_cone_pair import round_cone_pair
@@ -56,7 +57,6 @@ class SelfPairs(NamedTuple):
 
     first: Indices  # a phalanx, body 0 to 14, (N,)
     second: Indices  # a phalanx of a later finger, or the palm, body 15, (N,)
-    hand: HandArrays
 
 
 SELF_CONTACT = np.dtype(
@@ -78,6 +78,7 @@ SELF_CONTACT = np.dtype(
         ("share", np.float64, (FINGER_COUNT,)),  # share of its abduction step that a finger has room for
         ("holds", np.bool_),  # a share is below 1
         ("bends", np.bool_),  # the rows have second derivatives in the program at hand
+        ("shape", np.float64, (PALM_BODY, 5)),  # last five fields of each phalanx's `RoundCone`
         ("bent", HAND_POSE),  # the hand a little farther along a step, for second derivatives
     ],
     align=True,
@@ -227,6 +228,23 @@ def _levers(
 
 
 @jit
+def _write_cones(
+    pose: Record, first: int, second: int, cone: RoundCone, other: RoundCone, floor: float, row: int, own: Record
+) -> None:
+    # The second body is -1 where it is a sphere of the palm.
+    own.distance[row], s, t, own.normal[row, 0], own.normal[row, 1], own.normal[row, 2] = round_cone_pair(cone, other)
+    own.gradient[row, :] = 0.0
+    own.spread[row, :] = 0.0
+    along = s * cone.length
+    x, y, z = cone.x + along * cone.ux, cone.y + along * cone.uy, cone.z + along * cone.uz
+    _levers(pose, first, 1.0, x, y, z, floor, row, own)
+    if second >= 0:
+        along = t * other.length
+        x, y, z = other.x + along * other.ux, other.y + along * other.uy, other.z + along * other.uz
+        _levers(pose, second, -1.0, x, y, z, floor, row, own)
+
+
+@jit
 def write_row(hand: HandArrays, pose: Record, first: int, second: int, sphere: int, row: int, own: Record) -> None:
     """Write distance, normal and gradient of a pair to a row; `sphere` is a palm's, or WHOLE_PALM for phalanges."""
     cone, floor = _cone(hand, pose, first), LEVER_FLOOR * hand.length[first // PHALANX_COUNT, 0]
@@ -235,16 +253,7 @@ def write_row(hand: HandArrays, pose: Record, first: int, second: int, sphere: i
         other = placed_sphere(pose.position, pose.rotation, c[0], c[1], c[2], hand.palm_radius[sphere])
     else:
         other = _cone(hand, pose, second)
-    own.distance[row], s, t, own.normal[row, 0], own.normal[row, 1], own.normal[row, 2] = round_cone_pair(cone, other)
-    own.gradient[row, :] = 0.0
-    own.spread[row, :] = 0.0
-    along = s * cone.length
-    x, y, z = cone.x + along * cone.ux, cone.y + along * cone.uy, cone.z + along * cone.uz
-    _levers(pose, first, 1.0, x, y, z, floor, row, own)
-    if sphere < 0:
-        along = t * other.length
-        x, y, z = other.x + along * other.ux, other.y + along * other.uy, other.z + along * other.uz
-        _levers(pose, second, -1.0, x, y, z, floor, row, own)
+    _write_cones(pose, first, second if sphere < 0 else -1, cone, other, floor, row, own)
 
 
 @jit_inline
@@ -286,6 +295,14 @@ def _leave_room(offset: float, row: int, state: Record) -> None:
                 own.share[f] *= opening / closing
 
 
+@jit_noinline
+def _farthest_row(own: Record) -> int:
+    farthest = 0
+    for row in range(SELF_ROWS):
+        farthest = row if own.distance[row] > own.distance[farthest] else farthest
+    return farthest
+
+
 @jit
 def _add_pair(
     pairs: SelfPairs, hand: HandArrays, pair: int, sphere: int, within: float, options: Any, state: Record
@@ -302,10 +319,8 @@ def _add_pair(
     if row < SELF_ROWS:
         own.count += 1
     else:
-        tried, row = own.distance[row], 0
-        for other in range(SELF_ROWS):
-            row = other if own.distance[other] > own.distance[row] else row
-        if own.distance[row] <= tried:
+        row = _farthest_row(own)
+        if own.distance[row] <= own.distance[SELF_ROWS]:
             return False
         write_row(hand, state.pose, first, second, sphere, row, own)
     own.pair[row], own.sphere[row] = pair, sphere
@@ -409,17 +424,55 @@ def _clear_fraction(pairs: SelfPairs, fraction: float, hand: HandArrays, state: 
 
 
 @generic
+def keep_shapes(pairs: Any, hand: HandArrays, pose: Record, own: Record) -> None:
+    """Let the rows have second derivatives from now on, for which they keep the shapes of the phalanges."""
+
+
+@keep_shapes.of(SelfPairs)
+@jit_noinline
+def _keep_shapes(pairs: SelfPairs, hand: HandArrays, pose: Record, own: Record) -> None:
+    own.bends = True
+    for body in range(PALM_BODY):
+        cone, shape = _cone(hand, pose, body), own.shape[body]
+        shape[0], shape[1], shape[2] = cone.length, cone.tan_slope, cone.inverse_length
+        shape[3], shape[4] = cone.radius, cone.drop
+
+
+@jit_inline
+def _bent_cone(own: Record, body: int) -> RoundCone:
+    a, s = own.bent.joints[body // PHALANX_COUNT, body % PHALANX_COUNT], own.shape[body]
+    u = own.bent.direction[body // PHALANX_COUNT, body % PHALANX_COUNT]
+    return RoundCone(a[0], a[1], a[2], u[0], u[1], u[2], s[0], s[1], s[2], s[3], s[4])
+
+
+@jit
+def _bend(pose: Record, finger: int, share: float, step: Array, own: Record) -> None:
+    """Write a finger bent by a share of a step: each phalanx is turned about the axis by the joints before it."""
+    bent, axis, angle = own.bent, pose.axis[finger], 0.0
+    ax, ay, az = axis[0], axis[1], axis[2]
+    copy_values(axis, bent.axis[finger])
+    copy_values(pose.abduction_axis[finger], bent.abduction_axis[finger])
+    copy_values(pose.joints[finger, 0], bent.joints[finger, 0])
+    for k in range(PHALANX_COUNT):
+        angle += share * step[6 + PHALANX_COUNT * finger + k]
+        sine, cosine = sine_cosine(angle)
+        u, turned = pose.direction[finger, k], bent.direction[finger, k]
+        turned[0] = cosine * u[0] + sine * (ay * u[2] - az * u[1])
+        turned[1] = cosine * u[1] + sine * (az * u[0] - ax * u[2])
+        turned[2] = cosine * u[2] + sine * (ax * u[1] - ay * u[0])
+        for j in range(3):
+            along = own.shape[PHALANX_COUNT * finger + k, 0] * turned[j]
+            bent.joints[finger, k + 1, j] = bent.joints[finger, k, j] + along
+
+
+@generic
 def add_bends(
-    pairs: Any,
-    pose: Record,
-    own: Record,
-    first: int,
-    loaded: Indices,
-    multiplier: Array,
-    step: Array,
-    product_out: Array,
+    pairs: Any, pose: Record, own: Record, first: int, row: Indices, force: Array, step: Array, product_out: Array
 ) -> None:
-    """Add Σ λ ∇²d · step over the loaded rows of such pairs, see `curvature_product`; those begin at `first`."""
+    """Add Σ λ ∇²d · step over the rows of pairs of phalanges; `first` is the first row of such pairs, λ the force.
+
+    See `curvature_product`. The spheres of the palm count as flat.
+    """
 
 
 @add_bends.of(SelfPairs)
@@ -435,23 +488,19 @@ def _add_bends(
         bends = bends or row[i] >= first
     if not bends or most == 0.0:
         return
-    bent, share, last = own.bent, BEND / most, as_int64(SELF_ROWS)
-    copy_configuration(pose, bent)
+    share, last = BEND / most, as_int64(SELF_ROWS)
     for f in range(FINGER_COUNT):
-        for k in range(PHALANX_COUNT):
-            bent.flexion[f, k] += share * step[6 + PHALANX_COUNT * f + k]
-    update_kinematics(pairs.hand, bent)
+        _bend(pose, f, share, step, own)
     for i in range(row.shape[0]):
         own_row = row[i] - first
-        if own_row < 0:
+        if own_row < 0 or own.sphere[own_row] != WHOLE_PALM:
             continue
-        pair = own.pair[own_row]
-        write_row(pairs.hand, bent, pairs.first[pair], pairs.second[pair], own.sphere[own_row], last, own)
+        one, two = pairs.first[own.pair[own_row]], pairs.second[own.pair[own_row]]
+        _write_cones(own.bent, one, two, _bent_cone(own, one), _bent_cone(own, two), 0.0, last, own)
         for j in range(6, DOF):
-            before, after = own.gradient[own_row, j], own.gradient[last, j]
             # A lever below the least one counts as none, which is no curvature.
-            if before != 0.0 and after != 0.0:
-                product[j] += force[i] * (after - before) / share
+            if own.gradient[own_row, j] != 0.0:
+                product[j] += force[i] * (own.gradient[last, j] - own.gradient[own_row, j]) / share
 
 
 @jit_inline
@@ -471,6 +520,6 @@ def _add_none(pairs: NoPairs, hand: HandArrays, within: float, options: Any, sta
     return False
 
 
-for _kernel in (measure_pairs, foresee_rows, scale_rows, add_bends):
+for _kernel in (measure_pairs, foresee_rows, scale_rows, keep_shapes, add_bends):
     _kernel.of(NoPairs)(nothing)
 clear_fraction.of(NoPairs)(as_it_is)

@@ -16,6 +16,7 @@ import numpy as np
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import clamp_to_limits
+from hhsim.kernels.contact.self_pairs import keep_shapes
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move
 from hhsim.kernels.jit import Record, as_int64, jit_inline, jit_once
@@ -135,7 +136,9 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
     options, work = method.options, state.work
     units, status, full_motion = work[WORK_UNITS], as_int64(OPTIMAL), WHOLE_TARGET
     contacts = as_int64(0)
-    state.self_contact.bends = done >= FLAT_PROGRAMS
+    state.self_contact.bends = False
+    if done >= FLAT_PROGRAMS:
+        keep_shapes(options.own, hand, state.pose, state.self_contact)
     for attempt in range(2):
         contacts = build_program(hand, surface, options, state)
         if contacts < 0:

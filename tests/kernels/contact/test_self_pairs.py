@@ -19,6 +19,7 @@ from hhsim.kernels.contact.self_pairs import (
     NoPairs,
     add_bends,
     add_rows,
+    keep_shapes,
     measure_pairs,
     pair_distance,
     write_row,
@@ -173,6 +174,7 @@ def test_second_derivatives_of_a_pair_are_those_of_its_distance() -> None:
         write_row(arrays, here, first, second, WHOLE_PALM, 0, own)
         step, product = np.zeros(21), np.zeros(21)
         step[6:] = random.normal(size=15)
+        keep_shapes(pairs, arrays, here, own)
         add_bends(pairs, here, own, 40, np.array([3, 40]), np.array([9.0, 2.0]), step, product)
 
         wide, narrow = (second_difference(at, step, first, second, size) for size in (2e-4, 1e-4))
