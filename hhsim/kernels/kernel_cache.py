@@ -17,7 +17,7 @@ from typing import Any
 
 from llvmlite import binding as llvm
 from numba import types
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 from numba.core.runtime import rtsys
 
 from hhsim.kernels.cache_folder import cache_root
@@ -164,6 +164,16 @@ def without_bitcode(stored: Any) -> Any:
     return tuple(without_bitcode(part) for part in stored)
 
 
+class _Index(IndexDataCacheFile):  # type: ignore[misc]
+    """numba's index of one kernel's files; as if empty where it names a type that other sources declare no more."""
+
+    def _load_index(self) -> Any:
+        try:
+            return super()._load_index()
+        except (AttributeError, ImportError):
+            return {}
+
+
 class _FolderCache(FunctionCache):  # type: ignore[misc]
     """numba's file cache of one kernel, in a given folder."""
 
@@ -171,6 +181,7 @@ class _FolderCache(FunctionCache):  # type: ignore[misc]
         self._stored = stored
         self._impl_class = functools.partial(stored, folder=folder)
         super().__init__(function)
+        self._cache_file = _Index(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
 
 
 class KernelCache(_FolderCache):

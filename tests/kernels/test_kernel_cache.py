@@ -152,6 +152,24 @@ def test_what_is_compiled_for_a_foreign_type_lies_apart(tmp_path: Path) -> None:
     assert found(2.0) == "2.0 0\n", "the surface of before"
 
 
+def test_an_index_that_names_a_type_of_before_is_as_if_empty(tmp_path: Path) -> None:
+    # A kernel that calls nothing keeps its folder while the types that others pass to it come and go.
+    script = (
+        "import hhsim.kernels.rotation as module; from typing import NamedTuple\n"
+        "from hhsim.kernels.copy import copy_values as copied\n"
+        "from hhsim.kernels.kernel_cache import KernelCache\n"
+        "from numba import typeof\n"
+        "class {0}(NamedTuple):\n    value: float\n"
+        "{0}.__module__ = module.__name__; module.{0} = {0}\n"
+        "cache, kind = KernelCache(copied.py_func), (typeof({0}(1.0)),)\n"
+        "cache._impl.locator.ensure_cache_path()\n"
+        "print(cache._cache_file.load(kind)); cache._cache_file.save(kind, 7); print(cache._cache_file.load(kind))"
+    )
+    assert output(tmp_path, script.format("Former")) == "None\n7\n"
+    assert output(tmp_path, script.format("Former")) == "7\n7\n"
+    assert output(tmp_path, script.format("Later")) == "None\n7\n"
+
+
 def test_checked_and_unchecked_kernels_are_kept_apart(tmp_path: Path) -> None:
     script = "import hhsim.kernels.kernel_cache as cache; print(cache.module_cache('hhsim.kernels.tick.block').name)"
     kinds: list[dict[str, str]] = [{}, {"NUMBA_BOUNDSCHECK": "1"}, {"HHSIM_CPU": "native"}]
