@@ -39,13 +39,13 @@ WAYS_OUT = [
 
 
 @jit_inline
-def _points(hand: HandArrays, body: int) -> int:
+def _point_count(hand: HandArrays, body: int) -> int:
     return AXIS_POINTS if body < PALM_BODY else hand.palm_radius.shape[0]
 
 
 @jit_inline
-def _point(hand: HandArrays, pose: Record, body: int, i: int) -> tuple[float, float, float, float]:
-    """Return a point of a phalanx's axis, or the centre of a sphere of the palm, and the radius there [m]."""
+def _sphere(hand: HandArrays, pose: Record, body: int, i: int) -> tuple[float, float, float, float]:
+    """Return a sphere of the palm, or that around a point of a phalanx's axis: its centre and radius [m]."""
     if body < PALM_BODY:
         f, k, t = body // PHALANX_COUNT, body % PHALANX_COUNT, i / (AXIS_POINTS - 1)
         a, b = pose.joints[f, k], pose.joints[f, k + 1]
@@ -58,15 +58,15 @@ def _point(hand: HandArrays, pose: Record, body: int, i: int) -> tuple[float, fl
 
 @jit_inline
 def _depth(hand: HandArrays, pose: Record, body: int, i: int, plane: Plane) -> float:
-    """Compute how deep the sphere around a point of a body is below a plane [m]."""
-    x, y, z, radius = _point(hand, pose, body, i)
+    """Compute how deep a sphere of a body is below a plane [m]."""
+    x, y, z, radius = _sphere(hand, pose, body, i)
     return radius + plane[3] - (plane[0] * x + plane[1] * y + plane[2] * z)
 
 
 @jit_inline
 def _deepest(hand: HandArrays, pose: Record, body: int, plane: Plane) -> float:
     deepest = 0.0
-    for i in range(_points(hand, body)):
+    for i in range(_point_count(hand, body)):
         deepest = max(deepest, _depth(hand, pose, body, i, plane))
     return deepest
 
@@ -87,8 +87,8 @@ def _try_planes(
     has a cosine below `opposite` with the way out so far.
     """
     before = _plane(part, body)
-    for i in range(_points(hand, body)):
-        x, y, z, _ = _point(hand, part.hand, body, i)
+    for i in range(_point_count(hand, body)):
+        x, y, z, _ = _sphere(hand, part.hand, body, i)
         height, nx, ny, nz = way_out(pieces, x, y, z, part.near.stack[:])
         if height > 0.0 or nx * before[0] + ny * before[1] + nz * before[2] < opposite:
             continue
@@ -106,8 +106,8 @@ def _seek(pieces: Any, hand: HandArrays, part: Record, body: int) -> float:
     """Write the way out of a body that the part is over, and return its depth [m], infinite of any other body."""
     # No way out of a part is shorter than that of one of the body's spheres alone.
     shortest, least = 0.0, np.inf
-    for i in range(_points(hand, body)):
-        x, y, z, radius = _point(hand, part.hand, body, i)
+    for i in range(_point_count(hand, body)):
+        x, y, z, radius = _sphere(hand, part.hand, body, i)
         height, _, _, _ = way_out(pieces, x, y, z, part.near.stack[:])
         if height <= 0.0:
             shortest = max(shortest, radius - height - ROUNDING)
@@ -128,8 +128,8 @@ def find_ways_out(pieces: Any, hand: HandArrays, part: Record) -> None:
     near = part.near
     for body in range(BODY_COUNT):
         radius = np.inf
-        for i in range(_points(hand, body)):
-            radius = min(radius, _point(hand, part.hand, body, i)[3])
+        for i in range(_point_count(hand, body)):
+            radius = min(radius, _sphere(hand, part.hand, body, i)[3])
         if part.is_over[body] == 0 and near.nearest[body] >= -DEEP * radius:
             continue
         depth = _seek(pieces, hand, part, body)
@@ -142,7 +142,7 @@ def find_ways_out(pieces: Any, hand: HandArrays, part: Record) -> None:
 def record_way_out(hand: HandArrays, part: Record, body: int, limit: float, row: int, contacts: Record) -> int:
     """Write the contacts of a body with the plane of its way out, part's frame; return the row after, or -1."""
     plane = _plane(part, body)
-    points = _points(hand, body)
+    points = _point_count(hand, body)
     # A phalanx is as deep as one of its ends.
     for i in range(0, points, points - 1 if body < PALM_BODY else 1):
         depth = _depth(hand, part.hand, body, i, plane)
@@ -150,12 +150,12 @@ def record_way_out(hand: HandArrays, part: Record, body: int, limit: float, row:
             continue
         if row >= contacts.key.shape[0]:
             return -1
-        x, y, z, radius = _point(hand, part.hand, body, i)
+        x, y, z, radius = _sphere(hand, part.hand, body, i)
         for j in range(3):
             contacts.normal[j, row] = plane[j]
             contacts.point[j, row] = (x, y, z)[j] - radius * plane[j]
             contacts.straight[j, row] = 0.0
-        contacts.body[row], contacts.key[row] = body, KEY + PALM_BODY * i + body
+        contacts.body[row], contacts.key[row] = body, KEY + BODY_COUNT * i + body
         contacts.distance[row], contacts.hand_radius[row], contacts.object_radius[row] = -depth, radius, np.inf
         contacts.slides[row] = 0
         row += 1
