@@ -38,7 +38,7 @@ def self_clearance(hand: HandModel, pairs: SelfPairs, flexion: FloatArray, abduc
     """
     poses, contacts = np.zeros(1, HAND_POSE), np.zeros(1, SELF_CONTACT)
     poses["orientation"][:, 0] = 1.0
-    contacts["bound"] = -np.inf
+    contacts["bound"] = contacts["floor"] = -np.inf
     clearance = np.empty(len(flexion))
     angles = as_argument(flexion), as_argument(abduction)
     self_clearances(hand.arrays(), pairs, *angles, poses.view(np.recarray), contacts.view(np.recarray), clearance)

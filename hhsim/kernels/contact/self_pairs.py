@@ -5,8 +5,8 @@ motion moves no part against another: a row has the joints of one finger or of t
 side. With p and q the nearest axis points, n the normal from q to p, J and a the centre and axis of a joint, a joint of
 the first finger changes the distance by n · (a × (p - J)), one of the second by -n · (a × (q - J)).
 
-A bound of each pair's distance goes down by what its parts have moved since: a joint's angle times its lever. Pairs are
-measured again where it falls below the margin, so that an open hand measures few.
+A bound of each pair's distance goes down by what its parts have moved since: a joint's angle times its lever. While the
+least bound less the two largest of these ways is enough, no pair is looked at.
 """
 
 import math
@@ -42,6 +42,10 @@ BEND = 1e-4
 """Largest rotation of a joint [rad] for a difference of gradients."""
 BROKEN = -1.0
 """Stands for a distance where only the rows that the step breaks are added."""
+EXACT = 1e-4
+"""Least distances below this are no bounds [m]."""
+LASTS = 5e-4
+"""Pairs up to this much farther are measured with them [m], so that bounds last for ticks."""
 WHOLE_PALM = -1
 """In place of a palm sphere in a row of two phalanges."""
 
@@ -61,11 +65,15 @@ class SelfPairs(NamedTuple):
 
 SELF_CONTACT = np.dtype(
     [
-        ("bound", np.float64, (SELF_PAIRS,)),  # no pair is nearer [m]; below the margin it is the distance
-        ("least", np.float64),  # least of these [m], infinite without pairs
+        ("bound", np.float64, (SELF_PAIRS,)),  # no pair was nearer at the bounds [m]; a small one is the distance
+        ("floor", np.float64),  # least of these [m]
+        ("least", np.float64),  # no pair is nearer at the pose [m], infinite without pairs; the floor at the bounds
         ("posture", np.float64, (DOF,)),  # flexion at the bounds, in its place among the variables [rad]
         ("abduction", np.float64, (FINGER_COUNT,)),
-        ("motion", np.float64, (BODY_COUNT,)),  # bound of each part's motion in the palm frame [m]
+        ("flexed", np.float64, (DOF,)),  # changes of both since [rad]
+        ("abducted", np.float64, (FINGER_COUNT,)),
+        ("moved", np.float64, (BODY_COUNT,)),  # bound of each part's motion since in the palm frame [m]
+        ("motion", np.float64, (BODY_COUNT,)),  # the same of a step
         ("count", np.int64),  # rows in the program
         ("pair", np.int64, (SELF_ROWS,)),  # pair of each row
         ("sphere", np.int64, (SELF_ROWS,)),  # its palm sphere, or WHOLE_PALM
@@ -87,15 +95,21 @@ SELF_CONTACT = np.dtype(
 
 
 @jit_inline
-def _finger_motions(hand: HandArrays, step: Array, abduction_step: Array, motion_out: Array) -> None:
-    """Compute how far any axis point of each part goes at most in the palm frame [m], shape (16,), in a step (21,)."""
-    motion_out[PALM_BODY] = 0.0
+def _finger_motions(hand: HandArrays, step: Array, abduction_step: Array, motion_out: Array) -> float:
+    """Compute how far any axis point of each part goes at most in the palm frame [m], shape (16,), in a step (21,).
+
+    Return the most by which two parts come nearer [m].
+    """
+    motion_out[PALM_BODY], largest = 0.0, 0.0
     for f in range(FINGER_COUNT):
         for k in range(PHALANX_COUNT):
             total = abs(abduction_step[f]) * hand.lever[f, k, 0]
             for i in range(k + 1):
                 total += abs(step[6 + PHALANX_COUNT * f + i]) * hand.lever[f, k, i]
             motion_out[PHALANX_COUNT * f + k] = total
+            # A bound that is no number is not to be lost.
+            largest = largest if total <= largest else total
+    return 2.0 * largest
 
 
 @jit_inline
@@ -152,33 +166,39 @@ def pair_distance(hand: HandArrays, pose: Record, first: int, second: int) -> fl
 
 
 @generic
-def measure_pairs(pairs: Any, hand: HandArrays, pose: Record, margin: float, own: Record) -> None:
-    """Bring the bounds of all pairs up to date at a pose; those below `margin` [m] are then exact."""
+def measure_pairs(pairs: Any, hand: HandArrays, pose: Record, exact: float, own: Record) -> None:
+    """Compute the least distance of pairs at a pose, or a bound of it that is not below `exact` [m]."""
+
+
+@jit_noinline
+def _update_bounds(pairs: SelfPairs, hand: HandArrays, pose: Record, reach: float, own: Record) -> None:
+    """Bring the bounds to the pose, by the motion since; those below `reach` are then distances."""
+    for f in range(FINGER_COUNT):
+        own.abduction[f] = pose.abduction[f]
+        for k in range(PHALANX_COUNT):
+            own.posture[6 + PHALANX_COUNT * f + k] = pose.flexion[f, k]
+    least = np.inf
+    for i in range(pairs.first.shape[0]):
+        first, second = pairs.first[i], pairs.second[i]
+        bound = own.bound[i] - own.moved[first] - own.moved[second]
+        # Not below, or a bound that is no number would be kept.
+        if not bound >= reach:
+            bound = pair_distance(hand, pose, first, second)
+        own.bound[i] = bound
+        least = min(least, bound)
+    own.floor, own.least = least, least
 
 
 @measure_pairs.of(SelfPairs)
 @jit
-def _measure_pairs(pairs: SelfPairs, hand: HandArrays, pose: Record, margin: float, own: Record) -> None:
-    posture, motion = own.posture, own.motion
+def _measure_pairs(pairs: SelfPairs, hand: HandArrays, pose: Record, exact: float, own: Record) -> None:
     for f in range(FINGER_COUNT):
-        own.abduction[f] -= pose.abduction[f]
+        own.abducted[f] = pose.abduction[f] - own.abduction[f]
         for k in range(PHALANX_COUNT):
-            posture[6 + PHALANX_COUNT * f + k] -= pose.flexion[f, k]
-    _finger_motions(hand, posture, own.abduction, motion)
-    for f in range(FINGER_COUNT):
-        own.abduction[f] = pose.abduction[f]
-        for k in range(PHALANX_COUNT):
-            posture[6 + PHALANX_COUNT * f + k] = pose.flexion[f, k]
-    least = np.inf
-    for i in range(pairs.first.shape[0]):
-        first, second = pairs.first[i], pairs.second[i]
-        bound = own.bound[i] - motion[first] - motion[second]
-        # Not below, or a bound that is no number would be kept.
-        if not bound >= margin:
-            bound = pair_distance(hand, pose, first, second)
-        own.bound[i] = bound
-        least = min(least, bound)
-    own.least = least
+            own.flexed[6 + PHALANX_COUNT * f + k] = pose.flexion[f, k] - own.posture[6 + PHALANX_COUNT * f + k]
+    own.least = own.floor - _finger_motions(hand, own.flexed, own.abducted, own.moved)
+    if not own.least >= exact:
+        _update_bounds(pairs, hand, pose, exact + LASTS, own)
 
 
 @jit
@@ -350,8 +370,12 @@ def add_rows(pairs: Any, hand: HandArrays, within: float, options: Any, state: R
 @jit
 def _add_rows(pairs: SelfPairs, hand: HandArrays, within: float, options: Any, state: Record) -> bool:
     own, motion = state.self_contact, state.self_contact.motion
-    _finger_motions(hand, state.step.delta, state.problem.abduction_step, motion)
-    added = False
+    nearer = _finger_motions(hand, state.step.delta, state.problem.abduction_step, motion)
+    added, most = False, within if within != BROKEN else nearer + options.offset
+    if own.least >= most:
+        return added
+    if own.least != own.floor:
+        _measure_pairs(pairs, hand, state.pose, most, own)
     for pair in range(pairs.first.shape[0]):
         first, second = pairs.first[pair], pairs.second[pair]
         limit = within if within != BROKEN else motion[first] + motion[second] + options.offset
@@ -414,7 +438,11 @@ def clear_fraction(pairs: Any, fraction: float, hand: HandArrays, state: Record)
 @jit
 def _clear_fraction(pairs: SelfPairs, fraction: float, hand: HandArrays, state: Record) -> float:
     own, motion = state.self_contact, state.self_contact.motion
-    _finger_motions(hand, state.step.delta, state.problem.abduction_step, motion)
+    nearer = _finger_motions(hand, state.step.delta, state.problem.abduction_step, motion)
+    if fraction * nearer <= max(own.least, state.trust.radius):
+        return fraction
+    if own.least != own.floor:
+        _measure_pairs(pairs, hand, state.pose, nearer, own)
     for pair in range(pairs.first.shape[0]):
         moved = motion[pairs.first[pair]] + motion[pairs.second[pair]]
         if fraction * moved > max(own.bound[pair], state.trust.radius):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, Reach, evaluate
-from hhsim.kernels.contact.self_pairs import measure_pairs
+from hhsim.kernels.contact.self_pairs import EXACT, measure_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
 from hhsim.kernels.jit import Record, jit_inline, jit_noinline
@@ -43,7 +43,7 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
     # where the step turns out longer, `complete_lists` gathers them.
     candidates.allowed_deficit = needed - max(options.listed, needed / REACH_PACE)
     status = evaluate(hand, pose, surface, Reach(needed, margin, options.skin), candidates, state.work)
-    measure_pairs(options.own, hand, pose, margin, state.self_contact)
+    measure_pairs(options.own, hand, pose, EXACT, state.self_contact)
     state.progress.pairs_overflow = status != 0
     return status == 0
 
@@ -84,6 +84,7 @@ def rebuild_candidates(hand: HandArrays, surface: Any, options: TickOptions, sta
     state = states[0]
     copy_configuration(state.pose, state.prediction.start)
     state.self_contact.bound[:] = -np.inf
+    state.self_contact.floor = -np.inf
     for body in range(BODY_COUNT):
         # A body that the scene does not use is never due for a walk and never near.
         state.candidates.gathered_slack[body] = -np.inf if state.modelled[body] == 1 else np.inf
