@@ -24,6 +24,7 @@ RANGES = {
     "torsion": Range(0.0, 10.0, "m"),
     "table": Range(-100.0, 100.0, "m"),
     "hinge_friction": Range(0.0, 1e6, "N·m"),
+    "slider_friction": Range(0.0, 1e6, "N"),
     "damping": Range(0.0, 1e6, "1/s"),
     "gravity": Range(-1e4, 1e4, "m/s²"),
     "velocity": Range(-1e4, 1e4, "m/s"),

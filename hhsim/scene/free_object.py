@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,24 +25,26 @@ LAW = "Coulomb with de Saxcé's correction, cone of 4 directions turned to the l
 """Contact law, as results state it."""
 
 
-@dataclass(frozen=True)
-class Hinge:
-    """Hinge of a free object, fixed in the world; InputError for an axis of length 0, or limits without the angle 0."""
+class _Joint:
+    """What a hinge and a slider have in common; InputError for an axis of length 0, or limits without the value 0."""
 
-    axis: Triple  # direction, of any length, world
-    origin: Triple  # a point of the axis [m], world
-    limits: tuple[float, float] | None = None  # least and greatest angle from the first tick on [rad], within ±π
-    friction: float = 0.0  # largest moment of its dry friction [N·m]
-    on: str = ""  # name of the thing that it is fixed to, which the object goes through; "": the world
+    KIND: ClassVar[str]
+    VALUES: ClassVar[tuple[str, float, str, str]]  # what they are, their unit, and their bound as number and as text
+
+    axis: Triple
+    limits: tuple[float, float] | None
+    friction: float
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.axis).all() and np.isfinite(self.origin).all() and norm(np.array(self.axis)) > 1e-9):
-            raise InputError("the axis of the hinge has no direction; expected one such as [0.0, 1.0, 0.0]")
-        check_range("hinge_friction", self.friction)
+        if not (np.isfinite(self.axis).all() and norm(np.array(self.axis)) > 1e-9):
+            raise InputError(f"the axis of the {self.KIND} has no direction; expected one such as [0.0, 1.0, 0.0]")
+        check_range(f"{self.KIND}_friction", self.friction)
         least, most = self.limits or (0.0, 0.0)
-        if not -np.pi <= least <= 0.0 <= most <= np.pi:
+        values, bound, unit, text = self.VALUES
+        if not -bound <= least <= 0.0 <= most <= bound:
             raise InputError(
-                f"hinge limits {least:g} to {most:g} rad; expected angles from the start, with 0, within ±π"
+                f"{self.KIND} limits {least:g} to {most:g} {unit}; "
+                f"expected {values} from the start, with 0, within ±{text}"
             )
 
     @property
@@ -51,10 +53,44 @@ class Hinge:
         axis = np.array(self.axis)
         return np.asarray(axis / norm(axis))
 
+
+@dataclass(frozen=True)
+class Hinge(_Joint):
+    """Hinge of a free object, fixed in the world, about which alone it turns."""
+
+    KIND, VALUES = "hinge", ("angles", np.pi, "rad", "π")
+
+    axis: Triple  # direction, of any length, world
+    origin: Triple  # a point of the axis [m], world
+    limits: tuple[float, float] | None = None  # least and greatest angle from the first tick on [rad], within ±π
+    friction: float = 0.0  # largest moment of its dry friction [N·m]
+    on: str = ""  # name of the thing that it is fixed to, which the object goes through; "": the world
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not np.isfinite(self.origin).all():
+            raise InputError("the origin of the hinge is not finite; expected a point of its axis")
+
     def placed(self, rotation: FloatArray, position: FloatArray) -> "Hinge":
         """Return the hinge with its axis in another frame, to which rotation (3, 3) and position [m] (3,) lead."""
         axis, origin = (rotation * self.axis).sum(axis=1), (rotation * self.origin).sum(axis=1) + position
         return replace(self, axis=_triple(axis), origin=_triple(origin))
+
+
+@dataclass(frozen=True)
+class Slider(_Joint):
+    """Slider of a free object, fixed in the world, along which alone it moves."""
+
+    KIND, VALUES = "slider", ("ways", 100.0, "m", "100")
+
+    axis: Triple  # direction, of any length, world
+    limits: tuple[float, float] | None = None  # least and greatest way from the first tick on [m]
+    friction: float = 0.0  # largest force of its dry friction [N]
+    on: str = ""  # as of a hinge
+
+    def placed(self, rotation: FloatArray, position: FloatArray) -> "Slider":
+        """Return the slider in another frame, see `Hinge.placed`."""
+        return replace(self, axis=_triple((rotation * self.axis).sum(axis=1)))
 
 
 @dataclass(frozen=True)
@@ -72,7 +108,8 @@ class FreeObject:
     damping: float = 0.0  # decay rate of both velocities [1/s]
     velocity: Triple = (0.0, 0.0, 0.0)  # initial velocity of the centre [m/s], world
     angular_velocity: Triple = (0.0, 0.0, 0.0)  # initial [rad/s], world
-    hinge: Hinge | None = None  # None: it moves in all directions
+    hinge: Hinge | None = None  # without a hinge or a slider it moves in all directions
+    slider: Slider | None = None
 
     def __post_init__(self) -> None:
         for name in ("mass", "friction", "torsion", "damping", "table", "table_friction"):
@@ -83,6 +120,8 @@ class FreeObject:
                 check_range(name, value)
         if not (np.isfinite(self.center).all() and np.isfinite(self.inertia).all()):
             raise InputError("the centre or the inertia of the free object is not finite")
+        if self.hinge and self.slider:
+            raise InputError("the free object has a hinge and a slider; expected one of them")
         inertia = np.array(self.inertia)
         if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0 if inertia.any() else 1.0):
             raise InputError("the inertia of the free object is not symmetric")
@@ -90,9 +129,13 @@ class FreeObject:
             raise InputError("the inertia of the free object is not positive: is its mesh flat?")
 
     def to_json(self) -> dict[str, Any]:
-        """Return all fields as plain values; a hinge only where there is one."""
-        values = asdict(self)
-        return values if self.hinge else {name: value for name, value in values.items() if name != "hinge"}
+        """Return all fields as plain values; a joint only where there is one."""
+        return {name: value for name, value in asdict(self).items() if value or name not in ("hinge", "slider")}
+
+    @property
+    def joint(self) -> Hinge | Slider | None:
+        """Its hinge or slider."""
+        return self.hinge or self.slider
 
     @property
     def pivot(self) -> FloatArray:

@@ -13,11 +13,14 @@ Keys, with their defaults; a shape and its place are as of `hhsim.scene.jointed_
     friction = 0.6             # with hand and table; of two things it is the geometric mean of both
     torsion = 0.0              # as --torsion [m]
     fixed = false              # true: it stays where it is
-    hinge.axis = [0.0, 1.0, 0.0]     # it only turns, by the right hand's rule; without a hinge it moves in all ways
+    hinge.axis = [0.0, 1.0, 0.0]     # it only turns, by the right hand's rule; without a joint it moves in all ways
     hinge.origin = [0.0, 0.0, 0.0]   # a point of the axis [m]
     hinge.on = "base"                # a fixed thing that bears the hinge, and does not stop it; without one the world
     hinge.limits = [-1.9, 0.4]       # least and greatest angle from where it begins [rad], within ±π; none without
     hinge.friction = 0.0             # largest moment of the hinge's friction [N·m]
+    slider.axis = [1.0, 0.0, 0.0]    # in place of a hinge: it only moves along; `on` is as of a hinge
+    slider.limits = [-0.1, 0.1]      # least and greatest way from where it begins [m]; none without
+    slider.friction = 0.0            # largest force of the slider's friction [N]
 """
 
 import re
@@ -39,7 +42,7 @@ from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import Trajectory
 from hhsim.ranges import RANGES
 from hhsim.reproducible import norm
-from hhsim.scene.free_object import CLEARANCE, FreeObject, Hinge
+from hhsim.scene.free_object import CLEARANCE, FreeObject, Hinge, Slider
 from hhsim.scene.jointed_thing import Number, Shape, Three, Two
 from hhsim.scene.parts_of_thing import require_apart, shape_mesh
 from hhsim.system.settings_file import Settings, between, read_settings, read_toml_text
@@ -57,13 +60,22 @@ class HingeSettings(Settings, frozen=True):
     limits: Two | None = None
     friction: Annotated[float, between(*RANGES["hinge_friction"][:2])] = 0.0
 
-    def check(self) -> None:
-        """Check the axis and the limits."""
-        self.hinge()
-
-    def hinge(self) -> Hinge:
+    def joint(self) -> Hinge:
         """Return the hinge in the frame of the file."""
         return Hinge(self.axis, self.origin, self.limits, self.friction, self.on)
+
+
+class SliderSettings(Settings, frozen=True):
+    """Slider of a thing; the module's docstring explains the keys."""
+
+    axis: Three
+    on: str = ""
+    limits: Two | None = None
+    friction: Annotated[float, between(*RANGES["slider_friction"][:2])] = 0.0
+
+    def joint(self) -> Slider:
+        """Return the slider in the frame of the file."""
+        return Slider(self.axis, self.limits, self.friction, self.on)
 
 
 class ThingSettings(Shape, frozen=True):
@@ -75,12 +87,21 @@ class ThingSettings(Shape, frozen=True):
     torsion: Annotated[float, between(*RANGES["torsion"][:2])] = 0.0
     fixed: bool = False
     hinge: HingeSettings | None = None
+    slider: SliderSettings | None = None
+
+    @property
+    def joint(self) -> Hinge | Slider | None:
+        """Its hinge or slider in the frame of the file."""
+        settings = self.hinge or self.slider
+        return settings.joint() if settings else None
 
     def check(self) -> None:
-        """Check the shape, for one of mass and density, and that what is fixed has no hinge."""
+        """Check the shape and the joint, for one of mass and density, and that what is fixed has no joint."""
         super().check()
-        if self.fixed and self.hinge:
-            raise InputError(f"thing '{self.name}' is fixed and has a hinge; expected one of them")
+        if self.hinge and self.slider:
+            raise InputError(f"thing '{self.name}' has both a hinge and a slider; expected one of them")
+        if self.fixed and self.joint:
+            raise InputError(f"thing '{self.name}' is fixed and has a {self.joint.KIND}; expected one of them")
         if self.mass is not None and self.density is not None:
             raise InputError(f"thing '{self.name}' has both a mass and a density; expected one of them")
 
@@ -90,8 +111,8 @@ class ThingSettings(Shape, frozen=True):
         Rotation (3, 3) and position [m] (3,) lead from the frame of the file to the world.
         """
         given: dict[str, Any] = {"density": self.density or 1000.0} if self.mass is None else {"mass": self.mass}
-        if self.hinge is not None:
-            given["hinge"] = self.hinge.hinge().placed(rotation, position)
+        if self.joint is not None:
+            given[self.joint.KIND] = self.joint.placed(rotation, position)
         return FreeObject.of_mesh(mesh, friction=self.friction, torsion=self.torsion, table=table, **given)
 
 
@@ -102,7 +123,7 @@ class ThingsSettings(Settings, frozen=True):
     table: Literal["under", "none"] | Number = "under"
 
     def check(self) -> None:
-        """Check that names differ, that the first thing is free, and that hinges are on things that are fixed."""
+        """Check that names differ, that the first thing is free, and that joints are on things that are fixed."""
         names = [thing.name for thing in self.thing]
         for name in names:
             if names.count(name) > 1:
@@ -110,12 +131,12 @@ class ThingsSettings(Settings, frozen=True):
         if self.thing[0].fixed:
             raise InputError(f"the first thing, '{names[0]}', is fixed; expected the one that the hand moves first")
         fixed = [thing.name for thing in self.thing if thing.fixed]
-        check_known("fixed thing", [thing.hinge.on for thing in self.thing if thing.hinge and thing.hinge.on], fixed)
+        check_known("fixed thing", [thing.joint.on for thing in self.thing if thing.joint and thing.joint.on], fixed)
 
     @property
     def joined(self) -> set[frozenset[str]]:
-        """Pairs of names of things that a hinge joins."""
-        return {frozenset((thing.name, thing.hinge.on)) for thing in self.thing if thing.hinge}
+        """Pairs of names of things that a joint joins."""
+        return {frozenset((thing.name, thing.joint.on)) for thing in self.thing if thing.joint}
 
 
 class OtherThing(NamedTuple):

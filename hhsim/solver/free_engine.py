@@ -11,7 +11,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import palm_arrays
 from hhsim.kernels.copy import copy_values
-from hhsim.kernels.free.body import Support
+from hhsim.kernels.free.body import HINGE, SLIDER, Support
 from hhsim.kernels.free.edges import Edges
 from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
 from hhsim.kernels.free.rows import friction_count
@@ -25,7 +25,7 @@ from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_blo
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.mesh.mesh import Mesh
 from hhsim.reproducible import matmul, norm, principal_axes
-from hhsim.scene.free_object import FreeObject, Hinge
+from hhsim.scene.free_object import FreeObject, Hinge, Slider
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import surface_of
 from hhsim.solver.workspace import TickWorkspace, fresh_state
@@ -151,8 +151,12 @@ class FreeEngine:
         problem, friction = self.states[0].free_problem, self.states[0].friction
         problem.hands, problem.things, friction.room = hands, things, friction_count(things)
         problem.inverse_root[:] = self.states[0].problem.inverse_root
-        for thing, support, body in zip(self.things, supports, self.states[0].bodies):
+        for k, (thing, support, body) in enumerate(zip(self.things, supports, self.states[0].bodies)):
             self._place(thing, support, body)
+            # As if the tick before had ended with these velocities: by them it is foreseen what slips.
+            column = 6 if k == 0 else 6 * (hands + k)
+            step = body.period * np.concatenate([body.velocity, body.spin])
+            self.states[0].body_safe_total[column : column + 6] = step
 
     def _name_pairs(self) -> None:
         """Say what each pair is of, the hands and the first thing first."""
@@ -169,8 +173,8 @@ class FreeEngine:
 
     @staticmethod
     def _are_joined(one: Thing, two: Thing) -> bool:
-        """Return True if a hinge fixes one thing to the other one, through which it goes."""
-        bears = ((a.free.hinge.on if a.free.hinge else "", b.name) for a, b in ((one, two), (two, one)))
+        """Return True if a joint fixes one thing to the other one, through which it goes."""
+        bears = ((a.free.joint.on if a.free.joint else "", b.name) for a, b in ((one, two), (two, one)))
         return any(on != "" and on == name for on, name in bears)
 
     def _place(self, thing: Thing, support: Support, body: Any) -> None:
@@ -196,8 +200,8 @@ class FreeEngine:
         body.rotation[:] = np.eye(3)
         body.velocity[:] = free.velocity
         body.spin[:] = matmul(axes.T, free.angular_velocity)
-        if free.hinge is not None and not thing.fixed:
-            self._hang(free, free.hinge, body)
+        if free.joint is not None and not thing.fixed:
+            self._join(free, free.joint, body)
         if not body.has_table:
             return
         lowest = float((support.point[:, 2] - support.radius).min()) - body.table
@@ -207,21 +211,27 @@ class FreeEngine:
         body.position[2] += max(0.0, offset - lowest)
 
     @staticmethod
-    def _hang(free: FreeObject, hinge: Hinge, body: Any) -> None:
-        """Restrict a body to the rotation about the axis of its hinge."""
-        axis = hinge.direction
+    def _join(free: FreeObject, joint: Hinge | Slider, body: Any) -> None:
+        """Restrict a body to the motion about or along the axis of its joint."""
+        axis = joint.direction
         across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
         across /= norm(across)
-        body.is_hinged = True
         body.axes[:] = across, np.cross(axis, across), axis
+        body.limits[:] = joint.limits or (-np.inf, np.inf)
+        body.joint_friction = joint.friction
+        if isinstance(joint, Slider):
+            body.joint = SLIDER
+            body.inverse_root[3:] = body.spin[:] = 0.0
+            for vector in (body.gravity, body.velocity):
+                vector[:] = (axis * vector).sum() * axis
+            return
+        body.joint = HINGE
         body.lever[:] = free.center - free.pivot
         moment = (axis * matmul(np.array(free.inertia), axis)).sum() + free.mass * (body.lever**2).sum()
         body.moment[:] = moment
         body.inverse_root[:] = 0.0
         body.inverse_root[5] = body.period / np.sqrt((1.0 + free.damping * body.period) * moment)
         body.pull[:] = free.mass / moment * np.cross(free.gravity, axis)
-        body.limits[:] = hinge.limits or (-np.inf, np.inf)
-        body.hinge_friction = hinge.friction
         body.gravity[:] = body.velocity[:] = 0.0
         body.spin[:] = matmul(body.axes, free.angular_velocity) * (0.0, 0.0, 1.0)
 

@@ -4,7 +4,7 @@ Velocities are derived from poses, forces on the object from contacts, slip from
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 
-TURNS = 1e-6
-"""Speed beyond which a hinge turns, and its friction is against that [rad/s]."""
+MOVES = 1e-6
+"""Speed beyond which a joint moves, and its friction is against that [rad/s, m/s]."""
 LOOKED_AT, TOGETHER = 1000, 32
 """Ticks in which the things are looked for in each other, and how many at once, to bound the memory."""
 ON_TABLE = -1
@@ -197,7 +197,7 @@ def free_claims(result: Result) -> list[Claim]:
     things = [FreeThing(result, *one) for one in stated] or [motion]
     claims = [
         *_velocities(things),
-        *_balance([thing for thing in things if not thing.free.get("hinge")]),
+        *_balance([thing for thing in things if _joint(thing) is None]),
         *_wrenches(motion),
         _equal_and_opposite(motion),
         *_cones(motion),
@@ -206,6 +206,7 @@ def free_claims(result: Result) -> list[Claim]:
         *_contacts(motion),
         _solid(motion),
         *(_hinge(thing) for thing in things if thing.free.get("hinge")),
+        *(_slider(thing) for thing in things if thing.free.get("slider")),
     ]
     if len(things) > 1:
         claims += [_first_thing(motion, things[0]), _between_things(things), _hands_on_things(things)]
@@ -587,6 +588,10 @@ def _table(motion: FreeMotion, things: Sequence[FreeThing]) -> Claim:
     return judged("table", says, off, LENGTH, "m", "a nanometre", ticks=motion.ticks)
 
 
+def _joint(thing: FreeThing) -> dict[str, Any] | None:
+    return thing.free.get("hinge") or thing.free.get("slider")
+
+
 def _hinge(thing: FreeThing) -> Claim:
     """Judge the motion of a hinged thing: rotation about the axis alone, within limits, by the moments on it."""
     from scipy.spatial.transform import Rotation
@@ -607,21 +612,45 @@ def _hinge(thing: FreeThing) -> Claim:
     # What is left is the hinge's own: friction, and at a limit what it bears.
     own = inertia * rate * ((1.0 + thing.damping / rate) * spin[1:] - spin[:-1]) - moment
     own -= mass * np.cross(middle, gravity) @ axis
-    low, high = angle <= limits[0] + AT_LIMIT, angle >= limits[1] - AT_LIMIT
-    turns, friction = np.abs(spin[1:]) > TURNS, hinge["friction"]
-    against = -friction * np.sign(spin[1:])
     size = FORCE * (1.0 + np.abs(wrench).sum(axis=1)) * (1.0 + length)
     # Of several programs in a tick the last one began anywhere between its ends; the speed changes meanwhile.
     turned = np.where(np.asarray(thing.result["work/linearisations"]) > 1, np.abs(angle - before), 0.0)
     turned += np.abs(np.diff(spin)) * thing.period
     size += turned * length * (np.abs(wrench[:, :3]).sum(axis=1) + mass * np.linalg.norm(gravity))
-    beyond = np.where(low, 0.0, own - np.where(turns, against, friction))
-    wrong = np.maximum(beyond, np.where(high, 0.0, np.where(turns, against, -friction) - own)) / size
+    wrong = _beyond_friction(hinge, angle, spin[1:], own) / size
     off[thing.whole] = np.maximum(off, wrong)[thing.whole]
     says = (
         f"{thing.group} only turns about its hinge, within its limits, as moments about it, weight and friction have it"
     )
     return judged("hinge", says, off, 1.0, "1", "a nanometre; a millionth of the forces", ticks=thing.ticks)
+
+
+def _slider(thing: FreeThing) -> Claim:
+    """Judge the motion of a thing on a slider: along the axis alone, within limits, by the forces along it."""
+    slider, rate, force = thing.free["slider"], 1.0 / thing.period, thing.borne[:, :3]
+    axis, limits = np.array(slider["axis"]) / np.linalg.norm(slider["axis"]), slider["limits"] or (-np.inf, np.inf)
+    moved, speed = thing.center - thing.center[0], thing.velocity @ axis
+    way = moved @ axis
+    off = np.linalg.norm(moved - np.outer(way, axis), axis=1)
+    off = np.maximum(off, thing.turned.magnitude())[1:] / LENGTH
+    off = np.maximum(off, np.maximum(limits[0] - way, way - limits[1])[1:] / LENGTH)
+    # What is left is the slider's own: friction, and at a limit what it bears.
+    own = thing.mass * (rate * ((1.0 + thing.damping / rate) * speed[1:] - speed[:-1]) - thing.gravity @ axis)
+    wrong = _beyond_friction(slider, way[1:], speed[1:], own - force @ axis)
+    wrong /= FORCE * (1.0 + np.abs(force).sum(axis=1))
+    off[thing.whole] = np.maximum(off, wrong)[thing.whole]
+    says = f"{thing.group} only moves along its slider, within its limits, as forces, weight and friction have it"
+    return judged("slider", says, off, 1.0, "1", "a nanometre; a millionth of the forces", ticks=thing.ticks)
+
+
+def _beyond_friction(joint: Mapping[str, Any], value: FloatArray, speed: FloatArray, own: FloatArray) -> FloatArray:
+    """Return by how much a joint's own force or moment is no dry friction, (T,); what a limit bears is none of it."""
+    least, most = joint["limits"] or (-np.inf, np.inf)
+    moves, friction = np.abs(speed) > MOVES, joint["friction"]
+    against = -friction * np.sign(speed)
+    beyond = np.where(value <= least + AT_LIMIT, 0.0, own - np.where(moves, against, friction))
+    short = np.where(value >= most - AT_LIMIT, 0.0, np.where(moves, against, -friction) - own)
+    return np.maximum(beyond, short)
 
 
 def _first_thing(motion: FreeMotion, first: FreeThing) -> Claim:
@@ -669,7 +698,7 @@ def _things_apart(things: Sequence[FreeThing]) -> Claim:
     shells, points = [TrueSurface(mesh) for mesh in meshes], [points_on(mesh) for mesh in meshes]
     moved = [RigidMotion(*(motion[ticks] for motion in of)) for of in result.meshes_moved()]
     depth, names = np.zeros(len(ticks)), result.scene["thing"]["parts"]
-    joined_by = [{name, one.free["hinge"]["on"]} for name, one in zip(names, things) if one.free.get("hinge")]
+    joined_by = [{name, joint["on"]} for name, joint in zip(names, map(_joint, things)) if joint]
     for (i, shell), j in itertools.product(enumerate(shells), range(len(shells))):
         if i == j or {names[i], names[j]} in joined_by:
             continue

@@ -27,6 +27,8 @@ from hhsim.kernels.rotation import (
 
 OBJECT_DOF = 6
 """Translation of the centre of mass [m], then the rotation vector about the principal axes [rad]."""
+HINGE, SLIDER = 1, 2
+"""Joints that a body may have, in the world or on a fixed one."""
 
 
 class Support(NamedTuple):
@@ -45,15 +47,15 @@ BODY = np.dtype(
         ("moment", np.float64, (3,)),  # principal moments [kg·m²]
         # Δt / √m [m/√J], Δt / √I of each principal axis [rad/√J]: 1 / √(M/Δt²)
         ("inverse_root", np.float64, (OBJECT_DOF,)),
-        ("gravity", np.float64, (3,)),  # [m/s²], 0 on a hinge
-        # 1 where the body can only turn, on a hinge: `center` is on its axis, which is the last of `axes`, and all of
-        # `inverse_root` but the last is 0
-        ("is_hinged", np.int64),
+        ("gravity", np.float64, (3,)),  # [m/s²], 0 on a hinge, of a slider its part along the axis
+        # HINGE, SLIDER, or 0 without a joint. The joint's axis is the last of `axes`, and `inverse_root` is 0 but for
+        # the last on a hinge, on whose axis `center` is, and the first three on a slider.
+        ("joint", np.int64),
         ("lever", np.float64, (3,)),  # of a hinged body's centre of mass from `center` [m], object's frame
         ("start_lever", np.float64, (3,)),  # the same at the start of the tick, world
         ("pull", np.float64, (3,)),  # angular acceleration by gravity of such a lever [1/(m·s²)]
-        ("limits", np.float64, (2,)),  # of the hinge's angle since the start [rad], infinite without
-        ("hinge_friction", np.float64),  # largest moment of the hinge's friction [N·m]
+        ("limits", np.float64, (2,)),  # of the joint's value since the start [rad] or [m], infinite without
+        ("joint_friction", np.float64),  # largest moment [N·m] or force [N] of the joint's friction
         ("damping", np.float64),  # [1/s]
         ("friction", np.float64),  # μ of the hand's contacts
         ("torsion", np.float64),  # torsional moment over normal force of the hand's contacts [m]
@@ -144,7 +146,7 @@ def predict(body: Record) -> None:
         return
     for j in range(3):
         body.goal_position[j] = body.position[j] + period * kept * (body.velocity[j] + period * body.gravity[j])
-    if body.is_hinged == 1:
+    if body.joint == HINGE:
         x, y, z = turned(body.rotation, body.lever[0], body.lever[1], body.lever[2])
         body.start_lever[0], body.start_lever[1], body.start_lever[2] = x, y, z
         body.vector[0] = body.vector[1] = 0.0
@@ -188,7 +190,7 @@ def body_target(body: Record, target_out: Array) -> None:
     rotation_vector_between(body.orientation[:], body.goal_orientation[:], body.vector[:])
     x, y, z = turned_back(body.rotation, body.vector[0], body.vector[1], body.vector[2])
     x, y, z = turned(body.axes, x, y, z)
-    if body.is_hinged == 1:
+    if body.joint == HINGE:
         target_out[0:5] = 0.0
         target_out[5] = z
         return
@@ -196,8 +198,22 @@ def body_target(body: Record, target_out: Array) -> None:
 
 
 @jit
-def hinge_angle(body: Record) -> float:
-    """Compute the angle by which a hinged body has turned since the start [rad], in (-π, π]."""
+def along_axis(body: Record, step: Array) -> float:
+    """Compute the part of a step along a joint's axis, [m] of a slider's translation, [rad] of a hinge's rotation."""
+    if body.joint == HINGE:
+        return float(step[5])
+    axis = body.axes[2]
+    return float(axis[0] * step[0] + axis[1] * step[1] + axis[2] * step[2])
+
+
+@jit
+def joint_value(body: Record) -> float:
+    """Compute how far a body has turned [rad], in (-π, π], or moved [m] along its joint's axis since the start."""
+    if body.joint == SLIDER:
+        vector, center, position = body.vector, body.center, body.position
+        # The frame of the object was the world's at the start.
+        vector[0], vector[1], vector[2] = position[0] - center[0], position[1] - center[1], position[2] - center[2]
+        return along_axis(body, vector)
     start = body.other
     start[0], start[1], start[2], start[3] = 1.0, 0.0, 0.0, 0.0
     rotation_vector_between(start[:], body.orientation[:], body.vector[:])
@@ -251,7 +267,7 @@ def take_velocity(body: Record) -> None:
     share = min(max(made / whole, 0.0), 1.0) if whole > 0.0 else 1.0
     _approach(body.velocity[:], share, rate * x, rate * y, rate * z)
     _approach(body.spin[:], share, rate * vector[0], rate * vector[1], rate * vector[2])
-    if body.is_hinged == 1:
+    if body.joint == HINGE:
         x, y, z = turned(body.rotation, body.lever[0], body.lever[1], body.lever[2])
         begin = body.start_lever
         _approach(body.velocity[:], 1.0, rate * (x - begin[0]), rate * (y - begin[1]), rate * (z - begin[2]))

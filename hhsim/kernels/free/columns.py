@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS
-from hhsim.kernels.free.body import OBJECT_DOF
+from hhsim.kernels.free.body import OBJECT_DOF, SLIDER
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline
 from hhsim.kernels.rotation import turned, turned_back
@@ -177,6 +177,16 @@ def _other_columns(
 
 
 @jit_inline
+def _fold(body: Record, column: int, row: int, common: Array) -> None:
+    # A slider has one column: that of its translation along the axis.
+    if body.joint == SLIDER:
+        axis = body.axes[2]
+        x, y, z = common[column, row], common[column + 1, row], common[column + 2, row]
+        common[column, row] = axis[0] * x + axis[1] * y + axis[2] * z
+        common[column + 1, row] = common[column + 2, row] = 0.0
+
+
+@jit_inline
 def _turn_palm(turn: Array, row: int, palm: int, common: Array) -> None:
     # A palm's columns, from the frame of a pair's thing to that of the first one.
     for first in (palm, palm + 3):
@@ -221,11 +231,13 @@ def object_columns(states: States, bodies: Record, contacts: Record, problem: Re
             problem.key[i] = KINDS * contacts.key[i]
             problem.owner[i] = -1
             problem.kind[i] = 0
+            _fold(body, column, i, common)
             if other >= 0:
                 n = contacts.normal[0, i], contacts.normal[1, i], contacts.normal[2, i]
                 point = problem.scratch
                 point[0], point[1], point[2] = contacts.point[0, i], contacts.point[1, i], contacts.point[2, i]
                 _other_columns(bodies[other], states[p].pose, palm, i, point[:], n, common)
+                _fold(bodies[other], palm, i, common)
             elif thing > 0:
                 _turn_palm(problem.turn[p], i, palm, common)
         for i in range(last, limits):
@@ -368,6 +380,7 @@ def write_row(
             common[j, row] = 0.0
     if other >= 0:
         _other_columns(bodies[other], pose, thing_column(problem, other), row, point, m, common)
+        _fold(bodies[other], thing_column(problem, other), row, common)
     elif of >= 0:
         palm = 12 * hand
         rx, ry, rz = px - pose.position[0], py - pose.position[1], pz - pose.position[2]
@@ -385,6 +398,7 @@ def write_row(
     common[column + 1, row] = sign * my * root[1]
     common[column + 2, row] = sign * mz * root[2]
     x, y, z = turned(body.axes, ry * mz - rz * my + wx, rz * mx - rx * mz + wy, rx * my - ry * mx + wz)
+    _fold(body, column, row, common)
     common[column + 3, row] = sign * x * root[3]
     common[column + 4, row] = sign * y * root[4]
     common[column + 5, row] = sign * z * root[5]

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from hhsim.kernels.free.body import OBJECT_DOF, as_object_moves, as_other_moves
+from hhsim.kernels.free.body import OBJECT_DOF, SLIDER, along_axis, as_object_moves, as_other_moves
 from hhsim.kernels.free.columns import (
     States,
     common_count,
@@ -15,7 +15,7 @@ from hhsim.kernels.free.columns import (
     thing_count,
     variable_count,
 )
-from hhsim.kernels.free.hinges import SLACK, hinge_target
+from hhsim.kernels.free.joints import SLACK, slack_target
 from hhsim.kernels.free.leanings import find_leanings, turn_contacts
 from hhsim.kernels.free.rows import STANDS_BACK, TABLE_KEYS, contact_rows, friction_rows, measure_slip
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
@@ -104,8 +104,11 @@ def scale_target(bodies: Record, problem: Record) -> None:
                 target[column + j] = problem.body_target[OBJECT_DOF * k + j] / body.inverse_root[j]
             else:
                 target[column + j] = 0.0
-        if body.is_hinged == 1:
-            target[column + SLACK] = hinge_target(body)
+        if body.joint == SLIDER:
+            target[column] = along_axis(body, target[column : column + OBJECT_DOF])
+            target[column + 1] = target[column + 2] = 0.0
+        if body.joint > 0:
+            target[column + SLACK] = slack_target(body)
 
 
 @jit
@@ -169,6 +172,9 @@ def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, qp:
         body, column = bodies[k], thing_column(problem, k)
         for j in range(OBJECT_DOF):
             delta[column + j] = qp.x[column + j] * body.inverse_root[j]
+        if body.joint == SLIDER:
+            made, axis = delta[column], body.axes[2]
+            delta[column], delta[column + 1], delta[column + 2] = made * axis[0], made * axis[1], made * axis[2]
     for i in range(friction.count):
         friction.plain[i] = friction.cone[i] = 0.0
     loaded.count = qp.counts[0]
@@ -227,7 +233,7 @@ def _rest(bodies: Record, problem: Record) -> None:
     delta = problem.delta
     for k in range(thing_count(problem)):
         body, column = bodies[k], thing_column(problem, k)
-        if body.is_free == 0 or body.is_hinged == 1:
+        if body.is_free == 0 or body.joint > 0:
             continue
         size = 0.0
         before = 0.0

@@ -8,6 +8,7 @@ import numpy as np
 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.elementary import hypotenuse
+from hhsim.kernels.free.body import HINGE
 from hhsim.kernels.free.columns import (
     States,
     coefficient,
@@ -265,7 +266,7 @@ def _record_motion(body: Record, hand_wrench: Array, table_wrench: Array, i: int
     x, y, z = turned_back(body.axes, body.spin[0], body.spin[1], body.spin[2])
     x, y, z = turned(body.rotation, x, y, z)
     record.angular_velocity[i, 0], record.angular_velocity[i, 1], record.angular_velocity[i, 2] = x, y, z
-    if body.is_hinged == 1:
+    if body.joint == HINGE:
         _about_center(body, hand_wrench)
         _about_center(body, table_wrench)
     for half in range(2):
@@ -321,7 +322,7 @@ def _record_things(record: ThingsRecord, state: Record, i: int) -> None:
         body = state.bodies[t]
         _record_motion(body, borne.hand_wrench[t], borne.table_wrench[t], i, record.things[t])
         wrench, out = borne.thing_wrench[t], record.thing_wrench[t, i]
-        if body.is_hinged == 1:
+        if body.joint == HINGE:
             _about_center(body, wrench)
         for half in range(2):
             _out(body, wrench[3 * half : 3 * half + 3], out[3 * half : 3 * half + 3])

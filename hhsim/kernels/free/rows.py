@@ -38,7 +38,7 @@ from hhsim.kernels.free.columns import (
     torsion_radius,
     write_row,
 )
-from hhsim.kernels.free.hinges import hinge_rows
+from hhsim.kernels.free.joints import joint_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline, jit_once
 
@@ -389,7 +389,7 @@ def friction_rows(
         row += 1
         if friction.has_friction[i] == 1:
             row = contact_rows(states, bodies, offset, relaxed, i, row, problem, friction)
-    row = hinge_rows(bodies, row, problem)
+    row = joint_rows(bodies, row, problem)
     _add_group(problem, table, row, -1)
     problem.rows = row
     for i in range(friction.of_hand):

@@ -44,7 +44,7 @@ from hhsim.kernels.free.columns import (
     variable_count,
 )
 from hhsim.kernels.free.edges import Edges, measure_edges, record_edges
-from hhsim.kernels.free.hinges import has_hinge_rows
+from hhsim.kernels.free.joints import has_joint_rows
 from hhsim.kernels.free.program import begin_search, clip_shifts, scale_target, solve_free, take_steps, take_targets
 from hhsim.kernels.free.record import copy_borne, find_borne, turn_loads
 from hhsim.kernels.free.rows import PAIR_KEYS, begin_frictions, find_frictions, touches
@@ -286,9 +286,9 @@ def _prepare(method: Free, state: Record) -> int:
     # A contact floats by what Γ was short of its slip, and goes on rubbing.
     close = CLOSE * options.offset + FLOATS * state.borne.residual
     find_frictions(bodies, contacts, problem, close, friction)
-    hinges = as_int64(0)
+    joints = as_int64(0)
     for k in range(thing_count(problem)):
-        hinges += 1 if has_hinge_rows(bodies[k]) else 0
+        joints += 1 if has_joint_rows(bodies[k]) else 0
         alone = problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF]
         find_table_contacts(bodies[k], k, method.supports[k], options.margin, close, alone, friction)
     if state.work[WORK_LINEARISATIONS] == 0:
@@ -299,7 +299,7 @@ def _prepare(method: Free, state: Record) -> int:
     turns = as_bool(state.work[WORK_LINEARISATIONS] < SEARCHED)
     begin_frictions(method.states, bodies, step, abduction, problem, state.held, turns, friction)
     scale_target(bodies, problem)
-    count = total + friction.count - friction.of_hand + hinges
+    count = total + friction.count - friction.of_hand + joints
     for p in range(pair_count(problem)):
         each = method.states[p]
         given = _mover(method, p), _surface(method, p), options

@@ -1,0 +1,145 @@
+"""Things on sliders: a fall along the axis, friction that holds and brakes, limits, a push, and a stone on a cart."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from free_scenes import far_hand, tongs, tongs_at
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError
+from hhsim.hand.model import HandModel
+from hhsim.mesh.mesh import Mesh
+from hhsim.scene.free_object import FreeObject, Hinge, Slider
+from hhsim.scene.parts_of_thing import box_mesh
+from hhsim.solver.free_engine import Thing
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.contact_surface import contact_surface
+
+DT, G, MASS = 1e-3, 9.81, 0.3
+STEEP = np.array([0.8, 0.0, -0.6])
+"""An axis that goes down."""
+PULL = 0.6 * MASS * G
+"""Part of the weight along it [N]."""
+
+
+def cart(**given: Any) -> tuple[Mesh, FreeObject]:
+    """A plate of 200 × 150 × 20 mm on a slider, about the origin."""
+    mesh = box_mesh((0.2, 0.15, 0.02))
+    slider = Slider(**{"axis": tuple((3.0 * STEEP).tolist()), **given})
+    return mesh, FreeObject.of_mesh(mesh, mass=MASS, slider=slider, friction=0.5)
+
+
+def solver_of(
+    mesh: Mesh, free: FreeObject, others: tuple[Thing, ...] = (), hand: HandModel | None = None
+) -> HandSolver:
+    given = contact_surface("mesh", mesh, None), SolverOptions(surface="mesh"), free, others
+    return HandSolver(hand or HandModel.default(), *given)
+
+
+def slid(ticks: int, velocity: FloatArray | None = None, **given: Any) -> tuple[FloatArray, Any]:
+    """The way of a cart that nothing touches [m], (T,), and its records; it neither turns nor leaves its axis."""
+    mesh, free = cart(**given)
+    if velocity is not None:
+        free = FreeObject(**{**vars(free), "velocity": tuple(velocity.tolist())})
+    solver = solver_of(mesh, free)
+    solver.run(*far_hand(ticks))
+    record = solver.object_ticks
+    way = record.shift @ STEEP
+    np.testing.assert_allclose(record.shift, np.outer(way, STEEP), atol=1e-12)
+    assert (record.turn == [1.0, 0.0, 0.0, 0.0]).all() and not record.angular_velocity.any()
+    np.testing.assert_allclose(record.velocity[1:], np.diff(record.shift, axis=0) / DT, atol=1e-9)
+    return way, record
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4, 0.999, 1.001, 100.0])
+def test_it_goes_down_as_its_weight_and_friction_have_it(share: float) -> None:
+    way, _ = slid(50, friction=share * PULL)
+    count = np.arange(1, 51)
+    pace = max(0.0, 1.0 - share) * PULL / MASS
+    np.testing.assert_allclose(way, pace * DT**2 * count * (count + 1) / 2, rtol=2e-6, atol=1e-12)
+
+
+def test_friction_takes_the_energy_that_it_is_to() -> None:
+    # Up the axis, and across it, which the slider does not let it go.
+    way, record = slid(800, -0.8 * STEEP + [0.0, 2.0, 0.0], friction=1.5 * PULL)
+    speed = record.velocity @ STEEP
+    braked = -0.8 + 2.5 * PULL / MASS * DT * np.arange(1, 801)
+    np.testing.assert_allclose(speed, np.minimum(braked, 0.0), atol=1e-6)
+    assert np.abs(np.diff(way[-100:])).max() < 1e-12, "friction holds it there"
+
+
+def test_limits_end_the_way() -> None:
+    way, record = slid(600, limits=(-0.1, 0.05))
+    assert way.max() == pytest.approx(0.05, abs=1e-12) and way[-1] == pytest.approx(0.05, abs=1e-12)
+    assert np.abs(record.velocity[-100:]).max() < 1e-9
+
+
+def test_fingers_push_it_once_they_exceed_friction_and_it_stays_there() -> None:
+    friction, ticks = 2.0, 900
+    mesh, free = cart(axis=(1.0, 0.0, 0.0), friction=friction)
+    ahead = 0.03 * np.interp(np.arange(ticks), [0, 600, 700, ticks], [0.0, 1.0, 1.0, -1.0])
+    # Off the middle: a free plate would turn.
+    position, *turned = tongs_at(np.zeros(ticks), np.stack([ahead - 0.1985, 0.04 + 0 * ahead, 0 * ahead], axis=1))
+    solver = solver_of(mesh, free, hand=tongs())
+    record = solver.run(position, *turned)
+    moved = solver.object_ticks
+    way, force = moved.shift[:, 0], moved.hand_wrench[:, 0]
+    assert not record.status.any()
+    begins = int(np.flatnonzero(way > 1e-9)[0])
+    assert begins > 5, "friction holds it at first"
+    assert force[begins - 1] < friction < 1.01 * force[begins] and (force[:begins] < friction).all()
+    assert 0.01 < way[-1] == pytest.approx(way.max(), abs=1e-9)
+    assert np.abs(moved.shift[:, 1:]).max() < 1e-12 and (moved.turn == [1.0, 0.0, 0.0, 0.0]).all()
+    speed = moved.velocity[:, 0]
+    own = MASS * np.diff(speed, prepend=0.0) / DT - force
+    moves = np.abs(speed) > 1e-6
+    np.testing.assert_allclose(own[moves], -friction, rtol=1e-5)
+    assert np.abs(own[~moves]).max() < friction * (1 + 1e-9)
+
+
+def test_a_stone_on_a_cart_is_carried_along_by_friction_and_takes_its_share_of_the_momentum() -> None:
+    mesh, free = cart(axis=(1.0, 0.0, 0.0), on="rail")
+    free = FreeObject(**{**vars(free), "velocity": (0.3, 0.0, 0.0)})
+    rail = box_mesh((0.6, 0.05, 0.05)).transformed(np.eye(3), np.array([0.0, 0.0, -0.02]))
+    stone = box_mesh((0.04, 0.04, 0.04)).transformed(np.eye(3), np.array([0.0, 0.0, 0.03 + 2e-6]))
+    others = tuple(
+        Thing(contact_surface("mesh", one, None), FreeObject.of_mesh(one, mass=mass, friction=0.5), fixed, name)
+        for one, mass, fixed, name in ((rail, 1.0, True, "rail"), (stone, 0.2, False, "stone"))
+    )
+    solver = solver_of(mesh, free, others)
+    record = solver.run(*far_hand(200))
+    engine: Any = solver.engine
+    of_cart, _, of_stone = engine.all_ticks.things
+    assert not record.status.any(), "it goes through the rail that bears it"
+    speeds = of_cart.velocity[:, 0], of_stone.velocity[:, 0]
+    np.testing.assert_allclose(MASS * speeds[0] + 0.2 * speeds[1], MASS * 0.3, rtol=1e-9)
+    # Sliding friction is 0.5 of the stone's weight, until both are as fast.
+    sliding = int(0.3 / (0.5 * G * (1.0 + 0.2 / MASS)) / DT)
+    pace = np.polyfit(DT * np.arange(2, sliding - 1), speeds[1][2 : sliding - 1], 1)[0]
+    assert pace == pytest.approx(0.5 * G, rel=0.003)
+    np.testing.assert_allclose([one[-1] for one in speeds], MASS * 0.3 / (MASS + 0.2), rtol=1e-6)
+    np.testing.assert_allclose(engine.all_ticks.thing_wrench[0, 100:, 2], -0.2 * G, rtol=1e-6)
+    assert not of_cart.shift[:, 1:].any()
+
+
+@pytest.mark.parametrize(
+    ("given", "wrong"),
+    [
+        ({"axis": (0.0, 0.0, 0.0)}, "the axis of the slider has no direction"),
+        ({"limits": (0.5, 1.0)}, "slider limits 0.5 to 1 m; expected ways from the start, with 0, within ±100"),
+        ({"friction": -1.0}, "slider_friction is -1 N"),
+    ],
+)
+def test_what_is_no_slider_is_refused(given: dict[str, Any], wrong: str) -> None:
+    with pytest.raises(InputError, match=wrong):
+        cart(**given)
+
+
+def test_a_thing_has_one_joint() -> None:
+    _, free = cart()
+    hinge = Hinge((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="has a hinge and a slider; expected one of them"):
+        FreeObject(**{**vars(free), "hinge": hinge})
+    assert FreeObject.from_json(free.to_json()) == free
