@@ -42,7 +42,7 @@ def test_a_file_of_things_makes_a_scene_of_all_of_them(tmp_path: Path) -> None:
     assert scene.parts is not None and scene.parts.names == ("peg", "wall") and scene.parts.free
 
 
-@pytest.mark.parametrize("name", ["blocks", "peg", "pot", "door"])
+@pytest.mark.parametrize("name", ["blocks", "peg", "pot", "door", "drawer"])
 def test_the_shipped_things_begin_apart(name: str) -> None:
     things = load_things(name)
     assert len(things.meshes) == len(things.settings.thing) > 1
@@ -62,6 +62,15 @@ def test_the_shipped_things_begin_apart(name: str) -> None:
         ("mass = 0.05", 'hinge.axis = [0.0, 0.0, 1.0]\nhinge.on = "post"', "fixed thing 'post'"),
         ("mass = 0.05", 'hinge.axis = [0.0, 0.0, 1.0]\nhinge.on = "peg"', "fixed thing 'peg'"),
         ("fixed = true", "fixed = true\nhinge.axis = [0.0, 0.0, 1.0]", "'wall' is fixed and has a hinge"),
+        ("mass = 0.05", "slider.axis = [0.0, 0.0, 0.0]", "the axis of the slider has no direction"),
+        ("mass = 0.05", "slider.axis = [0.0, 0.0, 1.0]\nslider.limits = [0.1, 1.0]", "slider limits 0.1 to 1 m"),
+        ("mass = 0.05", 'slider.axis = [0.0, 0.0, 1.0]\nslider.on = "post"', "fixed thing 'post'"),
+        ("fixed = true", "fixed = true\nslider.axis = [0.0, 0.0, 1.0]", "'wall' is fixed and has a slider"),
+        (
+            "mass = 0.05",
+            "hinge.axis = [0.0, 0.0, 1.0]\nslider.axis = [0.0, 0.0, 1.0]",
+            "'peg' has both a hinge and a slider",
+        ),
         ("box = [0.1, 0.1, 0.1]", "box = [0.1, 0.1, 0.0]", "box"),
     ],
 )

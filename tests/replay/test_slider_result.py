@@ -1,0 +1,83 @@
+"""Result of a drawer that a hand pushes shut: what its file holds, its second run, and what the referee finds."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from file_faults import forge_scene
+from sealed_change import changed as opened
+
+from hhsim.replay.repeat import run_again
+from hhsim.replay.replay import replay_scene
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.scene import open_scene
+from hhsim.solver.options import SolverOptions
+from hhsim.verify.free_object_checks import free_claims
+from hhsim.verify.verify import verify
+
+DRAWER = "things/drawer/drawer"
+MOVES, SHUT = 700, 3000
+"""Ticks in which the hand moves it, and in which it is shut."""
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    path = tmp_path_factory.mktemp("drawer") / "drawer.h5"
+    replay_scene(open_scene("drawer", "shut", level=2), SolverOptions(surface="mesh"), path)
+    return load_result(path)
+
+
+def test_the_drawer_shuts_and_what_lies_on_it_slides_on_where_it_stops(result: Result) -> None:
+    place, box = (np.asarray(result[f"things/drawer/{name}/position"]) for name in ("drawer", "box"))
+    np.testing.assert_allclose(place[-1], [0.0, -0.12, 0.0], atol=1e-9)
+    assert not place[:, [0, 2]].any() and not np.asarray(result[f"{DRAWER}/angular_velocity"]).any()
+    assert abs(box[MOVES, 1] - place[MOVES, 1]) < 1e-6, "carried along"
+    assert 1e-3 < place[-1, 1] - box[-1, 1] < 5e-3
+    assert not np.asarray(result["status"]).any()
+
+
+def test_the_ticks_run_again_are_the_same(result: Result) -> None:
+    assert all(array.identical for array in run_again(result).arrays)
+
+
+def test_the_referee_finds_each_claim_true(result: Result) -> None:
+    report = verify(result)
+    assert not [claim.name for claim in report.claims if claim.failed]
+    (slider,) = (claim for claim in report.claims if claim.name == "slider")
+    assert slider.verdict == "holds" and slider.checked == result.ticks
+
+
+def changed_claims(result: Result, tmp_path: Path) -> tuple[Path, Any]:
+    path = tmp_path / "changed.h5"
+    shutil.copy(result.path, path)
+    return path, lambda: {claim.name for claim in free_claims(load_result(path)) if claim.failed}
+
+
+@pytest.mark.parametrize(
+    ("dataset", "tick", "add"),
+    [
+        (f"{DRAWER}/position", SHUT, [1e-8, 0.0, 0.0]),
+        (f"{DRAWER}/orientation", MOVES, [0.0, 1e-8, 0.0, 0.0]),
+        (f"{DRAWER}/velocity", MOVES, [0.0, 1e-3, 0.0]),
+        (f"{DRAWER}/hand_wrench", MOVES, [0.0, 1e-2, 0.0, 0.0, 0.0, 0.0]),
+    ],
+)
+def test_the_referee_finds_a_planted_fault(
+    result: Result, tmp_path: Path, dataset: str, tick: int, add: list[float]
+) -> None:
+    path, failed = changed_claims(result, tmp_path)
+    with opened(path) as file:
+        file[dataset][tick] += add
+    assert "slider" in failed()
+
+
+@pytest.mark.parametrize("change", [{"friction": 1.4}, {"limits": [-0.11, 0.1]}, {"axis": [1e-6, 1.0, 0.0]}])
+def test_the_referee_finds_another_slider_than_that_of_the_run(
+    result: Result, tmp_path: Path, change: dict[str, Any]
+) -> None:
+    path, failed = changed_claims(result, tmp_path)
+    with opened(path) as file:
+        forge_scene(file, lambda scene: scene["free"]["slider"].update(change))
+    assert "slider" in failed()
