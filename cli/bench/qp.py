@@ -79,8 +79,6 @@ SHOWN = (
     number("variables"),
     number("rows"),
     number("programs", "problems"),
-    number("solved"),
-    number("infeasible"),
-    number("missed"),
+    *map(number, ("solved", "infeasible", "missed")),
     number("KKT max", lambda row: "" if row["residual_max"] is None else f"{row['residual_max']:.1e}"),
 )

@@ -56,9 +56,7 @@ def command(settings: ThreadsSettings, output: Output) -> None:
 
 
 SHOWN = (
-    words("object"),
-    words("case"),
-    words("method"),
+    *map(words, ("object", "case", "method")),
     number("contacts"),
     number("threads"),
     number("detection", "detection", "µs", 1),
