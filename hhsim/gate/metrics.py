@@ -85,10 +85,7 @@ class RunFigures:
 
 
 def run_figures(result: Result) -> RunFigures:
-    """Compute the figures of a result from its ticks.
-
-    Raises InputError for a dataset that the result's schema does not have, or an invalid tree.
-    """
+    """Compute a result's figures from its ticks; InputError for an invalid tree, or a dataset not in its schema."""
     inputs, digest, result = run_inputs(result), tick_digest(result), result.seen_from_object
     gives = {what for what in EVERYTHING if result.gives(what)}
     known = {column.name for column in TICK_COLUMNS if column.known_by in ("", *gives)}

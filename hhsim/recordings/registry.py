@@ -1,7 +1,4 @@
-"""Formats of recordings: what each declares, their detection, and the reading of a file as a `Recording`.
-
-A format is a module of its own in `hhsim.recordings.formats`.
-"""
+"""Formats of recordings, each a module of `hhsim.recordings.formats`: their declaration, detection and reading."""
 
 import importlib
 from collections.abc import Callable, Iterable, Iterator, Sequence

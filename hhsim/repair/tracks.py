@@ -84,10 +84,7 @@ class FrameFollower:
         self.solver.place(*start.at(0))
 
     def arrive(self, origin: HandConfiguration, goal: HandConfiguration) -> HandConfiguration:
-        """Return the graphic hand at rest after the haptic hand has moved from an origin to a goal, T = 1 each.
-
-        HhsimError if more pairs were near than the solver holds.
-        """
+        """Return the graphic hand at rest after a move from origin to goal, T = 1; HhsimError if pairs are too many."""
         moved = float(farthest(self._points(origin), self._points(goal))[0])
         steps = min(MOST_SUBSTEPS, int(np.ceil(moved / SUBSTEP)))
         if steps > 1:

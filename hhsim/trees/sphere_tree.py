@@ -237,10 +237,7 @@ class SphereTree:
         return faults(mesh, self.covers)
 
     def transformed(self, rotation: ArrayLike, translation: ArrayLike) -> "SphereTree":
-        """Return the tree moved by `rotation @ center + translation`; shapes (3, 3) and (3,) [m].
-
-        A mirror image (determinant −1) has covers without proofs.
-        """
+        """Return the tree moved by `rotation @ center + translation` [m]; mirrored (determinant −1), without proofs."""
         matrix = np.asarray(rotation, dtype=np.float64)
         center = matmul(self.center, matrix.T) + np.asarray(translation, dtype=np.float64)
         covers = tuple(cover.transformed(rotation, translation) for cover in self.covers)

@@ -247,10 +247,7 @@ class Rest:
     gravity: float = 9.81
 
     def creep(self, center: FloatArray, orientation: FloatArray) -> float:
-        """Return the largest way of a corner [m], from the cube's centres [m], shape (ticks, 3).
-
-        `orientation` has the first and the last one, (w, x, y, z), shape (2, 4).
-        """
+        """Return the largest way of a corner [m] by centres [m] (ticks, 3), first and last orientation (w, x, y, z)."""
         moved = float(np.linalg.norm(center - center[0], axis=1).max())
         return moved + 0.5 * self.side * math.sqrt(3.0) * turned_by(orientation[0], orientation[1])
 
