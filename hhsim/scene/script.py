@@ -257,11 +257,6 @@ class Script:
         return self.has(*TAKE_ALONG, "push", "slip")
 
     @property
-    def takes_turns(self) -> bool:
-        """True if a phase is of one of two hands."""
-        return any(phase.hand for phase in self.phases)
-
-    @property
     def fingers(self) -> tuple[str, ...]:
         """Fingers that some phase closes, in the order of `FINGERS`."""
         named = {finger for phase in self.phases for finger in phase.fingers}
