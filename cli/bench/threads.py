@@ -57,8 +57,7 @@ def command(settings: ThreadsSettings, output: Output) -> None:
 
 SHOWN = (
     *map(words, ("object", "case", "method")),
-    number("contacts"),
-    number("threads"),
+    *map(number, ("contacts", "threads")),
     number("detection", "detection", "µs", 1),
     number("response", "response", "µs", 1),
     number("total", "total", "µs", 1),
