@@ -1,7 +1,6 @@
 """Figures that the gate takes from a result and that a suite can limit: errors, work counters, time, and inputs.
 
-Errors are computed anew from the stored poses and forces where no solver is needed, so that a stale summary does not
-pass.
+Errors that need no solver are computed anew from the stored poses and forces, so that a stale summary does not pass.
 """
 
 from collections.abc import Mapping

@@ -206,8 +206,7 @@ class RecordingFormat:
     # Function that returns the content of a new file of a suffix. None for a format in which none is made.
     make: Callable[[str, HandMotion], bytes] | None = None
     made: tuple[str, ...] = ()  # suffixes that `make` takes
-    # Function that returns the parameters of the MANO model in every sample, for the skin; None for a format that has
-    # none.
+    # Function that returns the MANO model's parameters in every sample, for the skin; None for a format without.
     mano: Callable[[Content, ReadOptions], tuple[FloatArray, FloatArray, FloatArray, FloatArray]] | None = None
 
 

@@ -50,8 +50,7 @@ class SweepSummary:
 def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progress: Progress = silent) -> SweepSummary:
     """Run the cells that are not done yet.
 
-    Raises InputError without Dask or a scheduler, OutputError for a folder that cannot be written, or where another
-    sweep works.
+    Raises InputError without Dask or a scheduler, OutputError for a folder that is not writable or another sweep's.
     """
     if options.scheduler:
         require_dask()

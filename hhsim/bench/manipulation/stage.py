@@ -1,10 +1,9 @@
 """Stage of the known answers: a free block or ball, the tasks pinch and rest, and a hand whose squeeze is known.
 
 The hand has two opposed fingers. Thumb and index lie along the palm's y axis, one at either side, and curl towards each
-other in the plane of the palm. They are as thick as their tips throughout, so that the tip alone touches a flat face
-between them. The palm's spheres are far behind. The palm's coupling bears the weight, the joints' the squeeze,
-independently: a block between the tips, at a distance L before the palm, sinks by m g (1 / k_t + L² / k_r) below the
-command.
+other in the plane of the palm. They are as thick as their tips, so that the tip alone touches a flat face between them.
+The palm's spheres are far behind. The palm's coupling bears the weight, the joints' the squeeze, independently: a block
+between the tips, at a distance L before the palm, sinks by m g (1 / k_t + L² / k_r) below the command.
 """
 
 import math
