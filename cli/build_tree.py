@@ -216,8 +216,7 @@ def command(
 
 def _print_levels(tree: "SphereTree", title: str) -> None:
     columns = (
-        number("level"),
-        number("spheres"),
+        *map(number, ("level", "spheres")),
         number("protrusion max", "protrusion_max", "mm", 3),
         number("p99", "protrusion_p99", "mm", 3),
         number("mean", "protrusion_mean", "mm", 3),

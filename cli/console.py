@@ -90,10 +90,7 @@ def print_notes(notes: Sequence[str], *, prefix: str = "note") -> None:
 
 @contextmanager
 def progress(*, quiet: bool, lines: bool = False) -> Iterator[Progress]:
-    """Show a bar on stderr while the work reports, unless it is quiet.
-
-    Where stderr is no terminal, `lines` prints a line now and then; else nothing is shown.
-    """
+    """Show a bar on stderr while work reports, unless quiet; where that is no terminal, a few lines if `lines`."""
     if quiet or not sys.stderr.isatty():
         yield _line_by_line() if lines and not quiet else silent
         return

@@ -41,7 +41,6 @@ def command(as_json: bool) -> None:
         number("triangles", lambda item: len(item.mesh.faces)),
         number("level"),
         number("mass", lambda item: item.density * item.mesh.volume, "g"),
-        words("stresses"),
-        words("licence"),
+        *map(words, ("stresses", "licence")),
     )
     print_table(Table(columns, objects))

@@ -91,10 +91,7 @@ class SolverSettings(options.Linearising, options.SolverChoice):
     )
 
     def options(self) -> "SolverOptions":
-        """Return the options for the library.
-
-        UsageError, HhsimError for an option of another method, a missing solver or engine, or a bad number.
-        """
+        """Return the options; UsageError, HhsimError for another method's, no such solver or engine, a bad number."""
         from hhsim.errors import InputError, UnknownNameError
         from hhsim.solver.known_methods import find_method
         from hhsim.solver.method_names import isolated_name

@@ -14,10 +14,7 @@ Reader = Callable[[click.Context, click.Parameter, str | None], tuple[float, ...
 
 
 def names(flag: str, help: str) -> Any:
-    """Declare an option such as --object bunny,cube as a field of a group: distinct names in their order, or None.
-
-    The option may be given again instead.
-    """
+    """Declare a field for --object bunny,cube, which may be given again: distinct names in their order, or None."""
     return option(flag, callback=read_names, multiple=True, metavar="NAMES", help=help)
 
 

@@ -116,9 +116,7 @@ def _shown(value: float, unit: str) -> str:
 
 
 SHOWN = (
-    words("case"),
-    words("method"),
-    words("surface"),
+    *map(words, ("case", "method", "surface")),
     words(
         "verdict", lambda result: "FAIL" if not result.passed else "refuses, as it may" if result.refused else "pass"
     ),

@@ -79,9 +79,7 @@ def _off(row: Row) -> str:
 
 
 SHOWN = (
-    words("case"),
-    words("method"),
-    words("figure"),
+    *map(words, ("case", "method", "figure")),
     number("exact", _figure("exact")),
     number("measured", _figure("measured")),
     number("off by", _off),

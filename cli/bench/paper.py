@@ -127,9 +127,7 @@ def _print_rows(rows: "list[PaperRow]", methods: tuple[str, ...]) -> None:
 
 def _print_cases(played: list[dict[str, Any]]) -> None:
     columns = (
-        words("object"),
-        words("case"),
-        words("method"),
+        *map(words, ("object", "case", "method")),
         number("instances"),
         number("contacts", "contacts_mean"),
         number("detection", "detection", "µs", 1),

@@ -76,8 +76,7 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
 
 
 SHOWN = (
-    words("method"),
-    words("surface"),
+    *map(words, ("method", "surface")),
     number("p50", "tick_cpu_p50", "µs", 1, missing=""),
     number("p99", "tick_cpu_p99", "µs", missing=""),
     number("step alone", "native_cpu_p50", "µs", 1, missing=""),

@@ -76,11 +76,8 @@ def command(settings: QpSettings, programs: Path | None, seed: int, output: opti
 
 SHOWN = (
     words("program"),
-    number("variables"),
-    number("rows"),
+    *map(number, ("variables", "rows")),
     number("programs", "problems"),
-    number("solved"),
-    number("infeasible"),
-    number("missed"),
+    *map(number, ("solved", "infeasible", "missed")),
     number("KKT max", lambda row: "" if row["residual_max"] is None else f"{row['residual_max']:.1e}"),
 )

@@ -19,10 +19,7 @@ if TYPE_CHECKING:
     from hhsim.bench.robustness.recorded import RecordedFigures
 
 SHOWN = (
-    words("recording"),
-    words("object"),
-    words("method"),
-    words("surface"),
+    *map(words, ("recording", "object", "method", "surface")),
     number("ticks"),
     number("tip", "fastest", "mm/tick", 2),
     number("deepest", "penetration", "µm", 3),

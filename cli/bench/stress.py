@@ -20,9 +20,7 @@ if TYPE_CHECKING:
     from hhsim.bench.robustness.stress import StressFigures
 
 SHOWN = (
-    words("object"),
-    words("method"),
-    words("surface"),
+    *map(words, ("object", "method", "surface")),
     number("ticks"),
     number("deepest", "penetration", "µm", 3),
     number("palm", "penetration_palm", "µm", 3),

@@ -56,11 +56,8 @@ def command(settings: ThreadsSettings, output: Output) -> None:
 
 
 SHOWN = (
-    words("object"),
-    words("case"),
-    words("method"),
-    number("contacts"),
-    number("threads"),
+    *map(words, ("object", "case", "method")),
+    *map(number, ("contacts", "threads")),
     number("detection", "detection", "µs", 1),
     number("response", "response", "µs", 1),
     number("total", "total", "µs", 1),

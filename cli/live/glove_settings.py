@@ -54,10 +54,7 @@ class GloveChoice(OptionGroup, heading="Glove"):
         return isinstance(self.device, dict)
 
     def settings(self, device: str, own: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
-        """Return a glove's settings: its `own`, and those on the command line.
-
-        Raises click.UsageError for one that only other gloves have.
-        """
+        """Return a glove's settings, its `own` and those typed; click.UsageError for one that others alone have."""
         context = click.get_current_context()
         chosen = dict.fromkeys(name for name, _ in self.device.values()) if self.two else {device: None}
         found = dict(own)

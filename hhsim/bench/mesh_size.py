@@ -127,10 +127,7 @@ class _Size:
 
 
 def measure(options: MeshSizeOptions, progress: Progress = silent) -> list[Row]:
-    """Measure every size with both methods; return a row each, by the names of `COLUMNS`.
-
-    TrajectoryError if the object cannot be grasped.
-    """
+    """Return a row of `COLUMNS` for every size and both methods; TrajectoryError if the object cannot be grasped."""
     hand = HandModel.default()
     for method in METHODS:
         warm_up(hand, SolverOptions(method=method, surface="mesh"))

@@ -143,10 +143,7 @@ def check_scenes(objects: Sequence[str], motions: Sequence[str]) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class RunErrors(MeshErrors):
-    """Errors of one run; NaN where undefined.
-
-    `mesh_error` is NaN for a hand that touches nothing, which would be perfect otherwise.
-    """
+    """Errors of one run; NaN where undefined, as `mesh_error` of a hand that touches nothing, which is not perfect."""
 
     penetration_max: float = metric(worst)
     mesh_error: float = figure("the larger of mesh_depth_max and contact_error_max", "m", worst)
@@ -251,10 +248,7 @@ def hand_clearance(hand: HandModel, surface: Any, placed: PlacedHand, limit: flo
 def run_errors(
     scene: ErrorScene, surface: Any, options: SolverOptions, record: TickRecord, window: slice = slice(None)
 ) -> RunErrors:
-    """Measure a run on the surface that the options name, world.
-
-    `window` are the ticks of the scene in the run; figures of the holds need all of them and are NaN otherwise.
-    """
+    """Measure a run on the surface of its options, world; figures of holds are NaN unless `window` has all ticks."""
     placed = placed_of(record)
     ticks = len(record.position)
     contact = np.flatnonzero(scene.contact[window])

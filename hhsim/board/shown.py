@@ -25,12 +25,9 @@ def standing_table(board: Board, standings: Sequence[Standing]) -> Table:
     """Return the standings as a table with its notes."""
     columns = (
         words("", lambda row: MARK if row.first else ""),
-        words("method"),
-        words("surface"),
-        words("options"),
+        *map(words, ("method", "surface", "options")),
         words("machine", lambda row: board.machines[row.machine]),
-        number("scenes"),
-        number("touched"),
+        *map(number, ("scenes", "touched")),
         number("limits missed", "missed"),
         number("failed"),
         number("depth", "depth", "µm", 3),
@@ -51,10 +48,7 @@ def entry_table(board: Board) -> Table:
         return lambda row: _time(row.figures.get(name, math.nan), row.deviations.get(name, math.nan), row.own_core)
 
     columns = (
-        words("object"),
-        words("motion"),
-        words("method"),
-        words("surface"),
+        *map(words, ("object", "motion", "method", "surface")),
         words("options", lambda row: shown_options(row.option_set, row.options)),
         words("machine", lambda row: board.machines.get(row.machine, "")),
         words("verdict", lambda row: f"{row.verdict}: {row.reason}" if row.reason else row.verdict),

@@ -70,14 +70,8 @@ def compare(base: Result, head: Result) -> Comparison:
     one, other = run_inputs(base), run_inputs(head)
     every = differences(one, other)
     # The way it was run is taken from the first: what still differs is the scene.
-    alike = replace(
-        other,
-        schema=one.schema,
-        spheres=one.spheres,
-        tree=one.tree,
-        solver=one.solver,
-        options={**other.options, **{name: one.options[name] for name in HOW}},
-    )
+    same = {name: getattr(one, name) for name in ("schema", "spheres", "tree", "solver")}
+    alike = replace(other, **same, options={**other.options, **{name: one.options[name] for name in HOW}})
     unlike = differences(one, alike)
     about_schema = [text for text in every if text.startswith("result schema")]
     how = [_in_units(text, one, other) for text in every if text not in unlike and text not in about_schema]

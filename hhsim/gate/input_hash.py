@@ -47,6 +47,9 @@ def run_inputs(result: Result) -> RunInputs:
     """Collect the inputs of a result; the motion is in the object's frame, unless the object is free."""
     result = result if result.free else result.seen_from_object
     scene = result.scene
+    # A free object's properties but those of its mesh.
+    free = {f"free {name}": value for name, value in scene.get("free", {}).items() if name not in OF_THE_MESH}
+    options = {name: scene.get(name) for name in INPUT_OPTIONS} | {"free object": "yes" if result.free else "no"} | free
     solver: dict[str, Any] = {}
     for name, value in scene["solver"].items():
         solver |= {f"{name}.{key}": v for key, v in value.items()} if isinstance(value, dict) else {name: value}
@@ -55,7 +58,7 @@ def run_inputs(result: Result) -> RunInputs:
         mesh=str(scene.get("object_mesh") or scene["checksums"]["object"]),
         ticks=result.ticks,
         spheres=int(scene["object_spheres"]),
-        options={**{name: scene.get(name) for name in INPUT_OPTIONS}, **_free_object(result)},
+        options=options,
         solver=solver,
         tree=_moments(result.static["object/tree/center"], result.static["object/tree/radius"]),
         hand=_sums(result.static[name] for name in HAND),
@@ -90,12 +93,6 @@ def differences(base: RunInputs, head: RunInputs, *, but_the_motion: bool = Fals
 def new_options(base: RunInputs, head: RunInputs) -> list[str]:
     """Names of solver options that only one of two runs has."""
     return sorted(base.solver.keys() ^ head.solver.keys())
-
-
-def _free_object(result: Result) -> dict[str, Any]:
-    """Properties of a free object besides its mesh, and whether the object is free."""
-    numbers = {f"free {name}": value for name, value in result.scene.get("free", {}).items() if name not in OF_THE_MESH}
-    return {"free object": "yes" if result.free else "no", **numbers}
 
 
 def _sums(arrays: Any) -> tuple[float, ...]:

@@ -1,7 +1,6 @@
 """Figures that the gate takes from a result and that a suite can limit: errors, work counters, time, and inputs.
 
-Errors are computed anew from the stored poses and forces where no solver is needed, so that a stale summary does not
-pass.
+Errors that need no solver are computed anew from the stored poses and forces, so that a stale summary does not pass.
 """
 
 from collections.abc import Mapping
@@ -85,10 +84,7 @@ class RunFigures:
 
 
 def run_figures(result: Result) -> RunFigures:
-    """Compute the figures of a result from its ticks.
-
-    Raises InputError for a dataset that the result's schema does not have, or an invalid tree.
-    """
+    """Compute a result's figures from its ticks; InputError for an invalid tree, or a dataset not in its schema."""
     inputs, digest, result = run_inputs(result), tick_digest(result), result.seen_from_object
     gives = {what for what in EVERYTHING if result.gives(what)}
     known = {column.name for column in TICK_COLUMNS if column.known_by in ("", *gives)}

@@ -1,7 +1,4 @@
-"""Runs of a scene by another python's hhsim, in a process of its own.
-
-Only the command line and the result file are used of the other side.
-"""
+"""Runs of a scene by another python's hhsim, in its own process; only its command line and result file are used."""
 
 import json
 import os

@@ -299,17 +299,10 @@ class HandModel:
         Arguments as a single `hhsim.hand.configuration.HandConfiguration`; InputError for another shape.
         """
         joints = np.empty((5, 4, 3))
-        forward_kinematics(
-            self._arrays,
-            _array("position", position, (3,)),
-            rotation_matrix(_array("orientation", orientation, (4,))),
-            _array("flexion", flexion, (5, 3)),
-            _array("abduction", abduction, (5,)),
-            joints,
-            np.empty((5, 3, 3)),
-            np.empty((5, 3)),
-            np.empty((5, 3)),
-        )
+        palm = _array("position", position, (3,)), rotation_matrix(_array("orientation", orientation, (4,)))
+        fingers = _array("flexion", flexion, (5, 3)), _array("abduction", abduction, (5,))
+        rest = np.empty((5, 3, 3)), np.empty((5, 3)), np.empty((5, 3))
+        forward_kinematics(self._arrays, *palm, *fingers, joints, *rest)
         return joints
 
 

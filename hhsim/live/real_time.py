@@ -30,8 +30,7 @@ _libc = ctypes.CDLL(None, use_errno=True)
 class RealTimeWishes:
     """Requests of a loop to the system; raises InputError for a priority or a processor out of range."""
 
-    # SCHED_FIFO at `priority`, timers that are not coalesced (1 ns instead of 50 µs), and idle processors that poll
-    # instead of sleeping.
+    # SCHED_FIFO at `priority`, timers that are not coalesced (1 ns instead of 50 µs), and idle processors that poll.
     punctual: bool = True
     priority: int = 50  # priority of the loop, 1 to 98; the watchdog runs one above
     lock_memory: bool = True  # keep all used pages in memory (mlock)

@@ -61,8 +61,7 @@ def solid_mesh(
     Tetrahedra are halved where the mesh is off by more than the tolerance: where a triangle's middle has none of the
     solid's triangles that near and, moved by the tolerance outward and inward, is not outside and inside; or where a
     point of the true border, which are known in `border`, shape (n, 3), is farther away. The mesh may get too large
-    first, so its error has to be measured. `low` and `high` are corners of a box around the solid; all is in the unit
-    of the field.
+    first, so its error has to be measured. `low` and `high` are corners of a box around it; all is in the field's unit.
     """
     extent = float((high - low).max())
     # Off the round numbers that drawn meshes are made of.

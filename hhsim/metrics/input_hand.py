@@ -116,8 +116,7 @@ def object_depths(surface: Any, mesh: Mesh, shape: HandShape, fingers: BoolArray
 def deepest(depths: Depths, palm_center: FloatArray, placed: PlacedHand, known: float = 0.0) -> float:
     """Depth of the deepest of some hands [m], to `SAME_DEPTH`; `known`, found elsewhere, where none is deeper.
 
-    The centres of the palm's spheres [m], palm frame, have shape (P, 3); the hands are in the order of time, all
-    finite.
+    The palm's spheres have centres [m], palm frame, of shape (P, 3); the hands are in the order of time, and finite.
     """
     if len(placed.joints) == 0:
         return known

@@ -279,10 +279,7 @@ def palm_distance_mm(haptic: ArrayLike, graphic: ArrayLike) -> FloatArray:
 
 
 def tick_statistics(duration: ArrayLike) -> TickStatistics:
-    """Compute p50, p99 and maximum [µs] of tick durations (T,) [ns], and the share of ticks over 1 ms.
-
-    Percentiles interpolate between ticks; all NaN for no ticks.
-    """
+    """Compute p50, p99 and maximum [µs] of durations (T,) [ns], interpolated, and share over 1 ms; NaN for no ticks."""
     array = np.asarray(duration, dtype=np.float64).ravel()
     if array.size == 0:
         return TickStatistics(np.nan, np.nan, np.nan, np.nan, 0)

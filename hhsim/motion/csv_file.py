@@ -59,16 +59,9 @@ def format_csv(trajectory: Trajectory) -> str:
         extra[PHASE] = _phase_names(trajectory)
     if trajectory.flags is not None:
         extra[FLAGS] = [str(bits) for bits in trajectory.flags.tolist()]
-    numbers = np.column_stack(
-        [
-            trajectory.time,
-            trajectory.position,
-            trajectory.orientation,
-            trajectory.flexion.reshape(count, -1),
-            trajectory.abduction,
-            *(moving or ()),
-        ]
-    ).tolist()
+    fingers = trajectory.flexion.reshape(count, -1), trajectory.abduction
+    hand = trajectory.position, trajectory.orientation, *fingers
+    numbers = np.column_stack([trajectory.time, *hand, *(moving or ())]).tolist()
     added = zip(*extra.values(), strict=True) if extra else [()] * count
     rows = ([*map(repr, row), *more] for row, more in zip(numbers, added, strict=True))
     return format_table(remarks, (*COLUMNS, *(OBJECT_COLUMNS if moving is not None else ()), *extra), rows)

@@ -1,8 +1,7 @@
 """Tables as CSV text of any maker, with their header.
 
 Delimiters are commas, semicolons, tabs or blanks; lines that begin with # before the header are remarks. A strict
-reader refuses a line or a cell that it cannot read; a lenient one leaves the line out, takes the cell as missing, and
-tells of both.
+reader refuses a line or a cell that it cannot read; a lenient one leaves the line out or the cell missing, and says so.
 """
 
 import csv
@@ -79,9 +78,8 @@ def read_table(
 ) -> Table:
     """Read a table; `names` are the columns of one without a header line.
 
-    A delimiter of None is detected in the header; `strict` refuses every line with another number of cells than the
-    header's. Raises TrajectoryError for no header, no line below it, two columns of the same name, or many lines of
-    another length.
+    A delimiter of None is detected in the header; `strict` refuses every line with more or fewer cells than the header.
+    Raises TrajectoryError for no header, no line below it, two columns of one name, or many lines of another length.
     """
     lines = text.splitlines()
     remarks, first, sign, header = _header(lines, delimiter)

@@ -62,10 +62,7 @@ def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
 
 
 def check_trajectory_path(path: Path) -> None:
-    """Raise OutputError if a trajectory cannot be written here.
-
-    That is a place that cannot be written, another suffix, or a file that is no trajectory, such as a recording.
-    """
+    """Raise OutputError for a place that cannot be written, another suffix, or a file that is no trajectory."""
     check_output_path(path)
     if path.suffix.lower() not in (CSV_SUFFIX, *HDF5_SUFFIXES):
         raise OutputError(f"{path} is no name for a trajectory: it has to end in .h5 or .csv")

@@ -80,10 +80,7 @@ def npz_of(arrays: Mapping[str, Any]) -> bytes:
 
 
 def npy_with(data: bytes, values: FloatArray) -> bytes:
-    """Return an `.npy` file with other values in the same header, of the same size and type.
-
-    InputError for whole numbers, or a header of a version that is not written.
-    """
+    """Return an `.npy` file with other values of its size and type; InputError for whole numbers, an unknown header."""
     stream = io.BytesIO(data)
     version = np.lib.format.read_magic(stream)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}

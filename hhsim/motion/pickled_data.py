@@ -1,7 +1,4 @@
-"""Data in pickles, read without running anything that is in them.
-
-The unpickler makes arrays, keeps the state of a few known classes as data, and refuses any other class.
-"""
+"""Data in pickles, read without running what is in them: arrays and a few known classes; any other is refused."""
 
 import io
 import pickle

@@ -38,8 +38,10 @@ def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatA
     cosine, sine = np.cos(abduction)[..., None], np.sin(abduction)[..., None]
     forward = cosine * along + sine * aside
     total = np.arctan2(-above, forward)
-    # A finger that curls past straight back has turned further, not less.
-    total[..., 1:] = total[..., :1] + np.cumsum(_within_turn(np.diff(total, axis=2)), axis=2)
+    # A finger that curls past straight back has turned further, not less: a joint flexes by up to 200° or hyperextends
+    # by up to 90°, so it turns within (-π/2, 3π/2].
+    turn = (np.diff(total, axis=2) + 0.5 * np.pi) % (2.0 * np.pi) - 0.5 * np.pi
+    total[..., 1:] = total[..., :1] + np.cumsum(turn, axis=2)
     flexion = np.diff(total, axis=2, prepend=0.0)
     off = np.arcsin(np.clip(np.abs(cosine * aside - sine * along), 0.0, 1.0))
     return flexion, abduction, off
@@ -89,11 +91,6 @@ def finger_joints(
     bones = np.cos(total) * forward[:, :, None] - np.sin(total) * dorsal[:, None]
     joints = np.concatenate([np.zeros((*bones.shape[:2], 1, 3)), np.cumsum(length[..., None] * bones, axis=2)], axis=2)
     return np.asarray(base[:, None] + joints)
-
-
-def _within_turn(angle: FloatArray) -> FloatArray:
-    """Return the same angle in (-π/2, 3π/2]: a joint flexes by up to 200° or hyperextends by up to 90°."""
-    return np.asarray((angle + 0.5 * np.pi) % (2.0 * np.pi) - 0.5 * np.pi)
 
 
 def palm_rotation(fingers: FloatArray, back: FloatArray) -> FloatArray:

@@ -82,10 +82,7 @@ def fit_error(joints: FloatArray, ours: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def median_bones(joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return first joints and lengths of bones [m], shape (5, 3) each, as medians over the recording.
-
-    The joints have the shape (T, 5, 4, 3), palm frame, NaN where missing.
-    """
+    """Return median first joints and bone lengths [m], (5, 3), of joints (T, 5, 4, 3), palm frame, NaN if missing."""
     lengths = np.linalg.norm(np.diff(joints, axis=2), axis=3)
     return _finite(np.median, joints[:, :, 0]), _finite(np.median, lengths)
 

@@ -83,10 +83,7 @@ def readings(key: str, given: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Samples as they came; frames and units are ours if the reader knows them.
-
-    Fields that a `Trajectory` has too are as there, unless a comment says otherwise.
-    """
+    """Samples as they came, in our frames and units if known; fields of a `Trajectory` are as there, or commented."""
 
     # Stamps [s], or in another unit if `stated` lacks "time"; any order, NaN where missing, shape (T,).
     time: FloatArray

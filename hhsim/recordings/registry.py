@@ -1,7 +1,4 @@
-"""Formats of recordings: what each declares, their detection, and the reading of a file as a `Recording`.
-
-A format is a module of its own in `hhsim.recordings.formats`.
-"""
+"""Formats of recordings, each a module of `hhsim.recordings.formats`: their declaration, detection and reading."""
 
 import importlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -209,8 +206,7 @@ class RecordingFormat:
     # Function that returns the content of a new file of a suffix. None for a format in which none is made.
     make: Callable[[str, HandMotion], bytes] | None = None
     made: tuple[str, ...] = ()  # suffixes that `make` takes
-    # Function that returns the parameters of the MANO model in every sample, for the skin; None for a format that has
-    # none.
+    # Function that returns the MANO model's parameters in every sample, for the skin; None for a format without.
     mano: Callable[[Content, ReadOptions], tuple[FloatArray, FloatArray, FloatArray, FloatArray]] | None = None
 
 

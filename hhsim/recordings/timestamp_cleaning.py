@@ -1,8 +1,7 @@
 """Cleaning of stamps that repeat, go backwards, are missing or leave gaps.
 
 A sample out of order is sorted in if its place by stamp fits its neighbours at least as well as its place in the file;
-otherwise its stamp is wrong, and it is left out. If that is true of many, two clocks or two recordings are mixed:
-refused.
+otherwise its stamp is wrong, and it is left out. If many are, two clocks or recordings are mixed: refused.
 """
 
 from bisect import bisect_right

@@ -65,10 +65,7 @@ _OWN_CLOCK = {"device", "sample", "capture", "tracking", "sensor"}
 
 
 def clean_units(recording: Recording) -> Recording:
-    """Convert stamps to s, positions to m, angles to rad.
-
-    TrajectoryError if a unit is wrong, and several others are possible or the unit was stated.
-    """
+    """Convert stamps to s, positions to m, angles to rad; TrajectoryError for a wrong unit, stated or ambiguous."""
     return _angles(_lengths(_from_zero(_stamps(recording))))
 
 

@@ -13,7 +13,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import object_bvh
 from hhsim.render.figure import new_figure, save_figure
 from hhsim.render.hand_picture import BODY_OPACITY, RED
-from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, look_from, seen_depth, shade
+from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, look_from, rendered, shade
 from hhsim.render.triangle_soup import SKIN, STONE, Surface, mesh_surface, near_hands
 from hhsim.render.viewpoint import AZIMUTHS, View
 from hhsim.system.output_path import check_output_path
@@ -137,7 +137,7 @@ def _view(skin: Surface, bvh: MeshBvh, middle: FloatArray) -> FloatArray:
 
     def inside(rotation: FloatArray) -> int:
         camera = Camera(rotation, middle, 2.0 * CLOSE, (TRIAL, TRIAL))
-        return int(_inside(seen_depth(skin, camera), bvh, camera).sum())
+        return int(_inside(rendered(skin, camera)[0], bvh, camera).sum())
 
     views = (View(azimuth, elevation) for elevation in ELEVATIONS for azimuth in AZIMUTHS)
     return max((look_from(view.towards) for view in views), key=inside)

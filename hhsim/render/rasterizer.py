@@ -74,7 +74,7 @@ def shade(
     surface: Surface, camera: Camera, marked: Callable[[FloatArray], BoolArray] | None = None, mark: ArrayLike = 0.0
 ) -> Layer:
     """Render and light a surface; pixels that `marked` says of their depth, as in a `Layer`, have the colour `mark`."""
-    depth, normals, corners, weight = _seen(surface, camera)
+    depth, normals, corners, weight = rendered(surface, camera)
     normal = _interpolated(normals, corners, weight)
     normal /= np.maximum(np.sqrt(np.einsum("ip,ip->p", normal, normal)), 1e-12)
     color = _interpolated(np.ascontiguousarray(surface.colors.T.astype(np.float32)), corners, weight).T
@@ -83,12 +83,7 @@ def shade(
     return lit(depth, normal.T, color, camera)
 
 
-def seen_depth(surface: Surface, camera: Camera) -> FloatArray:
-    """Return the depth of a surface at each pixel, as in a `Layer`."""
-    return _seen(surface, camera)[0]
-
-
-def _seen(surface: Surface, camera: Camera) -> tuple[FloatArray, Image, list[IntArray], FloatArray]:
+def rendered(surface: Surface, camera: Camera) -> tuple[FloatArray, Image, list[IntArray], FloatArray]:
     """Return the depth, the normals of all vertices, and vertices and weights of each pixel that shows a triangle."""
     # Single precision and one component after another: what is done at every pixel is most of the work.
     normals = np.ascontiguousarray((camera.rotation @ surface.normals.T).astype(np.float32))

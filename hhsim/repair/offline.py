@@ -50,8 +50,7 @@ def repair_frames(
     """Compute hands without penetration near the recorded ones; a frame for which none is found keeps its own.
 
     The closed mesh is in the frame of the hands; those that are not finite are returned. Beyond a move of a joint by
-    `max_correction` [m] another way out is looked for. `progress` is called with the stage, the frames done and their
-    number.
+    `max_correction` [m] another way out is looked for. `progress` gets the stage, the frames done and their number.
     """
     posture = frames.copy()
     known = np.flatnonzero(finite_frames(frames))

@@ -171,8 +171,7 @@ class Projection:
     ) -> HandConfiguration:
         """Return free hands near the recorded ones whose correction is steady; `steadiness` as of `steady_step`.
 
-        Each hand of `start` is on the side of the object on which it stays; frames of `may_change` may change, shape
-        (T,).
+        Each hand of `start` is on the side of the object on which it stays; frames of `may_change` (T,) may change.
         """
         found, frames = start.copy(), np.flatnonzero(may_change).tolist()
         hands = [FrameHand(self.judge, self.written.at(t), start.part(t, t + 1), frame=t) for t in frames]

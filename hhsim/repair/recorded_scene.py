@@ -1,7 +1,6 @@
 """Scene of a recording that is to be repaired: its frames as they are, the object where it was, and a hand that fits.
 
-A frame of the recording is a tick of the scene. Nothing is resampled, so that the frames that come out are those that
-went in.
+A frame of the recording is a tick of the scene. Nothing is resampled: the frames that come out are those that went in.
 """
 
 from dataclasses import dataclass, replace

@@ -48,10 +48,7 @@ class RobotMotion:
 
 
 def robot_motion(result: Result, robot: RobotHand, progress: Progress = silent) -> RobotMotion:
-    """Compute the motion of a robot's hand by the shown hand of a result, tick by tick.
-
-    InputError for a result without ticks, or whose mesh cannot be read.
-    """
+    """Compute a robot hand's motion by a result's shown hand; InputError for no ticks, or a mesh that is not read."""
     seen = result.seen_from_object
     fingers = [FINGERS.index(finger) for finger in robot.fingers]
     joints = seen["graphic/joints"][:, fingers]

@@ -54,14 +54,11 @@ class FrameFollower:
         self.options = SolverOptions(
             surface="mesh", linearisations=LINEARISATIONS, budget=UNLIMITED, step_tolerance=STEP_TOLERANCE
         )
-        self.solver = self._new_solver()
-
-    def _new_solver(self) -> HandSolver:
-        return HandSolver(self.hand, self.surface, self.options)
+        self.solver = HandSolver(hand, surface, self.options)
 
     def follow(self, order: range, progress: Progress = silent) -> HandConfiguration:
         """Return the track through all frames in an order; NaN where the solver holds too few pairs."""
-        track = _unknown(self.frames.ticks)
+        track = HandConfiguration(*(np.full(values.shape, np.nan) for values in self.frames))
         begun = False
         for done, (before, frame) in enumerate(zip([order[0], *order], order)):
             progress("frames", done, len(order))
@@ -76,7 +73,7 @@ class FrameFollower:
 
     def begin(self, goal: HandConfiguration) -> None:
         """Place the graphic hand at a frame, or, where that is inside, as near to it as a free place nearby leads."""
-        self.solver = self._new_solver()
+        self.solver = HandSolver(self.hand, self.surface, self.options)
         self.solver.begin(HapticBlock(*goal))
 
     def place(self, start: HandConfiguration) -> None:
@@ -84,10 +81,7 @@ class FrameFollower:
         self.solver.place(*start.at(0))
 
     def arrive(self, origin: HandConfiguration, goal: HandConfiguration) -> HandConfiguration:
-        """Return the graphic hand at rest after the haptic hand has moved from an origin to a goal, T = 1 each.
-
-        HhsimError if more pairs were near than the solver holds.
-        """
+        """Return the graphic hand at rest after a move from origin to goal, T = 1; HhsimError if pairs are too many."""
         moved = float(farthest(self._points(origin), self._points(goal))[0])
         steps = min(MOST_SUBSTEPS, int(np.ceil(moved / SUBSTEP)))
         if steps > 1:
@@ -140,11 +134,6 @@ def _moved_out(judge: HandJudge, posture: HandConfiguration, direction: FloatArr
             return None
         shift += max(STANDOFF, STANDOFF - clearance)
     return None
-
-
-def _unknown(ticks: int) -> HandConfiguration:
-    shapes = ((3,), (4,), (5, 3), (5,))
-    return HandConfiguration(*(np.full((ticks, *shape), np.nan) for shape in shapes))
 
 
 def put(track: HandConfiguration, frame: int, hand: HandConfiguration) -> None:

@@ -144,8 +144,7 @@ def check_report_path(output_path: Path) -> Path:
 def write_report(report: Report, output_path: Path) -> ReportFiles:
     """Write the page and its pictures, NAME-….png beside NAME.html, all or none of them, the page last.
 
-    Raises OutputError as `check_report_path`; for a picture's name that is taken where there is no report; or a full
-    disk.
+    Raises OutputError as `check_report_path`; for a full disk, or a picture's name that is taken where no report is.
     """
     page = check_report_path(output_path)
     stem = "" if page.name == PAGE else f"{page.stem}-"

@@ -43,15 +43,8 @@ FINGER_COLUMNS = (
     number("ripple", "ripple", "N", 3),
 )
 BRIEF_FACTS = (
-    "object",
-    "object, extent",
-    "sphere tree",
-    "motion",
-    "ticks",
-    "hand",
-    "method",
-    "coupling",
-    "not modelled",
+    *("object", "object, extent", "sphere tree", "motion", "ticks"),
+    *("hand", "method", "coupling", "not modelled"),
 )
 """Facts of `run_facts` that stand beside the picture."""
 

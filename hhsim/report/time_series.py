@@ -133,6 +133,7 @@ def series_figure(results: Mapping[str, Result]) -> style.ReportFigure:
         names = legends(float(figure.get_figwidth()))
         axes = _placed(figure, panels, names)
         for panel, place in zip(panels, axes):
+            style.gridded(place)
             panel.draw(place, runs)
         _draw_phases(axes, runs[0])
         _draw_axis(axes, runs)
@@ -197,7 +198,6 @@ def _timed(run: Run) -> bool:
 
 
 def _draw_forces(axes: "Axes", runs: Sequence[Run]) -> None:
-    style.gridded(axes)
     if len(runs) == 1:
         force = runs[0].force
         for k, (name, color) in enumerate(zip(FORCES, FORCE_COLORS)):
@@ -211,7 +211,6 @@ def _draw_forces(axes: "Axes", runs: Sequence[Run]) -> None:
 def _draw_times(axes: "Axes", runs: Sequence[Run]) -> None:
     from matplotlib.ticker import FixedLocator, NullLocator
 
-    style.gridded(axes)
     _curves(axes, runs, lambda run: np.maximum(run.cpu, style.LEAST_TIME), 0.6)
     axes.set_yscale("log")
     every = np.concatenate([run.cpu for run in runs])
@@ -230,7 +229,6 @@ def _draw_times(axes: "Axes", runs: Sequence[Run]) -> None:
 
 
 def _draw_pairs(axes: "Axes", runs: Sequence[Run]) -> None:
-    style.gridded(axes)
     for number, run in enumerate(runs):
         color, dashes = style.run_style(number)
         one = len(runs) == 1
@@ -252,7 +250,6 @@ def _length_unit(runs: Sequence[Run]) -> tuple[str, float]:
 
 
 def _draw_depth(axes: "Axes", runs: Sequence[Run], scale: float) -> None:
-    style.gridded(axes)
     _curves(axes, runs, lambda run: scale * run.result["penetration_depth"], 0.8)
     some = any((run.result["penetration_depth"] > 0.0).any() for run in runs)
     axes.set_ylim(0.0, 1.15 * axes.get_ylim()[1] if some else 1.0)
@@ -262,7 +259,6 @@ def _draw_depth(axes: "Axes", runs: Sequence[Run], scale: float) -> None:
 
 
 def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
-    style.gridded(axes)
     _curves(axes, runs, lambda run: run.result["force_variation_rate"], 0.7)
     axes.set_yscale("symlog", linthresh=0.1, linscale=0.6)
     axes.set_yticks(VARIATION_TICKS, [f"{value:g}" for value in VARIATION_TICKS])
@@ -279,7 +275,6 @@ def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
 
 
 def _draw_stiffness(axes: "Axes", runs: Sequence[Run]) -> None:
-    style.gridded(axes)
     if len(runs) > 1:
 
         def stiffest(run: Run) -> Any:
@@ -293,12 +288,10 @@ def _draw_stiffness(axes: "Axes", runs: Sequence[Run]) -> None:
 
 
 def _draw_rise(axes: "Axes", runs: Sequence[Run]) -> None:
-    style.gridded(axes)
     _curves(axes, runs, lambda run: run.free and 1e3 * (run.free.center[:, 2] - run.free.center[0, 2]), 1.2)
 
 
 def _draw_friction(axes: "Axes", runs: Sequence[Run]) -> None:
-    style.gridded(axes)
     _curves(axes, runs, lambda run: run.free and 100.0 * run.free.friction_share, 0.7)
     axes.axhline(100.0, color=style.LIMIT, linewidth=1.0)
     axes.set_ylim(0.0, 120.0)

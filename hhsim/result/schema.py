@@ -90,13 +90,9 @@ COMMAND_FIELDS = (TickField("command_bend", "<f8", (5,)), TickField("command_sti
 """Commands to the glove."""
 OBJECT_FIELDS = (
     TickField("turn", "<f8", (4,)),
-    TickField("shift", "<f8", (3,)),
-    TickField("velocity", "<f8", (3,)),
-    TickField("angular_velocity", "<f8", (3,)),
-    TickField("hand_wrench", "<f8", (6,)),
-    TickField("table_wrench", "<f8", (6,)),
-    TickField("table_distance", "<f8"),
-    TickField("friction_residual", "<f8"),
+    *(TickField(name, "<f8", (3,)) for name in ("shift", "velocity", "angular_velocity")),
+    *(TickField(name, "<f8", (6,)) for name in ("hand_wrench", "table_wrench")),
+    *(TickField(name, "<f8") for name in ("table_distance", "friction_residual")),
     TickField("contact", shape=(2,)),
     TickField("body", shape=(64,)),
     TickField("point", "<f8", (64, 3)),
@@ -169,10 +165,8 @@ TICK_COLUMNS: tuple[Column, ...] = (
     Column("input_seq", (), "<i8", "1", "number of the input sample that the tick used, from 0", "input_seq"),
     Column(
         *("status", (), "<i4", "1"),
-        *(
-            "0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16 full, 32 abduction held, 64 no place",
-            "status",
-        ),
+        "0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16 full, 32 abduction held, 64 no place",
+        "status",
     ),
     Column("lag", (), "<f8", "m", "distance that the hand still had to go when the tick's budget ended", "lag"),
     *_hand("haptic", "haptic (measured)", "haptic_"),
@@ -258,12 +252,8 @@ CONTACT = "contact"
 CONTACT_COLUMNS: tuple[Column, ...] = (
     Column("tick", (), "<i8", "1", "tick that the contact bears a force in, from 0"),
     Column(
-        "body",
-        (),
-        "<i4",
-        "1",
-        "0 to 14 phalanx, finger by finger; 15 palm; 16 to 31 the other hand's; -1 the table",
-        "body",
+        *("body", (), "<i4", "1"),
+        *("0 to 14 phalanx, finger by finger; 15 palm; 16 to 31 the other hand's; -1 the table", "body"),
     ),
     Column("point", (3,), "<f8", "m", "where it touches, world", "point"),
     Column("normal", (3,), "<f8", "1", "from the object to the hand; from the table to the object; world", "normal"),

@@ -12,15 +12,9 @@ from hhsim.trees.sphere_tree import SphereTree
 
 TREE_ARRAYS = ("center", "radius", "level", "parent")
 HAND_ARRAYS = {
-    "base": "base",
-    "distal": "distal",
-    "dorsal": "dorsal",
-    "length": "phalanx_length",
-    "radius": "phalanx_radius",
-    "flexion_min": "flexion_min",
-    "flexion_max": "flexion_max",
-    "abduction_min": "abduction_min",
-    "abduction_max": "abduction_max",
+    **{name: name for name in ("base", "distal", "dorsal")},
+    **{name: f"phalanx_{name}" for name in ("length", "radius")},
+    **{name: name for name in ("flexion_min", "flexion_max", "abduction_min", "abduction_max")},
 }
 """Fields of `HandModel`, and their datasets under /hand."""
 

@@ -157,10 +157,7 @@ class ResultWriter:
             self._tables[group].rows += _count(arrays)
 
     def finish(self, summary: Mapping[str, Scalar], phases: Sequence[TickPhase] | None = None) -> Path:
-        """Write the summary's figures by name, mark the file complete and return its final path.
-
-        `phases` replaces those of the start.
-        """
+        """Write the summary's figures, mark the file complete, return its final path; `phases` replaces the start's."""
         with output_errors(self.path):
             self._claim(_OVERHEAD)
             if phases is not None:

@@ -273,8 +273,8 @@ class _Search(Closer):
         if self.other is None:
             return math.inf
         coming = self._coming(self.model, closure), self._coming(*self.other)
-        if self.script.takes_turns:
-            # Each comes and goes beside the other one, which is closed.
+        if any(phase.hand for phase in self.script.phases):
+            # A phase is of one of the hands: each comes and goes beside the other one, which is closed.
             mine, other = coming
             shut, other_shut = (
                 PlacedHand(*(np.repeat(part[-1:], len(part), axis=0) for part in hand)) for hand in coming

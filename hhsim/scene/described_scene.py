@@ -161,10 +161,7 @@ def _placed_scene(
 
 
 def touches(scene: Scene, fingers: Sequence[str] = FINGERS) -> bool:
-    """Return True if the haptic hand comes within `TOUCHING` of the leaf spheres in any tick.
-
-    Only the palm and the named fingers count; the others pass through the object.
-    """
+    """Return True if palm or named fingers of the haptic hand come within `TOUCHING` of leaf spheres at any tick."""
     return bool(_nearest(scene, HandConfiguration.of(scene.ticks), fingers, TOUCHING) < TOUCHING)
 
 

@@ -180,10 +180,7 @@ class PlacedCloser(Closer):
     def close(
         self, placement: Placement, clear: Callable[[FloatArray, FloatArray, FloatArray], bool] | None = None
     ) -> FingerClosure:
-        """Close the fingers with the palm at a place on the object.
-
-        If `clear` refuses position, rotation and open flexion of a place, the fingers stay open.
-        """
+        """Close the fingers with the palm at a place; open if `clear` refuses position, rotation and open flexion."""
         rotation = rotation_matrix(placement.orientation)
         position, back = placement.position, placement.back
         opened, abduction = self.opened(placement), np.ascontiguousarray(placement.abduction)

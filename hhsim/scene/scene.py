@@ -68,10 +68,7 @@ class Scene:
 
 
 def all_pairs(hand: HandModel, tree: SphereTree) -> int:
-    """Return the number of pairs that a model without trees tests every tick.
-
-    A pair is a phalanx or a sphere of the palm, and an object sphere.
-    """
+    """Return how many pairs a model without trees tests a tick: phalanges and palm spheres by object spheres."""
     return (hand.radius[:, 1:].size + hand.palm_tree.leaf_count) * tree.leaf_count
 
 

@@ -257,11 +257,6 @@ class Script:
         return self.has(*TAKE_ALONG, "push", "slip")
 
     @property
-    def takes_turns(self) -> bool:
-        """True if a phase is of one of two hands."""
-        return any(phase.hand for phase in self.phases)
-
-    @property
     def fingers(self) -> tuple[str, ...]:
         """Fingers that some phase closes, in the order of `FINGERS`."""
         named = {finger for phase in self.phases for finger in phase.fingers}
@@ -286,8 +281,7 @@ class Script:
 def parse_script(text: str, *, name: str, where: str) -> Script:
     """Read a script from TOML text; `where` names the text in messages.
 
-    Raises TrajectoryError for no TOML, or an unknown key, value or phase; no placement on an object that it is made
-    for.
+    Raises TrajectoryError for no TOML, an unknown key, value or phase, or no placement on an object that it is for.
     """
     script = parse_settings(text, ScriptTable, where, TrajectoryError).script(name)
     placed = {placement.object_name for placement in script.placements}

@@ -38,7 +38,8 @@ def find_method(name: str) -> Method:
     found = outside_class(name)
     if isinstance(found, Method):
         return replace(found, source=found.source or source_of(found.engine))
-    return outside_method(name, found)
+    facts = facts_of(found)
+    return _method(facts, partial(_engine, name, found, facts["forces"]))
 
 
 @contextmanager
@@ -53,12 +54,6 @@ def known_for_now(name: str, method: Method) -> Iterator[None]:
 
 def _no_engine(name: str, workspace: Any) -> Engine:
     raise InputError(f"'{name}' is poses computed elsewhere: hhsim score measures their file anew")
-
-
-def outside_method(name: str, made: Callable[[Any], Any]) -> Method:
-    """Return the record of a method from outside: a `hhsim.solver.outside_method.OutsideMethod` class, or a factory."""
-    facts = facts_of(made)
-    return _method(facts, partial(_engine, name, made, facts["forces"]))
 
 
 def _method(facts: Mapping[str, Any], engine: Callable[[Any], Engine]) -> Method:

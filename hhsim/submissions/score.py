@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.metrics.mesh_penetration import mesh_clearance, ticks_looked_at
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.metrics.run_metric import Figure
@@ -26,17 +27,13 @@ from hhsim.solver.method import FORCES, TIMES, Method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodHere, MethodScene, OutsideEngine, TickAnswer
 from hhsim.solver.reference_optimum import best_hands
+from hhsim.solver.workspace import TickWorkspace
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.scene_file import load_scene, named_scene, scene_digest
 from hhsim.submissions.scene_folder import SCENE_FILE
 from hhsim.submissions.suspicions import require_scene, suspicions
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import contact_surface, encloses
-
-if TYPE_CHECKING:
-    from hhsim.kernels.tick.block import HapticBlock, TickRecord
-    from hhsim.solver.workspace import TickWorkspace
-
 
 NEAR = 1e-3
 """Distance of the user's hand from the mesh [m] below which a tick counts for the least-energy pose."""
@@ -195,13 +192,13 @@ def score(
 class _SubmittedEngine(OutsideEngine):
     """Engine that answers each tick with the pose and the time that were submitted for it."""
 
-    def __init__(self, name: str, submission: Submission, workspace: "TickWorkspace") -> None:
+    def __init__(self, name: str, submission: Submission, workspace: TickWorkspace) -> None:
         made = partial(_SubmittedPoses, submission)
         forces = submission.phalanx_force is not None
         super().__init__(partial(MethodHere, name, made, forces), forces, workspace)
         self.duration = submission.duration
 
-    def run(self, haptic: "HapticBlock", record: "TickRecord") -> int:
+    def run(self, haptic: HapticBlock, record: TickRecord) -> int:
         first = self.runner.ticks
         done = super().run(haptic, record)
         took = np.zeros(done) if self.duration is None else np.round(1e9 * self.duration[first : first + done])

@@ -97,10 +97,7 @@ class Cell:
         return typed({**names, **shape, **stated, "ticks": self.ticks, "seed": self.seed}, SceneWords, self.label)
 
     def digest(self, folder: Path) -> str:
-        """Return a digest of inputs, options and hhsim's sources; `folder` is the plan's.
-
-        Raises InputError for a file that cannot be read.
-        """
+        """Return a digest of inputs (by the plan's folder), options and hhsim's sources; InputError if unreadable."""
         shape = self.object
         hand = self.options.get("hand_file")
         # Of those of the scene only what is not a default: stating one makes no other cell.

@@ -44,10 +44,7 @@ class Estimate:
 
 
 def estimate(plan: SweepPlan, folder: SweepFolder, progress: Progress = silent) -> Estimate:
-    """Count the cells, and estimate the duration of those left from the most similar ones that were run.
-
-    `folder` is that of the sweep; it need not exist.
-    """
+    """Count the cells, and estimate the time of those left by the most similar that ran; the folder need not exist."""
     done = {planned.digest for planned in plan.cells if folder.done(planned)}
     failed = {planned.digest for planned in plan.cells if planned.digest not in done and folder.failure(planned)}
     left = [planned for planned in plan.cells if planned.digest not in done | failed]

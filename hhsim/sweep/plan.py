@@ -1,7 +1,6 @@
 """Plan of a sweep: a TOML file of objects, motions, methods, surfaces and options, each combined with each.
 
-docs/sweeps.md lists its keys. Files are relative to the plan's folder. Options are named as a result states them, in SI
-units.
+docs/sweeps.md lists its keys. Files are relative to the plan's folder. Options have a result's names, in SI units.
 """
 
 from collections import Counter
@@ -77,8 +76,7 @@ class SweepPlan:
 def load_plan(path: Path) -> SweepPlan:
     """Read a plan and check everything that it names.
 
-    Raises InputError for no such file, no TOML; an unknown key, name or file, a wrong value; two cells that are the
-    same.
+    Raises InputError for no such file, no TOML, an unknown key, name or file, a wrong value, or two cells alike.
     """
     return parse_plan(read_toml_text(path, "plan of a sweep"), path.stem, path.parent, str(path))
 

@@ -50,8 +50,7 @@ class SweepSummary:
 def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progress: Progress = silent) -> SweepSummary:
     """Run the cells that are not done yet.
 
-    Raises InputError without Dask or a scheduler, OutputError for a folder that cannot be written, or where another
-    sweep works.
+    Raises InputError without Dask or a scheduler, OutputError for a folder that is not writable or another sweep's.
     """
     if options.scheduler:
         require_dask()
@@ -85,7 +84,9 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
                         at_once = options.workers
                         if options.scheduler not in ("", LOCAL):
                             at_once = max(1, round(spent / (perf_counter() - cells_began)))
-                        progress(_cells_and(pace.left(waiting.values()), len(waiting), at_once), number + 1, len(left))
+                        still = pace.left(waiting.values())
+                        time = f" (about {lasting(still / min(at_once, len(waiting)))} left)" if still > 0.0 else ""
+                        progress(f"cells{time}", number + 1, len(left))
             except KeyboardInterrupt as interrupt:
                 count = f"{len(before) + done:,} of {len(plan.cells):,}"
                 interrupt.add_note(f"{count} cells are done, and the same command goes on")
@@ -94,11 +95,6 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
         reasons = [(cell.cell, folder.failure(cell)) for cell in plan.cells if cell.digest not in before]
         failed = tuple((cell, reason) for cell, reason in reasons if reason)
     return SweepSummary(len(plan.cells), done, len(before), failed, ticks, seconds)
-
-
-def _cells_and(seconds: float, cells: int, at_once: int) -> str:
-    """Describe the progress, with the time left if it is known."""
-    return f"cells (about {lasting(seconds / min(at_once, cells))} left)" if seconds > 0.0 else "cells"
 
 
 def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress = silent) -> None:

@@ -28,7 +28,7 @@ def interruptible_between() -> Iterator[Callable[[], None]]:
         if _noted:
             raise KeyboardInterrupt
 
-    with _handled(_note):
+    with _handled(raises=False):
         yield check
 
 
@@ -41,7 +41,7 @@ def watched_sigint() -> Iterator[Callable[[], bool]]:
     if not _is_usual():
         yield interrupt_is_noted
         return
-    with _handled(_raise):
+    with _handled(raises=True):
         yield interrupt_is_noted
 
 
@@ -56,24 +56,19 @@ def _is_usual() -> bool:
 
 
 @contextmanager
-def _handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+def _handled(*, raises: bool) -> Iterator[None]:
+    """Note Ctrl-C, and raise it if `raises`, or at the second one."""
     global _noted
+
+    def handler(number: int, frame: FrameType | None) -> None:
+        global _noted
+        is_second, _noted = _noted, True
+        if raises or is_second:
+            raise KeyboardInterrupt
+
     signal.signal(signal.SIGINT, handler)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         _noted = False
-
-
-def _note(number: int, frame: FrameType | None) -> None:
-    global _noted
-    if _noted:
-        raise KeyboardInterrupt
-    _noted = True
-
-
-def _raise(number: int, frame: FrameType | None) -> None:
-    global _noted
-    _noted = True
-    raise KeyboardInterrupt

@@ -15,8 +15,7 @@ RESULTS = Path("results")
 def dated_output_path(stem: str, suffix: str = ".h5") -> Path:
     """Return a new path such as results/2026-03-01-142530-bunny-grasp.h5, by local time.
 
-    Characters of `stem` that do not belong in a file name become "-". OutputError if the folder cannot be made or
-    written.
+    Characters of `stem` that no file name has become "-". OutputError if the folder cannot be made or written.
     """
     try:
         RESULTS.mkdir(parents=True, exist_ok=True)

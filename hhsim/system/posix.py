@@ -50,10 +50,7 @@ def pin(processor: int) -> None:
 
 
 def lock(descriptor: int) -> None:
-    """Lock a file until its descriptor is closed.
-
-    BlockingIOError if another process holds the lock, OSError if the file system has none.
-    """
+    """Lock a file until its descriptor is closed; BlockingIOError if another process has it, OSError without locks."""
     if sys.platform == "win32":
         import msvcrt
 

@@ -1,7 +1,4 @@
-"""Settings of the system that decide how punctually it wakes a thread, each with advice.
-
-Nothing here is measured, and no setting alone is a verdict.
-"""
+"""System settings that decide how punctually it wakes a thread, with advice; not measured, and no verdict alone."""
 
 import gzip
 import math

@@ -1,7 +1,4 @@
-"""Threads for kernels that work on parts of their arrays.
-
-The parts do not depend on the number of threads, so the results are the same bytes.
-"""
+"""Threads for kernels that work on parts of their arrays; any number of threads gives the same bytes."""
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -22,10 +19,7 @@ def usual_threads() -> int:
 
 
 class Workers(AbstractContextManager["Workers"]):
-    """Threads that do one part after another, for a with statement; 1 works in the calling thread.
-
-    InputError for less than 1 or more than `MOST_THREADS`.
-    """
+    """Threads that do parts in turn, in a `with`; 1 is the calling thread. InputError unless 1 to `MOST_THREADS`."""
 
     def __init__(self, threads: int = 1) -> None:
         if not 1 <= threads <= MOST_THREADS:

@@ -1,7 +1,4 @@
-"""Sources of a sphere tree: it ships with hhsim, lies in the cache, or is built.
-
-The builder and its kernels are imported only where a tree is built.
-"""
+"""Sources of a sphere tree: shipped, cached, or built; only then are the builder and its kernels imported."""
 
 import hashlib
 import json
@@ -33,10 +30,7 @@ _SOURCES = (
 def cached_sphere_tree(
     mesh: Mesh, options: TreeOptions | None = None, progress: Progress = silent, threads: int = 1
 ) -> SphereTree:
-    """Return the tree that `hhsim.trees.builder.build_sphere_tree` makes: shipped, cached, or built.
-
-    Arguments and errors as there.
-    """
+    """Return the tree of `hhsim.trees.builder.build_sphere_tree`, shipped, cached or built; arguments, errors as it."""
     options = TreeOptions() if options is None else options
     return shipped_tree(mesh, options) or kept_sphere_tree(mesh, options, progress, threads)
 

@@ -1,7 +1,4 @@
-"""Error of the spheres of each level: sampled, and proved.
-
-The measurement shares nothing with the builder but the mesh.
-"""
+"""Error of the spheres of each level, sampled and proved; it shares nothing with the builder but the mesh."""
 
 import numpy as np
 

@@ -81,10 +81,7 @@ def _write_dataset(group: h5py.Group, name: str, data: AnyArray, units: str, lon
 
 
 def load_tree(path: str | Path, shipped: bool = False) -> SphereTree:
-    """Read and check a tree, of a user or shipped with hhsim.
-
-    Raises InputError for no hhsim-tree file of a known version, or no valid tree in it.
-    """
+    """Read and check a user's or shipped tree; InputError for no hhsim-tree of a known version, or an invalid tree."""
     source = Path(path)
     if not source.exists():
         raise InputError(f"{source}: no such file; expected a sphere tree (.h5)")

@@ -21,8 +21,7 @@ COVERS = ("outer", "balanced")
 class TreeOptions:
     """Options of the builder; InputError for a value out of its range, UnknownNameError for an unknown cover."""
 
-    # Level of the leaves, 1 to 5; the root is level 0. None for as many as `leaves` or `max_error` need, 4 if neither
-    # is given.
+    # Level of the leaves, 1 to 5; the root is level 0. None for as many as `leaves` or `max_error` need, 4 without.
     level: int | None = None
     branching: int = 8  # most children of a node
     leaves: int | None = None  # most leaves; None for branching ** level

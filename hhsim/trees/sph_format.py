@@ -40,8 +40,7 @@ def load_sph(path: str | Path) -> SphereTree:
 
     Parents that do not enclose all below them grow until they do. A sphere without children above the last level is
     repeated down to it, so that all leaves lie at one depth. The tree's options state both: `parents_grown`, the
-    largest growth `parents_grown_most` [unit of the file], and `repeated`. Raises InputError for no such file, or no
-    sphere tree.
+    largest growth `parents_grown_most` [unit of the file], and `repeated`. Raises InputError for no such file or tree.
     """
     source = Path(path)
     try:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,11 +10,8 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import Codes, FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.kernels.sphere_tree import MOST_WAITING, TreeArrays
+from hhsim.mesh.mesh import Mesh
 from hhsim.reproducible import matmul
-
-if TYPE_CHECKING:
-    from hhsim.mesh.mesh import Mesh
-
 
 ENCLOSING_TOLERANCE = 1e-9
 """Accepted excess of a leaf over an ancestor, relative to the root's radius [-]: rounding, not geometry."""
@@ -230,17 +227,14 @@ class SphereTree:
         if not 0 <= level <= self.depth:
             raise InputError(f"sphere tree: no level {level}; it has levels 0 to {self.depth}")
 
-    def check(self, mesh: "Mesh") -> tuple[str, ...]:
+    def check(self, mesh: Mesh) -> tuple[str, ...]:
         """Return the faults of the tree's covers and their proofs; see `hhsim.trees.coverage_check.faults`."""
         from hhsim.trees.coverage_check import faults
 
         return faults(mesh, self.covers)
 
     def transformed(self, rotation: ArrayLike, translation: ArrayLike) -> "SphereTree":
-        """Return the tree moved by `rotation @ center + translation`; shapes (3, 3) and (3,) [m].
-
-        A mirror image (determinant −1) has covers without proofs.
-        """
+        """Return the tree moved by `rotation @ center + translation` [m]; mirrored (determinant −1), without proofs."""
         matrix = np.asarray(rotation, dtype=np.float64)
         center = matmul(self.center, matrix.T) + np.asarray(translation, dtype=np.float64)
         covers = tuple(cover.transformed(rotation, translation) for cover in self.covers)

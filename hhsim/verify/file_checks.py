@@ -45,17 +45,12 @@ def file_claims(result: Result) -> list[Claim]:
     """Judge the claims that need no geometry but the tree's."""
     unknown, ticks = (result["status"] < 0) | (result["status"] > KNOWN_STATUS), np.arange(result.ticks)
     return [
-        _complete(result),
-        _checksums(result),
-        _time(result),
-        _input(result),
+        *(judge(result) for judge in (_complete, _checksums, _time, _input)),
         *_phases(result),
         all_true("status", "every tick's status is made of known flags", unknown, ticks=ticks),
         _durations(result),
         *_work(result),
-        _tree_order(result),
-        _tree_encloses(result),
-        cover(result),
+        *(judge(result) for judge in (_tree_order, _tree_encloses, cover)),
     ]
 
 

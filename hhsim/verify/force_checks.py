@@ -1,7 +1,7 @@
 """Claims of the forces: wrench and fingertips at all ticks, balance and complementarity at the chosen ones."""
 
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 
@@ -43,8 +43,14 @@ def force_claims(judge: JudgedTicks) -> list[Claim]:
     if judge.result.scene.get(HANDS_APART) and judge.other is None:
         return [*claims, Claim(NAME, SAYS, NOT_JUDGED, note=NO_OTHER)]
     method, force = judge.options["method"], judge.options["force"]
+
     # Two claims ask for that of a tick.
-    moment_at = cache(partial(_moment, judge))
+    @cache
+    def moment_at(i: int) -> forces.Moment:
+        flexion, pull = judge.chosen_shown.flexion[i], judge.pull[int(judge.chosen[i])]
+        at = forces.moment(judge.hand, judge.chosen_posed, flexion, judge.bearing_at(i), i, pull)
+        return with_meetings(at, judge.chosen_posed, judge.meetings_at(i), i) if judge.self_contact else at
+
     if method == "coupled":
         claims.append(_stationarity(judge, moment_at))
         if force == "kkt":
@@ -82,12 +88,6 @@ def force_slack(judge: JudgedTicks, size: FloatArray, ticks: IntArray) -> FloatA
 def _judgeable(judge: JudgedTicks, without: int) -> IntArray:
     """Places in `chosen` of the ticks without some status flags."""
     return np.flatnonzero(judge.status[judge.chosen] & (without | CAPACITY_EXCEEDED | NO_PLACE) == 0)
-
-
-def _moment(judge: JudgedTicks, i: int) -> forces.Moment:
-    flexion, pull = judge.chosen_shown.flexion[i], judge.pull[int(judge.chosen[i])]
-    at = forces.moment(judge.hand, judge.chosen_posed, flexion, judge.bearing_at(i), i, pull)
-    return with_meetings(at, judge.chosen_posed, judge.meetings_at(i), i) if judge.self_contact else at
 
 
 def _stationarity(judge: JudgedTicks, moment_at: Callable[[int], forces.Moment]) -> Claim:

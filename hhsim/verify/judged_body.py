@@ -25,8 +25,7 @@ class JudgedBody:
     radius: FloatArray
     first: int  # number of its first sphere or triangle among those of all bodies
     on_mesh: bool  # True if the hand touched triangles
-    # Rotation matrix (n, 3, 3) and translation [m] (n, 3) to the judge's frame; None: the body stands still there, in
-    # its place.
+    # Rotation matrix (n, 3, 3) and translation [m] (n, 3) to the judge's frame; None: the body stands still there.
     turn: FloatArray | None
     shift: FloatArray
 

@@ -35,9 +35,7 @@ def origin_claims(result: Result, again: bool = False) -> list[Claim]:
     return [
         _object(result, mesh, again),
         _tree(result, mesh, tree, again),
-        _hand(result),
-        _palm(result),
-        _described(result),
+        *(judge(result) for judge in (_hand, _palm, _described)),
         *_beyond_a_file(result, again),
     ]
 

@@ -49,22 +49,9 @@ def session_claims(result: Result) -> list[Claim]:
     if result.live is None:
         return []
     rows = SessionRows(result)
-    return [
-        _records(rows),
-        _deadlines(rows),
-        _early(rows),
-        _missed(rows),
-        _causes(rows),
-        _wakeup(rows),
-        _latency(rows),
-        _samples(rows),
-        _newest(rows),
-        _haptic(rows),
-        _ended(rows),
-        _counters(rows),
-        *command_claims(rows),
-        *_figures(rows),
-    ]
+    of_times = _records, _deadlines, _early, _missed, _causes, _wakeup, _latency
+    of_samples = _samples, _newest, _haptic, _ended, _counters
+    return [*(judge(rows) for judge in (*of_times, *of_samples)), *command_claims(rows), *_figures(rows)]
 
 
 def _records(rows: SessionRows) -> Claim:

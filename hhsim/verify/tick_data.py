@@ -54,8 +54,7 @@ class Nearness(NamedTuple):
 class JudgedTicks:
     """Ticks of a replay or a session, judged lazily.
 
-    Distances and forces are judged at the chosen ticks, ascending; a slow library is asked at those of them that are
-    `asked`, None: all.
+    Distances and forces are judged at the chosen ticks, ascending; a slow library at those that are `asked`, None: all.
     """
 
     def __init__(self, result: Result, chosen: IntArray, asked: IntArray | None = None) -> None:

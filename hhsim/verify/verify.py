@@ -122,16 +122,8 @@ def verify(
     report("forces", 3, 4)
     claims += force_claims(judge)
     mesh, depth = _mesh_claim(judge, claims, report)
-    claims += [
-        mesh,
-        contact_error_claim(judge),
-        motion_claim(result),
-        *input_hand_claims(judge),
-        *metric_claims(result),
-        *session_claims(result),
-        *origin_claims(result, again),
-    ]
-    claims += free_claims(result)
+    claims += [mesh, contact_error_claim(judge), motion_claim(result), *input_hand_claims(judge)]
+    claims += [*metric_claims(result), *session_claims(result), *origin_claims(result, again), *free_claims(result)]
     if result.free:
         claims += [free_hand_claim(JudgedTicks(result, numbers)), free_complementarity_claim(judge)]
     if again:

@@ -33,8 +33,7 @@ def blueprint(
     """Arrange the views of a scene of this middle [m], world, shape (3,), and extent [m], plots from top to bottom.
 
     Entities of `hidden` are hidden at first; `tops` are upper ends of plots' axes from 0 at first, instead of their
-    largest values. `live` follows the newest tick and shows the last `LIVE_WINDOW` seconds, instead of playing a
-    recording.
+    largest values. `live` follows the newest tick and shows the last `LIVE_WINDOW` seconds, and plays none.
     """
     import rerun.blueprint as rrb
 

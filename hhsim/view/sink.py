@@ -36,10 +36,7 @@ _opened: list[subprocess.Popen[bytes]] = []
 
 @dataclass(frozen=True)
 class RerunTarget:
-    """Destination of a recording.
-
-    "spawn" opens a viewer, "file" writes one, "connect" sends to a running viewer, "notebook" shows it in the cell.
-    """
+    """Destination of a recording: a viewer to "spawn", or to "connect" to, a "file", or a cell of a "notebook"."""
 
     kind: Literal["spawn", "file", "connect", "notebook"]
     path: Path = Path()

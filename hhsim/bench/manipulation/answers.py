@@ -274,14 +274,7 @@ def rest_answers(task: stage.Rest, creep: float, depth: float) -> list[Answer]:
 
 
 CASES: dict[str, Callable[[ManipulationOptions], list[Answer]]] = {
-    "slope": slope,
-    "rolling": rolling,
-    "flight": flight,
-    "tipping": tipping,
-    "thresholds": thresholds,
-    "torsion": torsion,
-    "held": held,
-    "rest": rest,
+    case.__name__: case for case in (slope, rolling, flight, tipping, thresholds, torsion, held, rest)
 }
 """Cases by name."""
 

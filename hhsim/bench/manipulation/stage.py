@@ -1,10 +1,9 @@
 """Stage of the known answers: a free block or ball, the tasks pinch and rest, and a hand whose squeeze is known.
 
 The hand has two opposed fingers. Thumb and index lie along the palm's y axis, one at either side, and curl towards each
-other in the plane of the palm. They are as thick as their tips throughout, so that the tip alone touches a flat face
-between them. The palm's spheres are far behind. The palm's coupling bears the weight, the joints' the squeeze,
-independently: a block between the tips, at a distance L before the palm, sinks by m g (1 / k_t + L² / k_r) below the
-command.
+other in the plane of the palm. They are as thick as their tips, so that the tip alone touches a flat face between them.
+The palm's spheres are far behind. The palm's coupling bears the weight, the joints' the squeeze, independently: a block
+between the tips, at a distance L before the palm, sinks by m g (1 / k_t + L² / k_r) below the command.
 """
 
 import math
@@ -247,10 +246,7 @@ class Rest:
     gravity: float = 9.81
 
     def creep(self, center: FloatArray, orientation: FloatArray) -> float:
-        """Return the largest way of a corner [m], from the cube's centres [m], shape (ticks, 3).
-
-        `orientation` has the first and the last one, (w, x, y, z), shape (2, 4).
-        """
+        """Return the largest way of a corner [m] by centres [m] (ticks, 3), first and last orientation (w, x, y, z)."""
         moved = float(np.linalg.norm(center - center[0], axis=1).max())
         return moved + 0.5 * self.side * math.sqrt(3.0) * turned_by(orientation[0], orientation[1])
 

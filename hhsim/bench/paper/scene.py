@@ -112,8 +112,7 @@ class Stage:
 def make_stage(scenario: Scenario, hand: HandModel, tree: SphereTree, instances: int, seed: int = 0) -> Stage:
     """Find the hand's places and make the motions, at most `instances`; a scene that is shown once has one.
 
-    Raises TrajectoryError for a motion that cannot be done on this object, HhsimError where no place was found for an
-    instance.
+    Raises TrajectoryError for a motion that this object does not allow, HhsimError where an instance has no place.
     """
     script = load_script(scenario.motion)
     if scenario.instances == 1:

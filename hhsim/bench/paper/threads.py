@@ -77,10 +77,7 @@ COLUMNS = (
 
 
 def measure(options: ThreadsOptions, progress: Progress = silent) -> list[dict[str, Any]]:
-    """Play the scenes in turns; return a row for each scene, method and number of threads, by the names of `COLUMNS`.
-
-    Raises HhsimError as `hhsim.bench.paper.bench.measure`.
-    """
+    """Play the scenes in turns; return a row of `COLUMNS` a scene, method and threads. HhsimError as of `measure`."""
     hand = HandModel.default()
     solvers = [
         SolverOptions(method=method, threads=threads)

@@ -69,8 +69,7 @@ def delta_debug(motion: HandConfiguration, trial: Trial, *, graphic: HandConfigu
 
     It cuts off the ticks after the failure, starts later and drops ticks between, as long as the motion still fails;
     ticks that are no reading repeat the last one, as for the solver. `graphic` is the hand after each tick of a longer
-    run that `motion` is the last stretch of and whose last tick fails; needed if the motion alone does not fail from
-    its first sample on.
+    run that `motion` is the last stretch of and whose last tick fails; needed if the motion does not fail by itself.
     """
     search = _Search(trial)
     whole = replayed(motion)

@@ -89,8 +89,7 @@ def crossings(points: FloatArray, radius: float) -> int:
 def threaded(joints: FloatArray, center: FloatArray, axis: FloatArray, radius: float) -> BoolArray:
     """Return the ticks at which a finger's centre line goes through a ring, shape (T,).
 
-    Joints [m] have shape (T, 4, 3), the ring's centre [m] and unit axis (3,); `radius` [m] is that of the middle of its
-    profile.
+    Joints [m] have shape (T, 4, 3), the ring's centre [m] and unit axis (3,); `radius` [m] is its profile's middle.
     """
     height = (joints - center) @ axis
     before, after = height[:, :-1], height[:, 1:]

@@ -211,14 +211,6 @@ def _shake(random: np.random.Generator, motion: HandConfiguration) -> None:
 
 
 _TRICKS: tuple[Callable[[np.random.Generator, HandConfiguration], None], ...] = (
-    _not_finite,
-    _no_direction,
-    _other_length,
-    _other_sign,
-    _repeated,
-    _teleport,
-    _far_away,
-    _beyond_limits,
-    _spin,
-    _shake,
+    *(_not_finite, _no_direction, _other_length, _other_sign, _repeated),
+    *(_teleport, _far_away, _beyond_limits, _spin, _shake),
 )

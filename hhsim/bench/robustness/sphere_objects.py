@@ -76,10 +76,7 @@ def ring(center: ArrayLike, axis: ArrayLike, inner: float, thickness: float = 3e
 def mould(
     pose: HandConfiguration, spheres: int, gap: float, radius: float, random: np.random.Generator, closed: bool = False
 ) -> SphereTree:
-    """Return spheres of a radius [m] under a hand (one tick), each `gap` [m] from it: a mould that it lies in.
-
-    A closed mould has spheres on all sides.
-    """
+    """Return spheres of a radius [m], each `gap` [m] from a hand (one tick): a mould below, a closed one all around."""
     hand = right_hand()
     joints = hand.joints(*pose.at(0))
     palm = hand.palm_tree.leaf_center @ rotation_matrix(pose.orientation[0]).T + pose.position[0]

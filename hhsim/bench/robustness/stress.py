@@ -195,10 +195,7 @@ STRETCH_BLOCKS = 4
 
 
 def run_case(case: StressCase, check: Callable[[], None] = lambda: None) -> StressFigures:
-    """Run one case, with a check between its blocks.
-
-    HhsimError if more pairs were near than the solver holds, or a failure could not be written.
-    """
+    """Run one case, with a check between its blocks; HhsimError for too many near pairs, or a failure not written."""
     warm_up(case.hand, case.solver)
     measure = StressMeasure(case)
     solver = case.new_solver()

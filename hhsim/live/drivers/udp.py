@@ -23,10 +23,7 @@ NO_FORCE = np.zeros((FINGER_COUNT, 3))
 
 
 class UdpGlove(PacketGlove):
-    """Glove of a bridge that takes a limit for each finger, or a force on each fingertip.
-
-    InputError for an unknown kind of command, or a largest force that is not positive.
-    """
+    """Glove of a bridge that takes limits of fingers or forces on tips; InputError for other commands, a force ≤ 0."""
 
     SAMPLES = (Kind.BENDS, Kind.CHANNELS, Kind.JOINTS)
 

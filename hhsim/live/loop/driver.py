@@ -226,10 +226,7 @@ def glove_info(facts: dict[str, Any]) -> GloveInfo:
 
 
 def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
-    """Run a driver below a loop with these wishes, from when the loop is ready until it has ended.
-
-    HhsimError if the glove or the pose cannot be reached.
-    """
+    """Run a driver below a loop, once it is ready, until it ends; HhsimError if glove or pose cannot be reached."""
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, driver.stop)
     if not driver.until_loop(OPEN):

@@ -171,8 +171,7 @@ class LiveLoop:
     def place(self) -> None:
         """Wait for a user's hand and put the shown hand at the nearest free place; returns then, or at the end.
 
-        For another thread than the loop's if it is `compiled`: this takes many periods if the hand begins inside the
-        object.
+        In another thread than the loop's if it is `compiled`: this takes many periods for a hand that begins inside.
         """
         placing, status = self.at.placing, self.memory.status
         while load_acquire(placing, 0) != tick.PLACING:

@@ -1,16 +1,12 @@
 """Palm that stays at one place until keys move it."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.pose.registry import PoseConfig, PoseSource
-
-if TYPE_CHECKING:
-    from hhsim.live.shared_memory import SharedBlock
+from hhsim.live.shared_memory import SharedBlock
 
 
 def checked_pose(position: ArrayLike, orientation: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -30,7 +26,7 @@ class FixedPose(PoseSource):
     Without a status block (`LIVE_STATUS`) nothing moves it. InputError for an invalid first pose.
     """
 
-    def __init__(self, config: PoseConfig, status: "SharedBlock | None" = None) -> None:
+    def __init__(self, config: PoseConfig, status: SharedBlock | None = None) -> None:
         self.name = "fixed pose" if config.kind == "fixed" else config.kind
         self._position, self._orientation = checked_pose(config.position, config.orientation)
         self._record = None if status is None else status.array[0]

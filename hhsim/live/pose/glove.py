@@ -1,16 +1,12 @@
 """Palm pose from a glove that gives it, as a hand tracked by a headset does."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
+from hhsim.live.device import GloveDevice
 from hhsim.live.pose.fixed import checked_pose
 from hhsim.live.pose.registry import PoseConfig, PoseSource
-
-if TYPE_CHECKING:
-    from hhsim.live.device import GloveDevice
 
 
 class GlovePose(PoseSource):
@@ -22,7 +18,7 @@ class GlovePose(PoseSource):
 
     name = "pose of the glove"
 
-    def __init__(self, config: PoseConfig, glove: "GloveDevice | None" = None) -> None:
+    def __init__(self, config: PoseConfig, glove: GloveDevice | None = None) -> None:
         if glove is None or glove.palm is None:
             raise InputError("pose glove: this glove does not say where the palm is; expected openxr or manus")
         self._palm = glove.palm

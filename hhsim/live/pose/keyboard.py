@@ -5,7 +5,6 @@ A key moves the palm's target, and the palm glides there no faster than a hand m
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,9 +12,7 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
 from hhsim.live.pose.fixed import checked_pose
-
-if TYPE_CHECKING:
-    from hhsim.live.shared_memory import SharedBlock
+from hhsim.live.shared_memory import SharedBlock
 
 MOVES: dict[str, tuple[float, float, float]] = {
     "a": (-1.0, 0.0, 0.0),
@@ -114,7 +111,7 @@ class PalmKeys:
         return True
 
 
-def write_keyboard_pose(status: "SharedBlock", position: ArrayLike, orientation: ArrayLike) -> None:
+def write_keyboard_pose(status: SharedBlock, position: ArrayLike, orientation: ArrayLike) -> None:
     """Write the palm's pose, world, that `FixedPose` reads; there is one writer. InputError for an invalid pose."""
     place, turn = checked_pose(position, orientation)
     record = status.array[0]

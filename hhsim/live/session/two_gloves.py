@@ -25,8 +25,7 @@ class TwoGloves:
     """A session of the right and the left glove, as a context manager that ends it in order on every way out.
 
     Setups are of one object, time and file, InputError otherwise; what each hand records lies in files of their own
-    until the session has ended. `say` is as of `Supervisor`, with lines that begin with the hand; `hands` are both
-    sessions.
+    until the session has ended. `say` is as of `Supervisor`, its lines begin with the hand; `hands` are both sessions.
     """
 
     def __init__(self, setups: Sequence[LiveSetup], say: Say = lambda text, level: None) -> None:

@@ -45,6 +45,7 @@ DECOMPOSITION = {
 """Settings of V-HACD."""
 
 
+@lru_cache(maxsize=2)
 def simulation_displacements(hands: FieldHands, frames: tuple[int, ...]) -> FloatArray:
     """Compute the displacement of the object's centre at some frames [m], NaN without a hand there.
 
@@ -115,18 +116,13 @@ def _write(path: Path, vertices: FloatArray, faces: IntArray) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
-@lru_cache(maxsize=2)
-def _displacements_of(pair: FieldPair) -> tuple[FloatArray, FloatArray]:
-    frames = pair.displacement_frames
-    return simulation_displacements(pair.recorded, frames), simulation_displacements(pair.repaired, frames)
-
-
 def _of(statistic: Callable[[FloatArray], float]) -> Callable[[FieldPair], BeforeAfter]:
     def compute(pair: FieldPair) -> BeforeAfter:
-        if not pair.displacement_frames:
+        frames = pair.displacement_frames
+        if not frames:
             return float("nan"), float("nan")
-        before, after = _displacements_of(pair)
-        return statistic(before), statistic(after)
+        before, after = (statistic(simulation_displacements(hands, frames)) for hands in pair.both)
+        return before, after
 
     return compute
 

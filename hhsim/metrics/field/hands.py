@@ -1,7 +1,4 @@
-"""Hand of a recording beside its object, as the figures of the field take it: joints, surface and object in one frame.
-
-A missing frame has NaN joints; no figure counts it.
-"""
+"""A recorded hand beside its object: joints, surface and object in one frame; missing frames, NaN, are not counted."""
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache

@@ -40,6 +40,7 @@ def surface_voxels(mesh: Mesh, pitch: float) -> FloatArray:
     return np.asarray(Trimesh(mesh.vertices, mesh.faces, process=False).voxelized(pitch).points, dtype=np.float64)
 
 
+@lru_cache(maxsize=2)
 def volumes(hands: FieldHands, pitch: float) -> FloatArray:
     """Compute three intersection volumes of each frame [m³], shape (T, 3): exact, solid voxels, surface voxels.
 
@@ -83,16 +84,11 @@ def _inside(solid: "Manifold", points: FloatArray) -> int:
     return int((winding > 0.5).sum())
 
 
-@lru_cache(maxsize=2)
-def _volumes_of(pair: FieldPair) -> tuple[FloatArray, FloatArray]:
-    return volumes(pair.recorded, pair.pitch), volumes(pair.repaired, pair.pitch)
-
-
 def _figures(place: int, kind: int, name: str, label: str, parameters: str) -> tuple[FieldMetric, ...]:
     def of(statistic: Callable[[FloatArray], float]) -> Callable[[FieldPair], BeforeAfter]:
         def compute(pair: FieldPair) -> BeforeAfter:
-            before, after = _volumes_of(pair)
-            return statistic(before[:, kind]), statistic(after[:, kind])
+            before, after = (statistic(volumes(hands, pair.pitch)[:, kind]) for hands in pair.both)
+            return before, after
 
         return compute
 
