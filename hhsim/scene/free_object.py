@@ -110,6 +110,7 @@ class FreeObject:
     angular_velocity: Triple = (0.0, 0.0, 0.0)  # initial [rad/s], world
     hinge: Hinge | None = None  # without a hinge or a slider it moves in all directions
     slider: Slider | None = None
+    name: str = ""  # by which joints of other things are on it
 
     def __post_init__(self) -> None:
         for name in ("mass", "friction", "torsion", "damping", "table", "table_friction"):
@@ -129,8 +130,8 @@ class FreeObject:
             raise InputError("the inertia of the free object is not positive: is its mesh flat?")
 
     def to_json(self) -> dict[str, Any]:
-        """Return all fields as plain values; a joint only where there is one."""
-        return {name: value for name, value in asdict(self).items() if value or name not in ("hinge", "slider")}
+        """Return all fields as plain values; a joint and a name only where there is one."""
+        return {name: value for name, value in asdict(self).items() if value or name not in ("hinge", "slider", "name")}
 
     @property
     def joint(self) -> Hinge | Slider | None:

@@ -15,9 +15,9 @@ Keys, with their defaults; a shape and its place are as of `hhsim.scene.jointed_
     fixed = false              # true: it stays where it is
     hinge.axis = [0.0, 1.0, 0.0]     # it only turns, by the right hand's rule; without a joint it moves in all ways
     hinge.origin = [0.0, 0.0, 0.0]   # a point of the axis [m]
-    hinge.on = "base"                # a fixed thing that bears the hinge, and does not stop it; without one the world
+    hinge.on = "base"                # a thing that bears the hinge, and does not stop it; without one the world
     hinge.limits = [-1.9, 0.4]       # least and greatest angle from where it begins [rad], within ±π; none without
-    hinge.friction = 0.0             # largest moment of the hinge's friction [N·m]
+    hinge.friction = 0.0             # largest moment of the hinge's friction [N·m]; none on a free thing
     slider.axis = [1.0, 0.0, 0.0]    # in place of a hinge: it only moves along; `on` is as of a hinge
     slider.limits = [-0.1, 0.1]      # least and greatest way from where it begins [m]; none without
     slider.friction = 0.0            # largest force of the slider's friction [N]
@@ -51,20 +51,6 @@ from hhsim.trees.sphere_tree import SphereTree
 MOST_THINGS = 6
 
 
-class HingeSettings(Settings, frozen=True):
-    """Hinge of a thing; the module's docstring explains the keys."""
-
-    axis: Three
-    origin: Three = (0.0, 0.0, 0.0)
-    on: str = ""
-    limits: Two | None = None
-    friction: Annotated[float, between(*RANGES["hinge_friction"][:2])] = 0.0
-
-    def joint(self) -> Hinge:
-        """Return the hinge in the frame of the file."""
-        return Hinge(self.axis, self.origin, self.limits, self.friction, self.on)
-
-
 class SliderSettings(Settings, frozen=True):
     """Slider of a thing; the module's docstring explains the keys."""
 
@@ -73,9 +59,19 @@ class SliderSettings(Settings, frozen=True):
     limits: Two | None = None
     friction: Annotated[float, between(*RANGES["slider_friction"][:2])] = 0.0
 
-    def joint(self) -> Slider:
-        """Return the slider in the frame of the file."""
+    def joint(self) -> Hinge | Slider:
+        """Return the joint in the frame of the file."""
         return Slider(self.axis, self.limits, self.friction, self.on)
+
+
+class HingeSettings(SliderSettings, frozen=True):
+    """Hinge of a thing; the module's docstring explains the keys."""
+
+    origin: Three = (0.0, 0.0, 0.0)
+
+    def joint(self) -> Hinge:
+        """Return the joint in the frame of the file."""
+        return Hinge(self.axis, self.origin, self.limits, self.friction, self.on)
 
 
 class ThingSettings(Shape, frozen=True):
@@ -123,15 +119,30 @@ class ThingsSettings(Settings, frozen=True):
     table: Literal["under", "none"] | Number = "under"
 
     def check(self) -> None:
-        """Check that names differ, that the first thing is free, and that joints are on things that are fixed."""
+        """Check that names differ, that the first thing is free, and that joints are on other things, in no circle."""
         names = [thing.name for thing in self.thing]
         for name in names:
             if names.count(name) > 1:
                 raise InputError(f"two things have the name '{name}'; expected a name for each")
         if self.thing[0].fixed:
             raise InputError(f"the first thing, '{names[0]}', is fixed; expected the one that the hand moves first")
-        fixed = [thing.name for thing in self.thing if thing.fixed]
-        check_known("fixed thing", [thing.joint.on for thing in self.thing if thing.joint and thing.joint.on], fixed)
+        bearers = {thing.name: thing.joint.on for thing in self.thing if thing.joint and thing.joint.on}
+        check_known("thing", bearers.values(), names)
+        for name, on in bearers.items():
+            chain = [name]
+            while on and on not in chain:
+                chain.append(on)
+                on = bearers.get(on, "")
+            if on:
+                raise InputError(
+                    f"joints in a circle: {' on '.join([*chain, on])}; expected one thing without a bearer"
+                )
+        for thing in self.thing:
+            joint = thing.joint
+            if joint and joint.friction > 0.0 and joint.on and not self.thing[names.index(joint.on)].fixed:
+                raise InputError(
+                    f"the {joint.KIND} of '{thing.name}' is on a free thing; expected {joint.KIND}.friction = 0"
+                )
 
     @property
     def joined(self) -> set[frozenset[str]]:
@@ -181,6 +192,9 @@ class Things:
             lowest = min(float(one.bounds[0, 2]) for one in meshes) - CLEARANCE
             table = lowest if settings.table == "under" else float(settings.table) + float(motion.object_position[2])
         free = [thing.free_object(one, table, *place) for thing, one in zip(settings.thing, meshes)]
+        first = settings.thing[0].name
+        if any(one.joint and one.joint.on == first for one in free):
+            free[0] = replace(free[0], name=first)
         given = list(zip(settings.thing, meshes, trees, free))[1:]
         names = tuple(thing.name for thing in settings.thing)
         parts = MovingParts(

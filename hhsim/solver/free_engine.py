@@ -106,6 +106,13 @@ def _edges_of(surface: Any, center: FloatArray) -> Edges:
     return Edges(*(np.ascontiguousarray(part) for part in parts))
 
 
+def _about(axis: FloatArray) -> FloatArray:
+    """Return two directions across a unit axis and the axis, as right-handed rows (3, 3)."""
+    across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    across /= norm(across)
+    return np.array([across, np.cross(axis, across), axis])
+
+
 class FreeEngine:
     """Runs the ticks of one or two hands and free objects; `ticks` has the record of the first, `things` of all."""
 
@@ -119,7 +126,7 @@ class FreeEngine:
         require_free(workspace.options)
         self.workspace = workspace
         first = ContactSurface(workspace.surface, (), workspace.mesh, workspace.tree)
-        self.things = (Thing(first, free), *others)
+        self.things = (Thing(first, free, name=free.name), *others)
         self.hands = (workspace,) if second is None else (workspace, second)
         surfaces = [thing.surface.arrays for thing in self.things]
         hands, things = len(self.hands), len(self.things)
@@ -133,7 +140,7 @@ class FreeEngine:
         supports = [support_of(thing.surface.arrays, thing.surface.mesh) for thing in self.things]
         movers, edges = [hand.hand for hand in self.hands], [NO_EDGES]
         if others:
-            placed = list(zip(surfaces, (thing.free.pivot for thing in self.things)))
+            placed = list(zip(surfaces, map(self._center, self.things)))
             movers += [_as_palm(workspace.hand, *given) for given in placed]
             edges = [_edges_of(*given) for given in placed]
         most = MOST_THINGS if many else 1
@@ -153,6 +160,12 @@ class FreeEngine:
         problem.inverse_root[:] = self.states[0].problem.inverse_root
         for k, (thing, support, body) in enumerate(zip(self.things, supports, self.states[0].bodies)):
             self._place(thing, support, body)
+            bearer = self._bearer(thing)
+            if bearer is not None:
+                body.pair = self._pairs.index((0, k, bearer))
+                self._join_pair(thing.free, body)
+            elif thing.free.joint is not None and not thing.fixed:
+                self._join(thing.free, thing.free.joint, body)
             # As if the tick before had ended with these velocities: by them it is foreseen what slips.
             column = 6 if k == 0 else 6 * (hands + k)
             step = body.period * np.concatenate([body.velocity, body.spin])
@@ -163,7 +176,7 @@ class FreeEngine:
         hands, things = range(len(self.hands)), range(len(self.things))
         pairs = [(h, -1, 0) for h in hands] + [(h, -1, k) for h in hands for k in things[1:]]
         pairs += [(0, other, k) for other in things for k in things if other != k]
-        problem = self.states[0].free_problem
+        problem, self._pairs = self.states[0].free_problem, pairs
         count = len(pairs)
         problem.hand[:count], problem.other[:count], problem.thing[:count] = np.array(pairs).T
         for state, (_, other, thing) in zip(self.states, pairs):
@@ -177,13 +190,22 @@ class FreeEngine:
         bears = ((a.free.joint.on if a.free.joint else "", b.name) for a, b in ((one, two), (two, one)))
         return any(on != "" and on == name for on, name in bears)
 
+    def _bearer(self, thing: Thing) -> int | None:
+        """Return the number of the free thing that bears a thing's joint; None for a fixed one, or the world."""
+        on = thing.free.joint.on if thing.free.joint and not thing.fixed else ""
+        return next((k for k, one in enumerate(self.things) if on and one.name == on and not one.fixed), None)
+
+    def _center(self, thing: Thing) -> FloatArray:
+        """Return the point about which a thing turns [m], world at the start, shape (3,)."""
+        return thing.free.pivot if self._bearer(thing) is None else np.array(thing.free.center)
+
     def _place(self, thing: Thing, support: Support, body: Any) -> None:
         free, period, offset = thing.free, self.workspace.options.period, self.workspace.options.offset
         # Right-handed, or the gyroscopic term would have the other sign.
         moment, axes = principal_axes(free.inertia)
         body.is_free = not thing.fixed
         body.period = period
-        body.center[:] = body.position[:] = free.pivot
+        body.center[:] = body.position[:] = self._center(thing)
         body.axes[:] = axes.T
         body.moment[:] = moment
         # Damping at the end of the step weighs as mass: forces balance as they would without it.
@@ -200,8 +222,6 @@ class FreeEngine:
         body.rotation[:] = np.eye(3)
         body.velocity[:] = free.velocity
         body.spin[:] = matmul(axes.T, free.angular_velocity)
-        if free.joint is not None and not thing.fixed:
-            self._join(free, free.joint, body)
         if not body.has_table:
             return
         lowest = float((support.point[:, 2] - support.radius).min()) - body.table
@@ -214,9 +234,7 @@ class FreeEngine:
     def _join(free: FreeObject, joint: Hinge | Slider, body: Any) -> None:
         """Restrict a body to the motion about or along the axis of its joint."""
         axis = joint.direction
-        across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-        across /= norm(across)
-        body.axes[:] = across, np.cross(axis, across), axis
+        body.axes[:] = _about(axis)
         body.limits[:] = joint.limits or (-np.inf, np.inf)
         body.joint_friction = joint.friction
         if isinstance(joint, Slider):
@@ -234,6 +252,16 @@ class FreeEngine:
         body.pull[:] = free.mass / moment * np.cross(free.gravity, axis)
         body.gravity[:] = body.velocity[:] = 0.0
         body.spin[:] = matmul(body.axes, free.angular_velocity) * (0.0, 0.0, 1.0)
+
+    @staticmethod
+    def _join_pair(free: FreeObject, body: Any) -> None:
+        """Let a body and the free one that bears it move against each other about or along the axis alone."""
+        joint = free.joint
+        assert joint is not None
+        body.pair_joint = HINGE if isinstance(joint, Hinge) else SLIDER
+        body.joint_origin[:] = joint.origin if isinstance(joint, Hinge) else free.center
+        body.joint_axes[:] = _about(joint.direction)
+        body.limits[:] = joint.limits or (-np.inf, np.inf)
 
     def begin(self) -> None:
         """See `Engine.begin`; the graphic hand stands in the workspace as the object sees it."""

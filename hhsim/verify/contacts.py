@@ -204,13 +204,8 @@ def _searched(hand: OwnHand, posed: Posed, pieces: Places, fingers: BoolArray, n
     used = np.broadcast_to(pieces.counts(posed.position, reach)[:, None] > 0, of.a.shape[:2]).copy()
     used[:, :PALM] = np.repeat(fingers, 3)
     thick = np.where(used, np.maximum(of.radius_a, of.radius_b), -np.inf)
-    return (
-        of.a.reshape(-1, 3),
-        of.b.reshape(-1, 3),
-        np.tile(of.radius_a, ticks),
-        np.tile(of.radius_b, ticks),
-        thick.ravel(),
-    )
+    ends = of.a.reshape(-1, 3), of.b.reshape(-1, 3)
+    return *ends, np.tile(of.radius_a, ticks), np.tile(of.radius_b, ticks), thick.ravel()
 
 
 def _of_hands(hand: OwnHand, pairs: Pairs) -> Pairs:

@@ -13,7 +13,6 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.mesh.mesh import Mesh
-from hhsim.motion.object_motion import RigidMotion
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import SIDES, TWO_HANDED, is_one_of_two
 from hhsim.scene.parts_of_thing import points_on
@@ -53,6 +52,8 @@ AGAINST = np.cos(np.radians(45.0)) - 1e-6
 
 SIDES_OF_CONE = 8
 """Sides of the pyramid around the cone of a contact that is not in the file."""
+JOINED = 2e-6
+"""How far two things may come off their joint [m, rad]."""
 SAME_THING = 1e-9
 """Tolerance between the object and the first of several things [m, N]."""
 
@@ -195,18 +196,22 @@ def free_claims(result: Result) -> list[Claim]:
     motion = FreeMotion(result)
     stated = zip((motion.free, *result.scene.get("others", ())), result.parts)
     things = [FreeThing(result, *one) for one in stated] or [motion]
+    joints = [(thing, joint["on"]) for thing in things if (joint := _joint(thing))]
+    pairs = [(thing, one) for thing, on in joints for one in things if one.name == on and not one.free.get("fixed")]
+    held = [thing for thing, _ in joints if thing not in [one for one, _ in pairs]]
     claims = [
         *_velocities(things),
-        *_balance([thing for thing in things if _joint(thing) is None]),
-        *_wrenches(motion),
+        *_balance([thing for thing in things if thing not in held]),
+        *_wrenches(motion, any(things[0] in pair for pair in pairs)),
         _equal_and_opposite(motion),
         *_cones(motion),
         *_slips(motion),
         _table(motion, things),
         *_contacts(motion),
         _solid(motion),
-        *(_hinge(thing) for thing in things if thing.free.get("hinge")),
-        *(_slider(thing) for thing in things if thing.free.get("slider")),
+        *(_hinge(thing) for thing in held if thing.free.get("hinge")),
+        *(_slider(thing) for thing in held if thing.free.get("slider")),
+        *(_pair_joint(thing, bearer) for thing, bearer in pairs),
     ]
     if len(things) > 1:
         claims += [_first_thing(motion, things[0]), _between_things(things), _hands_on_things(things)]
@@ -335,14 +340,18 @@ def _gyrated(inertia: FloatArray, spin: FloatArray, period: float) -> FloatArray
     return spin
 
 
-def _wrenches(motion: FreeMotion) -> list[Claim]:
+def _wrenches(motion: FreeMotion, jointed: bool) -> list[Claim]:
     found = []
     for name, of_table in (("hand", False), ("table", True)):
         own, stored = motion.of_contacts(of_table), np.asarray(motion.result[f"object/{name}_wrench"])
         size = 1.0 + np.abs(stored).sum(axis=1)
         says, off = f"the {name}'s force and moment on the object are those of its contacts", np.abs(own - stored)
         claim = f"{name} on object", says, off.max(axis=1), FORCE * size, "N, N·m", WHY_FORCE
-        found.append(judged(*claim, ticks=motion.ticks))
+        if jointed and of_table:
+            note = "what its joint bears counts as the table's, and is not in the file"
+            found.append(Claim(claim[0], says, NOT_JUDGED, note=note))
+        else:
+            found.append(judged(*claim, ticks=motion.ticks))
     return found
 
 
@@ -592,20 +601,33 @@ def _joint(thing: FreeThing) -> dict[str, Any] | None:
     return thing.free.get("hinge") or thing.free.get("slider")
 
 
+def _joint_motion(thing: FreeThing, bearer: FreeThing | None = None) -> tuple[FloatArray, FloatArray]:
+    """Value of a joint in the world, or on its bearer [rad, m], (T + 1,), and how far the thing is off it, (T,)."""
+    hinge, joint = thing.free.get("hinge"), _joint(thing) or {}
+    axis, limits = np.array(joint["axis"]) / np.linalg.norm(joint["axis"]), joint["limits"] or (-np.inf, np.inf)
+    origin = np.array(hinge["origin"] if hinge else thing.free["center"])
+    way, turned = thing.moved(origin) - origin, thing.turned
+    if bearer is not None:
+        back = bearer.turned.inv()
+        way, turned = back.apply(thing.moved(origin) - bearer.moved(origin)), back * turned
+    value = turned.as_rotvec() @ axis if hinge else way @ axis
+    kept = [way if hinge else way - np.outer(value, axis), turned.apply(axis) - axis if hinge else turned.as_rotvec()]
+    off = np.linalg.norm(kept, axis=2).max(axis=0)
+    return value, np.maximum(off, np.maximum(limits[0] - value, value - limits[1]))[1:]
+
+
 def _hinge(thing: FreeThing) -> Claim:
     """Judge the motion of a hinged thing: rotation about the axis alone, within limits, by the moments on it."""
     from scipy.spatial.transform import Rotation
 
     hinge, rate, mass, gravity = thing.free["hinge"], 1.0 / thing.period, thing.mass, thing.gravity
-    axis, limits = np.array(hinge["axis"]) / np.linalg.norm(hinge["axis"]), hinge["limits"] or (-np.inf, np.inf)
-    origin, wrench, spin = np.array(hinge["origin"]), thing.borne, thing.spin @ axis
-    off = np.linalg.norm(thing.moved(origin) - origin, axis=1)
-    off = np.maximum(off, np.linalg.norm(thing.turned.apply(axis) - axis, axis=1))[1:] / LENGTH
+    axis, origin = np.array(hinge["axis"]) / np.linalg.norm(hinge["axis"]), np.array(hinge["origin"])
+    wrench, spin = thing.borne, thing.spin @ axis
+    angle, off = _joint_motion(thing)
+    off /= LENGTH
     arm = thing.center - origin
     arm -= np.outer(arm @ axis, axis)
-    length, angle = np.linalg.norm(arm[0]), thing.turned.as_rotvec() @ axis
-    before, angle = angle[:-1], angle[1:]
-    off = np.maximum(off, np.maximum(limits[0] - angle, angle - limits[1]) / UNIT)
+    length = np.linalg.norm(arm[0])
     moment = (wrench[:, 3:] + np.cross(arm[:-1], wrench[:, :3])) @ axis
     middle = Rotation.from_rotvec(np.outer(0.5 * thing.period * spin[:-1], axis)).apply(arm[:-1])
     inertia = axis @ thing.inertia @ axis + mass * length**2
@@ -614,26 +636,21 @@ def _hinge(thing: FreeThing) -> Claim:
     own -= mass * np.cross(middle, gravity) @ axis
     size = FORCE * (1.0 + np.abs(wrench).sum(axis=1)) * (1.0 + length)
     # Of several programs in a tick the last one began anywhere between its ends; the speed changes meanwhile.
-    turned = np.where(np.asarray(thing.result["work/linearisations"]) > 1, np.abs(angle - before), 0.0)
+    turned = np.where(np.asarray(thing.result["work/linearisations"]) > 1, np.abs(np.diff(angle)), 0.0)
     turned += np.abs(np.diff(spin)) * thing.period
     size += turned * length * (np.abs(wrench[:, :3]).sum(axis=1) + mass * np.linalg.norm(gravity))
-    wrong = _beyond_friction(hinge, angle, spin[1:], own) / size
+    wrong = _beyond_friction(hinge, angle[1:], spin[1:], own) / size
     off[thing.whole] = np.maximum(off, wrong)[thing.whole]
-    says = (
-        f"{thing.group} only turns about its hinge, within its limits, as moments about it, weight and friction have it"
-    )
+    says = f"{thing.group} only turns about its hinge, within its limits, as moments, weight and friction have it"
     return judged("hinge", says, off, 1.0, "1", "a nanometre; a millionth of the forces", ticks=thing.ticks)
 
 
 def _slider(thing: FreeThing) -> Claim:
     """Judge the motion of a thing on a slider: along the axis alone, within limits, by the forces along it."""
     slider, rate, force = thing.free["slider"], 1.0 / thing.period, thing.borne[:, :3]
-    axis, limits = np.array(slider["axis"]) / np.linalg.norm(slider["axis"]), slider["limits"] or (-np.inf, np.inf)
-    moved, speed = thing.center - thing.center[0], thing.velocity @ axis
-    way = moved @ axis
-    off = np.linalg.norm(moved - np.outer(way, axis), axis=1)
-    off = np.maximum(off, thing.turned.magnitude())[1:] / LENGTH
-    off = np.maximum(off, np.maximum(limits[0] - way, way - limits[1])[1:] / LENGTH)
+    axis = np.array(slider["axis"]) / np.linalg.norm(slider["axis"])
+    way, off = _joint_motion(thing)
+    off, speed = off / LENGTH, thing.velocity @ axis
     # What is left is the slider's own: friction, and at a limit what it bears.
     own = thing.mass * (rate * ((1.0 + thing.damping / rate) * speed[1:] - speed[:-1]) - thing.gravity @ axis)
     wrong = _beyond_friction(slider, way[1:], speed[1:], own - force @ axis)
@@ -641,6 +658,13 @@ def _slider(thing: FreeThing) -> Claim:
     off[thing.whole] = np.maximum(off, wrong)[thing.whole]
     says = f"{thing.group} only moves along its slider, within its limits, as forces, weight and friction have it"
     return judged("slider", says, off, 1.0, "1", "a nanometre; a millionth of the forces", ticks=thing.ticks)
+
+
+def _pair_joint(thing: FreeThing, bearer: FreeThing) -> Claim:
+    """Judge the motion of a thing beside the free one that bears its joint: about or along the axis, within limits."""
+    _, off = _joint_motion(thing, bearer)
+    says = f"{thing.group} only turns or moves beside {bearer.name} as its joint lets it, within its limits"
+    return judged("joint", says, off[thing.whole], JOINED, "m, rad", "twice that of a program", ticks=thing.whole)
 
 
 def _beyond_friction(joint: Mapping[str, Any], value: FloatArray, speed: FloatArray, own: FloatArray) -> FloatArray:
@@ -696,7 +720,7 @@ def _things_apart(things: Sequence[FreeThing]) -> Claim:
     ticks = np.unique(np.linspace(0, result.ticks - 1, LOOKED_AT).astype(int))
     meshes = [Mesh(result[f"{part}/vertices"], result[f"{part}/faces"]) for part in result.parts]
     shells, points = [TrueSurface(mesh) for mesh in meshes], [points_on(mesh) for mesh in meshes]
-    moved = [RigidMotion(*(motion[ticks] for motion in of)) for of in result.meshes_moved()]
+    moved = [(rotations(of.turn[ticks])[0].as_matrix(), of.shift[ticks]) for of in result.meshes_moved()]
     depth, names = np.zeros(len(ticks)), result.scene["thing"]["parts"]
     joined_by = [{name, joint["on"]} for name, joint in zip(names, map(_joint, things)) if joint]
     for (i, shell), j in itertools.product(enumerate(shells), range(len(shells))):
@@ -704,10 +728,11 @@ def _things_apart(things: Sequence[FreeThing]) -> Claim:
             continue
         # What is deeper than the clearance is as far within the bounds.
         low, high = meshes[i].bounds + [[CLEAR], [-CLEAR]]
+        (here, at), (there, place) = moved[i], moved[j]
+        turn, shift = there.swapaxes(1, 2) @ here, (place - at)[:, None] @ here
         for rows in np.array_split(np.arange(len(ticks)), range(TOGETHER, len(ticks), TOGETHER)):
-            here, there = (RigidMotion(*(values[rows] for values in moved[k])) for k in (i, j))
-            seen = here.seen_points(there.points(np.broadcast_to(points[j], (len(rows), *points[j].shape))))
-            inside = ((seen > low) & (seen < high)).all(axis=2)
+            seen = points[j] @ turn[rows] + shift[rows]
+            inside = np.logical_and.reduce([(seen[..., k] > low[k]) & (seen[..., k] < high[k]) for k in range(3)])
             for t in np.flatnonzero(inside.any(axis=1)):
                 found = -float(shell.signed_distance(seen[t][inside[t]]).min())
                 depth[rows[t]] = max(depth[rows[t]], found)

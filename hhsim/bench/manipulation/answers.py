@@ -93,13 +93,8 @@ def _way(acceleration: float, ticks: int) -> float:
 
 
 def _alone(free: FreeObject, size: tuple[float, float, float], ticks: int) -> stage.Played:
-    return stage.play(
-        free,
-        stage.touched(stage.block(size)),
-        stage.gripper(0.05, TIP_RADIUS),
-        stage.gripper_options(),
-        stage.away(ticks),
-    )
+    hand, options = stage.gripper(0.05, TIP_RADIUS), stage.gripper_options()
+    return stage.play(free, stage.touched(stage.block(size)), hand, options, stage.away(ticks))
 
 
 def slope(options: ManipulationOptions) -> list[Answer]:
@@ -145,13 +140,8 @@ def rolling(options: ManipulationOptions) -> list[Answer]:
 def flight(options: ManipulationOptions) -> list[Answer]:
     """Answer for a body in free flight, and one that tumbles on a table."""
     size, ticks = (0.1, 0.06, 0.02), 2000
-    free = FreeObject.of_mesh(
-        stage.block(size),
-        mass=0.3,
-        gravity=(0.0, 0.0, 0.0),
-        velocity=(1.0, 2.0, 3.0),
-        angular_velocity=(1.0, 12.0, 0.5),
-    )
+    motion: dict[str, Any] = {"velocity": (1.0, 2.0, 3.0), "angular_velocity": (1.0, 12.0, 0.5)}
+    free = FreeObject.of_mesh(stage.block(size), mass=0.3, gravity=(0.0, 0.0, 0.0), **motion)
     flies = _alone(free, size, ticks)
     momentum = 0.3 * np.linalg.norm(flies.velocity - np.array(free.velocity), axis=1).max()
     spin = np.linalg.norm(flies.angular_momentum(), axis=1)

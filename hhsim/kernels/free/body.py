@@ -28,7 +28,7 @@ from hhsim.kernels.rotation import (
 OBJECT_DOF = 6
 """Translation of the centre of mass [m], then the rotation vector about the principal axes [rad]."""
 HINGE, SLIDER = 1, 2
-"""Joints that a body may have, in the world or on a fixed one."""
+"""Joints that a body may have."""
 
 
 class Support(NamedTuple):
@@ -54,6 +54,10 @@ BODY = np.dtype(
         ("lever", np.float64, (3,)),  # of a hinged body's centre of mass from `center` [m], object's frame
         ("start_lever", np.float64, (3,)),  # the same at the start of the tick, world
         ("pull", np.float64, (3,)),  # angular acceleration by gravity of such a lever [1/(m·s²)]
+        ("pair_joint", np.int64),  # the same of a joint on another free body, beside which all of `inverse_root` counts
+        ("pair", np.int64),  # pair of both, which is in the other one's frame
+        ("joint_origin", np.float64, (3,)),  # a point of the axis at the start [m]
+        ("joint_axes", np.float64, (3, 3)),  # then, as rows: two directions across the axis, and the axis
         ("limits", np.float64, (2,)),  # of the joint's value since the start [rad] or [m], infinite without
         ("joint_friction", np.float64),  # largest moment [N·m] or force [N] of the joint's friction
         ("damping", np.float64),  # [1/s]

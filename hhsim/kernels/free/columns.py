@@ -134,18 +134,9 @@ def torsion_radius(bodies: Record, problem: Record, of: int) -> float:
 
 
 @jit
-def _object_columns(
-    start: int,
-    stop: int,
-    point: Array,
-    normal: Array,
-    center: Array,
-    axes: Array,
-    inverse_root: Array,
-    column: int,
-    common: Array,
-) -> None:
-    cx, cy, cz = center[0], center[1], center[2]
+def _object_columns(start: int, stop: int, contacts: Record, body: Record, column: int, common: Array) -> None:
+    point, normal, axes, inverse_root = contacts.point, contacts.normal, body.axes, body.inverse_root
+    cx, cy, cz = body.center[0], body.center[1], body.center[2]
     translation = -inverse_root[0]
     a, b, c = -inverse_root[3], -inverse_root[4], -inverse_root[5]
     a0, a1, a2 = a * axes[0, 0], a * axes[0, 1], a * axes[0, 2]
@@ -176,6 +167,17 @@ def _other_columns(
     common[column + 3, row], common[column + 4, row], common[column + 5, row] = x * root[3], y * root[4], z * root[5]
 
 
+@jit
+def _turn_other(
+    body: Record, pose: Record, column: int, row: int, w: tuple[float, float, float], common: Array
+) -> None:
+    # Add to a row of `_other_columns` that of the rotation along w.
+    x, y, z = turned_back(pose.rotation, w[0], w[1], w[2])
+    turn = turned(body.axes, x, y, z)
+    for j in range(3):
+        common[column + 3 + j, row] += turn[j] * body.inverse_root[3 + j]
+
+
 @jit_inline
 def _fold(body: Record, column: int, row: int, common: Array) -> None:
     # A slider has one column: that of its translation along the axis.
@@ -198,11 +200,7 @@ def _turn_palm(turn: Array, row: int, palm: int, common: Array) -> None:
 def object_columns(states: States, bodies: Record, contacts: Record, problem: Record) -> None:
     """Write the things' columns of the normal rows of all contacts and of the joint limits, and the keys of both.
 
-    Args:
-        states: State of each pair.
-        bodies: The things.
-        contacts: Contacts of the first pair, and behind its joint limits those of the others.
-        problem: The program.
+    `contacts` are those of the first pair, and behind its joint limits those of the others.
     """
     width, common = common_count(problem), problem.common
     for p in range(pair_count(problem)):
@@ -216,17 +214,7 @@ def object_columns(states: States, bodies: Record, contacts: Record, problem: Re
             if not (palm <= j < palm + 6 or column <= j < column + 6):
                 for i in range(first, limits):
                     common[j, i] = 0.0
-        _object_columns(
-            first,
-            last,
-            contacts.point,
-            contacts.normal,
-            body.center[:],
-            body.axes[:],
-            body.inverse_root[:],
-            column,
-            common,
-        )
+        _object_columns(first, last, contacts, body, column, common)
         for i in range(first, last):
             problem.key[i] = KINDS * contacts.key[i]
             problem.owner[i] = -1
@@ -381,6 +369,8 @@ def write_row(
     if other >= 0:
         _other_columns(bodies[other], pose, thing_column(problem, other), row, point, m, common)
         _fold(bodies[other], thing_column(problem, other), row, common)
+        if wx != 0.0 or wy != 0.0 or wz != 0.0:
+            _turn_other(bodies[other], pose, thing_column(problem, other), row, w, common)
     elif of >= 0:
         palm = 12 * hand
         rx, ry, rz = px - pose.position[0], py - pose.position[1], pz - pose.position[2]

@@ -189,16 +189,9 @@ def measure_edges(
 ) -> None:
     """Compute the signed distances of the near pairs of edges, and take them into those of the candidates.
 
-    Args:
-        mover: What moves, as a palm.
-        edges, others: Its edges, and those of the thing whose frame it is in.
-        center: The thing's centre of mass [m], in its own frame.
-        pose: Pose of what moves; its kinematics are up to date.
-        needed: Distance up to which pairs have to be listed [m].
-        far: The same of pairs that are gathered.
-        candidates: Near pairs with the thing's surface, as they have been measured at this pose.
-        pairs: Near pairs of edges.
-        scratch: Of shape (6,).
+    `edges` are those of what moves, as a palm, at a pose with kinematics up to date; `others` those of the thing whose
+    frame it is in, with its centre of mass there [m]. `candidates` were measured at this pose. Pairs up to `needed` [m]
+    are to be listed, and up to `far` are gathered. `scratch` has shape (6,).
     """
     if edges.length.shape[0] == 0 or others.length.shape[0] == 0:
         return

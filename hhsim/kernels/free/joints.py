@@ -4,6 +4,9 @@ That is δ, its rotation [rad] or translation [m] about or along the axis in a s
 friction of at most τ [N·m] or [N] costs τ |δ|. In the quadratic program a slack variable t has that cost: t >= |δ| by
 two rows, and its target lies so far below 0 that the gradient there is τ. The speed so far foresees t, so that friction
 is τ to the second order.
+
+A joint of two free bodies has no friction, and both keep all of their variables. Of the six values of one body's place
+beside the other, from where both began, one is free and has limits. The other five are kept at 0 to `KEPT` by two rows.
 """
 
 import math
@@ -11,8 +14,10 @@ import math
 import numpy as np
 
 from hhsim.kernels.free.body import HINGE, OBJECT_DOF, along_axis, joint_value
-from hhsim.kernels.free.columns import common_count, thing_column, thing_count
-from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
+from hhsim.kernels.free.columns import States, common_count, is_one, thing_column, thing_count, write_row
+from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_once
+from hhsim.kernels.rotation import rotation_vector_between, turned, turned_back
 
 SLACK = 4
 """Column of a jointed body's slack variable."""
@@ -22,6 +27,14 @@ JOINT_KEYS = -900
 """Keys of the rows go down from here: above those of the table, and below those of the fingers' limits."""
 JOINT_ROWS = 4
 """Rows of a joint: lower and upper limit, then friction of either sign."""
+PAIR_ROWS = 12
+"""Rows of a joint of two free bodies: lower and upper limit of each value. Keys are apart by so many for each body."""
+PAIR_KIND = -1
+"""Kind of such a row."""
+KEPT = 2e-7
+"""Size that the values of such a joint may have [m, rad]."""
+SETTLED = 1e-6
+"""The same at the end of a tick, unless it lags."""
 
 
 @jit
@@ -39,17 +52,97 @@ def slack_target(body: Record) -> float:
 
 @jit
 def has_joint_rows(body: Record) -> bool:
-    """Return True for a joint with friction or limits."""
+    """Return True for a joint with friction or limits, and for one of two free bodies."""
+    if body.pair_joint > 0:
+        return as_bool(True)
     limited = body.limits[0] > -np.inf or body.limits[1] < np.inf
     return as_bool(body.joint > 0 and (body.joint_friction > 0.0 or limited))
 
 
+@jit
+def pair_values(body: Record, pose: Record, values_out: Array) -> float:
+    """Compute the values of a joint of two free bodies, shape (6,), and return by how much they are not kept at most.
+
+    They are the way [m] across the axis and along it, then the tilt [rad] about the axes across and the turn about it.
+    `pose` is the body's beside the other one.
+    """
+    axes, origin, center, scratch = body.joint_axes, body.joint_origin, body.center, body.vector
+    x, y, z = turned(pose.rotation, origin[0] - center[0], origin[1] - center[1], origin[2] - center[2])
+    x, y, z = x + pose.position[0] - origin[0], y + pose.position[1] - origin[1], z + pose.position[2] - origin[2]
+    values_out[0], values_out[1], values_out[2] = turned(axes, x, y, z)
+    ux, uy, uz = axes[2, 0], axes[2, 1], axes[2, 2]
+    ax, ay, az = turned(pose.rotation, ux, uy, uz)
+    tilt = turned(axes, uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax)
+    begun = body.other
+    begun[0], begun[1], begun[2], begun[3] = 1.0, 0.0, 0.0, 0.0
+    rotation_vector_between(begun[:], pose.orientation[:], scratch[:])
+    turn = turned(axes, scratch[0], scratch[1], scratch[2])
+    values_out[3], values_out[4], values_out[5] = tilt[0], tilt[1], turn[2]
+    free = values_out[5 if body.pair_joint == HINGE else 2]
+    largest = max(body.limits[0] - free, free - body.limits[1])
+    for i in range(6):
+        if i != (5 if body.pair_joint == HINGE else 2):
+            largest = max(largest, abs(values_out[i]))
+    return largest
+
+
+@jit
+def _pair_rows(states: States, bodies: Record, k: int, relaxed: bool, row: int, problem: Record) -> int:
+    body = bodies[k]
+    pose, axes, values, center = states[body.pair].pose, body.joint_axes, problem.scratch, body.vector
+    pair_values(body, pose, values[:])
+    of, origin, free = BODY_COUNT * body.pair + PALM_BODY, body.joint_origin, 5 if body.pair_joint == HINGE else 2
+    center[0], center[1], center[2] = origin[0], origin[1], origin[2]
+    for r in range(PAIR_ROWS):
+        i, sign = r // 2, 1.0 if r % 2 == 0 else -1.0
+        limit = body.limits[r % 2] if i == free else -sign * KEPT
+        if math.isinf(limit):
+            continue
+        along = 1.0 if i < 3 else 0.0
+        e = axes[i % 3]
+        x, y, z = sign * e[0], sign * e[1], sign * e[2]
+        rhs = sign * (limit - values[i])
+        m, w = (along * x, along * y, along * z), ((1.0 - along) * x, (1.0 - along) * y, (1.0 - along) * z)
+        write_row(states, bodies, problem, of, row, center[:], m, w, min(rhs, 0.0) if relaxed else rhs)
+        problem.key[row] = JOINT_KEYS - PAIR_ROWS * k - r
+        problem.owner[row] = -1
+        problem.kind[row] = PAIR_KIND
+        row += 1
+    return as_int64(row)
+
+
+@jit
+def joints_hold(states: States, bodies: Record, problem: Record) -> bool:
+    """Return whether all values that joints of two free bodies keep are as small as at the end of a tick."""
+    held = as_bool(True)
+    for k in range(0 if is_one(problem) else thing_count(problem)):
+        if bodies[k].pair_joint > 0:
+            held = held and pair_values(bodies[k], states[bodies[k].pair].pose, problem.scratch[:]) <= SETTLED
+    return held
+
+
+@jit
+def bear_joint(bodies: Record, problem: Record, row: int, force: float, borne: Record) -> None:
+    """Add the load of a row of a joint of two free bodies to the wrenches on both, each in its own frame."""
+    k = (JOINT_KEYS - problem.key[row]) // PAIR_ROWS
+    for thing in (k, problem.thing[bodies[k].pair]):
+        body, column, wrench = bodies[thing], thing_column(problem, thing), borne.thing_wrench[thing]
+        root, vector = body.inverse_root, body.vector
+        for j in range(3):
+            wrench[j] += force * problem.common[column + j, row] / root[j]
+            vector[j] = force * problem.common[column + 3 + j, row] / root[3 + j]
+        x, y, z = turned_back(body.axes, vector[0], vector[1], vector[2])
+        wrench[3], wrench[4], wrench[5] = wrench[3] + x, wrench[4] + y, wrench[5] + z
+
+
 @jit_once
-def joint_rows(bodies: Record, row: int, problem: Record) -> int:
+def joint_rows(states: States, bodies: Record, relaxed: bool, row: int, problem: Record) -> int:
     """Write the rows of all joints from a row on, and return the one behind them."""
     for k in range(thing_count(problem)):
         body, column = bodies[k], thing_column(problem, k)
-        if not has_joint_rows(body):
+        if body.pair_joint > 0:
+            row = _pair_rows(states, bodies, as_int64(k), relaxed, row, problem)
+        if body.joint == 0 or not has_joint_rows(body):
             continue
         value, made = joint_value(body), along_axis(body, problem.total[column : column + OBJECT_DOF])
         own = column + joint_column(body)
@@ -69,7 +162,7 @@ def joint_rows(bodies: Record, row: int, problem: Record) -> int:
                 problem.rhs[row] = -sign * made
             else:
                 problem.rhs[row] = sign * (limit - value)
-            problem.key[row] = JOINT_KEYS - JOINT_ROWS * k - r
+            problem.key[row] = JOINT_KEYS - PAIR_ROWS * k - r
             problem.owner[row] = -1
             problem.kind[row] = 0
             row += 1

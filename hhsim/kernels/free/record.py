@@ -20,6 +20,7 @@ from hhsim.kernels.free.columns import (
     thing_of,
     torsion_radius,
 )
+from hhsim.kernels.free.joints import PAIR_KIND, bear_joint
 from hhsim.kernels.free.rows import DIRECTIONS, TABLE_KEYS
 from hhsim.kernels.hand.kinematics import BODY_COUNT
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_once
@@ -133,9 +134,11 @@ def find_borne(
     for i in range(loaded.count):
         row = loaded.row[i]
         force = loaded.multiplier[i]
+        owner, kind = problem.owner[row], problem.kind[row]
+        if kind == PAIR_KIND:
+            bear_joint(bodies, problem, row, force, borne)
         if TABLE_KEYS < problem.key[row] < 0 or force <= 0.0:
             continue
-        owner, kind = problem.owner[row], problem.kind[row]
         contact = owner if owner >= 0 else -1 - row
         at = as_int64(-1)
         for j in range(count):

@@ -389,7 +389,7 @@ def friction_rows(
         row += 1
         if friction.has_friction[i] == 1:
             row = contact_rows(states, bodies, offset, relaxed, i, row, problem, friction)
-    row = joint_rows(bodies, row, problem)
+    row = joint_rows(states, bodies, relaxed, row, problem)
     _add_group(problem, table, row, -1)
     problem.rows = row
     for i in range(friction.of_hand):

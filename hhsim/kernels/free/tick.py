@@ -44,7 +44,7 @@ from hhsim.kernels.free.columns import (
     variable_count,
 )
 from hhsim.kernels.free.edges import Edges, measure_edges, record_edges
-from hhsim.kernels.free.joints import has_joint_rows
+from hhsim.kernels.free.joints import has_joint_rows, joints_hold
 from hhsim.kernels.free.program import begin_search, clip_shifts, scale_target, solve_free, take_steps, take_targets
 from hhsim.kernels.free.record import copy_borne, find_borne, turn_loads
 from hhsim.kernels.free.rows import PAIR_KEYS, begin_frictions, find_frictions, touches
@@ -529,9 +529,11 @@ def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, s
         done = True
     elif least >= 0.0 and table >= 0.0:
         _keep(state)
-        done = True
+        done = held = joints_hold(states, state.bodies, problem)
         for p in range(pairs):
             done = accept(options, fraction, states[p].longest, full_motion, states[p]) and done
+        if not held:
+            progress.lag = max(progress.lag, longest)
     else:
         # Were this the tick's last step it would be taken back, and nothing of it made.
         progress.failed_steps += 1

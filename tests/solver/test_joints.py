@@ -1,0 +1,178 @@
+"""Two free things on a hinge or a slider: what is conserved, limits, and a plate that hangs from a box in the hand."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from free_scenes import REACH_PER_STIFFNESS, box, closing, far_hand, tongs, tongs_at
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError
+from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.replay.replay import replay_scene
+from hhsim.result.reader import load_result
+from hhsim.scene.free_object import FreeObject, Hinge, Slider
+from hhsim.scene.scene import open_scene
+from hhsim.scene.things import load_things
+from hhsim.solver.free_engine import Thing
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.trees.contact_surface import contact_surface
+from hhsim.verify.free_object_checks import free_claims
+
+DT, G = 1e-3, 9.81
+STILL: dict[str, Any] = {"gravity": (0.0, 0.0, 0.0)}
+EDGES = (0.2, 0.1, 0.02)
+
+
+def run_pair(ticks: int, **of_first: Any) -> tuple[Any, tuple[FreeObject, FreeObject]]:
+    """The records of two plates without gravity that begin end to end, the first one on a joint of the second."""
+    meshes = box(EDGES, (0.1, 0.0, 0.0)), box(EDGES, (-0.1, 0.0, 0.0))
+    first = FreeObject.of_mesh(meshes[0], mass=0.3, **STILL, **of_first)
+    second = FreeObject.of_mesh(meshes[1], mass=0.5, **STILL)
+    given = contact_surface("mesh", meshes[0], None), SolverOptions(surface="mesh"), first
+    other = Thing(contact_surface("mesh", meshes[1], None), second, name="base")
+    solver = HandSolver(HandModel.default(), *given, (other,))
+    record = solver.run(*far_hand(ticks))
+    assert not record.status.any()
+    engine: Any = solver.engine
+    return engine.all_ticks, (first, second)
+
+
+def conserved(record: Any, free: tuple[FreeObject, FreeObject]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Momentum (T, 3), angular momentum about the origin (T, 3) and energy (T,) of both."""
+    momentum, angular, energy = np.zeros(3), np.zeros(3), np.zeros(())
+    for ticks, one in zip(record.things, free):
+        turn = rotation_matrix(ticks.turn)
+        inertia = turn @ np.array(one.inertia) @ turn.transpose(0, 2, 1)
+        spun = np.einsum("tij,tj->ti", inertia, ticks.angular_velocity)
+        moved = one.mass * ticks.velocity
+        momentum = momentum + moved
+        angular = angular + np.cross(turn @ np.array(one.center) + ticks.shift, moved) + spun
+        energy = energy + 0.5 * (moved * ticks.velocity + spun * ticks.angular_velocity).sum(axis=1)
+    return momentum, angular, energy
+
+
+def beside(record: Any) -> tuple[FloatArray, FloatArray]:
+    """Turn (T, 3, 3) and shift [m] (T, 3) of the first thing beside the second one, from where they began."""
+    first, second = record.things[:2]
+    back = rotation_matrix(second.turn).transpose(0, 2, 1)
+    return back @ rotation_matrix(first.turn), np.einsum("tij,tj->ti", back, first.shift - second.shift)
+
+
+@pytest.mark.parametrize("axis", [(0.0, 1.0, 0.0), (0.3, -0.2, 1.0)])
+def test_what_turns_on_a_hinge_keeps_momenta_and_energy(axis: tuple[float, float, float]) -> None:
+    given = {"hinge": Hinge(axis, (0.0, 0.0, 0.0), on="base"), "velocity": (0.0, 0.02, 0.1)}
+    record, free = run_pair(400, **given, angular_velocity=(0.5, 4.0, -2.0))
+    turn, shift = beside(record)
+    assert np.abs(shift).max() < 2e-6, "the origin is a point of both"
+    along = np.array(axis) / np.linalg.norm(axis)
+    assert np.abs(turn @ along - along).max() < 2e-6 and np.abs(turn - np.eye(3)).max() > 0.3
+    momentum, angular, energy = conserved(record, free)
+    np.testing.assert_allclose(momentum, momentum[:1].repeat(400, axis=0), atol=1e-9)
+    np.testing.assert_allclose(momentum[0], 0.3 * np.array([0.0, 0.02, 0.1]), atol=1e-9)
+    np.testing.assert_allclose(angular, angular[:1].repeat(400, axis=0), atol=2e-3 * float(np.linalg.norm(angular[0])))
+    assert (np.diff(energy) < 1e-6 * energy[0]).all() and energy[-1] > 0.98 * energy[0]
+    first, second = record.thing_wrench
+    np.testing.assert_allclose(first[:, :3], -second[:, :3], atol=1e-9)
+
+
+def test_limits_of_a_hinge_end_its_turn_and_both_go_on_as_one() -> None:
+    hinge = Hinge((0.0, 1.0, 0.0), (0.0, 0.0, 0.0), limits=(-0.5, 0.5), on="base")
+    record, free = run_pair(800, hinge=hinge, angular_velocity=(0.0, 4.0, 0.0))
+    turn, _ = beside(record)
+    angle = np.arctan2(turn[:, 0, 2], turn[:, 0, 0])
+    assert angle.max() == pytest.approx(0.5, abs=1e-9)
+    # As one, until the centrifugal forces stretch them again.
+    stopped = int(angle.argmax()) + 1
+    spins = [one.angular_velocity[stopped] for one in record.things[:2]]
+    np.testing.assert_allclose(spins[0], spins[1], atol=1e-3)
+    assert 0.1 < angle[-1] < 0.5
+    _, angular, _ = conserved(record, free)
+    np.testing.assert_allclose(angular[-1], angular[0], atol=2e-3 * float(np.linalg.norm(angular[0])))
+
+
+def test_what_moves_on_a_slider_keeps_momenta_and_turns_with_what_bears_it() -> None:
+    slider = Slider((1.0, 0.0, 0.0), limits=(-0.01, 0.06), on="base")
+    record, free = run_pair(600, slider=slider, velocity=(0.3, 0.0, 0.1))
+    turn, shift = beside(record)
+    assert np.abs(turn - np.eye(3)).max() < 2e-6
+    # Of the first thing's centre, which began on the axis.
+    off = np.einsum("tij,j->ti", turn - np.eye(3), np.array(free[0].center)) + shift
+    assert np.abs(off[:, 1:]).max() < 2e-6 and off[:, 0].max() == pytest.approx(0.06, abs=1e-6)
+    momentum, angular, energy = conserved(record, free)
+    np.testing.assert_allclose(momentum, momentum[:1].repeat(600, axis=0), atol=1e-9)
+    np.testing.assert_allclose(angular, angular[:1].repeat(600, axis=0), atol=2e-3 * float(np.linalg.norm(angular[0])))
+    stops = int(np.argmax(off[:, 0] > 0.06 - 1e-6))
+    assert energy[stops - 2] > 0.99 * energy[0] and energy[-1] < 0.9 * energy[0], "the stop is inelastic"
+
+
+def test_a_plate_hangs_from_a_box_that_the_fingers_hold() -> None:
+    held, plate = box((0.03, 0.03, 0.03)), box((0.01, 0.02, 0.08), (0.0, 0.0, -0.055))
+    hinge = Hinge((1.0, 0.0, 0.0), (0.0, 0.0, -0.015), on="box")
+    hung = Thing(contact_surface("mesh", plate, None), FreeObject.of_mesh(plate, mass=0.1, hinge=hinge), name="plate")
+    free = FreeObject.of_mesh(held, mass=0.2, friction=1.0, name="box")
+    options = SolverOptions(surface="mesh", stiffness=Stiffness(translation=1e5, rotation=1e3, flexion=500.0))
+    solver = HandSolver(tongs(), contact_surface("mesh", held, None), options, free, (hung,))
+    engine: Any = solver.engine
+    touch, tips = closing(0.03)
+    # They close while it begins to fall.
+    closed = touch + np.interp(np.arange(1500), [0, 20], [-2e-3, REACH_PER_STIFFNESS])
+    position, *others = tongs_at(closed, np.tile([-tips, 0.0, 0.0], (1500, 1)))
+    record = solver.run(position, *others)
+    ticks = engine.all_ticks
+    assert not record.status[-100:].any()
+    np.testing.assert_allclose(ticks.things[0].hand_wrench[-1, 2], 0.3 * G, rtol=1e-3)
+    np.testing.assert_allclose(ticks.thing_wrench[1, -1, :3], [0.0, 0.0, 0.1 * G], atol=2e-3)
+
+
+SCENE = """
+table = "none"
+
+[[thing]]
+name = "lid"
+box = [0.2, 0.15, 0.01]
+position = [0.1, 0.0, 0.005]
+mass = 0.2
+hinge.axis = [0.0, 1.0, 0.0]
+hinge.on = "base"
+
+[[thing]]
+name = "base"
+box = [0.2, 0.15, 0.01]
+position = [-0.1, 0.0, 0.005]
+mass = 0.4
+"""
+
+
+def written(folder: Path, text: str) -> str:
+    path = folder / "pair.toml"
+    path.write_text(text)
+    return str(path)
+
+
+def test_a_file_of_two_on_a_hinge_is_replayed_and_judged(tmp_path: Path) -> None:
+    out = tmp_path / "pair.h5"
+    replay_scene(open_scene(written(tmp_path, SCENE), "never", level=2), SolverOptions(surface="mesh"), out)
+    claims = {claim.name: claim for claim in free_claims(load_result(out))}
+    assert not [name for name, claim in claims.items() if claim.failed]
+    assert claims["joint"].verdict == "holds" and claims["table on object"].verdict == "not judged"
+    assert claims["Newton"].checked and claims["Euler"].checked
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ('hinge.on = "base"', 'hinge.on = "floor"', "thing 'floor'"),
+        ('hinge.on = "base"', 'hinge.on = "base"\nhinge.friction = 0.1', "'lid' is on a free thing"),
+        ("mass = 0.4", 'mass = 0.4\nslider.axis = [1.0, 0.0, 0.0]\nslider.on = "lid"', "circle: lid on base on lid"),
+        ('hinge.on = "base"', 'hinge.on = "lid"', "circle: lid on lid"),
+    ],
+)
+def test_joints_of_no_two_things_are_refused(tmp_path: Path, before: str, after: str, message: str) -> None:
+    assert before in SCENE
+    with pytest.raises(InputError, match=message) as refused:
+        load_things(written(tmp_path, SCENE.replace(before, after)))
+    assert "\n" not in str(refused.value)
