@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from hhsim.kernels.tick.state import WORK_LINEARISATIONS
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.object_motion import RigidMotion
-from hhsim.scene.free_object import FreeObject
+from hhsim.scene.free_object import FreeObject, Hinge, Slider
 from hhsim.solver.free_engine import FreeEngine, Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -210,9 +210,29 @@ def _triple(values: FloatArray) -> tuple[float, float, float]:
     return (x, y, z)
 
 
-def free_things(rng: np.random.Generator, ticks: int) -> Recorded:
+def joined_things(rng: np.random.Generator, ticks: int) -> Recorded:
+    """Run a hand among two or three free things beside each other, of which the second is on a joint of the first."""
+    return free_things(rng, ticks, joined=True)
+
+
+def _joined(rng: np.random.Generator, one: FreeObject, bearer: FreeObject) -> FreeObject:
+    """Return a thing on a hinge or a slider of another one, with or without limits."""
+    axis, middle = _triple(rng.normal(size=3)), 0.5 * (np.array(one.center) + np.array(bearer.center))
+    limited = bool(rng.random() < 0.5)
+    if rng.random() < 0.5:
+        limits = (-float(rng.uniform(0.0, 1.5)), float(rng.uniform(0.0, 1.5))) if limited else None
+        return replace(one, hinge=Hinge(axis, _triple(middle), limits, on=bearer.name))
+    # Without an end a slider would carry what is light out of reach.
+    return replace(
+        one, slider=Slider(axis, (-float(rng.uniform(0.0, 0.05)), float(rng.uniform(0.0, 0.05))), on=bearer.name)
+    )
+
+
+def free_things(rng: np.random.Generator, ticks: int, joined: bool = False) -> Recorded:
     """Run a hand among one to three free or fixed things, stacked or beside each other, on a table."""
     count, stacked = int(rng.integers(1, 4)), bool(rng.random() < 0.6)
+    if joined:
+        count, stacked = max(count, 2), False
     solids, free, fixed = [], [], []
     height, top = 0.0, [0.0]
     for k in range(3):
@@ -232,7 +252,10 @@ def free_things(rng: np.random.Generator, ticks: int) -> Recorded:
         top.append(height)
         solids.append(solid.transformed(np.eye(3), place))
         free.append(random_free(rng, solids[-1]))
-        fixed.append(bool(k == 0 and count > 1 and rng.random() < 0.2))
+        fixed.append(bool(k == 0 and count > 1 and not joined and rng.random() < 0.2))
+    if joined:
+        free[0] = replace(free[0], name="thing 0")
+        free[1] = _joined(rng, free[1], free[0])
     things = [
         Thing(contact_surface("mesh", solid.mesh, None), one, still, f"thing {k}")
         for k, (solid, one, still) in enumerate(zip(solids, free, fixed))
@@ -275,6 +298,7 @@ def free_things(rng: np.random.Generator, ticks: int) -> Recorded:
         programs_of(records),
         tuple(bodies),
         hand_force=force_on_hands([records], bodies[0].turn),
+        joints=((1, 0),) if joined else (),
         friction=max(one.friction for one in free[:count]),
         released=release_of(ticks) == RELEASE,
     )
@@ -483,6 +507,7 @@ FAMILIES: dict[str, Callable[[np.random.Generator, int], Recorded]] = {
     "hands-meet": hands_that_meet,
     "parts": moving_parts,
     "own-fingers": own_fingers,
+    "joined-things": joined_things,
 }
 """Families of scenes by their names."""
 
@@ -525,7 +550,7 @@ class Row:
         self.verdict.add(found)
 
 
-KINDS = ("hand in thing", "thing in thing", "thing in table", "hand in hand", "hand in itself")
+KINDS = ("hand in thing", "thing in thing", "thing in table", "hand in hand", "hand in itself", "off a joint")
 
 
 def table_of(rows: Sequence[Row]) -> Table:

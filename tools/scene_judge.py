@@ -29,6 +29,8 @@ EVERY = 100
 """Ticks from one whose depths are judged to the next."""
 DEEP = 1e-9
 """Depth [m] that counts: a nanometre is rounding."""
+JOINED = 2e-6
+"""How far a thing may come off its joint [m, rad], unless the tick lags."""
 TOUCH = 5e-6
 """Largest distance [m] of what may bear a force."""
 EQUATION = 1e-6
@@ -103,6 +105,7 @@ class Recorded:
     hand_force: FloatArray | None = None  # of all hands together, as they record it [N], (T, 3)
     hands_apart: bool = False  # True if two hands keep out of each other
     self_contact: bool = False  # True if a hand's own parts do
+    joints: tuple[tuple[int, int], ...] = ()  # each of a body that is on a joint of another one, by their numbers
     friction: float = 0.0
     released: bool = False  # True if the user's hands end where nothing is
 
@@ -205,8 +208,15 @@ def judge(scene: Recorded, every: int = EVERY) -> Verdict:
         else:
             found.crossed = float(np.maximum(0.0, -nearest).max(initial=0.0))
     found.touching = int(touching.sum())
+    for one, bearer in scene.joints:
+        off = off_joint(scene.bodies[one], scene.bodies[bearer])
+        found.deepest["off a joint"] = max(found.deepest.get("off a joint", 0.0), float(off.max()))
+        whole = np.flatnonzero(((scene.status & (STATUS_LAG | STATUS_STUCK)) == 0).all(axis=0))
+        found.note("off a joint [m, rad]", off[whole], JOINED, whole)
     for i, body in enumerate(scene.bodies):
-        for other in scene.bodies[:i]:
+        for k, other in enumerate(scene.bodies[:i]):
+            if (i, k) in scene.joints or (k, i) in scene.joints:
+                continue
             found.depth("thing in thing", np.maximum(0.0, -separation(body, other, look)), look)
         if body.free is not None and body.free.table is not None:
             height = lowest(body, look) - body.free.table
@@ -216,6 +226,23 @@ def judge(scene: Recorded, every: int = EVERY) -> Verdict:
     _forces(scene, found)
     _stops(scene, owns, found)
     return found
+
+
+def off_joint(body: Motion, bearer: Motion) -> FloatArray:
+    """Return how far a body is off its joint with the one that bears it, or beyond the limits [m, rad], (T,)."""
+    assert body.free is not None and body.free.joint is not None
+    joint, hinge = body.free.joint, body.free.hinge
+    axis, origin = joint.direction, np.array(hinge.origin if hinge else body.free.center)
+    turns = [rotation_matrix(one.turn) for one in (bearer, body)]
+    turn = np.einsum("tji,tjk->tik", *turns)
+    way = np.einsum("tji,tj->ti", turns[0], turns[1] @ origin + body.shift - turns[0] @ origin - bearer.shift)
+    poses, _ = rotations(body.turn)
+    relative = (rotations(bearer.turn)[0].inv() * poses).as_rotvec()
+    value = relative @ axis if hinge else way @ axis
+    kept = (way, turn @ axis - axis) if hinge else (way - np.outer(value, axis), relative)
+    least, most = joint.limits or (-np.inf, np.inf)
+    off = np.maximum(*(np.linalg.norm(one, axis=1) for one in kept))
+    return np.asarray(np.maximum(off, np.maximum(least - value, value - most)))
 
 
 def ticks_to_judge(scene: Recorded, every: int) -> IntArray:
