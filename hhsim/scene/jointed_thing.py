@@ -197,14 +197,7 @@ class JointedThing(Settings, frozen=True):
             if names.count(name) > 1:
                 raise InputError(f"two parts have the name '{name}'; expected a name for each")
         check_known("part", [part.parent for part in self.part if part.parent], names)
-        parents = {part.name: part.parent for part in self.part}
-        for name in names:
-            chain = [name]
-            while parents[chain[-1]]:
-                chain.append(parents[chain[-1]])
-                if chain[-1] in chain[:-1]:
-                    circle = chain[chain.index(chain[-1]) :]
-                    raise InputError(f"joints in a circle: {' on '.join(circle)}; expected one part without a parent")
+        check_no_circle({part.name: part.parent for part in self.part}, "one part without a parent")
         roots = [part.name for part in self.part if not part.parent]
         if len(roots) > 1:
             raise InputError(f"parts {', '.join(roots)} have no parent; expected one such part")
@@ -246,6 +239,16 @@ class JointedThing(Settings, frozen=True):
                 orientation = quaternion_product(turn, orientation)
             known[part.name] = (position, orientation)
         return {part.name: known[part.name] for part in self.part}
+
+
+def check_no_circle(bearers: Mapping[str, str], expected: str) -> None:
+    """Check that nothing hangs on itself, by the name of what each hangs on; InputError says what is expected."""
+    for name in bearers:
+        chain = [name]
+        while on := bearers.get(chain[-1]):
+            chain.append(on)
+            if on in chain[:-1]:
+                raise InputError(f"joints in a circle: {' on '.join(chain[chain.index(on) :])}; expected {expected}")
 
 
 def read_jointed_thing(path: Path) -> JointedThing:

@@ -43,7 +43,7 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.ranges import RANGES
 from hhsim.reproducible import norm
 from hhsim.scene.free_object import CLEARANCE, FreeObject, Hinge, Slider
-from hhsim.scene.jointed_thing import Number, Shape, Three, Two
+from hhsim.scene.jointed_thing import Number, Shape, Three, Two, check_no_circle
 from hhsim.scene.parts_of_thing import require_apart, shape_mesh
 from hhsim.system.settings_file import Settings, between, read_settings, read_toml_text
 from hhsim.trees.sphere_tree import SphereTree
@@ -128,21 +128,12 @@ class ThingsSettings(Settings, frozen=True):
             raise InputError(f"the first thing, '{names[0]}', is fixed; expected the one that the hand moves first")
         bearers = {thing.name: thing.joint.on for thing in self.thing if thing.joint and thing.joint.on}
         check_known("thing", bearers.values(), names)
-        for name, on in bearers.items():
-            chain = [name]
-            while on and on not in chain:
-                chain.append(on)
-                on = bearers.get(on, "")
-            if on:
-                raise InputError(
-                    f"joints in a circle: {' on '.join([*chain, on])}; expected one thing without a bearer"
-                )
+        check_no_circle(bearers, "one thing that hangs on no other")
+        free = [thing.name for thing in self.thing if not thing.fixed]
         for thing in self.thing:
-            joint = thing.joint
-            if joint and joint.friction > 0.0 and joint.on and not self.thing[names.index(joint.on)].fixed:
-                raise InputError(
-                    f"the {joint.KIND} of '{thing.name}' is on a free thing; expected {joint.KIND}.friction = 0"
-                )
+            if thing.joint and thing.joint.friction > 0.0 and thing.joint.on in free:
+                kind = thing.joint.KIND
+                raise InputError(f"the {kind} of '{thing.name}' is on a free thing; expected {kind}.friction = 0")
 
     @property
     def joined(self) -> set[frozenset[str]]:

@@ -730,11 +730,15 @@ def _things_apart(things: Sequence[FreeThing]) -> Claim:
         low, high = meshes[i].bounds + [[CLEAR], [-CLEAR]]
         (here, at), (there, place) = moved[i], moved[j]
         turn, shift = there.swapaxes(1, 2) @ here, (place - at)[:, None] @ here
+        last, room = np.zeros_like(points[j]), np.zeros(len(points[j]))
         for rows in np.array_split(np.arange(len(ticks)), range(TOGETHER, len(ticks), TOGETHER)):
             seen = points[j] @ turn[rows] + shift[rows]
             inside = np.logical_and.reduce([(seen[..., k] > low[k]) & (seen[..., k] < high[k]) for k in range(3)])
             for t in np.flatnonzero(inside.any(axis=1)):
-                found = -float(shell.signed_distance(seen[t][inside[t]]).min())
-                depth[rows[t]] = max(depth[rows[t]], found)
+                # A point that has moved by less than it was away from the surface is still outside.
+                near = np.flatnonzero(inside[t])
+                near = near[np.linalg.norm(seen[t, near] - last[near], axis=1) >= room[near]]
+                last[near], room[near] = seen[t, near], shell.signed_distance(seen[t, near])
+                depth[rows[t]] = max(depth[rows[t]], -room[near].min(initial=0.0))
     says = f"no thing is in another one, by points of its triangles in {len(ticks)} ticks"
     return judged("things apart", says, depth, CLEAR, "m", "the clearance", ticks=ticks)
