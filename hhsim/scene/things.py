@@ -183,11 +183,10 @@ class Things:
             lowest = min(float(one.bounds[0, 2]) for one in meshes) - CLEARANCE
             table = lowest if settings.table == "under" else float(settings.table) + float(motion.object_position[2])
         free = [thing.free_object(one, table, *place) for thing, one in zip(settings.thing, meshes)]
-        first = settings.thing[0].name
-        if any(one.joint and one.joint.on == first for one in free):
-            free[0] = replace(free[0], name=first)
-        given = list(zip(settings.thing, meshes, trees, free))[1:]
         names = tuple(thing.name for thing in settings.thing)
+        if any(one.joint and one.joint.on == names[0] for one in free):
+            free[0] = replace(free[0], name=names[0])
+        given = list(zip(settings.thing, meshes, trees, free))[1:]
         parts = MovingParts(
             self.name, names, tuple(meshes), tuple(trees), np.zeros((ticks, len(names), 7)), {}, free=True
         )

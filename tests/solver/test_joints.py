@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from free_scenes import REACH_PER_STIFFNESS, box, closing, far_hand, tongs, tongs_at
+from scipy.integrate import solve_ivp
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
@@ -126,6 +127,46 @@ def test_a_plate_hangs_from_a_box_that_the_fingers_hold() -> None:
     assert not record.status[-100:].any()
     np.testing.assert_allclose(ticks.things[0].hand_wrench[-1, 2], 0.3 * G, rtol=1e-3)
     np.testing.assert_allclose(ticks.thing_wrench[1, -1, :3], [0.0, 0.0, 0.1 * G], atol=2e-3)
+
+
+def test_a_plate_on_a_hinged_one_is_a_double_pendulum() -> None:
+    length, mass, ticks = 0.2, (0.3, 0.5), 240
+    meshes = [box((length, 0.1, 0.01), (length * (k + 0.5), 0.0, 0.0)) for k in range(2)]
+    upper = FreeObject.of_mesh(meshes[0], mass=mass[0], hinge=Hinge((0.0, -1.0, 0.0), (0.0, 0.0, 0.0)), name="upper")
+    hinge = Hinge((0.0, -1.0, 0.0), (length, 0.0, 0.0), on="upper")
+    lower = FreeObject.of_mesh(meshes[1], mass=mass[1], hinge=hinge)
+    given = contact_surface("mesh", meshes[0], None), SolverOptions(surface="mesh"), upper
+    solver = HandSolver(
+        HandModel.default(), *given, (Thing(contact_surface("mesh", meshes[1], None), lower, name="l"),)
+    )
+    record = solver.run(*far_hand(ticks))
+    assert not record.status.any()
+    engine: Any = solver.engine
+    turns = [rotation_matrix(one.turn) for one in engine.all_ticks.things[:2]]
+    found = [np.arctan2(turn[:, 2, 0], turn[:, 0, 0]) for turn in turns]
+    inertia = [m * (length**2 + 0.01**2) / 12.0 for m in mass]
+
+    def rates(_: float, at: FloatArray) -> FloatArray:
+        a, b, va, vb = at
+        both, half = mass[1] * length * 0.5 * length, 0.5 * length
+        matrix = [
+            [inertia[0] + mass[0] * half**2 + mass[1] * length**2, both * np.cos(a - b)],
+            [both * np.cos(a - b), inertia[1] + mass[1] * half**2],
+        ]
+        pull = [
+            -both * np.sin(a - b) * vb**2 - (mass[0] * half + mass[1] * length) * G * np.cos(a),
+            both * np.sin(a - b) * va**2 - mass[1] * half * G * np.cos(b),
+        ]
+        return np.concatenate([[va, vb], np.linalg.solve(matrix, pull)])
+
+    true = solve_ivp(rates, (0.0, DT * ticks), np.zeros(4), t_eval=DT * np.arange(1, ticks + 1), rtol=1e-9).y
+    np.testing.assert_allclose(np.unwrap(found[0]), true[0], atol=0.01 * np.abs(true[0]).max())
+    np.testing.assert_allclose(np.unwrap(found[1]), true[1], atol=0.01 * np.abs(true[1]).max())
+    # The upper one's balance about its hinge, with what the joint bears: the referee's own equation.
+    wrench = engine.all_ticks.thing_wrench
+    np.testing.assert_allclose(wrench[0, :, :3], -wrench[1, :, :3], atol=1e-9)
+    moved = mass[1] * np.diff(engine.all_ticks.things[1].velocity, axis=0, prepend=0.0) / DT
+    np.testing.assert_allclose(wrench[1, :, :3], moved + [0.0, 0.0, mass[1] * G], atol=1e-5)
 
 
 SCENE = """

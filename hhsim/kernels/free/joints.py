@@ -17,7 +17,7 @@ from hhsim.kernels.free.body import HINGE, OBJECT_DOF, along_axis, joint_value
 from hhsim.kernels.free.columns import States, common_count, is_one, thing_column, thing_count, write_row
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_once
-from hhsim.kernels.rotation import rotation_vector_between, turned, turned_back
+from hhsim.kernels.rotation import rotation_vector_between, turned
 
 SLACK = 4
 """Column of a jointed body's slack variable."""
@@ -119,20 +119,6 @@ def joints_hold(states: States, bodies: Record, problem: Record) -> bool:
         if bodies[k].pair_joint > 0:
             held = held and pair_values(bodies[k], states[bodies[k].pair].pose, problem.scratch[:]) <= SETTLED
     return held
-
-
-@jit
-def bear_joint(bodies: Record, problem: Record, row: int, force: float, borne: Record) -> None:
-    """Add the load of a row of a joint of two free bodies to the wrenches on both, each in its own frame."""
-    k = (JOINT_KEYS - problem.key[row]) // PAIR_ROWS
-    for thing in (k, problem.thing[bodies[k].pair]):
-        body, column, wrench = bodies[thing], thing_column(problem, thing), borne.thing_wrench[thing]
-        root, vector = body.inverse_root, body.vector
-        for j in range(3):
-            wrench[j] += force * problem.common[column + j, row] / root[j]
-            vector[j] = force * problem.common[column + 3 + j, row] / root[3 + j]
-        x, y, z = turned_back(body.axes, vector[0], vector[1], vector[2])
-        wrench[3], wrench[4], wrench[5] = wrench[3] + x, wrench[4] + y, wrench[5] + z
 
 
 @jit_once

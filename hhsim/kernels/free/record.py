@@ -20,7 +20,7 @@ from hhsim.kernels.free.columns import (
     thing_of,
     torsion_radius,
 )
-from hhsim.kernels.free.joints import PAIR_KIND, bear_joint
+from hhsim.kernels.free.joints import JOINT_KEYS, PAIR_KIND, PAIR_ROWS
 from hhsim.kernels.free.rows import DIRECTIONS, TABLE_KEYS
 from hhsim.kernels.hand.kinematics import BODY_COUNT
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_once
@@ -85,7 +85,7 @@ class ObjectRecord(NamedTuple):
 
 @jit
 def _push(
-    r: tuple[float, float, float], m: tuple[float, float, float], size: float, turn: float, n: Array, wrench: Array
+    r: tuple[float, float, float], m: tuple[float, float, float], size: float, turn: float, n: Any, wrench: Array
 ) -> None:
     # Add a force along m at a point by its place from the centre, and a moment along n, to the wrench on a body.
     rx, ry, rz = r
@@ -120,6 +120,23 @@ def _bear(states: States, problem: Record, of: int, force: float, p: Array, m: t
     active.count += 1
 
 
+@jit
+def _bear_joint(states: States, bodies: Record, problem: Record, row: int, force: float, borne: Record) -> None:
+    # Add the load of a row of a joint of two free bodies to the wrenches on both.
+    number = JOINT_KEYS - problem.key[row]
+    k, r = number // PAIR_ROWS, number % PAIR_ROWS
+    pair = bodies[k].pair
+    thing, pose, p, e = problem.thing[pair], states[pair].pose, bodies[k].joint_origin, bodies[k].joint_axes[r // 2 % 3]
+    size = force if r % 2 == 0 else -force
+    along = size if r < PAIR_ROWS // 2 else 0.0
+    center, place, turn, m = bodies[thing].center, pose.position, pose.rotation, (e[0], e[1], e[2])
+    away = (p[0] - center[0], p[1] - center[1], p[2] - center[2])
+    _push(away, m, -along, along - size, m, borne.thing_wrench[thing])
+    m = turned_back(turn, e[0], e[1], e[2])
+    away = turned_back(turn, p[0] - place[0], p[1] - place[1], p[2] - place[2])
+    _push(away, m, along, size - along, m, borne.thing_wrench[k])
+
+
 @jit_once
 def find_borne(
     states: States, bodies: Record, contacts: Record, problem: Record, friction: Record, loaded: Record, borne: Record
@@ -136,7 +153,7 @@ def find_borne(
         force = loaded.multiplier[i]
         owner, kind = problem.owner[row], problem.kind[row]
         if kind == PAIR_KIND:
-            bear_joint(bodies, problem, row, force, borne)
+            _bear_joint(states, bodies, problem, row, force, borne)
         if TABLE_KEYS < problem.key[row] < 0 or force <= 0.0:
             continue
         contact = owner if owner >= 0 else -1 - row
