@@ -26,7 +26,7 @@ LAW = "Coulomb with de Saxcé's correction, cone of 4 directions turned to the l
 
 
 class _Joint:
-    """What a hinge and a slider have in common; InputError for an axis of length 0, or limits without the value 0."""
+    """Joint with an axis and limits, a hinge or a slider; InputError for an axis of length 0, or limits without 0."""
 
     KIND: ClassVar[str]
     VALUES: ClassVar[tuple[str, float, str, str]]  # what they are, their unit, and their bound as number and as text
@@ -42,10 +42,8 @@ class _Joint:
         least, most = self.limits or (0.0, 0.0)
         values, bound, unit, text = self.VALUES
         if not -bound <= least <= 0.0 <= most <= bound:
-            raise InputError(
-                f"{self.KIND} limits {least:g} to {most:g} {unit}; "
-                f"expected {values} from the start, with 0, within ±{text}"
-            )
+            expected = f"expected {values} from the start, with 0, within ±{text}"
+            raise InputError(f"{self.KIND} limits {least:g} to {most:g} {unit}; {expected}")
 
     @property
     def direction(self) -> FloatArray:
@@ -56,7 +54,7 @@ class _Joint:
 
 @dataclass(frozen=True)
 class Hinge(_Joint):
-    """Hinge of a free object, fixed in the world, about which alone it turns."""
+    """Hinge of a free object, in the world or on another thing, about which alone it turns."""
 
     KIND, VALUES = "hinge", ("angles", np.pi, "rad", "π")
 
@@ -64,7 +62,7 @@ class Hinge(_Joint):
     origin: Triple  # a point of the axis [m], world
     limits: tuple[float, float] | None = None  # least and greatest angle from the first tick on [rad], within ±π
     friction: float = 0.0  # largest moment of its dry friction [N·m]
-    on: str = ""  # name of the thing that it is fixed to, which the object goes through; "": the world
+    on: str = ""  # name of the thing that bears it, which the object goes through; "": the world
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -79,7 +77,7 @@ class Hinge(_Joint):
 
 @dataclass(frozen=True)
 class Slider(_Joint):
-    """Slider of a free object, fixed in the world, along which alone it moves."""
+    """Slider of a free object, in the world or on another thing, along which alone it moves."""
 
     KIND, VALUES = "slider", ("ways", 100.0, "m", "100")
 

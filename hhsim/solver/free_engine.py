@@ -257,7 +257,8 @@ class FreeEngine:
     def _join_pair(free: FreeObject, body: Any) -> None:
         """Let a body and the free one that bears it move against each other about or along the axis alone."""
         joint = free.joint
-        assert joint is not None
+        if joint is None or joint.friction > 0.0:
+            raise InputError("a joint on a free thing has friction; expected friction = 0")
         body.pair_joint = HINGE if isinstance(joint, Hinge) else SLIDER
         body.joint_origin[:] = joint.origin if isinstance(joint, Hinge) else free.center
         body.joint_axes[:] = _about(joint.direction)

@@ -80,6 +80,11 @@ def test_what_turns_on_a_hinge_keeps_momenta_and_energy(axis: tuple[float, float
     np.testing.assert_allclose(first[:, :3], -second[:, :3], atol=1e-9)
 
 
+def test_friction_on_a_free_thing_is_refused() -> None:
+    with pytest.raises(InputError, match="a joint on a free thing has friction; expected friction = 0"):
+        run_pair(1, hinge=Hinge((0.0, 1.0, 0.0), (0.0, 0.0, 0.0), friction=0.1, on="base"))
+
+
 def test_limits_of_a_hinge_end_its_turn_and_both_go_on_as_one() -> None:
     hinge = Hinge((0.0, 1.0, 0.0), (0.0, 0.0, 0.0), limits=(-0.5, 0.5), on="base")
     record, free = run_pair(800, hinge=hinge, angular_velocity=(0.0, 4.0, 0.0))
