@@ -54,6 +54,8 @@ SIDES_OF_CONE = 8
 """Sides of the pyramid around the cone of a contact that is not in the file."""
 JOINED = 2e-6
 """How far two things may come off their joint [m, rad]."""
+DRIVEN = 1e6
+"""Mass [kg] and moment of inertia [kg·m²] that a driven thing counts as."""
 SAME_THING = 1e-9
 """Tolerance between the object and the first of several things [m, N]."""
 
@@ -63,6 +65,7 @@ class FreeThing:
 
     def __init__(self, result: Result, free: dict[str, Any], group: str = "object") -> None:
         self.result, self.free, self.group, self.name = result, free, group, group.rpartition("/")[2]
+        self.fixed, self.driven = bool(free.get("fixed")), f"{group}/recorded_position" in result
         self.period = 1.0 / result.rate
         self.mass, self.inertia = float(free["mass"]), np.array(free["inertia"], np.float64)
         self.gravity, self.damping = np.array(free["gravity"]), float(free["damping"])
@@ -120,7 +123,7 @@ class FreeThing:
     def unbalanced(self, force: FloatArray) -> FloatArray:
         """Residual of Newton's equation [N], shape (T,), for the forces (T, 3); a fixed thing has no velocity."""
         velocity, heavier = self.velocity, 1.0 + self.damping * self.period
-        if self.free.get("fixed"):
+        if self.fixed:
             return np.asarray(self.mass / self.period * np.linalg.norm(velocity[1:], axis=1))
         made = heavier * velocity[1:] - velocity[:-1]
         wanted = self.period * (force / self.mass + self.gravity)
@@ -197,11 +200,12 @@ def free_claims(result: Result) -> list[Claim]:
     stated = zip((motion.free, *result.scene.get("others", ())), result.parts)
     things = [FreeThing(result, *one) for one in stated] or [motion]
     joints = [(thing, joint["on"]) for thing in things if (joint := _joint(thing))]
-    pairs = [(thing, one) for thing, on in joints for one in things if one.name == on and not one.free.get("fixed")]
+    pairs = [(thing, one) for thing, on in joints for one in things if one.name == on and not one.fixed]
     held = [thing for thing, _ in joints if thing not in [one for one, _ in pairs]]
     claims = [
         *_velocities(things),
-        *_balance([thing for thing in things if thing not in held]),
+        *_balance([thing for thing in things if not (thing in held or thing.driven)]),
+        *(_driven(thing) for thing in things if thing.driven),
         *_wrenches(motion, any(things[0] in pair for pair in pairs)),
         _equal_and_opposite(motion),
         *_cones(motion),
@@ -303,7 +307,7 @@ def _balance(things: Sequence[FreeThing]) -> list[Claim]:
     says = "the change of its turning is the moments of hand and table"
     why = "a millionth of the forces at the object's length, and a thousandth of the moment; of several programs "
     why += "in a tick the object's turn of it, since nobody knows which of the axes between they had"
-    free = [thing for thing in things if not thing.free.get("fixed")]
+    free = [thing for thing in things if not thing.fixed]
     return [*claims, *_of_each("Euler", says, "N·m", why, free, map(_euler, free))]
 
 
@@ -592,7 +596,7 @@ def _table(motion: FreeMotion, things: Sequence[FreeThing]) -> Claim:
     stored = np.asarray(motion.result["object/table_distance"])
     if height is None:
         return all_true("table", says, np.isfinite(stored), ticks=motion.ticks, note="there is none")
-    lowest = [thing.lowest - height for thing in things if not thing.free.get("fixed")]
+    lowest = [thing.lowest - height for thing in things if not (thing.fixed or thing.driven)]
     off = np.maximum(np.abs(lowest[0] - stored), -np.min(lowest, axis=0))
     return judged("table", says, off, LENGTH, "m", "a nanometre", ticks=motion.ticks)
 
@@ -677,6 +681,18 @@ def _beyond_friction(joint: Mapping[str, Any], value: FloatArray, speed: FloatAr
     return np.maximum(beyond, short)
 
 
+def _driven(thing: FreeThing) -> Claim:
+    """Judge that a driven thing goes as recorded, but for what the forces on it move it by, as heavy as it counts."""
+    way = thing.of("position") - thing.of("recorded_position")
+    poses = (rotations(thing.of(name))[0] for name in ("orientation", "recorded_orientation"))
+    turn = (next(poses).inv() * next(poses)).magnitude()
+    off = np.maximum(np.linalg.norm(way, axis=1), turn)[thing.whole]
+    borne = (np.abs(thing.borne).sum(axis=1) * thing.period**2 / DRIVEN)[thing.whole]
+    says = f"{thing.group} goes as recorded in every tick that does not lag"
+    why = "a nanometre, and what the forces on it move a mass of 1,000 t by in a tick"
+    return judged("driven", says, off, LENGTH + borne, "m, rad", why, ticks=thing.whole)
+
+
 def _first_thing(motion: FreeMotion, first: FreeThing) -> Claim:
     pairs = ((getattr(motion, name), getattr(first, name)) for name in ("center", "velocity", "spin", "borne"))
     off = [np.abs(one - other)[-len(motion.ticks) :].max(axis=1) for one, other in pairs]
@@ -724,7 +740,7 @@ def _things_apart(things: Sequence[FreeThing]) -> Claim:
     depth, names = np.zeros(len(ticks)), result.scene["thing"]["parts"]
     joined_by = [{name, joint["on"]} for name, joint in zip(names, map(_joint, things)) if joint]
     for (i, shell), j in itertools.product(enumerate(shells), range(len(shells))):
-        if i == j or {names[i], names[j]} in joined_by:
+        if i == j or {names[i], names[j]} in joined_by or all(things[k].fixed or things[k].driven for k in (i, j)):
             continue
         # What is deeper than the clearance is as far within the bounds.
         low, high = meshes[i].bounds + [[CLEAR], [-CLEAR]]

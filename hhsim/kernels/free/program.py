@@ -10,12 +10,13 @@ from hhsim.kernels.free.columns import (
     common_count,
     first_finger,
     hand_count,
+    is_one,
     pair_count,
     thing_column,
     thing_count,
     variable_count,
 )
-from hhsim.kernels.free.joints import SLACK, slack_target
+from hhsim.kernels.free.joints import SLACK, slack_column, slack_target
 from hhsim.kernels.free.leanings import find_leanings, turn_contacts
 from hhsim.kernels.free.rows import STANDS_BACK, TABLE_KEYS, contact_rows, friction_rows, measure_slip
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
@@ -109,6 +110,8 @@ def scale_target(bodies: Record, problem: Record) -> None:
             target[column + 1] = target[column + 2] = 0.0
         if body.joint > 0:
             target[column + SLACK] = slack_target(body)
+        if not is_one(problem) and body.pair_joint > 0 and body.joint_friction > 0.0:
+            target[slack_column(problem, as_int64(k))] = slack_target(body)
 
 
 @jit
@@ -233,7 +236,7 @@ def _rest(bodies: Record, problem: Record) -> None:
     delta = problem.delta
     for k in range(thing_count(problem)):
         body, column = bodies[k], thing_column(problem, k)
-        if body.is_free == 0 or body.joint > 0:
+        if body.is_free == 0 or body.is_driven == 1 or body.joint > 0:
             continue
         size = 0.0
         before = 0.0

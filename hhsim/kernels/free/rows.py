@@ -57,6 +57,8 @@ OTHER_ROWS = 1024
 HAND_GROUPS = 3 * FINGER_COUNT + 2
 """Of a hand and its first thing: palm and fingers, and their limits; then palm and fingers with friction."""
 
+SLACKS = 6
+"""Columns of slack variables, one of each thing, if there are any: rows are read in strips of so many."""
 TABLE_KEYS = -1000
 """Keys of the table's rows go down from here; those of joint limits from -1."""
 PAIR_KEYS = 1 << 40
@@ -78,6 +80,7 @@ TINY = 1e-9
 def free_problem_dtype(hands: int, things: int) -> "np.dtype[Any]":
     """Build the dtype of the rows of up to so many hands and things, in the layout of `kernels.qp.active_set`."""
     common, fingers, pairs = 6 * (hands + things), FINGER_COUNT * hands, things * (hands + things - 1)
+    common += SLACKS if things > 1 else 0
     dof = common + PHALANX_COUNT * fingers
     rows = FREE_ROWS + SECOND_ROWS * (hands - 1) + (OTHER_ROWS if things > 1 else 0)
     groups = HAND_GROUPS * hands + 2 * (FINGER_COUNT + 1) * (pairs - hands) + 1
@@ -85,7 +88,8 @@ def free_problem_dtype(hands: int, things: int) -> "np.dtype[Any]":
         [
             ("hands", np.int64),  # numbers of those that there are
             ("things", np.int64),
-            ("common", np.float64, (common, rows)),  # columns of palms and things, scaled
+            ("slacks", np.int64),  # SLACKS where a joint of two free things has friction, else 0
+            ("common", np.float64, (common, rows)),  # columns of palms, things and slacks, scaled
             ("block", np.float64, (PHALANX_COUNT, rows)),  # columns of the row's own finger, scaled
             ("rhs", np.float64, (rows,)),  # [m] for contacts, [rad] for limits
             ("key", np.int64, (rows,)),  # names the same row at every tick

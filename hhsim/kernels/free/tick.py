@@ -22,6 +22,7 @@ from hhsim.kernels.free.body import (
     OBJECT_DOF,
     Support,
     body_target,
+    drive_body,
     keep_body,
     move_body,
     predict,
@@ -44,7 +45,7 @@ from hhsim.kernels.free.columns import (
     variable_count,
 )
 from hhsim.kernels.free.edges import Edges, measure_edges, record_edges
-from hhsim.kernels.free.joints import has_joint_rows, joints_hold
+from hhsim.kernels.free.joints import begin_joints, has_joint_rows, joints_hold
 from hhsim.kernels.free.program import begin_search, clip_shifts, scale_target, solve_free, take_steps, take_targets
 from hhsim.kernels.free.record import copy_borne, find_borne, turn_loads
 from hhsim.kernels.free.rows import PAIR_KEYS, begin_frictions, find_frictions, touches
@@ -626,6 +627,7 @@ def _begin_motion(method: Free, hand: HandArrays, surface: Any, state: Record) -
     """Let the things go on by their velocity and their weight."""
     problem = state.free_problem
     _place_pairs(method, state)
+    begin_joints(method.states, state.bodies, problem)
     for p in range(1, pair_count(problem)):
         begin_tick(method.options, method.states[p])
     for k in range(thing_count(state.free_problem)):
@@ -664,8 +666,12 @@ def run_many(
     haptic: tuple[HapticBlock, ...],
     record: tuple[TickRecord, ...],
     object_record: Any,
+    driven: Array,
 ) -> int:
-    """Run one tick for each row of the haptic inputs of the hands, as `kernels.tick.block.run_block` does of one."""
+    """Run one tick for each row of the haptic inputs of the hands, as `kernels.tick.block.run_block` does of one.
+
+    `driven` has position [m] and orientation of each thing's centre at each tick, (K, B, 7), read of driven ones.
+    """
     state = states[0]
     hands = hand_count(state.free_problem)
     for i in range(haptic[0].position.shape[0]):
@@ -681,6 +687,9 @@ def run_many(
                 given.abduction[i],
                 states[h],
             )
+        for k in range(thing_count(state.free_problem)):
+            if state.bodies[k].is_driven == 1:
+                drive_body(state.bodies[k], driven[k, i])
         tick(method, method.movers[0], method.surfaces[0], state, qp)
         wall = monotonic_ns() - wall
         cpu = thread_cpu_ns() - cpu
