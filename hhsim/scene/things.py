@@ -232,8 +232,8 @@ def load_things(word: str, motion: object = None, *, solid: bool = True) -> Thin
     """Load several things: a name of the catalogue, or a TOML file.
 
     Joints of driven things are moved by the motion, if it is a script that has some. Without `solid` the triangles of
-    mesh files are taken as they are. Raises UnknownNameError for a joint that no thing has, and InputError for a file
-    that cannot be used, or things that begin inside each other.
+    mesh files are taken as they are. Raises InputError for a file that cannot be used, a joint that no thing has, or
+    things that begin inside each other.
     """
     path = _path_of(word)
     settings = read_settings(path, ThingsSettings, "scene of several things")
