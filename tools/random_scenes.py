@@ -323,7 +323,7 @@ def free_things(rng: np.random.Generator, ticks: int, joined: bool = False, driv
 
 
 def two_hands_free(rng: np.random.Generator, ticks: int) -> Recorded:
-    """Run two hands that squeeze, turn and fling one free thing, or go through it."""
+    """Run two hands that squeeze, turn and fling one free thing, or go through it and each other."""
     solid = random_solid(rng, 0.02, 0.12).transformed(random_turn(rng), np.zeros(3))
     on_table = bool(rng.random() < 0.7)
     solid = solid.transformed(np.eye(3), np.array([0.0, 0.0, rng.uniform(GAP, 0.02) - solid.mesh.bounds[0, 2]]))
@@ -362,6 +362,7 @@ def two_hands_free(rng: np.random.Generator, ticks: int) -> Recorded:
         (body,),
         hand_force=force_on_hands(records, body.turn),
         friction=free.friction,
+        hands_apart=True,
         released=release_of(ticks) == RELEASE,
     )
 

@@ -1,8 +1,8 @@
 """Replay of two hands on one object, and one file of both.
 
-On an object that stands still or moves as recorded the hands keep out of each other: where they cannot meet each hand's
-ticks are those that it has alone, side by side on two threads, else one program's. A free object and both hands have
-one program, and there the hands do not see each other.
+The hands keep out of each other. On an object that stands still or moves as recorded each hand's ticks are those that
+it has alone, side by side on two threads, where the hands cannot meet. Elsewhere, and with a free object, both have
+one program.
 """
 
 from collections.abc import Mapping, Sequence
@@ -84,7 +84,7 @@ def replay_two_hands(
     path = Path(output_path)
     check_result_path(path)
     free, jointed = scenes[0].free, scenes[0].parts is not None
-    keeps_apart = free is None and keeps_hands_apart(options, jointed=jointed)
+    keeps_apart = free is not None or keeps_hands_apart(options, jointed=jointed)
     described = {TWO_HANDED: True, HANDS_APART: keeps_apart}
     runs = [Replay(scene, options, described, alone=free is None) for scene in scenes]
     parts = [free_name(path.with_name(f"{path.stem}.{side}.partial{path.suffix}")) for side in SIDES]

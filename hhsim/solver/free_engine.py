@@ -10,6 +10,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import palm_arrays
+from hhsim.kernels.contact.hand_pairs import hand_reach
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import HINGE, SLIDER, Support
 from hhsim.kernels.free.edges import Edges
@@ -170,7 +171,8 @@ class FreeEngine:
         self._name_pairs()
         problem, friction = self.states[0].free_problem, self.states[0].friction
         problem.hands, problem.things, friction.room = hands, things, friction_count(things)
-        problem.slacks = 0
+        problem.slacks, problem.no_block[:] = 0, -1
+        self.states[0].meeting.reach[:hands] = [hand_reach(hand.hand) for hand in self.hands]
         problem.inverse_root[:] = self.states[0].problem.inverse_root
         for k, (thing, support, body) in enumerate(zip(self.things, supports, self.states[0].bodies)):
             self._place(thing, support, body)

@@ -14,7 +14,7 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result, load_result
-from hhsim.result.schema import SIDES, TWO_HANDED, is_one_of_two
+from hhsim.result.schema import HANDS_APART, SIDES, TWO_HANDED, is_one_of_two
 from hhsim.scene.parts_of_thing import points_on
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
@@ -52,6 +52,8 @@ AGAINST = np.cos(np.radians(45.0)) - 1e-6
 
 SIDES_OF_CONE = 8
 """Sides of the pyramid around the cone of a contact that is not in the file."""
+MEETS = 1e-4
+"""Distance of two hands within which they may bear on each other [m]."""
 JOINED = 2e-6
 """How far two things may come off their joint [m, rad]."""
 DRIVEN = 1e6
@@ -159,8 +161,13 @@ class FreeMotion(FreeThing):
 
     @cached_property
     def alone(self) -> BoolArray:
-        """True for ticks in which no hand bears on another thing, whose contacts are not in the file, shape (T,)."""
+        """True for ticks in which no hand bears on what has no contacts in the file, shape (T,): things, other hand."""
         found = np.ones(len(self.ticks), bool)
+        if self.result.scene.get(HANDS_APART):
+            judge = JudgedTicks(self.result, self.ticks)
+            if judge.other is None:
+                return ~found
+            found = judge.of_other_hand(self.ticks, MEETS).nearest(len(found)).min(axis=1) > MEETS
         for part in self.result.parts[1:]:
             found &= ~np.asarray(self.result[f"{part}/hand_wrench"]).any(axis=1)
         return found
@@ -494,7 +501,11 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
     Contacts with other things are not in the file: any that push within their cones, where the hand is near enough,
     may bear what is left, as long as they give the forces on the hand's bodies and on these things.
     """
+    name, says = "hand's balance", "the coupling of a settled tick is borne by its contacts, friction and all, "
+    says += "and by joints at their limits"
     result, motion = judge.result, FreeMotion(judge.result)
+    if result.scene.get(HANDS_APART) and judge.other is None:
+        return Claim(name, says, NOT_JUDGED, note=NO_OTHER)
     others = [FreeThing(result, *one) for one in zip(result.scene.get("others", ()), result.parts[1:])]
     settled = judge.status[judge.chosen] & (STUCK | LAG | CAPACITY_EXCEEDED) == 0
     places, ticks = np.flatnonzero(settled), judge.chosen[settled]
@@ -514,6 +525,9 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
         borne, on_bodies = (values.sum(axis=0) for values in pushed)
         limits, _ = limit_rows(judge.hand, judge.chosen_shown.flexion[i])
         may = [np.pad(limits, ((0, 0), (0, len(scale) - 21)))]
+        met = judge.against_other_hand.of(i)
+        by_hand = pushes(judge.chosen_posed, i, met.body, met.point, met.normal)
+        may.append(np.concatenate([*by_hand, np.zeros((len(met.body), len(wrench[n])))], axis=1)[:, : len(scale)])
         for k, thing in enumerate(others):
             body, point, force, twist = _cone(near.of(i), judge.bodies[k + 1], thing.free)
             on_thing = np.zeros((len(body), len(others), 6))
@@ -525,9 +539,8 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
             may.append(np.concatenate(columns, axis=1)[:, : len(scale)])
         wanted = np.concatenate([judge.pull[tick] - borne, stored[n] - on_bodies, wrench[n]])
         off[n] = residual((np.concatenate(may) * scale).T, wanted * scale)
-    says = "the coupling of a settled tick is borne by its contacts, friction and all, and by joints at their limits"
     tolerance = force_slack(judge, size, judge.chosen)[places]
-    return judged("hand's balance", says, off, tolerance, "N", WHY_SLACK, ticks=ticks)
+    return judged(name, says, off, tolerance, "N", WHY_SLACK, ticks=ticks)
 
 
 def _near_others(judge: JudgedTicks, motion: FreeMotion, places: IntArray) -> Pairs:
@@ -569,7 +582,10 @@ def _stands_off(judge: JudgedTicks, ticks: IntArray) -> FloatArray:
 
 def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     """Judge, in the object's frame, that only touching bodies bear forces, but for the friction's residual slip."""
-    motion = FreeMotion(judge.result)
+    motion, name = FreeMotion(judge.result), "complementarity"
+    says = "what does not touch bears no force, but for what floats by what the tick's friction is off"
+    if judge.result.scene.get(HANDS_APART) and judge.other is None:
+        return Claim(name, says, NOT_JUDGED, note=NO_OTHER)
     floats = np.repeat(np.asarray(motion.result["object/friction_residual"])[:, None], PALM + 1, axis=1)
     # A tick that lags stands off by its slip and by the travel left; its forces are those of the unfinished program.
     on_the_way = motion.own & ~np.isin(motion.tick, motion.whole)
@@ -583,12 +599,13 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     to_go = np.where(late, np.asarray(motion.result["lag"])[ticks], 0.0)
     bears = (np.where(late, judge.bearing, judge.touch) + to_go + _stands_off(judge, ticks))[:, None] + floats[ticks]
     # Distances beyond the margin are unknown.
-    nearest = np.minimum(judge.near.nearest[places], judge.margin)
+    nearest, met = np.minimum(judge.near.nearest, judge.margin), judge.against_other_hand
+    np.minimum.at(nearest, (met.tick, met.body), met.distance)
+    nearest = nearest[places]
     apart = nearest > bears + LENGTH
     size = np.linalg.norm(judge.stored_forces(ticks), axis=2)
     off = np.where(apart, size, 0.0).max(axis=1)
-    says = "what does not touch bears no force, but for what floats by what the tick's friction is off"
-    return judged("complementarity", says, off, FORCE, "N", "rounding of a sum", ticks=ticks)
+    return judged(name, says, off, FORCE, "N", "rounding of a sum", ticks=ticks)
 
 
 def _table(motion: FreeMotion, things: Sequence[FreeThing]) -> Claim:
