@@ -4,6 +4,7 @@ Both hands are as the first thing sees them, in whose frame their variables are.
 fingers of both, so that a program with such rows is solved with all variables as common columns.
 """
 
+import math
 from typing import Any
 
 from hhsim.kernels.contact.hand_pairs import (
@@ -22,6 +23,8 @@ from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_inline, jit_no
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 
+SEEN = 0.02
+"""Distance up to which two hands are measured [m]: they are looked at again when their motions may have used it up."""
 MEETING_KEYS = -100
 """Keys of the rows go down from here: below those of the fingers' limits, and above those of joints."""
 MEETING_KIND = -2
@@ -46,14 +49,38 @@ def keep_meetings(movers: Any, states: States) -> None:
             add_hand_row(hands, two, pairs.body[i, 0], pairs.body[i, 1], pairs.multiplier[i], pairs)
 
 
-@jit_noinline
+@jit
+def _most_motion(states: States, h: int) -> float:
+    # Bound of the motion of any point of a hand in the step at hand [m].
+    delta, spread, reach = states[h].step.delta, states[h].problem.abduction_step, states[0].meeting.reach[h]
+    bent = 0.0
+    for f in range(FINGER_COUNT):
+        turn = abs(spread[f])
+        for k in range(PHALANX_COUNT):
+            turn += abs(delta[6 + PHALANX_COUNT * f + k])
+        bent = max(bent, turn)
+    turned = math.sqrt(delta[3] ** 2 + delta[4] ** 2 + delta[5] ** 2)
+    return math.sqrt(delta[0] ** 2 + delta[1] ** 2 + delta[2] ** 2) + reach * (turned + bent)
+
+
+@jit
 def add_meetings(movers: Any, options: TickOptions, states: States) -> bool:
     """Add rows of pairs that the step at hand would bring together; return whether one is new."""
+    state = states[0]
+    _spread_fingers(states)
+    state.may_meet = state.apart <= options.offset + _most_motion(states, as_int64(0)) + _most_motion(
+        states, as_int64(1)
+    )
+    return as_bool(state.may_meet == 1 and _add_broken(movers, options, states))
+
+
+@jit_noinline
+def _add_broken(movers: Any, options: TickOptions, states: States) -> bool:
     pairs = states[0].meeting
     hands, two = _hands(movers, states)
-    _spread_fingers(states)
     bound_motions(hands, two, pairs)
-    look_at_pairs(hands, two, options.offset, options.margin, options.offset, pairs)
+    look_at_pairs(hands, two, SEEN, options.margin, options.offset, pairs)
+    states[0].apart = min(pairs.least, SEEN)
     return as_bool(add_broken_pairs(hands, two, options.offset, pairs))
 
 
@@ -69,16 +96,25 @@ def _spread_fingers(states: States) -> None:
 @jit
 def share_of_meetings(states: States) -> float:
     """Return the share of the step that the pairs vouch for, after `add_meetings`; 1 with one hand."""
-    if hand_count(states[0].free_problem) < 2:
+    if hand_count(states[0].free_problem) < 2 or states[0].may_meet == 0:
         return 1.0
     return float(clear_share(min(states[0].trust.radius, states[1].trust.radius), states[0].meeting))
 
 
 @jit_once
-def hands_distance(movers: Any, states: States) -> float:
-    """Compute the distance of two hands where they are [m] if they are in each other, else infinity."""
+def hands_distance(movers: Any, fraction: float, states: States) -> float:
+    """Compute a bound of the distance of two hands [m] after a share of a step, negative if they are in each other."""
+    state = states[0]
+    state.apart -= fraction * (_most_motion(states, as_int64(0)) + _most_motion(states, as_int64(1)))
+    if not state.apart > 0.0:
+        state.apart = _seen_apart(movers, states)
+    return float(state.apart)
+
+
+@jit_noinline
+def _seen_apart(movers: Any, states: States) -> float:
     hands, two = _hands(movers, states)
-    return float(hands_nearest(hands, two, 0.0, states[0].meeting))
+    return min(hands_nearest(hands, two, SEEN, states[0].meeting), SEEN)
 
 
 @jit

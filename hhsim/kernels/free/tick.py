@@ -352,6 +352,7 @@ def _take_back(method: Free, state: Record) -> None:
     for p in range(pair_count(state.free_problem)):
         take_back(method.states[p])
         method.states[p].progress.failed_steps = 0
+    state.apart = 0.0
     for k in range(thing_count(state.free_problem)):
         take_body_back(state.bodies[k])
     copy_values(state.body_safe_total[:], state.free_problem.total[:])
@@ -538,7 +539,7 @@ def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, s
     for p in range(pairs):
         least = min(least, least_distance(states[p]))
     if hand_count(problem) > 1:
-        least = min(least, hands_distance(method.movers, states))
+        least = min(least, hands_distance(method.movers, fraction, states))
     table, thing, lowest = _table(method, state)
     if table < 0.0:
         keep_entry(thing, lowest, state.friction)
@@ -665,6 +666,7 @@ def _begin_motion(method: Free, hand: HandArrays, surface: Any, state: Record) -
 def rebuild(method: Free, states: States) -> bool:
     """Take the poses of hands and things as they now stand, as each sees what is near; returns whether pairs fit."""
     state, fits = states[0], True
+    state.apart = 0.0
     _place_pairs(method, state)
     _table(method, state)
     for k in range(thing_count(state.free_problem)):
