@@ -94,9 +94,9 @@ class Replay:
         self._prepared = warm_up(scene.hand, self._options, moved_alone, **kinds)
         self._surface = contact_surface(kind, scene.mesh, scene.tree) if jointed is None else jointed.surface(kind)
         self.others = [
-            Thing(contact_surface(kind, other.mesh, other.tree), other.free, other.fixed, other.name, motion)
+            Thing(contact_surface(kind, other.mesh, other.tree), other.free, other.fixed, other.name, driven)
             for other in scene.others
-            for motion in [parts and parts.driven.get(other.name)]
+            for driven in [parts.driven.get(other.name) if parts else None]
         ]
         self.solver = HandSolver(scene.hand, self._surface, self._options, moved_alone, self.others)
         self.engine: Any = self.solver.engine

@@ -43,9 +43,10 @@ class PoseFile(Settings, frozen=True):
         path = folder / self.file
         stamps, poses = read_stamped_poses(path, ReadOptions(pose_order=self.order, pose_unit=self.unit))
         with named(path):
-            if stamps is None and self.rate is None:
-                raise InputError("has no stamps; expected rate = 30.0 beside the file's name")
-            stamps = np.arange(len(poses.position)) / self.rate if stamps is None else stamps
+            if stamps is None:
+                if self.rate is None:
+                    raise InputError("has no stamps; expected rate = 30.0 beside the file's name")
+                stamps = np.arange(len(poses.position)) / self.rate
             missing = ~np.isfinite(np.concatenate(poses, axis=1)).all(axis=1)
             if missing.any():
                 raise InputError(f"lacks the pose of row {int(np.argmax(missing))}; expected one in each row")

@@ -87,7 +87,7 @@ def test_a_paddle_takes_a_block_along_at_its_speed() -> None:
     ticks = 300
     mesh, free = block(friction=0.0, gravity=(0.0, 0.0, 0.0))
     paddle = box((0.02, 0.3, 0.3), (-0.05, 0.0, 0.02))
-    record, found = play(mesh, free, paddle, shifted(0.4 * DT * np.arange(ticks)))
+    record, found = play(mesh, free, paddle, shifted(0.4 * DT * np.arange(ticks, dtype=np.float64)))
     assert not record.status.any()
     meets = int(np.argmax(np.abs(found.things[0].velocity[:, 0]) > 0.01))
     assert meets == pytest.approx(0.02 / 0.4 / DT, abs=2)

@@ -114,8 +114,8 @@ def test_dry_friction_slows_two_things_until_they_go_on_as_one(kind: str) -> Non
 
 
 def hinge_from_center(ticks: Any, free: FreeObject) -> FloatArray:
-    """Centre of a thing from the origin of its frame at the ticks [m], world, shape (T, 3)."""
-    return rotation_matrix(ticks.turn) @ np.array(free.center) * -1.0
+    """Origin of a thing's frame from its centre at the ticks [m], world, shape (T, 3)."""
+    return np.asarray(-1.0 * rotation_matrix(ticks.turn) @ np.array(free.center))
 
 
 def test_limits_of_a_hinge_end_its_turn_and_both_go_on_as_one() -> None:
