@@ -85,7 +85,20 @@ def command(plan: Path, settings: SweepSettings, as_json: bool, quiet: bool) -> 
         _print_estimate(found, chosen.workers, as_json=as_json)
         return 0
     if as_json:
-        print_json(_document(ended, folder.path, read.notes))
+        print_json(
+            {
+                "folder": str(folder.path),
+                "cells": ended.cells,
+                "done_now": ended.run,
+                "done_before": ended.done_before,
+                "failed": [
+                    {"cell": cell.label, "options": dict(cell.options), "reason": w} for cell, w in ended.failed
+                ],
+                "ticks": ended.ticks,
+                "seconds": ended.seconds,
+                "notes": list(read.notes),
+            }
+        )
     elif not quiet:
         _print(ended, folder.path)
     if quiet and ended.failed:
@@ -123,18 +136,3 @@ def _print(ended: "SweepSummary", folder: Path) -> None:
         more = len(ended.failed) - MOST_FAILURES
         print_line(f"{f'{more:,} more failed; ' if more > 0 else ''}--retry-failed runs them again")
     print_line(f"hhsim board {folder} shows them as one table")
-
-
-def _document(ended: "SweepSummary", folder: Path, notes: tuple[str, ...]) -> dict[str, object]:
-    return {
-        "folder": str(folder),
-        "cells": ended.cells,
-        "done_now": ended.run,
-        "done_before": ended.done_before,
-        "failed": [
-            {"cell": cell.label, "options": dict(cell.options), "reason": reason} for cell, reason in ended.failed
-        ],
-        "ticks": ended.ticks,
-        "seconds": ended.seconds,
-        "notes": list(notes),
-    }
