@@ -34,7 +34,7 @@ from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairR
 from hhsim.repair.result_file import write_result
 from hhsim.repair.skin import Skin, mano_skin, moved_skin, read_skin
 from hhsim.repair.skin_depth import push_out
-from hhsim.repair.skin_hull import SkinFit, hand_with_skin, with_palm
+from hhsim.repair.skin_hull import hand_with_skin, with_palm
 from hhsim.repair.written_hand import WrittenHand
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TWO_HANDED
@@ -58,7 +58,9 @@ def repair_recording(
     poses that cannot be read, MeshError for a mesh that cannot be used, OutputError for a file that cannot be written.
     """
     paths = _paths(request)
-    read = _options(request)
+    # The recording's own world will do where it says nothing of an axis up.
+    given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
+    read = ReadOptions(**given)
     recording = _in_our_units(request.recording, read)
     mesh, level = resolve_object(request.object, request.unit, request.size)
     if not encloses(mesh):
@@ -75,7 +77,11 @@ def repair_recording(
         hand = with_palm(hand, request.palm)
     else:
         hand, fit = hand_with_skin(hand, skin, _posture(recording), request.palm)
-        recording = recording.found(note(_fit_text(fit)))
+        text = (
+            f"hand fitted to the skin: {100.0 * fit.contained:.1f} % of its vertices are contained, the others are "
+            f"{1e3 * fit.excess_mean:.3f} mm outside in the mean of all, {1e3 * fit.excess_max:.2f} mm at most"
+        )
+        recording = recording.found(note(text))
     with named(request.recording):
         recorded = recorded_scene(recording, mesh, tree, hand, request.recording.stem)
     recording = suspect_joints(recording)
@@ -192,13 +198,6 @@ def _skin(path: Path, skin: Path | None, recording: Recording, hand: HandModel, 
     return mano_skin(model, *mano(content, read), recording.file_frame) if len(model.faces) else None
 
 
-def _fit_text(fit: SkinFit) -> str:
-    return (
-        f"hand fitted to the skin: {100.0 * fit.contained:.1f} % of its vertices are contained, the others are "
-        f"{1e3 * fit.excess_mean:.3f} mm outside in the mean of all, {1e3 * fit.excess_max:.2f} mm at most"
-    )
-
-
 def _draw(recorded: RecordedScene, seen: Correction, before: FieldHands, after: FieldHands, path: Path) -> None:
     """Draw the skin, or our hand, in the deepest frames, as recorded and as repaired."""
     chosen = deepest_frames(np.nan_to_num(-before.distance))
@@ -226,12 +225,6 @@ def _paths(request: RepairRequest) -> dict[str, Path]:
     for path in paths.values():
         check_output_path(path)
     return paths
-
-
-def _options(request: RepairRequest) -> ReadOptions:
-    """Return the options for reading the recording; its own world will do where it says nothing of an axis up."""
-    given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
-    return ReadOptions(**given)
 
 
 def _hand(recording: Recording, request: RepairRequest) -> tuple[Recording, HandModel]:

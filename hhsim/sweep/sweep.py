@@ -63,13 +63,27 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
         done, ticks = 0, 0
         if left:
             prepare(plan, left, progress)
+            # More processes than cores cannot have one each; a cluster's workers wait for one.
+            wants_core = bool(options.scheduler) or options.workers <= len(physical_cores())
+            tasks = [
+                CellTask(
+                    cell=planned.cell,
+                    digest=planned.digest,
+                    plan_folder=str(plan.folder.resolve()),
+                    folder=str(folder.cells.resolve()),
+                    keeps_result=options.keep_results,
+                    wants_core=wants_core,
+                    sources=source_digest(),
+                )
+                for planned in left
+            ]
             waiting = {planned.digest: planned for planned in left}
             pace = pace_of(plan.cells, folder)
             spent = 0.0
             progress("cells", 0, len(left))
             cells_began = perf_counter()
             try:
-                with closing(_engine(_tasks(plan, folder, left, options), options)) as ends:
+                with closing(_engine(tasks, options)) as ends:
                     for number, end in enumerate(ends):
                         planned = waiting.pop(end.digest)
                         if end.reason:
@@ -115,23 +129,6 @@ def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress = 
                 cell_object(cell, plan.folder)
         except HhsimError:
             continue
-
-
-def _tasks(plan: SweepPlan, folder: SweepFolder, cells: Sequence[PlannedCell], options: SweepOptions) -> list[CellTask]:
-    # More processes than cores cannot have one each; a cluster's workers wait for one.
-    wants_core = bool(options.scheduler) or options.workers <= len(physical_cores())
-    return [
-        CellTask(
-            cell=planned.cell,
-            digest=planned.digest,
-            plan_folder=str(plan.folder.resolve()),
-            folder=str(folder.cells.resolve()),
-            keeps_result=options.keep_results,
-            wants_core=wants_core,
-            sources=source_digest(),
-        )
-        for planned in cells
-    ]
 
 
 def _engine(tasks: Sequence[CellTask], options: SweepOptions) -> Generator[TaskEnd, None, None]:

@@ -33,6 +33,13 @@ def of_each(compute: Callable[[FieldHands], float]) -> Callable[[FieldPair], Bef
     return lambda pair: (compute(pair.recorded), compute(pair.repaired))
 
 
+def of_frames(
+    values: Callable[[FieldPair, FieldHands], FloatArray], statistic: Callable[[FloatArray], float]
+) -> Callable[[FieldPair], BeforeAfter]:
+    """Return the computation of a statistic of the values that each hand of a pair has in its frames."""
+    return lambda pair: (statistic(values(pair, pair.recorded)), statistic(values(pair, pair.repaired)))
+
+
 def of_repair(compute: Callable[[FieldPair], float]) -> Callable[[FieldPair], BeforeAfter]:
     """Return the computation of a figure that compares both hands: the recorded one has none."""
     return lambda pair: (float("nan"), compute(pair))
