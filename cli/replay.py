@@ -395,7 +395,7 @@ def _replay_both(
     report: "Progress",
 ) -> int:
     """Replay two hands, print a table of each, and return the exit code."""
-    from hhsim.replay.two_hands import replay_two_hands
+    from hhsim.replay.replay import replay_two_hands
 
     typed = ("hhsim", *sys.argv[1:])
     both = replay_two_hands([placed.scene for placed in scenes], solver_options, path, command=typed, progress=report)

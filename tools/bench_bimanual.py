@@ -46,7 +46,7 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.mesh.catalogue import names_a_thing, object_description, resolve_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import mesh_clearance
-from hhsim.motion.object_motion import RigidMotion
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.scene.described_scene import SceneWords
 from hhsim.scene.free_object import CLEARANCE, FreeObject
 from hhsim.scene.scene import Scene, open_scene

@@ -271,7 +271,7 @@ def command(
     from hhsim.result.reader import check_result_path
     from hhsim.result.schema import TWO_HANDED
     from hhsim.scene.motion_catalogue import import_remarks
-    from hhsim.solver.compile import warm_up
+    from hhsim.solver.hand_solver import warm_up
     from hhsim.solver.options import SolverOptions
     from hhsim.system.output_path import dated_output_path
 

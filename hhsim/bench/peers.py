@@ -33,8 +33,7 @@ from hhsim.motion.trajectory import TickInput
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from hhsim.scene.synthesis import synthesize
-from hhsim.solver.compile import warm_up
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import FORCES
 from hhsim.solver.method_names import declared_methods

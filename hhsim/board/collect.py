@@ -9,9 +9,9 @@ from hhsim.errors import InputError
 from hhsim.replay.verdict import UNTOUCHED
 from hhsim.result.reader import hand_paths, load_result
 from hhsim.result.schema import FORMAT, SUFFIXES
-from hhsim.sweep.cell import BOTH
 from hhsim.sweep.folder import CELLS, is_sweep, read_row
 from hhsim.sweep.folder import FAILED as FAILED_ENDING
+from hhsim.sweep.plan import BOTH
 from hhsim.system.counted import counted
 from hhsim.system.hdf5_input import hdf5_format
 from hhsim.system.progress import Progress, silent

@@ -14,7 +14,7 @@ from hhsim.replay.verdict import verdict
 from hhsim.result.reader import Result
 from hhsim.result.wording import motion_name, object_name
 from hhsim.solver.options import SolverOptions, Stiffness
-from hhsim.sweep.cell import BOTH, USUAL_SCENE
+from hhsim.sweep.plan import BOTH, USUAL_SCENE
 
 TOLD = ("level", "max_error", "rate", "samples", "seed", "ticks", "tremor_mm_deg", "hand_file")
 """Options of the scene that are named; the level where it is not the object's own."""

@@ -11,7 +11,7 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.motion.object_motion import RigidMotion
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.correction import BONES, Correction
 from hhsim.repair.frame_hand import SETTLED, FrameHand
 from hhsim.repair.hand_change import NUMBERS, change_between, changed_hand, finite_frames, mean_acceleration

@@ -15,19 +15,18 @@ from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_NO_PLACE, STATUS_START_INSIDE
 from hhsim.metrics import metrics
-from hhsim.metrics.free_run import Datasets, FreeRun
 from hhsim.metrics.mesh_penetration import MOST_CONTACT_ERROR, TouchedObject
 from hhsim.metrics.moving_parts import TouchedParts
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import known_figures, tick_figures
-from hhsim.metrics.run_ticks import RunTicks
-from hhsim.motion.object_motion import ObjectMotion
+from hhsim.metrics.run_ticks import Datasets, FreeRun, RunTicks
+from hhsim.motion.trajectory import ObjectMotion
 from hhsim.replay.summary_table import SummaryRow, figure_table, short_table, summary_rows
 from hhsim.replay.tick_columns import KeptColumns
 from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.replay.verdict import Verdict, run_verdict
 from hhsim.scene.scene import Scene, all_pairs
-from hhsim.solver.compile import WarmUp
+from hhsim.solver.hand_solver import WarmUp
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import FORCES, PROMISES, RUNS
 from hhsim.solver.options import SolverOptions

@@ -5,12 +5,11 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from hhsim.sweep.cell import source_digest
 from hhsim.sweep.cell_run import CellTask, run_cell
 from hhsim.sweep.engines import TaskEnd
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.pace import kind, pace_of
-from hhsim.sweep.plan import PlannedCell, SweepPlan
+from hhsim.sweep.plan import PlannedCell, SweepPlan, source_digest
 from hhsim.sweep.sweep import prepare
 from hhsim.system.progress import Progress, silent
 

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError, OutputError
-from hhsim.sweep.cell import Cell
-from hhsim.sweep.plan import PlannedCell, SweepPlan
+from hhsim.sweep.plan import Cell, PlannedCell, SweepPlan
 from hhsim.system import environment as info
 from hhsim.system import posix
 from hhsim.system.atomic_write import write_atomically

@@ -4,9 +4,8 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from hhsim.sweep.cell import Cell
 from hhsim.sweep.folder import SweepFolder
-from hhsim.sweep.plan import PlannedCell
+from hhsim.sweep.plan import Cell, PlannedCell
 from hhsim.system import environment as info
 
 

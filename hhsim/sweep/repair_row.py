@@ -16,8 +16,8 @@ from hhsim import __version__
 from hhsim.errors import HhsimError, InputError, TrajectoryError
 from hhsim.mesh.catalogue import names_a_file
 from hhsim.repair.request import Repair
-from hhsim.sweep.cell import DIGITS, file_digest, source_digest
 from hhsim.sweep.engines import TaskEnd
+from hhsim.sweep.plan import DIGITS, file_digest, source_digest
 from hhsim.sweep.repair_manifest import PlannedRepair
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from time import perf_counter
 
 from hhsim.errors import HhsimError
-from hhsim.solver.compile import warm_up
-from hhsim.sweep.cell import Cell, source_digest
+from hhsim.solver.hand_solver import warm_up
 from hhsim.sweep.cell_run import CellTask, cell_hand, cell_object, motion_of
 from hhsim.sweep.engines import LOCAL, TaskEnd, require_dask, run_tasks
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.pace import lasting, pace_of
-from hhsim.sweep.plan import PlannedCell, SweepPlan
+from hhsim.sweep.plan import Cell, PlannedCell, SweepPlan, source_digest
 from hhsim.system.own_core import physical_cores
 from hhsim.system.progress import Progress, silent
 

@@ -6,8 +6,7 @@ from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.metrics.moving_parts import MovingParts, result_parts
 from hhsim.metrics.run_ticks import result_ticks
-from hhsim.motion.object_motion import ObjectMotion
-from hhsim.motion.trajectory import TickInput, Trajectory
+from hhsim.motion.trajectory import ObjectMotion, TickInput, Trajectory
 from hhsim.replay.repeat import RunAgain, run_again
 from hhsim.replay.stored_scene import stored_hand, stored_mesh, stored_options, stored_surface, stored_tree
 from hhsim.replay.summary import figures_of_own_runs

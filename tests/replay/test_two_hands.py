@@ -19,8 +19,7 @@ from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.replay.repeat import run_again
-from hhsim.replay.replay import replay_scene
-from hhsim.replay.two_hands import TwoHandedReplay, replay_two_hands
+from hhsim.replay.replay import TwoHandedReplay, replay_scene, replay_two_hands
 from hhsim.result.reader import Result, hand_paths, load_result
 from hhsim.result.two_handed_file import BETWEEN_COLUMNS
 from hhsim.scene.described_scene import SceneWords

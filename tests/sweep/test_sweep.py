@@ -14,12 +14,11 @@ from hhsim.errors import OutputError
 from hhsim.result.reader import load_result
 from hhsim.sweep import estimate as estimate_module
 from hhsim.sweep import sweep as module
-from hhsim.sweep.cell import source_digest
 from hhsim.sweep.cell_run import CellTask, run_cell
 from hhsim.sweep.engines import CRASHED, TaskEnd
 from hhsim.sweep.estimate import estimate
 from hhsim.sweep.folder import SweepFolder
-from hhsim.sweep.plan import load_plan
+from hhsim.sweep.plan import load_plan, source_digest
 from hhsim.sweep.sweep import SweepOptions, SweepSummary, run_sweep
 
 Run = Callable[..., Any]

@@ -10,8 +10,7 @@ from functools import partial
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.metrics.field.field_metric import FieldMetric, largest, mean, of_frames, placed
-from hhsim.metrics.field.hands import FieldHands
+from hhsim.metrics.field.hands import FieldHands, FieldMetric, largest, mean, of_frames, placed
 
 
 def depths(distance: FloatArray | None) -> FloatArray:

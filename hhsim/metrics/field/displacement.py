@@ -12,8 +12,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError
-from hhsim.metrics.field.field_metric import FieldMetric, largest, mean, of_frames, placed
-from hhsim.metrics.field.hands import FieldHands, FieldPair
+from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, of_frames, placed
 from hhsim.metrics.field.solid import hand_solids
 from hhsim.system.silent import silent
 

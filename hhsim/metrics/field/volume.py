@@ -14,8 +14,7 @@ from hhsim.arrays import FloatArray
 from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.field.field_metric import FieldMetric, largest, mean, of_frames, placed
-from hhsim.metrics.field.hands import FieldHands, FieldPair, object_bvh
+from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, object_bvh, of_frames, placed
 from hhsim.metrics.field.solid import SEGMENTS, cones_contain, cones_near, hand_solids, manifold_of
 
 if TYPE_CHECKING:

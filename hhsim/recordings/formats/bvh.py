@@ -26,9 +26,8 @@ from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.bvh_parser import POSITIONS, ROTATIONS, Bvh, Joint, read_bvh
 from hhsim.recordings.correction import Correction, joint_changes
 from hhsim.recordings.frames import euler_angles
-from hhsim.recordings.hand_side import SIDES, chosen_side
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.recording import Finding, Recording
+from hhsim.recordings.recording import SIDES, Finding, Recording, chosen_side
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 WORDS = ("thumb", "index pointer", "middle mid", "ring", "pinky pinkie little small")
