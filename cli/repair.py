@@ -128,7 +128,7 @@ def command(
             outcomes = [repair_recording(request, command=typed, progress=report)]
             document, last = outcomes[0].to_json(), ""
         else:
-            from hhsim.repair.both_hands import repair_both_hands
+            from hhsim.repair.repair import repair_both_hands
 
             both = repair_both_hands(request, command=typed, progress=report)
             outcomes, document, last = list(both.hands), both.to_json(), both.text

@@ -13,8 +13,7 @@ from .arguments.option_group import OptionGroup, option
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
-    from hhsim.sweep.estimate import Estimate
-    from hhsim.sweep.sweep import SweepSummary
+    from hhsim.sweep.sweep import Estimate, SweepSummary
 
 MOST_FAILURES = 20
 
@@ -63,10 +62,9 @@ def command(plan: Path, settings: SweepSettings, as_json: bool, quiet: bool) -> 
       hhsim sweep plan.toml --retry-failed
       hhsim sweep plan.toml --scheduler tcp://10.0.0.1:8786 --out /shared/first
     """
-    from hhsim.sweep.estimate import estimate
     from hhsim.sweep.folder import SweepFolder
     from hhsim.sweep.plan import load_plan
-    from hhsim.sweep.sweep import SweepOptions, run_sweep
+    from hhsim.sweep.sweep import SweepOptions, estimate, run_sweep
     from hhsim.system.output_path import RESULTS
 
     chosen = SweepOptions(settings.jobs or 0, settings.scheduler, settings.retry_failed, not settings.summary_only)

@@ -9,8 +9,8 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.repair.hand_change import NUMBERS, change_between, changed_hand
-from hhsim.repair.hand_judge import CLEAR, HandJudge
 from hhsim.repair.steady_program import FrameProgram
+from hhsim.repair.tracks import CLEAR, HandJudge
 from hhsim.repair.written_hand import JOINTS, TIPS, WrittenHand
 from hhsim.solver.options import Stiffness
 

@@ -15,9 +15,8 @@ from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.correction import BONES, Correction
 from hhsim.repair.frame_hand import SETTLED, FrameHand
 from hhsim.repair.hand_change import NUMBERS, change_between, changed_hand, finite_frames, mean_acceleration
-from hhsim.repair.hand_judge import CLEAR, HandJudge, farthest
 from hhsim.repair.steady_program import steady_step
-from hhsim.repair.tracks import put
+from hhsim.repair.tracks import CLEAR, HandJudge, farthest, put
 from hhsim.repair.written_hand import WrittenHand
 from hhsim.solver.qp import QpProblem, QpStatus, solve_active_set
 from hhsim.system.progress import Progress, silent

@@ -24,7 +24,7 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.metrics.metrics import worst_force_ripple
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.render.viewpoint import View
+from hhsim.render.hand_picture import View
 from hhsim.replay.checked_figures import checked_figures, read_ticks
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
@@ -81,7 +81,7 @@ def dots(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in ("report", "worst_ticks"):
         monkeypatch.setattr(f"hhsim.report.{module}.overview_view", lambda result: View(0.0, 0.0))
     monkeypatch.setattr("hhsim.report.report.held_picture", lambda result, view: dot("overview"))
-    monkeypatch.setattr("hhsim.report.worst_ticks.hand_picture", lambda result, tick, usual: dot(f"tick-{tick}"))
+    monkeypatch.setattr("hhsim.report.pictures.hand_picture", lambda result, tick, usual: dot(f"tick-{tick}"))
 
 
 def changed(path: Path, folder: Path, change: Change, name: str = "") -> Path:

@@ -190,7 +190,7 @@ def test_the_command_writes_tables_and_pictures_and_says_what_it_missed(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("hhsim.render.paper_figures.TILE", 60)
-    monkeypatch.setattr("hhsim.render.viewpoint.AZIMUTHS", (0, 90))
+    monkeypatch.setattr("hhsim.render.hand_picture.AZIMUTHS", (0, 90))
     # The second run prints what the first one measured.
     monkeypatch.setattr("hhsim.bench.paper.bench.measure", cache(measure))
     scene = ("--quick", "--object", "hexagonal-prism", "--method", "coupled")
