@@ -11,7 +11,7 @@ from .arguments import options
 from .console import announce_compilation, print_json, print_line, print_table, progress
 
 if TYPE_CHECKING:
-    from hhsim.repair.robot_motion import RobotMotion
+    from hhsim.repair.retarget import RobotMotion
 
 
 def read_map(context: click.Context, parameter: click.Parameter, value: str | None) -> dict[str, str] | None:
@@ -54,8 +54,8 @@ def command(result: Path, robot: str, fingers: dict[str, str] | None, output: op
       hhsim retarget grasp.h5 --robot shadow --out shadow.csv
       hhsim retarget grasp.h5 --robot hand.urdf --map thumb=link_15_tip,index=link_3_tip --out angles.csv
     """
+    from hhsim.repair.retarget import check_motion_path, motion_bytes, robot_motion
     from hhsim.repair.robot_hand import RobotHand, find_robot
-    from hhsim.repair.robot_motion import check_motion_path, motion_bytes, robot_motion
     from hhsim.result.reader import load_result
     from hhsim.system.atomic_write import write_atomically
 

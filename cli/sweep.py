@@ -106,7 +106,7 @@ def command(plan: Path, settings: SweepSettings, as_json: bool, quiet: bool) -> 
 
 
 def _print_estimate(found: "Estimate", workers: int, *, as_json: bool) -> None:
-    from hhsim.sweep.pace import lasting
+    from hhsim.sweep.folder import lasting
 
     seconds = found.elapsed(workers)
     if as_json:
@@ -120,7 +120,7 @@ def _print_estimate(found: "Estimate", workers: int, *, as_json: bool) -> None:
 
 
 def _print(ended: "SweepSummary", folder: Path) -> None:
-    from hhsim.sweep.pace import lasting
+    from hhsim.sweep.folder import lasting
 
     before = f", {ended.done_before:,} before" if ended.done_before else ""
     print_line(f"{counted(ended.cells, 'cell')}: {ended.run:,} done now{before}, {len(ended.failed):,} failed")

@@ -15,8 +15,7 @@ from hhsim.errors import HhsimError
 from hhsim.solver.hand_solver import warm_up
 from hhsim.sweep.cell_run import CellTask, cell_hand, cell_object, motion_of, run_cell
 from hhsim.sweep.engines import LOCAL, TaskEnd, require_dask, run_tasks
-from hhsim.sweep.folder import SweepFolder
-from hhsim.sweep.pace import kind, lasting, pace_of
+from hhsim.sweep.folder import SweepFolder, kind, lasting, pace_of
 from hhsim.sweep.plan import Cell, PlannedCell, SweepPlan, source_digest
 from hhsim.system.own_core import physical_cores
 from hhsim.system.progress import Progress, silent
