@@ -114,14 +114,14 @@ def main() -> None:
     sys.exit(code)
 
 
-def _show_warning(message: Warning | str, category: type[Warning], *place: Any) -> None:
+def _show_warning(message: Warning | str, category: type[Warning], *place: Any, **named: Any) -> None:
     """Print a warning about the cache in one line, any other as Python does."""
     from hhsim.kernels.cache_folder import CacheFolderWarning
 
     if issubclass(category, CacheFolderWarning):
         print_notes([str(message)])
     else:
-        SHOW_AS_USUAL(message, category, *place)
+        SHOW_AS_USUAL(message, category, *place, **named)
 
 
 def _run_and_report() -> int:
