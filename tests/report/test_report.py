@@ -78,7 +78,7 @@ def dots(monkeypatch: pytest.MonkeyPatch) -> None:
     makers = tuple((name, heading, lambda *_, name=name: dot(name)) for name, heading, _ in FIGURES)
     monkeypatch.setattr("hhsim.report.report.FIGURES", makers)
     monkeypatch.setattr("hhsim.report.report.overview_picture", lambda result: dot("overview"))
-    for module in ("report", "worst_ticks"):
+    for module in ("report", "pictures"):
         monkeypatch.setattr(f"hhsim.report.{module}.overview_view", lambda result: View(0.0, 0.0))
     monkeypatch.setattr("hhsim.report.report.held_picture", lambda result, view: dot("overview"))
     monkeypatch.setattr("hhsim.report.pictures.hand_picture", lambda result, tick, usual: dot(f"tick-{tick}"))
