@@ -300,8 +300,7 @@ def command(
         usual_level = MESH_LEVEL
         if names_things(object_):
             require_free(solver_options)
-            require_no_joints(motion, object_)
-            things = load_things(object_, solid=solid)
+            things = load_things(object_, motion, solid=solid)
             mesh = things.mesh
         else:
             thing = load_thing(object_, motion, solid=solid)

@@ -46,7 +46,7 @@ def command(
     OBJECT and TRAJECTORY are as for hhsim replay. The folder gets the mesh (.obj), the spheres that cover it, the
     user's hand at every tick (.csv and HDF5), the hand as numbers, URDF and MJCF, hand and object as one MJCF model
     (scene.xml), a README with frames and units, and example-submission.csv, which shows what hhsim score takes back
-    (docs/submissions.md).
+    (docs/submissions.md). Several parts or things have a mesh each, and joints in scene.xml; hhsim score takes none.
 
     \b
     Examples:
@@ -80,4 +80,5 @@ def command(
     elif not quiet:
         ticks = counted(scene.ticks.tick_count, "tick")
         print_line(f"{scene.mesh.name}, {scene.trajectory.name}: {ticks}, scene {digest[:12]}")
-        print_line(f"send poses back as in {folder / EXAMPLE}: hhsim score {folder / EXAMPLE} measures them")
+        back = f"send poses back as in {folder / EXAMPLE}: hhsim score {folder / EXAMPLE} measures them"
+        print_line(back if scene.parts is None else f"several parts or things: {folder / 'README.md'} tells of them")

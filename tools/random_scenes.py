@@ -218,21 +218,36 @@ def joined_things(rng: np.random.Generator, ticks: int) -> Recorded:
 def _joined(rng: np.random.Generator, one: FreeObject, bearer: FreeObject) -> FreeObject:
     """Return a thing on a hinge or a slider of another one, with or without limits."""
     axis, middle = _triple(rng.normal(size=3)), 0.5 * (np.array(one.center) + np.array(bearer.center))
-    limited = bool(rng.random() < 0.5)
+    limited, rubs = bool(rng.random() < 0.5), bool(rng.random() < 0.5)
     if rng.random() < 0.5:
         limits = (-float(rng.uniform(0.0, 1.5)), float(rng.uniform(0.0, 1.5))) if limited else None
-        return replace(one, hinge=Hinge(axis, _triple(middle), limits, on=bearer.name))
+        friction = float(10.0 ** rng.uniform(-5.0, 0.0)) if rubs else 0.0
+        return replace(one, hinge=Hinge(axis, _triple(middle), limits, friction, bearer.name))
     # Without an end a slider would carry what is light out of reach.
-    return replace(
-        one, slider=Slider(axis, (-float(rng.uniform(0.0, 0.05)), float(rng.uniform(0.0, 0.05))), on=bearer.name)
-    )
+    limits = (-float(rng.uniform(0.0, 0.05)), float(rng.uniform(0.0, 0.05)))
+    friction = float(10.0 ** rng.uniform(-3.0, 2.0)) if rubs else 0.0
+    return replace(one, slider=Slider(axis, limits, friction, bearer.name))
 
 
-def free_things(rng: np.random.Generator, ticks: int, joined: bool = False) -> Recorded:
+def driven_things(rng: np.random.Generator, ticks: int) -> Recorded:
+    """Run a hand among two or three things, of which the last one goes its own way, through the others' places."""
+    return free_things(rng, ticks, driven=True)
+
+
+def _own_way(rng: np.random.Generator, center: FloatArray, ticks: int) -> RigidMotion:
+    """Return a smooth motion about a centre [m]: up to 80 mm each way and 1 rad, of up to 1.5 Hz."""
+    time, kinds = 1e-3 * np.arange(ticks)[:, None], (2, 3)
+    rate, size = 2.0 * np.pi * rng.uniform(0.1, 1.5, kinds), rng.uniform(0.0, [[0.08], [1.0]], kinds)
+    way, turn = (each * (1.0 - np.cos(at * time)) for each, at in zip(size * rng.choice([-0.5, 0.5], kinds), rate))
+    turned = quaternion(turn)
+    return RigidMotion(turned, center + way - np.einsum("tij,j->ti", rotation_matrix(turned), center))
+
+
+def free_things(rng: np.random.Generator, ticks: int, joined: bool = False, driven: bool = False) -> Recorded:
     """Run a hand among one to three free or fixed things, stacked or beside each other, on a table."""
     count, stacked = int(rng.integers(1, 4)), bool(rng.random() < 0.6)
-    if joined:
-        count, stacked = max(count, 2), False
+    if joined or driven:
+        count, stacked = max(count, 2), stacked and driven
     solids, free, fixed = [], [], []
     height, top = 0.0, [0.0]
     for k in range(3):
@@ -256,9 +271,12 @@ def free_things(rng: np.random.Generator, ticks: int, joined: bool = False) -> R
     if joined:
         free[0] = replace(free[0], name="thing 0")
         free[1] = _joined(rng, free[1], free[0])
+    motions: list[RigidMotion | None] = [None, None, None]
+    if driven:
+        motions[count - 1] = _own_way(rng, np.array(free[count - 1].center), ticks)
     things = [
-        Thing(contact_surface("mesh", solid.mesh, None), one, still, f"thing {k}")
-        for k, (solid, one, still) in enumerate(zip(solids, free, fixed))
+        Thing(contact_surface("mesh", solid.mesh, None), one, still, f"thing {k}", motion)
+        for k, (solid, one, still, motion) in enumerate(zip(solids, free, fixed, motions))
     ]
     solver = HandSolver(RIGHT, things[0].surface, OPTIONS, things[0].free, things[1:])
     assert isinstance(solver.engine, FreeEngine)
@@ -285,8 +303,8 @@ def free_things(rng: np.random.Generator, ticks: int, joined: bool = False) -> R
             others[k].append(found.thing_wrench[k])
             centers[k] = RigidMotion(thing.turn, thing.shift).points(np.array([free[k].center] * block.ticks))[-1]
     bodies = [
-        motion_of(solid, None if still else one, rows, wrench)
-        for solid, one, still, rows, wrench in zip(solids, free, fixed, of_things, others)
+        motion_of(solid, thing.free if thing.moves_freely else None, rows, wrench)
+        for solid, thing, rows, wrench in zip(solids, things, of_things, others)
     ]
     moved = RigidMotion(bodies[0].turn, bodies[0].shift)
     status = np.concatenate([one.status for one in records])[None]
@@ -305,7 +323,7 @@ def free_things(rng: np.random.Generator, ticks: int, joined: bool = False) -> R
 
 
 def two_hands_free(rng: np.random.Generator, ticks: int) -> Recorded:
-    """Run two hands that squeeze, turn and fling one free thing, or go through it."""
+    """Run two hands that squeeze, turn and fling one free thing, or go through it and each other."""
     solid = random_solid(rng, 0.02, 0.12).transformed(random_turn(rng), np.zeros(3))
     on_table = bool(rng.random() < 0.7)
     solid = solid.transformed(np.eye(3), np.array([0.0, 0.0, rng.uniform(GAP, 0.02) - solid.mesh.bounds[0, 2]]))
@@ -344,6 +362,7 @@ def two_hands_free(rng: np.random.Generator, ticks: int) -> Recorded:
         (body,),
         hand_force=force_on_hands(records, body.turn),
         friction=free.friction,
+        hands_apart=True,
         released=release_of(ticks) == RELEASE,
     )
 
@@ -508,6 +527,7 @@ FAMILIES: dict[str, Callable[[np.random.Generator, int], Recorded]] = {
     "parts": moving_parts,
     "own-fingers": own_fingers,
     "joined-things": joined_things,
+    "driven-things": driven_things,
 }
 """Families of scenes by their names."""
 

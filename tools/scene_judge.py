@@ -215,7 +215,7 @@ def judge(scene: Recorded, every: int = EVERY) -> Verdict:
         found.note("off a joint [m, rad]", off[whole], JOINED, whole)
     for i, body in enumerate(scene.bodies):
         for k, other in enumerate(scene.bodies[:i]):
-            if (i, k) in scene.joints or (k, i) in scene.joints:
+            if (i, k) in scene.joints or (k, i) in scene.joints or (body.free is None and other.free is None):
                 continue
             found.depth("thing in thing", np.maximum(0.0, -separation(body, other, look)), look)
         if body.free is not None and body.free.table is not None:

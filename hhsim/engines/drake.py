@@ -254,10 +254,8 @@ class DrakeHydroelastic(Drake):
     def _add_object(self, mesh: Mesh) -> None:
         from pydrake.common import MemoryFile
 
-        lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
-        lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + 1).tolist()]
-        text = "\n".join(lines)
-        shape = self._geometry.Mesh(self._geometry.InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "object")))
+        file = MemoryFile(mesh.obj(), ".obj", "object")
+        shape = self._geometry.Mesh(self._geometry.InMemoryMesh(mesh_file=file))
         self._plant.RegisterCollisionGeometry(
             self._plant.world_body(), self._math.RigidTransform(), shape, "object", self._touching(hand=False)
         )

@@ -1,4 +1,4 @@
-"""Hands and scenes as MJCF, the format of MuJoCo (mujoco.readthedocs.io), and hands as URDF (wiki.ros.org/urdf/XML)."""
+"""Hands as MJCF, the format of MuJoCo (mujoco.readthedocs.io), and as URDF (wiki.ros.org/urdf/XML)."""
 
 from collections.abc import Iterable
 from itertools import product
@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
-from hhsim.exchange.hand_bodies import PALM, Capsule, HandBody, HandJoint, Inertial, hand_bodies
-from hhsim.hand.configuration import HandConfiguration
+from hhsim.exchange.hand_bodies import PALM, Capsule, HandJoint, Inertial, hand_bodies
 from hhsim.hand.fingers import FINGERS, PHALANGES
 from hhsim.hand.model import HandModel
-from hhsim.trees.sphere_tree import SphereTree
 
 LIMITS = {"effort": "10.0", "velocity": "100.0"}
 """Limits of a joint [N·m, rad/s], which URDF demands and hhsim's hand has not."""
@@ -36,61 +34,33 @@ def hand_mjcf(hand: HandModel) -> str:
     placed: dict[str, Xml.Element] = {"": world}
     tips = {f"{finger}_{PHALANGES}": f"{finger}_tip" for finger in FINGERS}
     for body in hand_bodies(hand).bodies:
-        element = Xml.SubElement(placed[body.parent], "body", name=body.name, pos=_numbers(body.offset))
+        element = Xml.SubElement(placed[body.parent], "body", name=body.name, pos=numbers(body.offset), gravcomp="1")
         placed[body.name] = element
-        _add_parts(element, body)
+        if body.name == PALM:
+            Xml.SubElement(element, "freejoint", name=PALM)
+        for joint in body.joints:
+            limits = numbers((joint.lower, joint.upper))
+            Xml.SubElement(element, "joint", name=joint.name, type="hinge", axis=numbers(joint.axis), range=limits)
+        add_inertial(element, body.inertial)
+        for shape in body.shapes:
+            if shape.is_sphere:
+                Xml.SubElement(element, "geom", type="sphere", pos=numbers(shape.start), size=numbers([shape.radius]))
+            else:
+                ends = numbers((*shape.start, *shape.end))
+                Xml.SubElement(element, "geom", type="capsule", fromto=ends, size=numbers([shape.radius]))
         if body.cone is not None and body.name in tips:
-            Xml.SubElement(element, "site", name=tips[body.name], pos=_numbers(body.cone.end), size="0.001")
+            Xml.SubElement(element, "site", name=tips[body.name], pos=numbers(body.cone.end), size="0.001")
     Xml.indent(model)
     return Xml.tostring(model, encoding="unicode") + "\n"
 
 
-def scene_mjcf(hand: HandModel, tree: SphereTree, pose: HandConfiguration, hand_file: str, mesh_file: str) -> str:
-    """Return the MJCF text of a hand and a fixed object [m], world; keyframe `start` is the hand's first pose.
-
-    The mesh is shown; the leaf spheres of its tree collide, since MuJoCo would take the mesh's convex hull. The files,
-    that of `hand_mjcf` and the object's mesh, are beside this one.
-    """
-    model = Xml.Element("mujoco", model="scene")
-    Xml.SubElement(model, "include", file=hand_file)
-    # A shell has inertia even if the mesh is open.
-    Xml.SubElement(Xml.SubElement(model, "asset"), "mesh", name="object", file=mesh_file, inertia="shell")
-    body = Xml.SubElement(Xml.SubElement(model, "worldbody"), "body", name="object")
-    seen = {"contype": "0", "conaffinity": "0", "group": "2"}
-    touched = {"contype": "0", "conaffinity": "1", "group": "3"}
-    Xml.SubElement(body, "geom", seen, name="object", type="mesh", mesh="object")
-    for center, radius in zip(tree.leaf_center, tree.leaf_radius):
-        Xml.SubElement(body, "geom", touched, type="sphere", pos=_numbers(center), size=_numbers([radius]))
-    angles = hand_bodies(hand).angles(pose.flexion, pose.abduction).values()
-    start = _numbers([*pose.position, *pose.orientation, *angles])
-    Xml.SubElement(Xml.SubElement(model, "keyframe"), "key", name="start", qpos=start)
-    Xml.indent(model)
-    return Xml.tostring(model, encoding="unicode") + "\n"
+def add_inertial(element: Xml.Element, of: Inertial) -> None:
+    """Add mass properties to a body of MJCF."""
+    inertia = numbers(of.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    Xml.SubElement(element, "inertial", pos=numbers(of.center), mass=numbers([of.mass]), fullinertia=inertia)
 
 
-def _add_parts(element: Xml.Element, body: HandBody) -> None:
-    inertial, inertia = body.inertial, body.inertial.inertia
-    if body.name == PALM:
-        Xml.SubElement(element, "freejoint", name=PALM)
-    for joint in body.joints:
-        limits = _numbers((joint.lower, joint.upper))
-        Xml.SubElement(element, "joint", name=joint.name, type="hinge", axis=_numbers(joint.axis), range=limits)
-    Xml.SubElement(
-        element,
-        "inertial",
-        pos=_numbers(inertial.center),
-        mass=_numbers([inertial.mass]),
-        fullinertia=_numbers(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]),
-    )
-    for shape in body.shapes:
-        if shape.is_sphere:
-            Xml.SubElement(element, "geom", type="sphere", pos=_numbers(shape.start), size=_numbers([shape.radius]))
-        else:
-            ends = _numbers((*shape.start, *shape.end))
-            Xml.SubElement(element, "geom", type="capsule", fromto=ends, size=_numbers([shape.radius]))
-
-
-def _numbers(values: ArrayLike | Iterable[float]) -> str:
+def numbers(values: ArrayLike | Iterable[float]) -> str:
     """Format numbers of an attribute in full precision, separated by spaces."""
     return " ".join(repr(float(value) + 0.0) for value in np.ravel(np.asarray(values)))
 
@@ -131,18 +101,18 @@ def hand_urdf(hand: HandModel) -> str:
 def _add_link(robot: Xml.Element, name: str, inertial: Inertial) -> Xml.Element:
     link = Xml.SubElement(robot, "link", name=name)
     part = Xml.SubElement(link, "inertial")
-    Xml.SubElement(part, "origin", xyz=_numbers(inertial.center))
-    Xml.SubElement(part, "mass", value=_numbers([inertial.mass]))
+    Xml.SubElement(part, "origin", xyz=numbers(inertial.center))
+    Xml.SubElement(part, "mass", value=numbers([inertial.mass]))
     pairs = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-    Xml.SubElement(part, "inertia", {name: _numbers([inertial.inertia[place]]) for name, place in pairs.items()})
+    Xml.SubElement(part, "inertia", {name: numbers([inertial.inertia[place]]) for name, place in pairs.items()})
     return link
 
 
 def _add_shape(link: Xml.Element, role: str, shape: Capsule) -> None:
-    radius = _numbers([shape.radius])
+    radius = numbers([shape.radius])
     for center in (shape.start,) if shape.is_sphere else (shape.start, shape.end):
         part = Xml.SubElement(link, role)
-        Xml.SubElement(part, "origin", xyz=_numbers(center))
+        Xml.SubElement(part, "origin", xyz=numbers(center))
         Xml.SubElement(Xml.SubElement(part, "geometry"), "sphere", radius=radius)
     if not shape.is_sphere:
         part = Xml.SubElement(link, role)
@@ -150,20 +120,20 @@ def _add_shape(link: Xml.Element, role: str, shape: Capsule) -> None:
         length = float(np.linalg.norm(along))
         # Roll, pitch and yaw [rad] from z, the axis of a cylinder.
         x, y, z = along / length
-        turn = _numbers([0.0, np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)])
-        Xml.SubElement(part, "origin", xyz=_numbers(0.5 * (shape.start + shape.end)), rpy=turn)
-        Xml.SubElement(Xml.SubElement(part, "geometry"), "cylinder", radius=radius, length=_numbers([length]))
+        turn = numbers([0.0, np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)])
+        Xml.SubElement(part, "origin", xyz=numbers(0.5 * (shape.start + shape.end)), rpy=turn)
+        Xml.SubElement(Xml.SubElement(part, "geometry"), "cylinder", radius=radius, length=numbers([length]))
 
 
 def _add_joint(robot: Xml.Element, joint: HandJoint, parent: str, child: str, offset: FloatArray) -> None:
     element = Xml.SubElement(robot, "joint", name=joint.name, type="revolute")
     _connect(element, parent, child, offset)
-    Xml.SubElement(element, "axis", xyz=_numbers(joint.axis))
-    limits = {"lower": _numbers([joint.lower]), "upper": _numbers([joint.upper])}
+    Xml.SubElement(element, "axis", xyz=numbers(joint.axis))
+    limits = {"lower": numbers([joint.lower]), "upper": numbers([joint.upper])}
     Xml.SubElement(element, "limit", {**limits, **LIMITS})
 
 
 def _connect(element: Xml.Element, parent: str, child: str, offset: FloatArray) -> None:
     Xml.SubElement(element, "parent", link=parent)
     Xml.SubElement(element, "child", link=child)
-    Xml.SubElement(element, "origin", xyz=_numbers(offset))
+    Xml.SubElement(element, "origin", xyz=numbers(offset))

@@ -91,6 +91,12 @@ class Mesh:
         digest.update(self.faces.astype("<i8").tobytes())
         return digest.hexdigest()
 
+    def obj(self) -> str:
+        """Return the text of a Wavefront OBJ file [m], in full precision."""
+        lines = [f"# {self.name or 'object'} [m], right-handed, z up"]
+        lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in self.vertices.tolist()]
+        return "\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in (self.faces + 1).tolist()), ""])
+
     def scaled(self, factor: float) -> "Mesh":
         """Return the mesh scaled about the origin by a positive factor [-]."""
         return replace(self, vertices=self.vertices * factor)

@@ -1,7 +1,7 @@
 """Parts of a thing over time: their surfaces, where they are, and what of a hand is inside them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from hhsim.metrics.mesh_penetration import TouchedObject
 from hhsim.metrics.metrics import Penetration, penetration
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.result.reader import Result
+from hhsim.result.schema import DRIVEN_COLUMNS
 from hhsim.result.stored_hand import sphere_tree_of
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.jointed_surface import jointed_surface
@@ -36,6 +37,8 @@ class MovingParts:
     # Motion of the whole thing, or of the first one, since the first tick; None where joints alone move.
     carried: RigidMotion | None = None
     free: bool = False  # True for several things, each of which goes its own way
+    # Motion since the first tick that a driven one of several things is to make, world, by its name.
+    driven: Mapping[str, RigidMotion] = field(default_factory=dict)
 
     @cached_property
     def path(self) -> FloatArray:
@@ -53,8 +56,9 @@ class MovingParts:
     def at(self, ticks: slice) -> "MovingParts":
         """Return the parts at some ticks."""
         values = {name: values[ticks] for name, values in self.values.items()}
-        carried = None if self.carried is None else RigidMotion(*(of[ticks] for of in self.carried))
-        return replace(self, world=self.world[ticks], values=values, carried=carried)
+        carried = None if self.carried is None else self.carried.at(ticks)
+        driven = {name: motion.at(ticks) for name, motion in self.driven.items()}
+        return replace(self, world=self.world[ticks], values=values, carried=carried, driven=driven)
 
     def motion(self, p: int, ticks: slice = slice(None)) -> RigidMotion:
         """Return the motion of a part's frame in the scene's at some ticks."""
@@ -154,5 +158,10 @@ def result_parts(result: Result) -> MovingParts | None:
     joints = {name: result[f"{part}/joint"] for name, part in zip(names, result.parts) if f"{part}/joint" in result}
     carried = result.moved_since_first() if result.driven else None
     thing = result.parts[0].split("/")[1]
+    driven = {
+        name: RigidMotion(*(np.asarray(result[f"{part}/{column.name}"]) for column in DRIVEN_COLUMNS))
+        for name, part in zip(names, result.parts)
+        if f"{part}/{DRIVEN_COLUMNS[0].name}" in result
+    }
     world = np.stack(poses, axis=1)
-    return MovingParts(thing, names, tuple(meshes), tuple(trees), world, joints, carried, result.free)
+    return MovingParts(thing, names, tuple(meshes), tuple(trees), world, joints, carried, result.free, driven)

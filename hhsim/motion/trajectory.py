@@ -60,6 +60,10 @@ class RigidMotion(NamedTuple):
     turn: FloatArray
     shift: FloatArray
 
+    def at(self, index: slice | IntArray) -> Self:
+        """Return the motion of some ticks."""
+        return type(self)(self.turn[index], self.shift[index])
+
     def points(self, seen: FloatArray) -> FloatArray:
         """Transform points [m], shape (T, ..., 3), from the object's frame to the world."""
         return _turned(self.turn, seen) + _beside(self.shift, seen)

@@ -387,29 +387,46 @@ def read_object_poses(
     return ObjectMotion(place, quaternion_product(camera.orientation, motion.orientation))
 
 
+def read_stamped_poses(path: Path, options: ReadOptions) -> tuple[FloatArray | None, ObjectMotion]:
+    """Read the poses of an object [m], NaN where missing, and their rising stamps [s], (T,), None without any.
+
+    Raises TrajectoryError for no such file, another content, unit or order, in one line that begins with the path.
+    """
+    with named(path):
+        poses, stamps = _stamped(path, options, [])
+        motion = ObjectMotion(poses.position, poses.orientation)
+        return stamps, motion if stamps is None else _at(poses, stamps, stamps)
+
+
 def _read(path: Path, time: FloatArray, rows: IntArray, options: ReadOptions, findings: list[Finding]) -> ObjectMotion:
     with named(path):
-        arrays, unit = _arrays_of(Content(path, what="poses of an object"), options.object_track, findings)
-        column = time_column(name for name, values in arrays.items() if np.shape(values)[1:] in ((), (1,)))
-        stamps = None if column is None else np.ravel(as_numbers(f"'{column.name}'", arrays[column.name]))
-        others = {name: values for name, values in arrays.items() if column is None or name != column.name}
-        poses = poses_in(others, None, options, alone=True, strict=True)
-        if poses is None:
-            name, values, first = _unnamed(others)
-            poses = _of_rows(name, values, None, options)
-            stamps = first if stamps is None else stamps
-        metre = _metre(poses, unit, options, findings)
-        left = {name: np.shape(values) for name, values in others.items() if name not in (*poses.names, *STATED)}
-        findings += [*poses.findings, *unused(left)]
-        poses = poses._replace(position=metre * poses.position)
-        factor = TIME_UNITS[column.unit] if column is not None and column.unit else 1.0
+        poses, stamps = _stamped(path, options, findings)
         if stamps is None or len(poses.position) == 1:
             motion = ObjectMotion(poses.position, poses.orientation)
             if len(time) < len(poses.position) > int(rows.max(initial=0)) and (rows != np.arange(len(time))).any():
                 # The recording has no samples of frames without a hand, where the object has its pose.
                 return motion.at(rows)
             return ObjectMotion(*_counted(poses, len(time))[:2])
-        return _at(poses, factor * stamps, time)
+        return _at(poses, stamps, time)
+
+
+def _stamped(path: Path, options: ReadOptions, findings: list[Finding]) -> tuple[ObjectPoses, FloatArray | None]:
+    """Return the poses of a file [m] and their stamps [s], None without any."""
+    arrays, unit = _arrays_of(Content(path, what="poses of an object"), options.object_track, findings)
+    column = time_column(name for name, values in arrays.items() if np.shape(values)[1:] in ((), (1,)))
+    stamps = None if column is None else np.ravel(as_numbers(f"'{column.name}'", arrays[column.name]))
+    others = {name: values for name, values in arrays.items() if column is None or name != column.name}
+    poses = poses_in(others, None, options, alone=True, strict=True)
+    if poses is None:
+        name, values, first = _unnamed(others)
+        poses = _of_rows(name, values, None, options)
+        stamps = first if stamps is None else stamps
+    metre = _metre(poses, unit, options, findings)
+    left = {name: np.shape(values) for name, values in others.items() if name not in (*poses.names, *STATED)}
+    findings += [*poses.findings, *unused(left)]
+    poses = poses._replace(position=metre * poses.position)
+    factor = TIME_UNITS[column.unit] if column is not None and column.unit else 1.0
+    return poses, None if stamps is None else factor * stamps
 
 
 ROWS = "rows"

@@ -117,6 +117,9 @@ def thing_rows(parts: MovingParts, record: ThingsRecord, ticks: slice) -> dict[s
             "table_wrench": thing.table_wrench,
             "thing_wrench": wrench,
         }
+        if name in parts.driven:
+            to = parts.driven[name].at(ticks)
+            rows[f"{THINGS}/{parts.name}/{name}"] |= {"recorded_position": to.shift, "recorded_orientation": to.turn}
     return rows
 
 

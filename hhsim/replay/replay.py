@@ -1,8 +1,8 @@
 """Main loop: run a hand through a motion in compiled blocks; measure and write each one outside of the timed ticks.
 
-On an object that stands still or moves as recorded two hands keep out of each other: where they cannot meet each hand's
-ticks are those that it has alone, side by side on two threads, else one program's. A free object and both hands have
-one program, and there the hands do not see each other.
+Two hands keep out of each other. On an object that stands still or moves as recorded each hand's ticks are those that
+it has alone, side by side on two threads, where the hands cannot meet. Elsewhere, and with a free object, both have
+one program.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -107,8 +107,9 @@ class Replay:
         self._prepared = warm_up(scene.hand, self._options, moved_alone, **kinds)
         self._surface = contact_surface(kind, scene.mesh, scene.tree) if jointed is None else jointed.surface(kind)
         self.others = [
-            Thing(contact_surface(kind, other.mesh, other.tree), other.free, other.fixed, other.name)
+            Thing(contact_surface(kind, other.mesh, other.tree), other.free, other.fixed, other.name, motion)
             for other in scene.others
+            for motion in [parts and parts.driven.get(other.name)]
         ]
         self.solver = HandSolver(scene.hand, self._surface, self._options, moved_alone, self.others)
         self.engine: Any = self.solver.engine
@@ -243,7 +244,7 @@ def replay_two_hands(
     path = Path(output_path)
     check_result_path(path)
     free, jointed = scenes[0].free, scenes[0].parts is not None
-    keeps_apart = free is None and keeps_hands_apart(options, jointed=jointed)
+    keeps_apart = free is not None or keeps_hands_apart(options, jointed=jointed)
     described = {TWO_HANDED: True, HANDS_APART: keeps_apart}
     runs = [Replay(scene, options, described, alone=free is None) for scene in scenes]
     parts = [free_name(path.with_name(f"{path.stem}.{side}.partial{path.suffix}")) for side in SIDES]

@@ -14,7 +14,15 @@ from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.result.reader import Result
-from hhsim.result.schema import JOINT_COLUMN, OWN_COLUMNS, PART_COLUMNS, PART_STATIC_COLUMNS, THINGS, Column
+from hhsim.result.schema import (
+    DRIVEN_COLUMNS,
+    JOINT_COLUMN,
+    OWN_COLUMNS,
+    PART_COLUMNS,
+    PART_STATIC_COLUMNS,
+    THINGS,
+    Column,
+)
 from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS, result_hand, sphere_tree_of
 from hhsim.scene.free_object import LAW, FreeObject
 from hhsim.scene.scene import all_pairs
@@ -60,9 +68,13 @@ def static_arrays(
 
 def part_tables(parts: MovingParts) -> dict[str, tuple[Column, ...]]:
     """Return the columns of each part's table in a result, by its group."""
-    own = OWN_COLUMNS if parts.free else ()
     return {
-        f"{THINGS}/{parts.name}/{name}": (*PART_COLUMNS, *([JOINT_COLUMN] if name in parts.values else own))
+        f"{THINGS}/{parts.name}/{name}": (
+            *PART_COLUMNS,
+            *((JOINT_COLUMN,) if name in parts.values else ()),
+            *(OWN_COLUMNS if parts.free else ()),
+            *(DRIVEN_COLUMNS if name in parts.driven else ()),
+        )
         for name in parts.names
     }
 
@@ -168,7 +180,7 @@ def stored_others(result: Result, parts: MovingParts) -> list[Thing]:
     found = []
     for surface, stated, name in zip(surfaces, result.scene.get("others", ()), parts.names[1:]):
         free = {key: value for key, value in stated.items() if key != "fixed"}
-        found.append(Thing(surface, FreeObject.from_json(free), stated["fixed"], name))
+        found.append(Thing(surface, FreeObject.from_json(free), stated["fixed"], name, parts.driven.get(name)))
     return found
 
 

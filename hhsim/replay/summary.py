@@ -5,7 +5,7 @@ was measured on a live hold, so a hold with frozen input is run once more with s
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -23,11 +23,11 @@ from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_NO_PLACE, STAT
 from hhsim.metrics import metrics
 from hhsim.metrics.mesh_penetration import MOST_CONTACT_ERROR, TouchedObject
 from hhsim.metrics.metrics import Statistics, force_variation_rate, statistics
-from hhsim.metrics.moving_parts import TouchedParts
+from hhsim.metrics.moving_parts import MovingParts, TouchedParts
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import known_figures, tick_figures
 from hhsim.metrics.run_ticks import Datasets, FreeRun, RunTicks
-from hhsim.motion.trajectory import ObjectMotion
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.motion.tremor import Disturbance
 from hhsim.replay.summary_table import SummaryRow, figure_table, short_table, summary_rows
 from hhsim.replay.tick_columns import KeptColumns
@@ -48,6 +48,8 @@ ONSET = 0.1
 """First period of the tremor [s], left out: its onset is a jump."""
 REFERENCE_TICKS = 16
 """Number of ticks of the hold at which the reference optimum is computed."""
+HELD_OFF = 1e-6
+"""Distance [m] of a driven thing from its recorded place that the table tells."""
 
 GRAPHIC_HAND = ("graphic/position", "graphic/orientation", "graphic/flexion", "graphic/abduction")
 """Datasets from which figures of further runs start."""
@@ -204,6 +206,7 @@ def summarise(
             *surface.notes,
             *_floating(scene, figures),
             *(() if free_run is None else filter(None, [free_run.left_behind(ticks.phases, ticks.position)])),
+            *(() if free_run is None or parts is None else _held_off(parts, free_run.moved)),
         ),
         ticks=ticks.tick_count,
         warm_up=prepared,
@@ -251,6 +254,18 @@ def _floating(scene: Scene, figures: Mapping[str, float]) -> tuple[str, ...]:
         f"the hand touches up to {1e3 * error:.2g} mm off the mesh: {scene.tree.leaf_count:,} spheres (level {level}) "
         f"are too coarse for an object of {1e3 * scene.mesh.extent.max():,.0f} mm; {way}",
     )
+
+
+def _held_off(parts: MovingParts, first: RigidMotion) -> Iterator[str]:
+    """Yield by how much each driven thing is kept from its recorded place; `first` is the motion of the first thing."""
+    for name, motion in parts.driven.items():
+        p, count = parts.names.index(name), len(parts.world)
+        center = np.tile(parts.meshes[p].bounds.mean(axis=0), (count, 1))
+        shown = RigidMotion(parts.world[:, p, 3:], parts.world[:, p, :3]).points(center)
+        off = np.linalg.norm(first.points(shown) - motion.points(center), axis=1)
+        if off.max() > HELD_OFF:
+            ticks = counted(int((off > HELD_OFF).sum()), "tick")
+            yield f"{name} is kept from where it is recorded in {ticks}, by up to {1e3 * off.max():.3g} mm"
 
 
 def _notes(scene: Scene, options: SolverOptions, status: AnyArray) -> tuple[str, ...]:

@@ -316,6 +316,14 @@ OWN_COLUMNS: tuple[Column, ...] = (
 )
 """Further ones of a thing beside others."""
 
+DRIVEN_COLUMNS: tuple[Column, ...] = (
+    Column(
+        "recorded_orientation", (4,), "<f8", "1", "orientation that the thing is driven to, unit quaternion w x y z"
+    ),
+    Column("recorded_position", (3,), "<f8", "m", "position that the thing is driven to, of its frame's origin, world"),
+)
+"""Further ones of a driven thing."""
+
 JOINT_COLUMN = Column("joint", (), "<f8", "rad,m", "value of the joint that the part hangs on: of a hinge, of a slider")
 """Further one of a part that hangs on another one."""
 

@@ -144,6 +144,14 @@ class Joint(Settings, frozen=True):
                     f"expected {least:g} to {most:g} {'rad' if self.type == 'hinge' else 'm'}"
                 )
 
+    def read(self, folder: Path) -> "Joint":
+        """Return the joint with the motion of its recording, whose path is relative to a folder."""
+        if self.recording is None:
+            return self
+        keyframes = self.recording.read(folder)
+        with named(folder / self.recording.file):
+            return structs.replace(self, motion=keyframes, recording=None)
+
     def values(self, time: FloatArray) -> FloatArray:
         """Return the joint's values [rad] or [m] at these times [s], (T,); its recording has been read."""
         assert self.motion is not None
@@ -232,7 +240,7 @@ class JointedThing(Settings, frozen=True):
         while waiting:
             part = next(one for one in waiting if one.parent in known or not one.parent)
             waiting.remove(part)
-            position, orientation = _moved(part, values.get(part.name, np.zeros(steps)))
+            position, orientation = moved_by(part, part.joint, values.get(part.name, np.zeros(steps)))
             if part.parent:
                 base, turn = known[part.parent]
                 position = base + _turned(turn, position)
@@ -254,14 +262,7 @@ def check_no_circle(bearers: Mapping[str, str], expected: str) -> None:
 def read_jointed_thing(path: Path) -> JointedThing:
     """Read a thing of several parts from TOML; InputError names what is wrong and what would be right."""
     thing = read_settings(path, JointedThing, "thing of several parts")
-    parts = []
-    for part in thing.part:
-        joint = part.joint
-        if joint is not None and joint.recording is not None:
-            keyframes = joint.recording.read(path.parent)
-            with named(path.parent / joint.recording.file):
-                joint = structs.replace(joint, motion=keyframes, recording=None)
-        parts.append(structs.replace(part, joint=joint))
+    parts = (structs.replace(part, joint=part.joint and part.joint.read(path.parent)) for part in thing.part)
     return structs.replace(thing, part=tuple(parts))
 
 
@@ -270,16 +271,16 @@ def _turned(orientation: FloatArray, vectors: FloatArray) -> FloatArray:
     return turned
 
 
-def _moved(part: Part, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return position [m] (T, 3) and orientation (T, 4) of a part in its parent's frame at each value of its joint."""
-    place = np.tile(np.array(part.position), (len(values), 1))
-    given = np.array(part.orientation)
+def moved_by(shape: Shape, joint: Joint | None, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return position [m] (T, 3) and orientation (T, 4) of a shape, in its parent's frame, at each value of a joint."""
+    place = np.tile(np.array(shape.position), (len(values), 1))
+    given = np.array(shape.orientation)
     orientation = np.tile(given / norm(given), (len(values), 1))
-    if part.joint is None:
+    if joint is None:
         return place, orientation
-    axis = np.array(part.joint.axis)
+    axis = np.array(joint.axis)
     along = values[:, None] * (axis / norm(axis))
-    if part.joint.type == "slider":
+    if joint.type == "slider":
         return place + along, orientation
-    turn, origin = quaternion(along), np.array(part.joint.origin)
+    turn, origin = quaternion(along), np.array(joint.origin)
     return origin + _turned(turn, place - origin), quaternion_product(turn, orientation)

@@ -131,8 +131,8 @@ def make_scene(
 
 
 def with_things(scene: Scene, things: Things, tree_of: Callable[[Mesh], SphereTree]) -> Scene:
-    """Return a scene of the first of several things with all of them, free or fixed; `tree_of` makes the trees."""
-    others, parts, free = things.placed(scene.mesh, scene.tree, scene.trajectory, scene.ticks.tick_count, tree_of)
+    """Return a scene of the first of several things with all of them; `tree_of` makes the trees."""
+    others, parts, free = things.placed(scene.mesh, scene.tree, scene.trajectory, scene.ticks, tree_of)
     return replace(scene, free=free, others=others, parts=parts)
 
 
@@ -175,7 +175,7 @@ def open_scene(
         if unit is not None or size is not None:
             raise InputError(f"unit and size are for mesh files; {object_} has its size")
         if names_things(str(object_)):
-            things = load_things(str(object_), solid=solid)
+            things = load_things(str(object_), moved, solid=solid)
             mesh, usual = things.mesh, MESH_LEVEL
         else:
             thing = load_thing(object_, moved, solid=solid)

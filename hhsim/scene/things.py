@@ -1,4 +1,4 @@
-"""Several things in a scene, each free or fixed, as TOML declares them.
+"""Several things in a scene, each free, fixed or driven, as TOML declares them.
 
 Keys, with their defaults; a shape and its place are as of `hhsim.scene.jointed_thing`::
 
@@ -17,21 +17,24 @@ Keys, with their defaults; a shape and its place are as of `hhsim.scene.jointed_
     hinge.origin = [0.0, 0.0, 0.0]   # a point of the axis [m]
     hinge.on = "base"                # a thing that bears the hinge, and does not stop it; without one the world
     hinge.limits = [-1.9, 0.4]       # least and greatest angle from where it begins [rad], within ±π; none without
-    hinge.friction = 0.0             # largest moment of the hinge's friction [N·m]; none on a free thing
+    hinge.friction = 0.0             # largest moment of the hinge's friction [N·m]
     slider.axis = [1.0, 0.0, 0.0]    # in place of a hinge: it only moves along; `on` is as of a hinge
     slider.limits = [-0.1, 0.1]      # least and greatest way from where it begins [m]; none without
     slider.friction = 0.0            # largest force of the slider's friction [N]
+    driven.type = "slider"           # in place of these: it goes as recorded, through what is fixed or driven, too;
+    driven.motion = [[0.0, 0.0], [1.0, 0.1]]    # keys as of the joint of a part, see `hhsim.scene.jointed_thing`
+    poses = { file = "box.npy", rate = 30.0 }   # or by its poses, which have no joint, see `hhsim.scene.driven_thing`
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, structs
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known, named
@@ -39,12 +42,12 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.catalogue import THINGS, names_a_file
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts
-from hhsim.motion.trajectory import Trajectory
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickInput, Trajectory
 from hhsim.ranges import RANGES
-from hhsim.reproducible import norm
+from hhsim.scene.driven_thing import Drive, PoseFile, along_joint
 from hhsim.scene.free_object import CLEARANCE, FreeObject, Hinge, Slider
-from hhsim.scene.jointed_thing import Number, Shape, Three, Two, check_no_circle
-from hhsim.scene.parts_of_thing import require_apart, shape_mesh
+from hhsim.scene.jointed_thing import Joint, Keyframe, Number, Shape, Three, Two, check_no_circle, moved_by
+from hhsim.scene.parts_of_thing import require_apart, require_no_joints, shape_mesh
 from hhsim.system.settings_file import Settings, between, read_settings, read_toml_text
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -84,6 +87,8 @@ class ThingSettings(Shape, frozen=True):
     fixed: bool = False
     hinge: HingeSettings | None = None
     slider: SliderSettings | None = None
+    driven: Joint | None = None
+    poses: PoseFile | None = None
 
     @property
     def joint(self) -> Hinge | Slider | None:
@@ -92,14 +97,28 @@ class ThingSettings(Shape, frozen=True):
         return settings.joint() if settings else None
 
     def check(self) -> None:
-        """Check the shape and the joint, for one of mass and density, and that what is fixed has no joint."""
+        """Check the shape, and that there is one of mass and density, and one of what says how it moves."""
         super().check()
-        if self.hinge and self.slider:
-            raise InputError(f"thing '{self.name}' has both a hinge and a slider; expected one of them")
-        if self.fixed and self.joint:
-            raise InputError(f"thing '{self.name}' is fixed and has a {self.joint.KIND}; expected one of them")
+        given = [name for name in ("fixed", "hinge", "slider", "driven", "poses") if getattr(self, name)]
+        if len(given) > 1:
+            raise InputError(f"thing '{self.name}' has both {' and '.join(given)}; expected one of them")
         if self.mass is not None and self.density is not None:
             raise InputError(f"thing '{self.name}' has both a mass and a density; expected one of them")
+
+    def drive(self, folder: Path, motions: Mapping[str, Sequence[Keyframe]]) -> Drive | None:
+        """Return the motion of a driven thing, whose files are in a folder; None for others.
+
+        `motions` has that of joints in place of their own, by the name of the thing.
+        """
+        if self.poses is not None:
+            return self.poses.drive(self, folder)
+        if self.driven is None:
+            return None
+        joint = self.driven.read(folder)
+        if self.name in motions:
+            joint.check_motion(motions[self.name])
+            joint = structs.replace(joint, motion=tuple(motions[self.name]))
+        return along_joint(self, joint)
 
     def free_object(self, mesh: Mesh, table: float | None, rotation: FloatArray, position: FloatArray) -> FreeObject:
         """Return its physical properties, its mesh in the world [m] over a table at a height [m].
@@ -124,16 +143,13 @@ class ThingsSettings(Settings, frozen=True):
         for name in names:
             if names.count(name) > 1:
                 raise InputError(f"two things have the name '{name}'; expected a name for each")
-        if self.thing[0].fixed:
-            raise InputError(f"the first thing, '{names[0]}', is fixed; expected the one that the hand moves first")
+        first = self.thing[0]
+        if first.fixed or first.driven or first.poses:
+            found = "fixed" if first.fixed else "driven"
+            raise InputError(f"the first thing, '{names[0]}', is {found}; expected the one that the hand moves first")
         bearers = {thing.name: thing.joint.on for thing in self.thing if thing.joint and thing.joint.on}
         check_known("thing", bearers.values(), names)
         check_no_circle(bearers, "one thing that hangs on no other")
-        free = [thing.name for thing in self.thing if not thing.fixed]
-        for thing in self.thing:
-            if thing.joint and thing.joint.friction > 0.0 and thing.joint.on in free:
-                kind = thing.joint.KIND
-                raise InputError(f"the {kind} of '{thing.name}' is on a free thing; expected {kind}.friction = 0")
 
     @property
     def joined(self) -> set[frozenset[str]]:
@@ -142,7 +158,7 @@ class ThingsSettings(Settings, frozen=True):
 
 
 class OtherThing(NamedTuple):
-    """Thing beside a free object, in the world before the first tick; of a fixed one only the friction counts."""
+    """Thing beside a free object, in the world before the first tick; unless it is free only its friction counts."""
 
     name: str
     mesh: Mesh
@@ -153,11 +169,12 @@ class OtherThing(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Things:
-    """Several things with their meshes, in the frame of the file [m]."""
+    """Several things with their meshes, in the frame of the file [m], and the motion of the driven ones."""
 
     name: str
     settings: ThingsSettings
     meshes: tuple[Mesh, ...]
+    drives: tuple[Drive | None, ...]
 
     @property
     def mesh(self) -> Mesh:
@@ -169,9 +186,9 @@ class Things:
         return replace(tree, options={**tree.options, "thing": self.name})
 
     def placed(
-        self, mesh: Mesh, tree: SphereTree, motion: Trajectory, ticks: int, tree_of: Callable[[Mesh], SphereTree]
+        self, mesh: Mesh, tree: SphereTree, motion: Trajectory, ticks: TickInput, tree_of: Callable[[Mesh], SphereTree]
     ) -> tuple[tuple[OtherThing, ...], MovingParts, FreeObject]:
-        """Return the others, room for the poses of all at so many ticks, and the first one as a free object.
+        """Return the others, room for the poses of all at the ticks, and the first one as a free object.
 
         Mesh and tree are the first one's where the motion places it, world; `tree_of` makes those of the others.
         """
@@ -186,9 +203,14 @@ class Things:
         names = tuple(thing.name for thing in settings.thing)
         if any(one.joint and one.joint.on == names[0] for one in free):
             free[0] = replace(free[0], name=names[0])
+        driven = {
+            name: _driven(drive, ticks.time, motion) for name, drive in zip(names, self.drives) if drive is not None
+        }
         given = list(zip(settings.thing, meshes, trees, free))[1:]
         parts = MovingParts(
-            self.name, names, tuple(meshes), tuple(trees), np.zeros((ticks, len(names), 7)), {}, free=True
+            *(self.name, names, tuple(meshes), tuple(trees), np.zeros((ticks.tick_count, len(names), 7)), {}),
+            free=True,
+            driven=driven,
         )
         others = tuple(OtherThing(of.name, one, its, own, of.fixed) for of, one, its, own in given)
         return others, parts, free[0]
@@ -205,21 +227,36 @@ def _path_of(word: str) -> Path:
     return Path(word) if names_a_file(word) else Path(str(files("hhsim.objects") / THINGS / f"{word}.toml"))
 
 
-def load_things(word: str, *, solid: bool = True) -> Things:
+def load_things(word: str, motion: object = None, *, solid: bool = True) -> Things:
     """Load several things: a name of the catalogue, or a TOML file.
 
-    Without `solid` the triangles of mesh files are taken as they are. Raises InputError for a file that cannot be used,
-    or things that begin inside each other.
+    Joints of driven things are moved by the motion, if it is a script that has some. Without `solid` the triangles of
+    mesh files are taken as they are. Raises InputError for a file that cannot be used, a joint that no thing has, or
+    things that begin inside each other.
     """
     path = _path_of(word)
     settings = read_settings(path, ThingsSettings, "scene of several things")
+    motions: dict[str, Sequence[Keyframe]] = dict(getattr(motion, "joints", ()))
     with named(word):
-        meshes: Sequence[Mesh] = [
-            shape_mesh(thing, path.parent, solid).transformed(
-                rotation_matrix(np.array(thing.orientation) / norm(np.array(thing.orientation))),
-                np.array(thing.position),
-            )
-            for thing in settings.thing
-        ]
+        joints = [thing.name for thing in settings.thing if thing.driven]
+        if joints:
+            check_known("joint", motions, joints)
+        else:
+            require_no_joints(motion, path.stem)
+        drives = tuple(thing.drive(path.parent, motions) for thing in settings.thing)
+        meshes = []
+        for thing, drive in zip(settings.thing, drives):
+            begin = np.zeros(1)
+            place, turn = drive(begin) if drive else moved_by(thing, None, begin)
+            meshes.append(shape_mesh(thing, path.parent, solid).transformed(rotation_matrix(turn[0]), place[0]))
         require_apart([thing.name for thing in settings.thing], meshes, settings.joined)
-    return Things(path.stem, settings, tuple(meshes))
+    return Things(path.stem, settings, tuple(meshes), drives)
+
+
+def _driven(drive: Drive, time: FloatArray, placed: Trajectory) -> RigidMotion:
+    """Return the motion of a driven thing since 0 s, at some times [s], in a world where a hand's motion places it."""
+    begun = np.concatenate([[0.0], time])
+    poses, ways = drive(begun), (len(begun), 1)
+    frame = RigidMotion(np.tile(placed.object_orientation, ways), np.tile(placed.object_position, ways))
+    world = ObjectMotion(frame.points(poses.position), frame.orientations(poses.orientation))
+    return world.at(slice(1, None)).since(world.position[0], world.orientation[0])

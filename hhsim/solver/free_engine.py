@@ -10,11 +10,12 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import palm_arrays
+from hhsim.kernels.contact.hand_pairs import hand_reach
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import HINGE, SLIDER, Support
 from hhsim.kernels.free.edges import Edges
 from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
-from hhsim.kernels.free.rows import friction_count
+from hhsim.kernels.free.rows import SLACKS, friction_count
 from hhsim.kernels.free.state import MOST_HANDS, MOST_THINGS, free_state_dtype
 from hhsim.kernels.free.tick import Free, rebuild, run_many
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
@@ -24,6 +25,7 @@ from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.mesh.mesh import Mesh
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.reproducible import matmul, norm, principal_axes
 from hhsim.scene.free_object import FreeObject, Hinge, Slider
 from hhsim.solver.options import SolverOptions
@@ -40,6 +42,8 @@ BRANCHING = 8
 NO_EDGES = Edges(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)))
 BELOW = 1e-6
 """Largest depth [m] of an object in the table at the start: rounding."""
+HEAVY = 1e6
+"""Mass [kg] and moment of inertia [kg·m²] of a driven thing: 100 N move it by 10 nm in a tick of 1 ms."""
 
 
 def require_free(options: SolverOptions) -> None:
@@ -56,12 +60,21 @@ def require_free(options: SolverOptions) -> None:
 
 
 class Thing(NamedTuple):
-    """Object of a scene of several: surface, in the world at first, and properties; if fixed, only friction counts."""
+    """Object of a scene of several: surface, in the world at first, and properties.
+
+    Of a fixed one, and of a driven one, which goes by its motion since the first tick, only friction counts.
+    """
 
     surface: ContactSurface
     free: FreeObject
     fixed: bool = False
     name: str = ""
+    motion: RigidMotion | None = None
+
+    @property
+    def moves_freely(self) -> bool:
+        """True unless it is fixed or driven."""
+        return not self.fixed and self.motion is None
 
 
 def support_of(surface: Any, mesh: Mesh | None) -> Support:
@@ -154,16 +167,20 @@ class FreeEngine:
         )
         self.ticks = object_record(0)
         self.all_ticks: ThingsRecord | None = None
+        self._ticks = 0
         self._name_pairs()
         problem, friction = self.states[0].free_problem, self.states[0].friction
         problem.hands, problem.things, friction.room = hands, things, friction_count(things)
+        problem.slacks, problem.no_block[:] = 0, -1
+        self.states[0].meeting.reach[:hands] = [hand_reach(hand.hand) for hand in self.hands]
         problem.inverse_root[:] = self.states[0].problem.inverse_root
         for k, (thing, support, body) in enumerate(zip(self.things, supports, self.states[0].bodies)):
             self._place(thing, support, body)
             bearer = self._bearer(thing)
             if bearer is not None:
                 body.pair = self._pairs.index((0, k, bearer))
-                self._join_pair(thing.free, body)
+                self._join_pair(thing.free.joint, thing.free, body)
+                problem.slacks = SLACKS if body.joint_friction > 0.0 else problem.slacks
             elif thing.free.joint is not None and not thing.fixed:
                 self._join(thing.free, thing.free.joint, body)
             # As if the tick before had ended with these velocities: by them it is foreseen what slips.
@@ -182,18 +199,29 @@ class FreeEngine:
         for state, (_, other, thing) in zip(self.states, pairs):
             if other >= 0:
                 state.modelled[:] = False
-                state.modelled[PALM_BODY] = not self._are_joined(self.things[other], self.things[thing])
+                state.modelled[PALM_BODY] = self._may_meet(self.things[other], self.things[thing])
 
     @staticmethod
-    def _are_joined(one: Thing, two: Thing) -> bool:
-        """Return True if a joint fixes one thing to the other one, through which it goes."""
+    def _may_meet(one: Thing, two: Thing) -> bool:
+        """Return True if one of two things moves freely, and no joint bears one on the other, through which it goes."""
         bears = ((a.free.joint.on if a.free.joint else "", b.name) for a, b in ((one, two), (two, one)))
-        return any(on != "" and on == name for on, name in bears)
+        joined = any(on != "" and on == name for on, name in bears)
+        return not joined and (one.moves_freely or two.moves_freely)
 
     def _bearer(self, thing: Thing) -> int | None:
         """Return the number of the free thing that bears a thing's joint; None for a fixed one, or the world."""
         on = thing.free.joint.on if thing.free.joint and not thing.fixed else ""
         return next((k for k, one in enumerate(self.things) if on and one.name == on and not one.fixed), None)
+
+    def _driven(self, ticks: int) -> FloatArray:
+        """Return position [m] and orientation of each thing's centre in the next ticks, (K, B, 7), 0 unless driven."""
+        poses = np.zeros((len(self.things), ticks, 7))
+        for pose, thing in zip(poses, self.things):
+            if thing.motion is not None:
+                motion = thing.motion.at(np.minimum(self._ticks + np.arange(ticks), len(thing.motion.turn) - 1))
+                pose[:, :3], pose[:, 3:] = motion.points(np.tile(self._center(thing), (ticks, 1))), motion.turn
+        self._ticks += ticks
+        return poses
 
     def _center(self, thing: Thing) -> FloatArray:
         """Return the point about which a thing turns [m], world at the start, shape (3,)."""
@@ -203,7 +231,7 @@ class FreeEngine:
         free, period, offset = thing.free, self.workspace.options.period, self.workspace.options.offset
         # Right-handed, or the gyroscopic term would have the other sign.
         moment, axes = principal_axes(free.inertia)
-        body.is_free = not thing.fixed
+        body.is_free, body.is_driven = not thing.fixed, thing.motion is not None
         body.period = period
         body.center[:] = body.position[:] = self._center(thing)
         body.axes[:] = axes.T
@@ -215,7 +243,9 @@ class FreeEngine:
         body.gravity[:] = free.gravity
         body.damping = free.damping
         body.friction, body.torsion = free.friction, free.torsion
-        body.has_table = free.table is not None and not thing.fixed
+        if thing.motion is not None:
+            body.inverse_root[:] = period / np.sqrt(HEAVY)
+        body.has_table = free.table is not None and thing.moves_freely
         body.table = 0.0 if free.table is None else free.table
         body.table_friction = free.of_table
         body.orientation[0] = 1.0
@@ -254,15 +284,13 @@ class FreeEngine:
         body.spin[:] = matmul(body.axes, free.angular_velocity) * (0.0, 0.0, 1.0)
 
     @staticmethod
-    def _join_pair(free: FreeObject, body: Any) -> None:
+    def _join_pair(joint: Any, free: FreeObject, body: Any) -> None:
         """Let a body and the free one that bears it move against each other about or along the axis alone."""
-        joint = free.joint
-        if joint is None or joint.friction > 0.0:
-            raise InputError("a joint on a free thing has friction; expected friction = 0")
         body.pair_joint = HINGE if isinstance(joint, Hinge) else SLIDER
         body.joint_origin[:] = joint.origin if isinstance(joint, Hinge) else free.center
         body.joint_axes[:] = _about(joint.direction)
         body.limits[:] = joint.limits or (-np.inf, np.inf)
+        body.joint_friction = joint.friction
 
     def begin(self) -> None:
         """See `Engine.begin`; the graphic hand stands in the workspace as the object sees it."""
@@ -299,7 +327,8 @@ class FreeEngine:
         of_each = [object_record(count), *(object_record(count, 0) for _ in range(1, things))]
         own = ThingsRecord(filled(of_each, MOST_THINGS), rows, points, np.zeros((things, count, 6)))
         given = self.method, self.states, self.qp
-        done = int(run_many(*given, filled(haptic, MOST_HANDS), filled(record, MOST_HANDS), own))
+        read_written = filled(haptic, MOST_HANDS), filled(record, MOST_HANDS), own
+        done = int(run_many(*given, *read_written, self._driven(count)))
         self.all_ticks = own._replace(things=own.things[:things]) if things > 1 else None
         self.ticks = of_first(own) if things > 1 else own.things[0]
         return done

@@ -1,4 +1,4 @@
-"""Solvers of two hands: on a free object all three move by one program; else the hands keep out of each other."""
+"""Solvers of two hands that keep out of each other; on a free object all three move by one program."""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -107,18 +107,8 @@ class SideBySideSolver:
     def _begin(self, haptic: Pair[HapticBlock]) -> list[int]:
         """Place both hands, apart where they begin in each other; return the status bits of each first tick."""
         begun = [hand.begin(given) for hand, given in zip(self.hands, haptic)]
-        first, second = (states[0].pose for states in self._states)
-        away, clear = first.position - second.position, self.hands[0].options.margin
-
-        def distance() -> float:
-            for arrays, states in zip(self._arrays, self._states):
-                update_kinematics(arrays, states[0].pose)
-            apart = hands_nearest(self._arrays, self._states, FAR, self._both[0].pairs)
-            return min(apart, *(clearance(space) for space in self._spaces))
-
-        if distance() >= 0.0:
+        if not _part(self._spaces, self._both[0].pairs):
             return begun
-        shift_until([first.position, second.position], away, distance, clear)
         engines = [_engine(hand) for hand in self.hands]
         for engine in engines:
             engine.begin()
@@ -130,6 +120,23 @@ class SideBySideSolver:
         patient = [engine.patient(START_LINEARISATIONS) for engine in engines]
         self._run_together(patient, (one, two), (tick_record(1), tick_record(1)))
         return [start | STATUS_START_INSIDE for start in begun]
+
+
+def _part(spaces: Sequence[TickWorkspace], pairs: Any) -> bool:
+    """Shift two graphic hands apart, free of the object, where they begin in each other; return whether they did."""
+    arrays, states = tuple(space.hand for space in spaces), tuple(space.states for space in spaces)
+    first, second = (of_hand[0].pose for of_hand in states)
+
+    def distance() -> float:
+        for hand, of_hand in zip(arrays, states):
+            update_kinematics(hand, of_hand[0].pose)
+        return min(hands_nearest(arrays, states, FAR, pairs), *(clearance(space) for space in spaces))
+
+    if distance() >= 0.0:
+        return False
+    away, clear = first.position - second.position, spaces[0].options.margin
+    shift_until([first.position, second.position], away, distance, clear)
+    return True
 
 
 def _engine(hand: HandSolver) -> LinearisingEngine:
@@ -176,6 +183,8 @@ class TwoHandedSolver:
         begun = [0, 0]
         if not self._started:
             begun = [hand.begin(given) for hand, given in zip(self.hands, (right, left))]
+            if _part([hand.workspace for hand in self.hands], self.engine.states[0].meeting):
+                begun = [start | STATUS_START_INSIDE for start in begun]
             self.engine.begin()
             self._started = True
         done = self.engine.run_many((right, left), records)

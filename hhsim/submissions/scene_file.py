@@ -17,10 +17,11 @@ from hhsim.arrays import AnyArray
 from hhsim.errors import DamagedFileError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.motion.trajectory import Phase, TickInput, Trajectory
-from hhsim.replay.stored_scene import checksums, static_arrays, stored_hand, stored_mesh, stored_tree
+from hhsim.replay.stored_scene import checksums, part_arrays, static_arrays, stored_hand, stored_mesh, stored_tree
 from hhsim.result.reader import Result, read_phases
-from hhsim.result.schema import STATIC_COLUMNS
+from hhsim.result.schema import PART_STATIC_COLUMNS, STATIC_COLUMNS
 from hhsim.scene.scene import Scene, open_scene
+from hhsim.submissions.scene_model import recorded_poses, scene_bodies
 from hhsim.system.atomic_write import put_dataset, sealed_hdf5
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 
@@ -40,15 +41,21 @@ MOTION = {
 NAMES = ("object", "trajectory", "unit", "size_mm", "level", "hand", "rate", "samples", "seed")
 """Words that `hhsim scene` makes a scene by, so that it can be made again for a submission."""
 
+NOT_SCORED = "a hand beside several parts or things that move is not scored; expected a scene of one object"
+
 
 def scene_digest(scene: Scene) -> str:
-    """Return the SHA-256 [hex] of mesh, hand, motion and rate, with lengths and angles to `ROUNDED` decimals."""
+    """Return the SHA-256 [hex] of meshes, things, hand, motion and rate, numbers rounded to `ROUNDED` decimals."""
     hand, ticks = scene.hand, scene.ticks
     parts: list[AnyArray] = [scene.mesh.vertices, scene.mesh.faces]
     parts += [hand.base, hand.distal, hand.dorsal, hand.length, hand.radius]
     parts += [hand.flexion_min, hand.flexion_max, hand.abduction_min, hand.abduction_max]
     parts += [hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius, *HandConfiguration.of(ticks)]
     digest = hashlib.sha256(f"{hand.side} {ticks.rate!r} ".encode())
+    if scene.parts is not None:
+        digest.update(json.dumps([body.to_json() for body in scene_bodies(scene)]).encode())
+        parts += [part for mesh in scene.parts.meshes for part in (mesh.vertices, mesh.faces)]
+        parts += recorded_poses(scene).values()
     for part in parts:
         # Adding 0 makes a plain zero of a negative one.
         rounded = np.ascontiguousarray(np.round(np.asarray(part, dtype="<f8"), ROUNDED) + 0.0)
@@ -101,6 +108,7 @@ def scene_content(scene: Scene) -> bytes:
         "rate": scene.ticks.rate,
         "hand": {"side": hand.side, "length": hand.hand_length, "breadth": hand.hand_breadth},
         "checksums": checksums(static),
+        **({} if scene.parts is None else {"things": [body.to_json() for body in scene_bodies(scene)]}),
     }
 
     def fill(file: h5py.File) -> None:
@@ -111,6 +119,9 @@ def scene_content(scene: Scene) -> bytes:
             put_dataset(file, column.name, static[column.name], column.units, column.long_name)
         for name, (units, meaning) in MOTION.items():
             put_dataset(file, f"motion/{name}", getattr(scene.ticks, name), units, meaning)
+        for group, arrays in part_arrays(scene.parts).items():
+            for column in PART_STATIC_COLUMNS:
+                put_dataset(file, f"{group}/{column.name}", arrays[column.name], column.units, column.long_name)
         phases = scene.ticks.phases
         names = np.array([phase.name for phase in phases], h5py.string_dtype())
         put_dataset(file, "phase/name", names, "1", "name of each phase")
@@ -151,6 +162,8 @@ def _load(path: Path) -> Scene:
             version = file.attrs.get("schema_version")
             raise InputError(f"{path}: schema_version {version}; expected {SCHEMA_VERSION}: make it anew")
         said = json.loads(file.attrs["scene"])
+        if "things" in said:
+            raise InputError(f"{path} has {said['object_name']}: {NOT_SCORED}")
         static = {column.name: file[column.name][()] for column in STATIC_COLUMNS}
         motion = {name: file[f"motion/{name}"][()] for name in MOTION}
         phases = tuple(read_phases(file))

@@ -3,21 +3,24 @@
 import json
 import os
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hhsim.errors import InputError, OutputError
+from hhsim.arrays import FloatArray
+from hhsim.errors import OutputError
 from hhsim.exchange.hand_bodies import STEP
-from hhsim.exchange.hand_formats import hand_mjcf, hand_urdf, scene_mjcf
+from hhsim.exchange.hand_formats import hand_mjcf, hand_urdf
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
-from hhsim.motion.csv_file import format_csv
+from hhsim.motion.csv_file import POSE_COLUMNS, format_csv
 from hhsim.scene.scene import Scene
 from hhsim.submissions.pose_file import Submission, format_poses
 from hhsim.submissions.scene_file import scene_content, scene_digest, scene_names, scene_title, tick_trajectory
+from hhsim.submissions.scene_model import recorded_poses, scene_bodies, scene_mjcf
 from hhsim.table.table import Table
 
 SCENE_FILE = "scene.h5"
@@ -38,12 +41,11 @@ def check_scene_folder(folder: Path) -> None:
 def write_scene_folder(scene: Scene, folder: Path) -> str:
     """Make the folder of a scene in one step, and return the scene's digest, which submissions state.
 
-    Raises OutputError as `check_scene_folder`, or if it cannot be written; InputError for several parts or things.
+    Raises OutputError as `check_scene_folder`, or if it cannot be written; InputError as `scene_mjcf`.
     """
     check_scene_folder(folder)
-    if scene.parts is not None:
-        raise InputError(f"{scene.parts.name} has several parts or things: a scene folder is of one object")
     digest, hand, ticks = scene_digest(scene), scene.hand, scene.ticks
+    bodies, parts = scene_bodies(scene), scene.parts
     description = {
         "format": "hhsim-scene",
         "scene": digest,
@@ -53,26 +55,29 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
         "hand": hand.side,
         "phases": [phase._asdict() for phase in ticks.phases],
         "units": "m, rad, s, N; world right-handed, z up; quaternions w x y z",
+        **({} if parts is None else {"things": [body.to_json() for body in bodies]}),
     }
-    lines = [f"# {scene.mesh.name or 'object'} [m], world frame, right-handed, z up"]
-    lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in scene.mesh.vertices.tolist()]
-    lines += [f"f {a} {b} {c}" for a, b, c in (scene.mesh.faces + 1).tolist()]
-    spheres = np.column_stack([scene.tree.leaf_center, scene.tree.leaf_radius])
+    heading = ("x [m]", "y [m]", "z [m]", "radius [m]", *([] if parts is None else ["thing"]))
+    leaves = [np.column_stack([body.tree.leaf_center, body.tree.leaf_radius]).tolist() for body in bodies]
+    spheres = [(*leaf, body.name) for body, its in zip(bodies, leaves) for leaf in its]
     names = ("object_position", "object_orientation", "name", "source")
     about = {name: getattr(scene.trajectory, name) for name in names}
     files: dict[str, str | bytes] = {
         SCENE_FILE: scene_content(scene),
         "scene.json": json.dumps(description, indent=2) + "\n",
-        "object.obj": "\n".join(lines) + "\n",
-        "spheres.csv": Table.of_cells(("x [m]", "y [m]", "z [m]", "radius [m]"), spheres.tolist()).csv(),
+        **{f"{body.name}.obj": body.mesh.obj() for body in bodies},
+        "spheres.csv": Table.of_cells(heading, spheres).csv(),
         "motion.csv": format_csv(tick_trajectory(ticks, hand=hand.side, **about)),
         "hand.json": json.dumps(_numbers(hand), indent=1) + "\n",
         "hand.urdf": hand_urdf(hand),
         "hand.xml": hand_mjcf(hand),
-        "scene.xml": scene_mjcf(hand, scene.tree, HandConfiguration.of(ticks).at(0), "hand.xml", "object.obj"),
-        EXAMPLE: format_poses(example_submission(scene)),
+        "scene.xml": scene_mjcf(scene),
         "README.md": _readme(scene, digest),
     }
+    if parts is None:
+        files[EXAMPLE] = format_poses(example_submission(scene))
+    elif recorded_poses(scene):
+        files["parts.csv"] = _part_poses(scene, parts.values)
     target = folder.absolute()
     part = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
@@ -85,6 +90,15 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
     finally:
         shutil.rmtree(part, ignore_errors=True)
     return digest
+
+
+def _part_poses(scene: Scene, joints: Mapping[str, FloatArray]) -> str:
+    """Return poses of what moves as recorded and values of its joints at each tick as CSV, in s, m and rad."""
+    columns = {"time": scene.ticks.time}
+    for name, poses in recorded_poses(scene).items():
+        columns |= {f"{name}_{column}": values for column, values in zip(POSE_COLUMNS[1:], poses.T)}
+        columns |= {f"{name}_joint": joints[name]} if name in joints else {}
+    return Table.of_cells([*columns], np.column_stack([*columns.values()]).tolist()).csv()
 
 
 def example_submission(scene: Scene) -> Submission:
@@ -121,22 +135,32 @@ def _numbers(hand: HandModel) -> dict[str, Any]:
 def _readme(scene: Scene, digest: str) -> str:
     ticks = scene.ticks
     sign = "" if scene.hand.side == "right" else "minus "
-    return f"""# A scene of hhsim: {scene_title(scene_names(scene))}
-
-Show a hand for each of the {ticks.tick_count:,} ticks, {ticks.rate:g} a second: as near to the user's as it can be and
-not in the object. Write a line a tick as in `{EXAMPLE}`, and measure it:
+    meshes = ", ".join(f"`{body.name}.obj`" for body in scene_bodies(scene))
+    send = "`hhsim score` takes no poses beside\nseveral parts or things, of which docs/submissions.md of hhsim tells."
+    last = "| `parts.csv` | poses and joint values of what moves as recorded |\n" if recorded_poses(scene) else ""
+    if scene.parts is None:
+        send = f"""Write a line a tick, and measure it:
 
     hhsim score my-submission.csv
 
+Its columns are those of `{EXAMPLE}` with its first lines, which say by its digest what scene it is; your method's name
+instead of the one there. Forces on each phalanx and on the palm [N, world] and the time that each tick took [s] may
+follow: docs/submissions.md of hhsim lists the columns."""
+        last = f"| `{EXAMPLE}` | the user's own hand as a submission, which goes through everything |\n"
+    return f"""# A scene of hhsim: {scene_title(scene_names(scene))}
+
+Show a hand for each of the {ticks.tick_count:,} ticks, {ticks.rate:g} a second: as near to the user's as it can be and
+not in the object. {send}
+
 | file | holds |
 |---|---|
-| `object.obj` | the object's mesh [m], world |
-| `spheres.csv` | the leaf spheres that cover it [m], world: what hhsim's own methods touch by default |
+| {meshes} | the mesh [m], world; of a part that moves as recorded, its own frame |
+| `spheres.csv` | the leaf spheres that cover it [m]: what hhsim's own methods touch by default |
 | `motion.csv` | the user's hand at every tick, with the phases of the motion |
 | `hand.json` | the hand as numbers [m, rad], palm frame |
 | `hand.urdf`, `hand.xml` | the same as URDF and MJCF; joints are called as the columns |
 | `scene.xml` | hand and object as MJCF: the mesh is seen, its spheres collide; keyframe `start` is the first tick |
-| `{EXAMPLE}` | the user's own hand as a submission, which goes through everything |
+{last}\
 | `{SCENE_FILE}` | all of it for hhsim; motion under `/motion`, object under `/object`, hand under `/hand` |
 | `scene.json` | digest, rate, phases |
 
@@ -153,12 +177,6 @@ hull of two spheres, of `radius` k and k + 1, whose centres are `length` k apart
 URDF and MJCF have these joints exactly. Their shapes are capsules where both radii are equal; a tapering phalanx is a
 sphere and capsules inside of it, no part of whose surface is more than {1e3 * STEP:g} mm too low. What is measured is
 the round cones. Masses are those of water; hhsim has none.
-
-## What to send
-
-The columns of `{EXAMPLE}` with its first lines, which say by its digest what scene it is; your method's name
-instead of the one there. Forces on each phalanx and on the palm [N, world] and the time that each tick took [s] may
-follow: docs/submissions.md of hhsim lists the columns.
 
     scene: {digest}
 """

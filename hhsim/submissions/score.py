@@ -29,7 +29,7 @@ from hhsim.solver.outside_method import MethodHere, MethodScene, OutsideEngine, 
 from hhsim.solver.reference_optimum import best_hands
 from hhsim.solver.workspace import TickWorkspace
 from hhsim.submissions.pose_file import Submission
-from hhsim.submissions.scene_file import load_scene, named_scene, scene_digest
+from hhsim.submissions.scene_file import NOT_SCORED, load_scene, named_scene, scene_digest
 from hhsim.submissions.scene_folder import SCENE_FILE
 from hhsim.submissions.suspicions import require_scene, suspicions
 from hhsim.system.progress import Progress, silent
@@ -167,9 +167,11 @@ def score(
         command: Words of the command line, which the file states.
 
     Raises:
-        InputError: It is of another scene, or ticks are missing.
+        InputError: It is of another scene, or of several parts or things, or ticks are missing.
         OutputError: The file cannot be written.
     """
+    if scene.parts is not None:
+        raise InputError(f"{scene.parts.name}: {NOT_SCORED}")
     require_scene(submission, scene)
     doubts = suspicions(submission, scene)
     digest = scene_digest(scene)

@@ -14,7 +14,7 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result, load_result
-from hhsim.result.schema import SIDES, TWO_HANDED, is_one_of_two
+from hhsim.result.schema import HANDS_APART, SIDES, TWO_HANDED, is_one_of_two
 from hhsim.scene.parts_of_thing import points_on
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
@@ -52,8 +52,12 @@ AGAINST = np.cos(np.radians(45.0)) - 1e-6
 
 SIDES_OF_CONE = 8
 """Sides of the pyramid around the cone of a contact that is not in the file."""
+MEETS = 1e-4
+"""Distance of two hands within which they may bear on each other [m]."""
 JOINED = 2e-6
 """How far two things may come off their joint [m, rad]."""
+DRIVEN = 1e6
+"""Mass [kg] and moment of inertia [kg·m²] that a driven thing counts as."""
 SAME_THING = 1e-9
 """Tolerance between the object and the first of several things [m, N]."""
 
@@ -63,6 +67,7 @@ class FreeThing:
 
     def __init__(self, result: Result, free: dict[str, Any], group: str = "object") -> None:
         self.result, self.free, self.group, self.name = result, free, group, group.rpartition("/")[2]
+        self.fixed, self.driven = bool(free.get("fixed")), f"{group}/recorded_position" in result
         self.period = 1.0 / result.rate
         self.mass, self.inertia = float(free["mass"]), np.array(free["inertia"], np.float64)
         self.gravity, self.damping = np.array(free["gravity"]), float(free["damping"])
@@ -120,7 +125,7 @@ class FreeThing:
     def unbalanced(self, force: FloatArray) -> FloatArray:
         """Residual of Newton's equation [N], shape (T,), for the forces (T, 3); a fixed thing has no velocity."""
         velocity, heavier = self.velocity, 1.0 + self.damping * self.period
-        if self.free.get("fixed"):
+        if self.fixed:
             return np.asarray(self.mass / self.period * np.linalg.norm(velocity[1:], axis=1))
         made = heavier * velocity[1:] - velocity[:-1]
         wanted = self.period * (force / self.mass + self.gravity)
@@ -156,8 +161,13 @@ class FreeMotion(FreeThing):
 
     @cached_property
     def alone(self) -> BoolArray:
-        """True for ticks in which no hand bears on another thing, whose contacts are not in the file, shape (T,)."""
+        """True for ticks in which no hand bears on what has no contacts in the file, shape (T,): things, other hand."""
         found = np.ones(len(self.ticks), bool)
+        if self.result.scene.get(HANDS_APART):
+            judge = JudgedTicks(self.result, self.ticks)
+            if judge.other is None:
+                return ~found
+            found = judge.of_other_hand(self.ticks, MEETS).nearest(len(found)).min(axis=1) > MEETS
         for part in self.result.parts[1:]:
             found &= ~np.asarray(self.result[f"{part}/hand_wrench"]).any(axis=1)
         return found
@@ -197,11 +207,12 @@ def free_claims(result: Result) -> list[Claim]:
     stated = zip((motion.free, *result.scene.get("others", ())), result.parts)
     things = [FreeThing(result, *one) for one in stated] or [motion]
     joints = [(thing, joint["on"]) for thing in things if (joint := _joint(thing))]
-    pairs = [(thing, one) for thing, on in joints for one in things if one.name == on and not one.free.get("fixed")]
+    pairs = [(thing, one) for thing, on in joints for one in things if one.name == on and not one.fixed]
     held = [thing for thing, _ in joints if thing not in [one for one, _ in pairs]]
     claims = [
         *_velocities(things),
-        *_balance([thing for thing in things if thing not in held]),
+        *_balance([thing for thing in things if not (thing in held or thing.driven)]),
+        *(_driven(thing) for thing in things if thing.driven),
         *_wrenches(motion, any(things[0] in pair for pair in pairs)),
         _equal_and_opposite(motion),
         *_cones(motion),
@@ -303,7 +314,7 @@ def _balance(things: Sequence[FreeThing]) -> list[Claim]:
     says = "the change of its turning is the moments of hand and table"
     why = "a millionth of the forces at the object's length, and a thousandth of the moment; of several programs "
     why += "in a tick the object's turn of it, since nobody knows which of the axes between they had"
-    free = [thing for thing in things if not thing.free.get("fixed")]
+    free = [thing for thing in things if not thing.fixed]
     return [*claims, *_of_each("Euler", says, "N·m", why, free, map(_euler, free))]
 
 
@@ -490,7 +501,11 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
     Contacts with other things are not in the file: any that push within their cones, where the hand is near enough,
     may bear what is left, as long as they give the forces on the hand's bodies and on these things.
     """
+    name, says = "hand's balance", "the coupling of a settled tick is borne by its contacts, friction and all, "
+    says += "and by joints at their limits"
     result, motion = judge.result, FreeMotion(judge.result)
+    if result.scene.get(HANDS_APART) and judge.other is None:
+        return Claim(name, says, NOT_JUDGED, note=NO_OTHER)
     others = [FreeThing(result, *one) for one in zip(result.scene.get("others", ()), result.parts[1:])]
     settled = judge.status[judge.chosen] & (STUCK | LAG | CAPACITY_EXCEEDED) == 0
     places, ticks = np.flatnonzero(settled), judge.chosen[settled]
@@ -510,6 +525,9 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
         borne, on_bodies = (values.sum(axis=0) for values in pushed)
         limits, _ = limit_rows(judge.hand, judge.chosen_shown.flexion[i])
         may = [np.pad(limits, ((0, 0), (0, len(scale) - 21)))]
+        met = judge.against_other_hand.of(i)
+        by_hand = pushes(judge.chosen_posed, i, met.body, met.point, met.normal)
+        may.append(np.concatenate([*by_hand, np.zeros((len(met.body), len(wrench[n])))], axis=1)[:, : len(scale)])
         for k, thing in enumerate(others):
             body, point, force, twist = _cone(near.of(i), judge.bodies[k + 1], thing.free)
             on_thing = np.zeros((len(body), len(others), 6))
@@ -521,9 +539,8 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
             may.append(np.concatenate(columns, axis=1)[:, : len(scale)])
         wanted = np.concatenate([judge.pull[tick] - borne, stored[n] - on_bodies, wrench[n]])
         off[n] = residual((np.concatenate(may) * scale).T, wanted * scale)
-    says = "the coupling of a settled tick is borne by its contacts, friction and all, and by joints at their limits"
     tolerance = force_slack(judge, size, judge.chosen)[places]
-    return judged("hand's balance", says, off, tolerance, "N", WHY_SLACK, ticks=ticks)
+    return judged(name, says, off, tolerance, "N", WHY_SLACK, ticks=ticks)
 
 
 def _near_others(judge: JudgedTicks, motion: FreeMotion, places: IntArray) -> Pairs:
@@ -565,7 +582,10 @@ def _stands_off(judge: JudgedTicks, ticks: IntArray) -> FloatArray:
 
 def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     """Judge, in the object's frame, that only touching bodies bear forces, but for the friction's residual slip."""
-    motion = FreeMotion(judge.result)
+    motion, name = FreeMotion(judge.result), "complementarity"
+    says = "what does not touch bears no force, but for what floats by what the tick's friction is off"
+    if judge.result.scene.get(HANDS_APART) and judge.other is None:
+        return Claim(name, says, NOT_JUDGED, note=NO_OTHER)
     floats = np.repeat(np.asarray(motion.result["object/friction_residual"])[:, None], PALM + 1, axis=1)
     # A tick that lags stands off by its slip and by the travel left; its forces are those of the unfinished program.
     on_the_way = motion.own & ~np.isin(motion.tick, motion.whole)
@@ -579,12 +599,13 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     to_go = np.where(late, np.asarray(motion.result["lag"])[ticks], 0.0)
     bears = (np.where(late, judge.bearing, judge.touch) + to_go + _stands_off(judge, ticks))[:, None] + floats[ticks]
     # Distances beyond the margin are unknown.
-    nearest = np.minimum(judge.near.nearest[places], judge.margin)
+    nearest, met = np.minimum(judge.near.nearest, judge.margin), judge.against_other_hand
+    np.minimum.at(nearest, (met.tick, met.body), met.distance)
+    nearest = nearest[places]
     apart = nearest > bears + LENGTH
     size = np.linalg.norm(judge.stored_forces(ticks), axis=2)
     off = np.where(apart, size, 0.0).max(axis=1)
-    says = "what does not touch bears no force, but for what floats by what the tick's friction is off"
-    return judged("complementarity", says, off, FORCE, "N", "rounding of a sum", ticks=ticks)
+    return judged(name, says, off, FORCE, "N", "rounding of a sum", ticks=ticks)
 
 
 def _table(motion: FreeMotion, things: Sequence[FreeThing]) -> Claim:
@@ -592,7 +613,7 @@ def _table(motion: FreeMotion, things: Sequence[FreeThing]) -> Claim:
     stored = np.asarray(motion.result["object/table_distance"])
     if height is None:
         return all_true("table", says, np.isfinite(stored), ticks=motion.ticks, note="there is none")
-    lowest = [thing.lowest - height for thing in things if not thing.free.get("fixed")]
+    lowest = [thing.lowest - height for thing in things if not (thing.fixed or thing.driven)]
     off = np.maximum(np.abs(lowest[0] - stored), -np.min(lowest, axis=0))
     return judged("table", says, off, LENGTH, "m", "a nanometre", ticks=motion.ticks)
 
@@ -677,6 +698,18 @@ def _beyond_friction(joint: Mapping[str, Any], value: FloatArray, speed: FloatAr
     return np.maximum(beyond, short)
 
 
+def _driven(thing: FreeThing) -> Claim:
+    """Judge that a driven thing goes as recorded, but for what the forces on it move it by, as heavy as it counts."""
+    way = thing.of("position") - thing.of("recorded_position")
+    poses = (rotations(thing.of(name))[0] for name in ("orientation", "recorded_orientation"))
+    turn = (next(poses).inv() * next(poses)).magnitude()
+    off = np.maximum(np.linalg.norm(way, axis=1), turn)[thing.whole]
+    borne = (np.abs(thing.borne).sum(axis=1) * thing.period**2 / DRIVEN)[thing.whole]
+    says = f"{thing.group} goes as recorded in every tick that does not lag"
+    why = "a nanometre, and what the forces on it move a mass of 1,000 t by in a tick"
+    return judged("driven", says, off, LENGTH + borne, "m, rad", why, ticks=thing.whole)
+
+
 def _first_thing(motion: FreeMotion, first: FreeThing) -> Claim:
     pairs = ((getattr(motion, name), getattr(first, name)) for name in ("center", "velocity", "spin", "borne"))
     off = [np.abs(one - other)[-len(motion.ticks) :].max(axis=1) for one, other in pairs]
@@ -724,7 +757,7 @@ def _things_apart(things: Sequence[FreeThing]) -> Claim:
     depth, names = np.zeros(len(ticks)), result.scene["thing"]["parts"]
     joined_by = [{name, joint["on"]} for name, joint in zip(names, map(_joint, things)) if joint]
     for (i, shell), j in itertools.product(enumerate(shells), range(len(shells))):
-        if i == j or {names[i], names[j]} in joined_by:
+        if i == j or {names[i], names[j]} in joined_by or all(things[k].fixed or things[k].driven for k in (i, j)):
             continue
         # What is deeper than the clearance is as far within the bounds.
         low, high = meshes[i].bounds + [[CLEAR], [-CLEAR]]

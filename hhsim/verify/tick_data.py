@@ -13,7 +13,6 @@ from hhsim.verify.contacts import PALM, Pairs, joined, near_pairs, near_triangle
 from hhsim.verify.file_checks import follows, leaves, usable
 from hhsim.verify.judged_body import JudgedBody, judged_bodies
 from hhsim.verify.kinematics import configurations, own_hand, pose, turn_between
-from hhsim.verify.object_frame import seen_by_referee
 from hhsim.verify.own_parts import Meetings, meetings, meetings_of_two, parts_that_may_meet
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
@@ -33,11 +32,12 @@ WHY_LENGTH = "a thousandth of the smallest length that a table shows"
 
 
 def other_hand(result: Result) -> Result | None:
-    """Return the result of the other of two hands that keep apart, as the object sees it; None where there is none."""
+    """Return the result of the other of two hands that keep apart, in the same frame; None where there is none."""
     if not (result.scene.get(HANDS_APART) and is_one_of_two(result.path)):
         return None
     other = load_result(result.path.with_name(SIDES[result.side == SIDES[0]]))
-    return other.seen_by(seen_by_referee) if other.ticks == result.ticks else None
+    other = other if result.view is None else other.seen_by(result.view)
+    return other if other.ticks == result.ticks else None
 
 
 class Nearness(NamedTuple):

@@ -62,3 +62,21 @@ def test_what_is_suspected_is_said_and_the_exit_code_is_1(run: Run, tmp_path: Pa
     found = run("score", "s/mm.csv", "--out", "r.h5", "--json")
     assert found.code == 1 and "suspected" in found.err
     assert "millimetres?" in json.loads(found.out)["suspicions"][0]
+
+
+def test_a_scene_of_several_things_is_a_folder_and_no_poses_of_it_are_scored(run: Run, tmp_path: Path) -> None:
+    made = run("scene", "drawer", "shut", "--rate", "200", "--level", "1", "--out", "s", "--json")
+    files = json.loads(made.out)["files"]
+    assert made.code == 0 and {"drawer.obj", "case.obj", "box.obj", "scene.xml"} < set(files)
+    readme = (tmp_path / "s" / "README.md").read_text()
+    assert all(f"`{name}`" in readme for name in files if name != "README.md")
+    assert "example" not in readme and "my-submission" not in readme
+    run("scene", *SCENE, "--out", "one", "--quiet")
+    poses = (tmp_path / "one" / "example-submission.csv").read_text()
+    (tmp_path / "s" / "mine.csv").write_text(poses)
+    (tmp_path / "mine.csv").write_text(poses.replace('"cube"', '"drawer"').replace('"touch"', '"shut"'))
+    for submission in ("s/mine.csv", "mine.csv"):
+        refused = run("score", submission, "--out", "r.h5")
+        assert refused.code == 2 and len(refused.err.strip().splitlines()) == 1
+        assert "several parts or things that move is not scored; expected a scene of one object" in refused.err
+        assert not (tmp_path / "r.h5").exists()

@@ -18,12 +18,14 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.motion.analytic_motion import random_targets, still
+from hhsim.scene.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
-from hhsim.solver.two_hands import SideBySideSolver
+from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver
 
 HANDS = HandModel.default("right"), HandModel.default("left")
 AIR = sphere_tree(np.full((1, 3), 50.0), np.array([0.01]))
+FREE = FreeObject(0.1, (50.0, 50.0, 50.0), tuple(tuple(row) for row in 1e-5 * np.eye(3)), gravity=(0.0, 0.0, 0.0))
 FLIP = np.array([-1.0, 1.0, 1.0])
 TURN = np.array([0.9, 0.1, 0.4, 0.05]) / np.linalg.norm([0.9, 0.1, 0.4, 0.05])
 Pair = tuple[HandConfiguration, HandConfiguration]
@@ -35,8 +37,12 @@ def threads() -> Iterator[ThreadPoolExecutor]:
         yield pool
 
 
-def run(threads: ThreadPoolExecutor, motions: Pair, tree: Any = AIR, **options: Any) -> tuple[TickRecord, TickRecord]:
-    solver = SideBySideSolver([HandSolver(hand, tree.arrays(), SolverOptions(**options)) for hand in HANDS], threads)
+def run(
+    threads: ThreadPoolExecutor, motions: Pair, tree: Any = AIR, free: FreeObject | None = None, **options: Any
+) -> tuple[TickRecord, TickRecord]:
+    """Run both hands; of a free object, which is far away, its frame is the world's."""
+    hands = [HandSolver(hand, tree.arrays(), SolverOptions(**options)) for hand in HANDS]
+    solver: Any = SideBySideSolver(hands, threads) if free is None else TwoHandedSolver(hands, free)
     records: list[list[TickRecord]] = [[], []]
     for first in range(0, len(motions[0].position), 100):
         for kept, found in zip(records, solver.run(*(motion.at(slice(first, first + 100)) for motion in motions))):
@@ -65,7 +71,8 @@ def through(depth: float, ticks: int = 150, hold: int = 60) -> Pair:
 
 
 @pytest.mark.parametrize(
-    "options", sampled([{}, {"self_contact": True}, {"method": "progressive"}], lambda place, _: place == 0)
+    "options",
+    sampled([{}, {"free": FREE}, {"self_contact": True}, {"method": "progressive"}], lambda place, _: place < 2),
 )
 def test_hands_commanded_through_each_other_touch_and_push_alike(threads: Any, options: dict[str, Any]) -> None:
     motions = through(0.015)
@@ -81,9 +88,10 @@ def test_hands_commanded_through_each_other_touch_and_push_alike(threads: Any, o
         np.testing.assert_allclose(record.palm_wrench[-1, :3], record.total[-1], rtol=1e-2, atol=1e-3)
 
 
-def test_mirrored_hands_do_the_mirrored_thing(threads: Any) -> None:
+@pytest.mark.parametrize("free", [None, FREE], ids=["fixed", "free"])
+def test_mirrored_hands_do_the_mirrored_thing(threads: Any, free: FreeObject | None) -> None:
     # Round bodies that press on each other without friction slip aside, unless the hands hold them firmly.
-    one, two = run(threads, through(0.002), stiffness=Stiffness(1000.0, 50.0, 50.0))
+    one, two = run(threads, through(0.002), free=free, stiffness=Stiffness(1000.0, 50.0, 50.0))
     assert np.linalg.norm(one.total[-1]) > 0.1
     np.testing.assert_allclose(two.total, FLIP * one.total, atol=1e-9)
     np.testing.assert_allclose(two.joints, FLIP * one.joints, atol=1e-9)
@@ -115,22 +123,26 @@ def test_ticks_up_to_the_first_meeting_are_those_of_each_alone_and_after_it_agai
     np.testing.assert_allclose(one.position[-1], motions[0].position[-1], atol=1e-12)
 
 
-def test_hands_that_pass_through_each_other_in_one_tick_do_not_swap_sides(threads: Any) -> None:
+@pytest.mark.parametrize("free", [None, FREE], ids=["fixed", "free"])
+def test_hands_that_pass_through_each_other_in_one_tick_do_not_swap_sides(
+    threads: Any, free: FreeObject | None
+) -> None:
     start = still([0.15, 0.0, 0.0])
     leap = sequence(start.hold(20), still([-0.15, 0.0, 0.0]).hold(200))
     motions = leap, mirrored(leap)
     assert apart(motions).min() > 0.05
-    one, two = run(threads, motions)
+    one, two = run(threads, motions, free=free)
     assert apart((one, two)).min() >= 0.0
     # They press on, and do not go through: whether they slide past each other is another question.
     assert one.position[21, 0] > two.position[21, 0]
 
 
-def test_hands_that_begin_in_each_other_begin_beside(threads: Any) -> None:
+@pytest.mark.parametrize("free", [None, FREE], ids=["fixed", "free"])
+def test_hands_that_begin_in_each_other_begin_beside(threads: Any, free: FreeObject | None) -> None:
     right = still([0.02, 0.0, 0.0]).hold(30)
     motions = right, mirrored(right)
     assert apart(motions).max() < -5e-3
-    one, two = run(threads, motions)
+    one, two = run(threads, motions, free=free)
     assert one.status[0] & two.status[0] & STATUS_START_INSIDE
     distance = apart((one, two))
     assert distance.min() >= 0.0 and distance[-1] <= 1e-6
@@ -168,3 +180,15 @@ def test_random_glides_are_never_in_each_other(threads: Any, seed: int) -> None:
         ways.append(way)
     ways[1] = ways[1]._replace(position=ways[1].position + [0.1, 0.0, 0.0])
     assert apart(run(threads, (ways[0], ways[1]))).min() >= 0.0
+
+
+@pytest.mark.parametrize("seed", sampled(range(20), lambda seed, _: seed == 0))
+def test_random_hands_at_a_free_ball_enter_neither_it_nor_each_other(threads: Any, seed: int) -> None:
+    ball, motions = bumpy_ball(60), random_hands(seed, 300)
+    inertia = 1e-4 * np.eye(3)
+    free = FreeObject(0.3, (0.0, 0.0, 0.0), tuple(tuple(row) for row in inertia), gravity=(0.0, 0.0, 0.0), damping=5.0)
+    records = run(threads, motions, ball, free)
+    # Both are as the ball sees them.
+    assert apart(records).min() >= 0.0
+    for hand, record in zip(HANDS, records):
+        assert record_clearance(hand, ball, record).min() >= 0.0

@@ -172,7 +172,9 @@ def test_a_hand_with_the_other_one_far_away_is_as_it_is_alone() -> None:
 
 
 def test_mirrored_hands_bear_mirrored_forces() -> None:
-    mesh, flip = box([EDGE] * 3), np.array([-1.0, 1.0, 1.0])
+    # So large that the hands do not meet beside it, with fingers that are not modelled.
+    edge, flip = 0.14, np.array([-1.0, 1.0, 1.0])
+    mesh = box([edge, EDGE, EDGE])
     free = FreeObject.of_mesh(mesh, mass=0.1, friction=FRICTION, gravity=(0.0, 0.0, 0.0))
     hands = HandModel.default("right"), HandModel.default("left")
     solver = two_handed(mesh, free, hands, fingers=("index", "middle"))
@@ -180,7 +182,7 @@ def test_mirrored_hands_bear_mirrored_forces() -> None:
     turn = np.tile([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0], (ticks, 1))
     flexion = np.zeros((ticks, 5, 3))
     flexion[:, :, 0] = np.linspace(0.0, 0.9, ticks)[:, None]
-    position = np.tile([0.5 * EDGE + 0.03, -0.11, 0.0], (ticks, 1))
+    position = np.tile([0.5 * edge + 0.03, -0.11, 0.0], (ticks, 1))
     right = HandConfiguration(position, turn, flexion, np.zeros((ticks, 5)))
     left = HandConfiguration(position * flip, turn * [1.0, 1.0, -1.0, -1.0], flexion, np.zeros((ticks, 5)))
     one, two = solver.run(right, left)

@@ -19,7 +19,7 @@ from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
-from hhsim.scene.scene import Scene, open_scene
+from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.submissions.pose_file import Submission, read_submission
@@ -157,13 +157,6 @@ def _turned_and_moved(scene: Scene) -> Scene:
     vertices, center = (1.5 * points @ turn.T + place for points in (scene.mesh.vertices, scene.tree.center))
     tree = replace(scene.tree, center=center, radius=1.5 * scene.tree.radius, covers=(), errors=())
     return replace(scene, mesh=replace(scene.mesh, vertices=vertices), tree=tree)
-
-
-@pytest.mark.parametrize(("name", "motion"), [("laptop", "open"), ("blocks", "stack")])
-def test_a_scene_of_several_parts_or_things_has_no_folder(name: str, motion: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=f"{name} has several parts or things: a scene folder is of one object"):
-        write_scene_folder(open_scene(name, motion, level=1), tmp_path / "s")
-    assert not (tmp_path / "s").exists()
 
 
 def test_the_model_of_the_scene_has_the_object_where_it_is(scene: Scene, tmp_path: Path) -> None:

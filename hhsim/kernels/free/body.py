@@ -41,6 +41,7 @@ class Support(NamedTuple):
 BODY = np.dtype(
     [
         ("is_free", np.int64),  # 1, or 0 for a body that stays where it is: its `inverse_root` is 0
+        ("is_driven", np.int64),  # 1 for a body whose goal is given, and whose `inverse_root` is almost 0
         ("period", np.float64),  # Δt [s]
         ("center", np.float64, (3,)),  # centre of mass [m], object's frame
         ("axes", np.float64, (3, 3)),  # principal axes as rows, object's frame
@@ -60,6 +61,8 @@ BODY = np.dtype(
         ("joint_axes", np.float64, (3, 3)),  # then, as rows: two directions across the axis, and the axis
         ("limits", np.float64, (2,)),  # of the joint's value since the start [rad] or [m], infinite without
         ("joint_friction", np.float64),  # largest moment [N·m] or force [N] of the joint's friction
+        ("joint_begun", np.float64),  # value of a joint of two free bodies at the start of the tick
+        ("joint_made", np.float64),  # what that was changed by in the tick before
         ("damping", np.float64),  # [1/s]
         ("friction", np.float64),  # μ of the hand's contacts
         ("torsion", np.float64),  # torsional moment over normal force of the hand's contacts [m]
@@ -136,8 +139,15 @@ def turn_body(body: Record, orientation: Array, x: float, y: float, z: float, or
 
 
 @jit_once
+def drive_body(body: Record, pose: Array) -> None:
+    """Let position [m] and orientation of a pose, shape (7,), be a driven body's goal at the end of the tick."""
+    copy_values(pose[:3], body.goal_position[:])
+    copy_values(pose[3:], body.goal_orientation[:])
+
+
+@jit_once
 def predict(body: Record) -> None:
-    """Compute the body's pose at the end of the tick without contacts."""
+    """Compute the body's pose at the end of the tick without contacts; that of a driven one is given."""
     period = body.period
     kept = 1.0 / (1.0 + body.damping * period)
     body.left[:] = 0.0
@@ -147,6 +157,8 @@ def predict(body: Record) -> None:
     if body.is_free == 0:
         copy_values(body.position[:], body.goal_position[:])
         copy_values(body.orientation[:], body.goal_orientation[:])
+        return
+    if body.is_driven == 1:
         return
     for j in range(3):
         body.goal_position[j] = body.position[j] + period * kept * (body.velocity[j] + period * body.gravity[j])
@@ -244,10 +256,13 @@ def take_velocity(body: Record) -> None:
     """Compute the velocities of the tick that ends, from what was moved over the period.
 
     A tick that lags has made a share of its last program's way: the velocities change by that share of what the whole
-    way would have changed them by, else the springs would push for a whole tick, and again for what is left.
+    way would have changed them by, else the springs would push for a whole tick, and again for what is left. Those of
+    a driven body are of what it has moved.
     """
     if body.is_free == 0:
         return
+    if body.is_driven == 1:
+        body.left[:] = 0.0
     rate, left, root = 1.0 / body.period, body.left, body.inverse_root
     start, vector = body.start_position, body.vector
     made, whole = 0.0, 0.0

@@ -57,8 +57,8 @@ def pair_count(problem: Record) -> int:
 
 @jit_inline
 def common_count(problem: Record) -> int:
-    """Return the number of columns that all rows have: of palms and things."""
-    return as_int64(COMMON) if is_one(problem) else 6 * (problem.hands + problem.things)
+    """Return the number of columns that all rows have: of palms and things, then of slack variables."""
+    return as_int64(COMMON) if is_one(problem) else 6 * (problem.hands + problem.things) + problem.slacks
 
 
 @jit_inline

@@ -5,8 +5,9 @@ friction of at most τ [N·m] or [N] costs τ |δ|. In the quadratic program a s
 two rows, and its target lies so far below 0 that the gradient there is τ. The speed so far foresees t, so that friction
 is τ to the second order.
 
-A joint of two free bodies has no friction, and both keep all of their variables. Of the six values of one body's place
-beside the other, from where both began, one is free and has limits. The other five are kept at 0 to `KEPT` by two rows.
+Two free bodies on a joint keep all of their variables, and a slack variable for friction is one more. Of the six values
+of one body's place beside the other, from where both began, one is free: it has limits and friction. The other five are
+kept at 0 to `KEPT` by two rows.
 """
 
 import math
@@ -27,8 +28,8 @@ JOINT_KEYS = -900
 """Keys of the rows go down from here: above those of the table, and below those of the fingers' limits."""
 JOINT_ROWS = 4
 """Rows of a joint: lower and upper limit, then friction of either sign."""
-PAIR_ROWS = 12
-"""Rows of a joint of two free bodies: lower and upper limit of each value. Keys are apart by so many for each body."""
+PAIR_ROWS = 14
+"""Rows of a joint of two free bodies: limits of each value, and friction. Keys are apart by so many for each body."""
 PAIR_KIND = -1
 """Kind of such a row."""
 KEPT = 2e-7
@@ -46,8 +47,16 @@ def joint_column(body: Record) -> int:
 @jit
 def slack_target(body: Record) -> float:
     """Compute the scaled target of the slack variable."""
-    speed = body.spin[2] if body.joint == HINGE else along_axis(body, body.velocity)
-    return (abs(body.period * speed) / FAR - 1.0) * math.sqrt(FAR * body.joint_friction)
+    made = body.joint_made
+    if body.pair_joint == 0:
+        made = body.period * (body.spin[2] if body.joint == HINGE else along_axis(body, body.velocity))
+    return (abs(made) / FAR - 1.0) * math.sqrt(FAR * body.joint_friction)
+
+
+@jit
+def slack_column(problem: Record, k: int) -> int:
+    """Return the slack variable of the joint of body k on another free one."""
+    return as_int64(6 * (problem.hands + problem.things) + k)
 
 
 @jit
@@ -78,12 +87,40 @@ def pair_values(body: Record, pose: Record, values_out: Array) -> float:
     rotation_vector_between(begun[:], pose.orientation[:], scratch[:])
     turn = turned(axes, scratch[0], scratch[1], scratch[2])
     values_out[3], values_out[4], values_out[5] = tilt[0], tilt[1], turn[2]
-    free = values_out[5 if body.pair_joint == HINGE else 2]
-    largest = max(body.limits[0] - free, free - body.limits[1])
+    free = free_value(body)
+    largest = max(body.limits[0] - values_out[free], values_out[free] - body.limits[1])
     for i in range(6):
-        if i != (5 if body.pair_joint == HINGE else 2):
+        if i != free:
             largest = max(largest, abs(values_out[i]))
     return largest
+
+
+@jit
+def free_value(body: Record) -> int:
+    """Return which of the values of a joint of two free bodies is free."""
+    return as_int64(5 if body.pair_joint == HINGE else 2)
+
+
+@jit
+def _since_begun(body: Record, value: float) -> float:
+    # Change of the free value in the tick, over the half turn at which a hinge's begins again.
+    made = value - body.joint_begun
+    if body.pair_joint == HINGE and abs(made) > math.pi:
+        made -= math.copysign(2.0 * math.pi, made)
+    return made
+
+
+@jit_once
+def begin_joints(states: States, bodies: Record, problem: Record) -> None:
+    """Keep the values that joints of two free bodies begin a tick with."""
+    values = problem.scratch
+    for k in range(0 if is_one(problem) else thing_count(problem)):
+        body = bodies[k]
+        if body.pair_joint > 0:
+            pair_values(body, states[body.pair].pose, values[:])
+            value = values[free_value(body)]
+            body.joint_made = _since_begun(body, value)
+            body.joint_begun = value
 
 
 @jit
@@ -91,19 +128,25 @@ def _pair_rows(states: States, bodies: Record, k: int, relaxed: bool, row: int, 
     body = bodies[k]
     pose, axes, values, center = states[body.pair].pose, body.joint_axes, problem.scratch, body.vector
     pair_values(body, pose, values[:])
-    of, origin, free = BODY_COUNT * body.pair + PALM_BODY, body.joint_origin, 5 if body.pair_joint == HINGE else 2
+    of, origin, free = BODY_COUNT * body.pair + PALM_BODY, body.joint_origin, free_value(body)
     center[0], center[1], center[2] = origin[0], origin[1], origin[2]
     for r in range(PAIR_ROWS):
         i, sign = r // 2, 1.0 if r % 2 == 0 else -1.0
+        of_friction = i == OBJECT_DOF
+        if of_friction:
+            i = free
         limit = body.limits[r % 2] if i == free else -sign * KEPT
-        if math.isinf(limit):
+        if (of_friction and body.joint_friction == 0.0) or (not of_friction and math.isinf(limit)):
             continue
         along = 1.0 if i < 3 else 0.0
         e = axes[i % 3]
         x, y, z = sign * e[0], sign * e[1], sign * e[2]
-        rhs = sign * (limit - values[i])
+        rhs = -sign * _since_begun(body, values[i]) if of_friction else sign * (limit - values[i])
         m, w = (along * x, along * y, along * z), ((1.0 - along) * x, (1.0 - along) * y, (1.0 - along) * z)
         write_row(states, bodies, problem, of, row, center[:], m, w, min(rhs, 0.0) if relaxed else rhs)
+        if of_friction:
+            problem.common[slack_column(problem, k), row] = math.sqrt(FAR / body.joint_friction)
+            problem.rhs[row] = rhs
         problem.key[row] = JOINT_KEYS - PAIR_ROWS * k - r
         problem.owner[row] = -1
         problem.kind[row] = PAIR_KIND

@@ -10,17 +10,19 @@ from hhsim.kernels.free.columns import (
     common_count,
     first_finger,
     hand_count,
+    is_one,
     pair_count,
     thing_column,
     thing_count,
     variable_count,
 )
-from hhsim.kernels.free.joints import SLACK, slack_target
+from hhsim.kernels.free.joints import SLACK, slack_column, slack_target
 from hhsim.kernels.free.leanings import find_leanings, turn_contacts
+from hhsim.kernels.free.meeting import MEETING_KIND, spread_blocks
 from hhsim.kernels.free.rows import STANDS_BACK, TABLE_KEYS, contact_rows, friction_rows, measure_slip
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
-from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, RESUMES, QpWork, solve
 from hhsim.kernels.qp.row_scan import WideRows
 from hhsim.kernels.rotation import turned
@@ -109,6 +111,8 @@ def scale_target(bodies: Record, problem: Record) -> None:
             target[column + 1] = target[column + 2] = 0.0
         if body.joint > 0:
             target[column + SLACK] = slack_target(body)
+        if not is_one(problem) and body.pair_joint > 0 and body.joint_friction > 0.0:
+            target[slack_column(problem, as_int64(k))] = slack_target(body)
 
 
 @jit
@@ -159,7 +163,7 @@ def take_steps(states: States, bodies: Record, fraction: float, problem: Record)
 
 
 @jit
-def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, qp: QpWork) -> None:
+def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, multiplier_out: Array, qp: QpWork) -> None:
     # The solution: the step, the loaded rows, and what each contact with friction bears and slips.
     delta, weight = problem.delta, problem.inverse_root
     for h in range(hand_count(problem)):
@@ -177,6 +181,8 @@ def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, qp:
             delta[column], delta[column + 1], delta[column + 2] = made * axis[0], made * axis[1], made * axis[2]
     for i in range(friction.count):
         friction.plain[i] = friction.cone[i] = 0.0
+    for i in range(multiplier_out.shape[0]):
+        multiplier_out[i] = 0.0
     loaded.count = qp.counts[0]
     for j in range(loaded.count):
         row = qp.active[j]
@@ -184,6 +190,8 @@ def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, qp:
         loaded.row[j] = row
         loaded.key[j] = problem.key[row]
         loaded.multiplier[j] = multiplier
+        if problem.kind[row] == MEETING_KIND:
+            multiplier_out[row - problem.meeting_row] = multiplier
         owner = problem.owner[row]
         if owner >= 0:
             kind = problem.kind[row]
@@ -233,7 +241,7 @@ def _rest(bodies: Record, problem: Record) -> None:
     delta = problem.delta
     for k in range(thing_count(problem)):
         body, column = bodies[k], thing_column(problem, k)
-        if body.is_free == 0 or body.joint > 0:
+        if body.is_free == 0 or body.is_driven == 1 or body.joint > 0:
             continue
         size = 0.0
         before = 0.0
@@ -295,11 +303,13 @@ def _solve_once(options: TickOptions, rows: WideRows, guessed: int, state: Recor
     """Solve the program for the Γ at hand, and read its solution; returns a status of `kernels.qp.active_set`."""
     problem, loaded, tolerance, relaxation = state.free_problem, state.loaded, options.tolerance, options.relaxation
     variables, target = variable_count(problem), problem.target[:]
+    if rows.n_common > common_count(problem):
+        spread_blocks(problem)
     status = solve(variables, rows, target, tolerance, relaxation, loaded.guess[:], guessed, qp)
     state.step.iterations += qp.counts[1]
     if status == OPTIMAL:
         problem.solutions += 1
-        _read(state.bodies, problem, state.friction, loaded, qp)
+        _read(state.bodies, problem, state.friction, loaded, state.meeting.multiplier[:], qp)
     return status
 
 
@@ -333,14 +343,15 @@ def solve_free(options: TickOptions, states: States, rounds: int, clipped: bool,
     problem, friction, loaded, coulomb = state.free_problem, state.friction, state.loaded, state.coulomb
     offset, relaxed = options.offset, state.program.is_relaxed
     friction_rows(states, bodies, offset, relaxed, problem, friction)
+    meets = as_bool(hand_count(problem) > 1 and state.meeting.count > 0)
     rows = WideRows(
-        common_count(problem),
+        variable_count(problem) if meets else common_count(problem),
         problem.common[:],
         problem.block[:],
         problem.rhs[:],
         problem.group_start[: problem.groups],
         problem.group_stop[: problem.groups],
-        problem.group_block[: problem.groups],
+        problem.no_block[: problem.groups] if meets else problem.group_block[: problem.groups],
     )
     floats, backs = LET_FLOAT * offset, STANDS_BACK * offset
     guessed = _guess(problem, loaded)

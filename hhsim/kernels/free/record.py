@@ -8,7 +8,7 @@ import numpy as np
 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.elementary import hypotenuse
-from hhsim.kernels.free.body import HINGE
+from hhsim.kernels.free.body import HINGE, OBJECT_DOF
 from hhsim.kernels.free.columns import (
     States,
     coefficient,
@@ -20,7 +20,7 @@ from hhsim.kernels.free.columns import (
     thing_of,
     torsion_radius,
 )
-from hhsim.kernels.free.joints import JOINT_KEYS, PAIR_KIND, PAIR_ROWS
+from hhsim.kernels.free.joints import JOINT_KEYS, PAIR_KIND, PAIR_ROWS, free_value
 from hhsim.kernels.free.rows import DIRECTIONS, TABLE_KEYS
 from hhsim.kernels.hand.kinematics import BODY_COUNT
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_once
@@ -126,9 +126,10 @@ def _bear_joint(states: States, bodies: Record, problem: Record, row: int, force
     number = JOINT_KEYS - problem.key[row]
     k, r = number // PAIR_ROWS, number % PAIR_ROWS
     pair = bodies[k].pair
-    thing, pose, p, e = problem.thing[pair], states[pair].pose, bodies[k].joint_origin, bodies[k].joint_axes[r // 2 % 3]
+    value = free_value(bodies[k]) if r // 2 == OBJECT_DOF else r // 2
+    thing, pose, p, e = problem.thing[pair], states[pair].pose, bodies[k].joint_origin, bodies[k].joint_axes[value % 3]
     size = force if r % 2 == 0 else -force
-    along = size if r < PAIR_ROWS // 2 else 0.0
+    along = size if value < 3 else 0.0
     center, place, turn, m = bodies[thing].center, pose.position, pose.rotation, (e[0], e[1], e[2])
     away = (p[0] - center[0], p[1] - center[1], p[2] - center[2])
     _push(away, m, -along, along - size, m, borne.thing_wrench[thing])

@@ -39,6 +39,7 @@ from hhsim.kernels.free.columns import (
     write_row,
 )
 from hhsim.kernels.free.joints import joint_rows
+from hhsim.kernels.free.meeting import meeting_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline, jit_once
 
@@ -57,6 +58,8 @@ OTHER_ROWS = 1024
 HAND_GROUPS = 3 * FINGER_COUNT + 2
 """Of a hand and its first thing: palm and fingers, and their limits; then palm and fingers with friction."""
 
+SLACKS = 6
+"""Columns of slack variables, one of each thing, if there are any: rows are read in strips of so many."""
 TABLE_KEYS = -1000
 """Keys of the table's rows go down from here; those of joint limits from -1."""
 PAIR_KEYS = 1 << 40
@@ -78,20 +81,24 @@ TINY = 1e-9
 def free_problem_dtype(hands: int, things: int) -> "np.dtype[Any]":
     """Build the dtype of the rows of up to so many hands and things, in the layout of `kernels.qp.active_set`."""
     common, fingers, pairs = 6 * (hands + things), FINGER_COUNT * hands, things * (hands + things - 1)
+    common += SLACKS if things > 1 else 0
     dof = common + PHALANX_COUNT * fingers
     rows = FREE_ROWS + SECOND_ROWS * (hands - 1) + (OTHER_ROWS if things > 1 else 0)
-    groups = HAND_GROUPS * hands + 2 * (FINGER_COUNT + 1) * (pairs - hands) + 1
+    groups = HAND_GROUPS * hands + 2 * (FINGER_COUNT + 1) * (pairs - hands) + 2
     return np.dtype(
         [
             ("hands", np.int64),  # numbers of those that there are
             ("things", np.int64),
-            ("common", np.float64, (common, rows)),  # columns of palms and things, scaled
+            ("slacks", np.int64),  # SLACKS where a joint of two free things has friction, else 0
+            # columns of palms, things and slacks, scaled; of fingers, too, in a program with hands that meet
+            ("common", np.float64, (common if hands == 1 else dof, rows)),
             ("block", np.float64, (PHALANX_COUNT, rows)),  # columns of the row's own finger, scaled
             ("rhs", np.float64, (rows,)),  # [m] for contacts, [rad] for limits
             ("key", np.int64, (rows,)),  # names the same row at every tick
             ("owner", np.int64, (rows,)),  # its place in the contacts with friction, or -1
             ("kind", np.int64, (rows,)),  # 0 normal, 1 to 3 for e_1 to e_3, 4 to 6 for their opposites
             ("first", np.int64, (pairs,)),  # first row of each pair's contacts
+            ("meeting_row", np.int64),  # first row of pairs of two hands
             ("last", np.int64, (pairs,)),  # row behind them, where a hand's joint limits begin
             ("hand", np.int64, (pairs,)),  # of each pair; 0 for two things
             ("other", np.int64, (pairs,)),  # thing that meets the pair's one; -1 for a hand
@@ -112,6 +119,7 @@ def free_problem_dtype(hands: int, things: int) -> "np.dtype[Any]":
             ("group_start", np.int64, (groups,)),
             ("group_stop", np.int64, (groups,)),
             ("group_block", np.int64, (groups,)),
+            ("no_block", np.int64, (groups,)),  # -1 of each group
             ("delta", np.float64, (dof,)),  # the program's step, unscaled, in its order
             ("total", np.float64, (dof,)),  # the same of this tick so far
             ("before", np.float64, (dof,)),  # the step of the tick before
@@ -391,6 +399,9 @@ def friction_rows(
             row = contact_rows(states, bodies, offset, relaxed, i, row, problem, friction)
     row = joint_rows(states, bodies, relaxed, row, problem)
     _add_group(problem, table, row, -1)
+    if hand_count(problem) > 1:
+        first, row = row, meeting_rows(states, offset, row, problem)
+        _add_group(problem, first, row, -1)
     problem.rows = row
     for i in range(friction.of_hand):
         row = friction.contact[i]

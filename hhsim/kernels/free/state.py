@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from hhsim.kernels.contact.hand_pairs import HAND_PAIRS
 from hhsim.kernels.free.body import BODY
 from hhsim.kernels.free.edges import EDGE_PAIRS
 from hhsim.kernels.free.leanings import leanings_dtype
@@ -44,6 +45,9 @@ def free_state_dtype(candidates: "np.dtype[Any]", many: bool) -> "np.dtype[Any]"
             ("body_safe_total", np.float64, (dof,)),  # the tick's step up to the last accepted one
             ("body_safe_abduction", np.float64, (fingers,)),  # its fingers' spread
             ("edges", EDGE_PAIRS),
+            ("meeting", HAND_PAIRS),  # of two hands
+            ("apart", np.float64),  # no more than the distance of two hands where they are [m]
+            ("may_meet", np.int64),  # 1 if the last program's step might bring them together
             ("palm_position", np.float64, (3,)),  # of the user's hand, world
             ("palm_orientation", np.float64, (4,)),  # likewise
             ("scratch_turn", np.float64, (4,)),

@@ -6,7 +6,8 @@ moves past it, and what is left is what is bounded by the pairs at hand and judg
 anything would be entered is taken back like any other, and the last pose of all that was free is what is shown. The
 table is a half-space: nothing can be behind it, so that the end of a step says all.
 
-All make the same share of a step, and the tick ends where all have arrived. Two hands do not see each other.
+All make the same share of a step, and the tick ends where all have arrived. Two hands keep out of each other by rows of
+pairs of their bodies, added where a step would bring them together until none does.
 """
 
 from typing import Any, NamedTuple
@@ -22,6 +23,7 @@ from hhsim.kernels.free.body import (
     OBJECT_DOF,
     Support,
     body_target,
+    drive_body,
     keep_body,
     move_body,
     predict,
@@ -44,7 +46,8 @@ from hhsim.kernels.free.columns import (
     variable_count,
 )
 from hhsim.kernels.free.edges import Edges, measure_edges, record_edges
-from hhsim.kernels.free.joints import has_joint_rows, joints_hold
+from hhsim.kernels.free.joints import begin_joints, has_joint_rows, joints_hold
+from hhsim.kernels.free.meeting import add_meetings, bear_meetings, hands_distance, keep_meetings, share_of_meetings
 from hhsim.kernels.free.program import begin_search, clip_shifts, scale_target, solve_free, take_steps, take_targets
 from hhsim.kernels.free.record import copy_borne, find_borne, turn_loads
 from hhsim.kernels.free.rows import PAIR_KEYS, begin_frictions, find_frictions, touches
@@ -87,6 +90,8 @@ from hhsim.kernels.tick.tick import MOST_FAILED_STEPS, accept, begin_tick, conve
 CLOSE = 20.0
 FLOATS = 2.0
 """Contacts up to CLOSE offsets, plus FLOATS times the residual of Γ of the tick before, have rows of friction."""
+ROUNDS = 12
+"""Most programs of a linearisation, each with rows of two hands' pairs that the step of the one before would break."""
 SEARCHED = 2
 """Programs of a tick in which Γ and directions are sought; in the later ones they stand."""
 
@@ -286,6 +291,8 @@ def _prepare(method: Free, state: Record) -> int:
     # A contact floats by what Γ was short of its slip, and goes on rubbing.
     close = CLOSE * options.offset + FLOATS * state.borne.residual
     find_frictions(bodies, contacts, problem, close, friction)
+    if hand_count(problem) > 1:
+        keep_meetings(method.movers, method.states)
     joints = as_int64(0)
     for k in range(thing_count(problem)):
         joints += 1 if has_joint_rows(bodies[k]) else 0
@@ -310,14 +317,22 @@ def _prepare(method: Free, state: Record) -> int:
 
 @jit
 def _solve(method: Free, count: int, clipped: bool, state: Record, qp: QpWork) -> int:
-    problem = state.free_problem
-    if count == 0:
-        take_targets(problem)
-        state.loaded.count = 0
-        problem.gamma_error = 0.0
-        take_steps(method.states, state.bodies, 1.0, problem)
-        return OPTIMAL
-    return _solve_rows(method, clipped, state, qp)
+    problem, status = state.free_problem, as_int64(OPTIMAL)
+    for _ in range(ROUNDS):
+        if count == 0 and (hand_count(problem) < 2 or state.meeting.count == 0):
+            take_targets(problem)
+            state.loaded.count = 0
+            problem.gamma_error = 0.0
+            take_steps(method.states, state.bodies, 1.0, problem)
+        else:
+            status = _solve_rows(method, clipped, state, qp)
+        if (
+            hand_count(problem) < 2
+            or status != OPTIMAL
+            or not add_meetings(method.movers, method.options, method.states)
+        ):
+            break
+    return status
 
 
 @jit
@@ -337,6 +352,7 @@ def _take_back(method: Free, state: Record) -> None:
     for p in range(pair_count(state.free_problem)):
         take_back(method.states[p])
         method.states[p].progress.failed_steps = 0
+    state.apart = 0.0
     for k in range(thing_count(state.free_problem)):
         take_body_back(state.bodies[k])
     copy_values(state.body_safe_total[:], state.free_problem.total[:])
@@ -390,7 +406,7 @@ def _allowed(method: Free, state: Record) -> tuple[float, float]:
         share, motion = allowed_fraction(_mover(method, p), method.options, each)
         each.longest = motion
         fraction, longest = min(fraction, share), max(longest, motion)
-    return fraction, longest
+    return min(fraction, share_of_meetings(method.states)), longest
 
 
 @jit_once
@@ -439,7 +455,7 @@ def _solve_linearisation(
     if count < 0:
         return as_int64(OVERFLOW), full_motion
     status = _solve(method, count, as_bool(False), state, qp)
-    if status == OPTIMAL and count > 0:
+    if status == OPTIMAL and (count > 0 or (hand_count(state.free_problem) > 1 and state.meeting.count > 0)):
         full_motion = _clip_target(method, only_restores(method.options, state, done), state)
         if full_motion != WHOLE_TARGET:
             status = _solve(method, count, as_bool(True), state, qp)
@@ -470,6 +486,8 @@ def _move_all(method: Free, fraction: float, state: Record) -> None:
     for f in range(FINGER_COUNT * hand_count(problem)):
         problem.abduction_total[f] += fraction * problem.abduction_step[f]
     find_borne(states, bodies, state.contacts, problem, state.friction, state.loaded, state.tried)
+    if hand_count(problem) > 1:
+        bear_meetings(states)
     # What comes next in the tick is added to it in the frame of each thing as it then stands.
     for h in range(hand_count(problem)):
         for j in (12 * h, 12 * h + 3):
@@ -520,6 +538,8 @@ def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, s
     fits = _measure(method, state)
     for p in range(pairs):
         least = min(least, least_distance(states[p]))
+    if hand_count(problem) > 1:
+        least = min(least, hands_distance(method.movers, fraction, states))
     table, thing, lowest = _table(method, state)
     if table < 0.0:
         keep_entry(thing, lowest, state.friction)
@@ -626,6 +646,7 @@ def _begin_motion(method: Free, hand: HandArrays, surface: Any, state: Record) -
     """Let the things go on by their velocity and their weight."""
     problem = state.free_problem
     _place_pairs(method, state)
+    begin_joints(method.states, state.bodies, problem)
     for p in range(1, pair_count(problem)):
         begin_tick(method.options, method.states[p])
     for k in range(thing_count(state.free_problem)):
@@ -645,6 +666,7 @@ def _begin_motion(method: Free, hand: HandArrays, surface: Any, state: Record) -
 def rebuild(method: Free, states: States) -> bool:
     """Take the poses of hands and things as they now stand, as each sees what is near; returns whether pairs fit."""
     state, fits = states[0], True
+    state.apart = 0.0
     _place_pairs(method, state)
     _table(method, state)
     for k in range(thing_count(state.free_problem)):
@@ -664,8 +686,12 @@ def run_many(
     haptic: tuple[HapticBlock, ...],
     record: tuple[TickRecord, ...],
     object_record: Any,
+    driven: Array,
 ) -> int:
-    """Run one tick for each row of the haptic inputs of the hands, as `kernels.tick.block.run_block` does of one."""
+    """Run one tick for each row of the haptic inputs of the hands, as `kernels.tick.block.run_block` does of one.
+
+    `driven` has position [m] and orientation of each thing's centre at each tick, (K, B, 7), read of driven ones.
+    """
     state = states[0]
     hands = hand_count(state.free_problem)
     for i in range(haptic[0].position.shape[0]):
@@ -681,6 +707,9 @@ def run_many(
                 given.abduction[i],
                 states[h],
             )
+        for k in range(thing_count(state.free_problem)):
+            if state.bodies[k].is_driven == 1:
+                drive_body(state.bodies[k], driven[k, i])
         tick(method, method.movers[0], method.surfaces[0], state, qp)
         wall = monotonic_ns() - wall
         cpu = thread_cpu_ns() - cpu

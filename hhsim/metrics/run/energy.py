@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_matrix, rotation_vector
 from hhsim.metrics.metrics import tracking_energy
@@ -11,12 +11,17 @@ from hhsim.metrics.run_metric import Judged, RunMetric
 from hhsim.metrics.run_ticks import ON_TABLE, PALM, FreeRun, RunTicks
 
 GRAPHIC = tuple(name.replace("haptic", "graphic") for name in HAPTIC)
+TOTAL = "force/total"
+FORCE = 1e-6
+"""Share of the forces that their sum may be off by rounding."""
 ROUNDING = 1e-14
 """Rounding of a pose [m] or [rad]; times the forces it is the energy that rounding may add [J]."""
 
 
 def energy_gains(run: RunTicks) -> FloatArray:
-    """Energy gained in each tick [J], shape (T,), negative for a loss; NaN where the tick before is not known.
+    """Energy gained in each tick [J], shape (T,), negative for a loss; NaN where it is not known.
+
+    That is where the tick before is missing, and where another hand or thing pushes the hand.
 
     With the object's kinetic and potential energy K and P and the energy U of the springs between user's hand h and
     shown hand g, it is K(t) - K(t-1) + P(t) - P(t-1) + U(h(t), g(t)) - U(h(t), g(t-1)), less three terms. Both U have
@@ -42,9 +47,23 @@ def energy_gains(run: RunTicks) -> FloatArray:
     force = run.rate * np.sqrt(2.0 * mass * np.maximum(kinetic[before], kinetic[after]))
     force += mass * np.linalg.norm(gravity) + np.sqrt(2.0 * free.stiffness.max() * np.maximum(stretched, springs))
     gained -= free.offset * load[1:] + ROUNDING * force + _by_spread(run, shown)[1:] + _by_others(free)
+    gained[_pushed_by_others(run)[1:]] = np.nan
     if run.breaks is not None:
         gained[run.breaks[1:]] = np.nan
     return np.concatenate([[np.nan], gained])
+
+
+def _pushed_by_others(run: RunTicks) -> BoolArray:
+    """Return True for ticks in which the force on the hand is not that of its contacts with the object, (T,)."""
+    free = run.free
+    assert free is not None
+    body = free["contact/body"]
+    own = np.flatnonzero((body >= 0) & (body <= PALM))
+    force = free["contact/normal_force"][own, None] * free["contact/normal"][own] + free["contact/friction_force"][own]
+    total, tick = np.zeros((run.ticks, 3)), free["contact/tick"][own]
+    np.add.at(total, tick, force)
+    size = 1.0 + np.bincount(tick, np.abs(force).sum(axis=1), run.ticks)
+    return np.asarray(np.abs(total - free.moved.vectors(run[TOTAL])).max(axis=1) > FORCE * size)
 
 
 def _by_others(free: FreeRun) -> FloatArray:
@@ -91,7 +110,7 @@ METRICS = (
     RunMetric(
         *("energy_gained", "energy gained in a tick, max", 3, "µJ"),
         place=43,
-        needs=(*HAPTIC, *GRAPHIC),
+        needs=(*HAPTIC, *GRAPHIC, TOTAL),
         free_only=True,
         short="energy_gained",
         compute=lambda run: float(np.fmax.reduce(energy_gains(run), initial=0.0)),

@@ -1,0 +1,126 @@
+"""Driven things beside free ones: closed forms of what rides on them, is pushed by them, and is in their way."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from free_scenes import box, far_hand
+
+from hhsim.arrays import FloatArray
+from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion
+from hhsim.mesh.mesh import Mesh
+from hhsim.motion.trajectory import RigidMotion
+from hhsim.scene.free_object import FreeObject, Hinge
+from hhsim.solver.free_engine import Thing
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.contact_surface import contact_surface
+
+DT, G = 1e-3, 9.81
+GAP = 2e-6
+
+
+def shifted(way: FloatArray, direction: Any = (1.0, 0.0, 0.0)) -> RigidMotion:
+    """Motion by ways [m] along a direction, shape (T,)."""
+    return RigidMotion(np.tile([1.0, 0.0, 0.0, 0.0], (len(way), 1)), way[:, None] * np.array(direction))
+
+
+def turned(angle: FloatArray, axis: Any = (0.0, 1.0, 0.0)) -> RigidMotion:
+    """Motion by angles [rad] about an axis through the origin, shape (T,)."""
+    return RigidMotion(quaternion(angle[:, None] * np.array(axis)), np.zeros((len(angle), 3)))
+
+
+def play(mesh: Mesh, free: FreeObject, driven: Mesh, motion: RigidMotion, *others: Thing, friction: float = 0.6) -> Any:
+    """Records of the hand, far away, and of a free thing, a driven one, and others."""
+    one = FreeObject.of_mesh(driven, mass=1.0, friction=friction)
+    plate = Thing(contact_surface("mesh", driven, None), one, name="driven", motion=motion)
+    surface, options = contact_surface("mesh", mesh, None), SolverOptions(surface="mesh")
+    solver = HandSolver(HandModel.default(), surface, options, free, (plate, *others))
+    record = solver.run(*far_hand(len(motion.turn)))
+    engine: Any = solver.engine
+    return record, engine.all_ticks
+
+
+def block(mass: float = 0.1, friction: float = 0.6, **given: Any) -> tuple[Mesh, FreeObject]:
+    """A cube of 40 mm that stands 2 µm above z = 0."""
+    mesh = box((0.04, 0.04, 0.04), (0.0, 0.0, 0.02 + GAP))
+    return mesh, FreeObject.of_mesh(mesh, mass=mass, friction=friction, **given)
+
+
+PLATE = box((1.0, 0.2, 0.02), (0.0, 0.0, -0.01))
+
+
+@pytest.mark.parametrize("share", [0.5, 0.99, 1.5])
+def test_a_block_rides_on_a_plate_unless_it_is_drawn_away_faster_than_friction_accelerates(share: float) -> None:
+    ticks, mu = 400, 0.5
+    speed = share * mu * G * DT * np.clip(np.arange(ticks) - 20, 0, None)
+    mesh, free = block(friction=mu)
+    record, found = play(mesh, free, PLATE, shifted(np.cumsum(speed * DT)), friction=mu)
+    assert not record.status.any()
+    rides, drives = found.things[:2]
+    np.testing.assert_allclose(drives.shift[:, 0], np.cumsum(speed * DT), atol=1e-9)
+    np.testing.assert_allclose(rides.velocity[-1, 0], min(share, 1.0) / share * speed[-1], rtol=1e-3)
+    np.testing.assert_allclose(found.thing_wrench[0, -100:, 0].mean(), 0.1 * min(share, 1.0) * mu * G, rtol=1e-3)
+    np.testing.assert_allclose(found.thing_wrench[1, :, :3], -found.thing_wrench[0, :, :3], atol=1e-9)
+    if share < 1.0:
+        slid = rides.shift[:, 0] - drives.shift[:, 0]
+        assert np.abs(slid - slid[19]).max() < 1e-6
+
+
+def test_a_block_on_a_plate_that_tilts_slides_at_the_angle_of_friction() -> None:
+    ticks, mu = 900, 0.4
+    angle = 0.6 * np.arange(ticks) / ticks
+    mesh, free = block(friction=mu)
+    record, found = play(mesh, free, PLATE, turned(angle), friction=mu)
+    assert not record.status.any()
+    first, second = found.things[:2]
+    back = RigidMotion(second.turn, second.shift).seen_points(
+        RigidMotion(first.turn, first.shift).points(np.zeros((ticks, 3)))
+    )
+    slides = int(np.argmax(np.linalg.norm(back - back[0], axis=1) > 1e-4))
+    # Where it has slid by 0.1 mm the plate is a little steeper: d = ½ g' Δt² with g' from the angle beyond.
+    assert np.arctan(mu) - 1e-3 < angle[slides] < np.arctan(mu) + 0.03
+
+
+def test_a_paddle_takes_a_block_along_at_its_speed() -> None:
+    ticks = 300
+    mesh, free = block(friction=0.0, gravity=(0.0, 0.0, 0.0))
+    paddle = box((0.02, 0.3, 0.3), (-0.05, 0.0, 0.02))
+    record, found = play(mesh, free, paddle, shifted(0.4 * DT * np.arange(ticks)))
+    assert not record.status.any()
+    meets = int(np.argmax(np.abs(found.things[0].velocity[:, 0]) > 0.01))
+    assert meets == pytest.approx(0.02 / 0.4 / DT, abs=2)
+    np.testing.assert_allclose(found.things[0].velocity[meets + 1 :, 0], 0.4, rtol=1e-6)
+    gap = found.things[1].shift[meets:, 0] - found.things[0].shift[meets:, 0] - 0.02
+    assert gap.min() > -1e-6 and gap.max() < 1e-9, "it is behind, by the clearance"
+
+
+def test_a_press_stops_where_a_block_is_in_its_way_and_goes_on_where_it_is_not() -> None:
+    ticks = 240
+    way = np.interp(np.arange(ticks), [0, 100, 140, 200], [0.0, 0.005, 0.005, -0.002])
+    mesh, free = block()
+    press = box((0.1, 0.1, 0.02), (0.0, 0.0, 0.04 + GAP + 0.0125))
+    anvil = Thing(contact_surface("mesh", PLATE, None), FreeObject.of_mesh(PLATE, mass=1.0), fixed=True, name="anvil")
+    _, found = play(mesh, free, press, shifted(way, (0.0, 0.0, -1.0)), anvil)
+    block_z, press_z = found.things[0].shift[:, 2], found.things[1].shift[:, 2]
+    top, bottom = 0.04 + GAP + block_z, 0.0425 + GAP + press_z
+    assert (bottom - top).min() > 0.0 and block_z.min() > -GAP, "nothing is entered"
+    assert np.abs(press_z + np.minimum(way, 0.0025)).max() < 5e-6, "it stops at the block, and comes back as recorded"
+    assert np.abs(press_z[-60:] + way[-60:]).max() < 1e-9
+
+
+def test_a_lid_on_a_driven_pot_goes_with_it() -> None:
+    ticks = 300
+    way = 0.05 * (1.0 - np.cos(2 * np.pi * np.arange(ticks) / 200.0))
+    lid, pot = box((0.1, 0.1, 0.01), (0.05, 0.0, 0.01)), box((0.1, 0.1, 0.02), (0.05, 0.0, -0.02))
+    hinge = Hinge((0.0, 1.0, 0.0), (0.0, 0.0, 0.0), limits=(-0.3, 0.3), friction=0.02, on="driven")
+    free = FreeObject.of_mesh(lid, mass=0.05, gravity=(0.0, 0.0, 0.0), hinge=hinge)
+    record, found = play(lid, free, pot, shifted(way, (0.0, 0.0, 1.0)))
+    assert not record.status.any()
+    first, second = found.things[:2]
+    np.testing.assert_allclose(second.shift[:, 2], way, atol=1e-8)
+    # The hinge is at the origin of both.
+    assert np.abs(first.shift - second.shift).max() < 3e-6
+    angle = 2.0 * np.arctan2(first.turn[:, 2], first.turn[:, 0])
+    assert 0.1 < np.abs(angle).max() < 0.3 + 1e-6, "inertia moves it where that exceeds friction"

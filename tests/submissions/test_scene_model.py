@@ -1,0 +1,424 @@
+"""MJCF of a scene of several parts or things: MuJoCo has masses, joints, meshes and poses where hhsim has them."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.motion.file import load_trajectory
+from hhsim.replay.replay import replay_scene
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.free_object import FreeObject
+from hhsim.scene.scene import Scene, open_scene
+from hhsim.solver.options import SolverOptions
+from hhsim.submissions.scene_file import load_scene, scene_digest
+from hhsim.submissions.scene_folder import example_submission, write_scene_folder
+from hhsim.submissions.score import score
+
+SINGLE = 1e-6
+"""Bound of distances [m] of vertices, of which MuJoCo keeps 32 bits."""
+OWN = """
+table = "under"
+[[thing]]
+name = "link"
+box = [0.03, 0.02, 0.02]
+position = [0.04, 0.0, 0.1]
+mass = 0.2
+torsion = 0.002
+hinge.axis = [0.0, 3.0, 4.0]
+hinge.origin = [0.02, 0.0, 0.1]
+hinge.on = "base"
+
+[[thing]]
+name = "base"
+box = [0.03, 0.04, 0.05]
+position = [0.0, 0.0, 0.1]
+density = 2000.0
+friction = 0.3
+
+[[thing]]
+name = "tip"
+box = [0.01, 0.01, 0.02]
+position = [0.07, 0.0, 0.1]
+orientation = [0.8, 0.0, 0.6, 0.0]
+slider.axis = [-1.0, 0.0, 0.0]
+slider.limits = [-0.02, 0.0]
+slider.on = "link"
+
+[[thing]]
+name = "wall"
+mesh = "cup"
+position = [0.4, 0.0, 0.1]
+fixed = true
+
+[[thing]]
+name = "flap"
+box = [0.02, 0.02, 0.02]
+position = [0.6, 0.0, 0.2]
+slider.axis = [0.0, 0.0, 1.0]
+slider.friction = 2.0
+
+[[thing]]
+name = "stuck"
+box = [0.02, 0.02, 0.02]
+position = [0.8, 0.0, 0.2]
+hinge.axis = [0.0, 0.0, 1.0]
+hinge.limits = [0.0, 0.0]
+"""
+"""Things on joints of each other, in no order, and one whose joint lets it go nowhere."""
+TRAY = """
+[[thing]]
+name = "tray"
+box = [0.02, 0.02, 0.02]
+position = [1.0, 0.0, 0.2]
+driven.type = "slider"
+driven.axis = [1.0, 0.0, 0.0]
+driven.limits = [0.0, 0.1]
+driven.motion = [[0.0, 0.0], [1.0, 0.1]]
+"""
+
+
+def own_scene(folder: Path, text: str = OWN) -> Scene:
+    path = folder / "own.toml"
+    path.write_text(text)
+    return open_scene(str(path), "never", solid=False, level=1, rate=200.0)
+
+
+def properties(scene: Scene) -> dict[str, FreeObject]:
+    assert scene.parts is not None and scene.free is not None
+    return dict(zip(scene.parts.names, (scene.free, *(other.free for other in scene.others))))
+
+
+class Model:
+    """Model and data of MuJoCo, at the first tick."""
+
+    def __init__(self, folder: Path) -> None:
+        self.mujoco = pytest.importorskip("mujoco")
+        self.model = self.mujoco.MjModel.from_xml_path(str(folder / "scene.xml"))
+        self.data = self.mujoco.MjData(self.model)
+        self.mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
+        self.forward()
+
+    def forward(self) -> None:
+        self.mujoco.mj_forward(self.model, self.data)
+
+    def vertices(self, name: str) -> FloatArray:
+        """Vertices of a body's mesh [m], world."""
+        model, geom = self.model, self.data.geom(name)
+        mesh = model.geom_dataid[geom.id]
+        first = model.mesh_vertadr[mesh]
+        own = model.mesh_vert[first : first + model.mesh_vertnum[mesh]].astype(np.float64)
+        return np.asarray(own @ geom.xmat.reshape(3, 3).T + geom.xpos)
+
+    def inertia(self, name: str) -> FloatArray:
+        """Inertia about the centre of mass [kg·m²], axes of the body, in which all frames are the world's at first."""
+        turn = self.data.body(name).ximat.reshape(3, 3)
+        return np.asarray(turn @ np.diag(self.model.body(name).inertia) @ turn.T)
+
+
+def same_points(found: FloatArray, wanted: FloatArray) -> None:
+    """Every point has one of the others at its place."""
+    for one, other in ((found, wanted), (wanted, found)):
+        assert np.max(cKDTree(one).query(other)[0]) < SINGLE
+
+
+def rotation(orientation: FloatArray) -> Rotation:
+    w, *xyz = orientation
+    return Rotation.from_quat([*xyz, w])
+
+
+def turned(points: FloatArray, position: FloatArray, orientation: FloatArray) -> FloatArray:
+    return np.asarray(rotation(orientation).apply(points) + position)
+
+
+@pytest.fixture(
+    scope="module", params=[("drawer", "shut"), ("door", "swing"), ("chest", "lift")], ids=lambda names: names[0]
+)
+def replayed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, Path, Result]:
+    """A scene, its folder, and the result of its run."""
+    folder = tmp_path_factory.mktemp("things")
+    scene = open_scene(*request.param, level=1, rate=250.0)
+    digest = write_scene_folder(scene, folder / "s")
+    replay_scene(scene, SolverOptions(surface="mesh"), folder / "r.h5")
+    # A run sets the poses of things, which are no part of the scene.
+    assert scene_digest(scene) == digest
+    return scene, folder / "s", load_result(folder / "r.h5")
+
+
+def test_a_joint_of_the_model_moves_a_thing_as_a_run_of_hhsim_does(replayed: tuple[Scene, Path, Result]) -> None:
+    scene, folder, result = replayed
+    at, parts = Model(folder), scene.parts
+    assert parts is not None
+    group = f"things/{parts.name}"
+    joints = {name: free.joint for name, free in properties(scene).items() if free.joint}
+    ((moving, joint),) = joints.items()
+    assert joint is not None
+    moved = []
+    recorded = part_poses(folder, tuple(parts.driven))[1] if parts.driven else np.zeros((result.ticks, 0, 7))
+    for tick in (0, result.ticks // 2, int(0.75 * result.ticks), result.ticks - 1):
+        poses = {
+            name: [result[f"{group}/{name}/{what}"][tick] for what in ("position", "orientation")]
+            for name in parts.names
+        }
+        for name, pose in zip(parts.driven, recorded[tick]):
+            which = at.model.body(name).mocapid[0]
+            at.data.mocap_pos[which], at.data.mocap_quat[which] = pose[:3], pose[3:]
+        for name, (position, orientation) in poses.items():
+            if name == moving:
+                place, turn = poses[joint.on]
+                back = rotation(turn).inv()
+                angle = (back * rotation(orientation)).as_rotvec() @ joint.direction
+                way = back.apply(position - place) @ joint.direction
+                moved.append(angle if joint.KIND == "hinge" else way)
+                at.data.joint(name).qpos[0] = moved[-1]
+            elif at.model.body(name).jntnum[0]:
+                at.data.joint(name).qpos[:] = [*position, *orientation]
+        at.forward()
+        for name, mesh in zip(parts.names, parts.meshes):
+            assert np.abs(at.data.body(name).xpos - poses[name][0]).max() < 1e-6
+            assert 1.0 - abs(at.data.body(name).xquat @ poses[name][1]) < 1e-12
+            same_points(at.vertices(name), turned(mesh.vertices, *poses[name]))
+    # It is no comparison of things at rest: the joint did move, and under the chest, whose lid stays shut, the tray.
+    assert abs(moved[0]) < 1e-6
+    assert (np.ptp(recorded[:, 0, 1]) if parts.driven else np.ptp(moved)) > 0.05
+
+
+def test_the_folder_states_the_things_as_a_result_does(replayed: tuple[Scene, Path, Result]) -> None:
+    _, folder, result = replayed
+    first, *others = json.loads((folder / "scene.json").read_text())["things"]
+    names = result.scene["thing"]["parts"]
+    assert first == {**result.scene["free"], "fixed": False, "name": names[0]}
+    assert others == [{**other, "name": name} for other, name in zip(result.scene["others"], names[1:])]
+    with (folder / "spheres.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {row["thing"] for row in rows} == set(names) and len(rows) > 8 * len(names) / 2
+
+
+def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: Path) -> None:
+    scene = own_scene(tmp_path)
+    write_scene_folder(scene, tmp_path / "s")
+    at, things, parts = Model(tmp_path / "s"), properties(scene), scene.parts
+    assert parts is not None and scene.free is not None
+    model, kind = at.model, at.mujoco.mjtJoint
+    # The hand's bodies are 16 and its joints 21; besides there is the world.
+    assert (model.nbody, model.njnt, model.nq) == (1 + 16 + 6, 21 + 4, 27 + 7 + 3)
+    for (name, free), mesh in zip(things.items(), parts.meshes):
+        body = model.body(name)
+        assert body.mass[0] == free.mass
+        np.testing.assert_allclose(at.data.body(name).xipos, free.center, atol=1e-12)
+        np.testing.assert_allclose(at.inertia(name), free.inertia, rtol=1e-9, atol=1e-12 * np.max(free.inertia))
+        same_points(at.vertices(name), mesh.vertices)
+    parent = {name: model.body(model.body(name).parentid[0]).name for name in things}
+    assert parent == {
+        "link": "base",
+        "base": "world",
+        "tip": "link",
+        "wall": "world",
+        "flap": "world",
+        "stuck": "world",
+    }
+    assert [model.body(name).jntnum[0] for name in things] == [1, 1, 1, 0, 1, 0]
+    found = {name: model.joint(name) for name in ("link", "base", "tip", "flap")}
+    types = [joint.type[0] for joint in found.values()]
+    assert types == [kind.mjJNT_HINGE, kind.mjJNT_FREE, kind.mjJNT_SLIDE, kind.mjJNT_SLIDE]
+    assert [bool(model.jnt_limited[joint.id]) for joint in found.values()] == [False, False, True, False]
+    assert found["tip"].range.tolist() == [-0.02, 0.0]
+    assert [float(joint.frictionloss[0]) for joint in found.values()] == [0.0, 0.0, 0.0, 2.0]
+    for name in ("link", "tip", "flap"):
+        joint = things[name].joint
+        assert joint is not None
+        np.testing.assert_allclose(at.data.joint(name).xaxis, joint.direction, atol=1e-12)
+    assert things["link"].hinge is not None
+    np.testing.assert_allclose(at.data.joint("link").xanchor, things["link"].hinge.origin, atol=1e-12)
+    assert model.opt.gravity.tolist() == list(scene.free.gravity) and model.opt.timestep == 1.0 / 200.0
+    for name, free in things.items():
+        geom = model.geom(name)
+        if geom.contype[0]:
+            assert geom.friction.tolist() == [free.friction, free.torsion, 0.0] and geom.priority[0] == 1
+            assert geom.condim[0] == (4 if free.torsion else 3)
+    # A cup is not its hull: its spheres collide.
+    touching = {name: touching_geoms(model, name) for name in things}
+    assert {name for name, count in touching.items() if count > 1} == {"wall"}
+
+
+def touching_geoms(model: Any, name: str) -> int:
+    own = model.geom_bodyid == model.body(name).id
+    return int((own & (model.geom_contype > 0)).sum())
+
+
+def test_a_thing_on_one_that_moves_goes_along_and_by_its_own_joint(tmp_path: Path) -> None:
+    scene = own_scene(tmp_path)
+    write_scene_folder(scene, tmp_path / "s")
+    at, things, parts = Model(tmp_path / "s"), properties(scene), scene.parts
+    assert parts is not None
+    link, tip = things["link"].hinge, things["tip"].slider
+    assert link is not None and tip is not None
+    position, angle, way = np.array([0.3, -0.2, 0.1]), 0.7, -0.015
+    orientation = np.array([0.5, -0.5, 0.1, 0.7])
+    at.data.joint("base").qpos[:] = [*position, *orientation]
+    at.data.joint("link").qpos[0], at.data.joint("tip").qpos[0] = angle, way
+    at.forward()
+    meshes = {name: mesh.vertices for name, mesh in zip(parts.names, parts.meshes)}
+
+    def hung(points: FloatArray) -> FloatArray:
+        about = Rotation.from_rotvec(angle * link.direction)
+        return turned(about.apply(points - np.array(link.origin)) + np.array(link.origin), position, orientation)
+
+    same_points(at.vertices("base"), turned(meshes["base"], position, orientation))
+    same_points(at.vertices("link"), hung(meshes["link"]))
+    same_points(at.vertices("tip"), hung(meshes["tip"] + way * tip.direction))
+
+
+def test_things_rest_on_table_and_things_and_pass_through_what_bears_them(tmp_path: Path) -> None:
+    scene = open_scene("drawer", "shut", level=1)
+    write_scene_folder(scene, tmp_path / "drawer")
+    blocks = open_scene("blocks", "stack", level=1)
+    write_scene_folder(blocks, tmp_path / "blocks")
+    for folder, things in (("drawer", ["drawer", "box"]), ("blocks", ["red", "green", "blue"])):
+        at = Model(tmp_path / folder)
+        names = [*things, "palm"]
+        before = np.array([at.data.body(name).xipos for name in names])
+        at.mujoco.mj_step(at.model, at.data, 300)
+        moved = np.abs(np.array([at.data.body(name).xipos for name in names]) - before).max()
+        # MuJoCo's contacts give by hundredths of a millimetre; in free fall it would be 0.44 m.
+        assert moved < 2e-4
+        pairs = {
+            frozenset(at.model.body(at.model.geom_bodyid[g]).name for g in geoms) for geoms in at.data.contact.geom
+        }
+        wanted = (
+            [{"drawer", "box"}] if folder == "drawer" else [{"world", "red"}, {"world", "green"}, {"green", "blue"}]
+        )
+        assert pairs == {frozenset(pair) for pair in wanted}
+        # As in hhsim, the hand goes through a table.
+        table = at.model.geom("table plane") if folder == "blocks" else None
+        hand = at.model.geom_bodyid == at.model.body("index_3").id
+        if table is not None:
+            assert table.pos[2] == pytest.approx(blocks.free.table if blocks.free else None)
+            assert not (at.model.geom_contype[hand] & table.conaffinity[0]).any() and table.contype[0] == 0
+
+
+def part_poses(folder: Path, names: tuple[str, ...]) -> tuple[list[dict[str, str]], FloatArray]:
+    """Rows of parts.csv, and the poses in them, (T, P, 7)."""
+    with (folder / "parts.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    columns = [f"_{name}" for name in ("px", "py", "pz", "qw", "qx", "qy", "qz")]
+    return rows, np.array([[[float(row[part + name]) for name in columns] for part in names] for row in rows])
+
+
+def test_a_carried_thing_is_in_the_frame_of_the_hands_motion(tmp_path: Path) -> None:
+    scene = open_scene("laptop", "carry", level=1, rate=50.0)
+    write_scene_folder(scene, tmp_path / "s")
+    assert scene.parts is not None and scene.driven is not None
+    _, poses = part_poses(tmp_path / "s", scene.parts.names)
+    hand = load_trajectory(tmp_path / "s" / "motion.csv").position
+    seen = [
+        Rotation.from_quat(lid[:, [4, 5, 6, 3]]).inv().apply(palm - lid[:, :3])
+        for lid, palm in ((poses[:, 1], hand), (scene.parts.world[:, 1], scene.driven.position))
+    ]
+    np.testing.assert_allclose(seen[0], seen[1], atol=1e-12)
+    assert np.ptp(scene.parts.world[:, 1, :3], axis=0).max() > 0.05
+
+
+def test_parts_that_move_as_recorded_follow_their_file(tmp_path: Path) -> None:
+    scene = open_scene("laptop", "open", level=1, rate=200.0)
+    write_scene_folder(scene, tmp_path / "s")
+    parts = scene.parts
+    assert parts is not None
+    rows, poses = part_poses(tmp_path / "s", parts.names)
+    assert len(rows) == scene.ticks.tick_count
+    # Bit for bit what a result of the same scene holds.
+    np.testing.assert_array_equal(poses, parts.world)
+    lid = np.array([float(row["lid_joint"]) for row in rows])
+    np.testing.assert_array_equal(lid, parts.values["lid"])
+    assert np.ptp(lid) > 0.15 and [name for name in rows[0] if "joint" in name] == ["lid_joint"]
+    at = Model(tmp_path / "s")
+    assert at.model.nmocap == 2 and at.model.njnt == 21
+    for tick in (0, int(lid.argmax())):
+        if tick:
+            for part, pose in zip(parts.names, poses[tick]):
+                which = at.model.body(part).mocapid[0]
+                at.data.mocap_pos[which], at.data.mocap_quat[which] = pose[:3], pose[3:]
+            at.forward()
+        for part, mesh, pose in zip(parts.names, parts.meshes, poses[tick]):
+            same_points(at.vertices(part), turned(mesh.vertices, pose[:3], pose[3:]))
+
+
+def test_the_model_starts_with_the_first_hand_whatever_hangs_where(tmp_path: Path) -> None:
+    scene = own_scene(tmp_path)
+    write_scene_folder(scene, tmp_path / "s")
+    at, hand = Model(tmp_path / "s"), HandConfiguration.of(scene.ticks).at(0)
+    np.testing.assert_allclose(at.data.joint("palm").qpos, [*hand.position, *hand.orientation], atol=1e-15)
+    np.testing.assert_allclose(at.data.joint("little_flex3").qpos[0], hand.flexion[4, 2], atol=1e-15)
+    assert at.data.joint("base").qpos.tolist() == [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    assert [at.data.joint(name).qpos[0] for name in ("link", "tip", "flap")] == [0.0, 0.0, 0.0]
+
+
+def test_the_text_nests_things_on_joints_and_keeps_them_from_touching_their_bearers(tmp_path: Path) -> None:
+    """What can be said without MuJoCo."""
+    write_scene_folder(own_scene(tmp_path), tmp_path / "s")
+    model = Xml.parse(tmp_path / "s" / "scene.xml").getroot()
+    tip = model.find("worldbody/body[@name='base']/body[@name='link']/body[@name='tip']")
+    assert tip is not None
+    (joint,) = tip.findall("joint")
+    assert (joint.get("type"), joint.get("axis"), joint.get("range")) == ("slide", "-1.0 0.0 0.0", "-0.02 0.0")
+    assert [element.get("name") for element in model.iter("freejoint")] == ["base"]
+    assert {(one.get("body1"), one.get("body2")) for one in model.iter("exclude")} == {
+        ("base", "link"),
+        ("link", "tip"),
+    }
+    files = {element.get("file", "") for element in model.iter() if element.get("file")}
+    assert files == {"hand.xml", *(f"{name}.obj" for name in ("link", "base", "tip", "wall", "flap", "stuck"))}
+    assert all((tmp_path / "s" / file).is_file() for file in files)
+    assert not any((tmp_path / "s" / name).exists() for name in ("example-submission.csv", "object.obj", "parts.csv"))
+
+
+def test_a_name_of_the_hands_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
+    scene = own_scene(tmp_path, OWN.replace('"flap"', '"palm"'))
+    with pytest.raises(InputError, match=r"'palm' is a body or a joint of the hand, too; expected another name"):
+        write_scene_folder(scene, tmp_path / "s")
+    assert [path.name for path in tmp_path.iterdir()] == ["own.toml"]
+
+
+@pytest.mark.parametrize(("name", "motion"), [("laptop", "open"), ("blocks", "stack")])
+def test_poses_beside_parts_or_things_are_not_scored(name: str, motion: str, tmp_path: Path) -> None:
+    scene = open_scene(name, motion, level=1, rate=100.0)
+    write_scene_folder(scene, tmp_path / "s")
+    told = "a hand beside several parts or things that move is not scored; expected a scene of one object"
+    with pytest.raises(InputError, match=rf"scene\.h5 has {name}: {told}"):
+        load_scene(tmp_path / "s" / "scene.h5")
+    with pytest.raises(InputError, match=f"{name}: {told}"):
+        score(example_submission(scene), scene, tmp_path / "r.h5")
+    assert not (tmp_path / "r.h5").exists()
+
+
+def test_the_digest_is_of_all_things_and_parts(tmp_path: Path) -> None:
+    other = TRAY.replace("[1.0, 0.1]]", "[1.0, 0.09]]")
+    # A file has up to six things.
+    less = OWN.replace(OWN[OWN.index('[[thing]]\nname = "stuck"') :], "")
+    texts = [
+        OWN,
+        less,
+        less + TRAY,
+        less + other,
+        OWN.replace("slider.friction = 2.0", "slider.friction = 2.5"),
+        OWN.replace("[0.4, 0.0", "[0.41, 0.0"),
+    ]
+    things = [own_scene(tmp_path, text) for text in texts]
+    laptop = open_scene("laptop", "open", level=1, rate=100.0)
+    assert laptop.parts is not None
+    later = laptop.parts.world.copy()
+    later[-1, 1, 0] += 1e-3
+    moved = replace(laptop, parts=replace(laptop.parts, world=later))
+    scenes = [*things, laptop, moved]
+    assert len({scene_digest(scene) for scene in scenes}) == len(scenes)
+    assert scene_digest(own_scene(tmp_path)) == scene_digest(things[0])
