@@ -34,7 +34,7 @@ def command(folders: tuple[Path, ...], outputs: tuple[Path, ...], whole: bool, a
       hhsim board results/first
       hhsim board results/first /media/other/first --out board.html --out board.csv
     """
-    from hhsim.board.collect import collect
+    from hhsim.board.entry import collect
     from hhsim.board.shown import entry_table, standing_table
     from hhsim.board.standings import standings
     from hhsim.board.table_file import check_board_path, content_of, run_table

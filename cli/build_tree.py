@@ -129,14 +129,15 @@ def command(
       hhsim build-tree bowl.stl --unit mm --thickness 2
       hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
     """
+    from hhsim.errors import InputError, OutputError
     from hhsim.mesh.mesh import METRES_PER_UNIT
     from hhsim.render.tree_figure import draw_tree
     from hhsim.system.output_path import check_output_path, check_picture
     from hhsim.system.thread_pool import usual_threads
     from hhsim.trees.cache import cache_path, kept_sphere_tree
-    from hhsim.trees.file import save_tree
+    from hhsim.trees.file import load_tree, save_tree
     from hhsim.trees.foreign_tree import import_tree
-    from hhsim.trees.sph_format import save_sph
+    from hhsim.trees.sph_format import load_sph, save_sph
 
     announce_compilation(quiet=output.quiet)
     source.check()
@@ -147,7 +148,13 @@ def command(
     if path.suffix not in (".h5", ".sph"):
         raise click.UsageError(f"--out {path}: a sphere tree is a .h5 or a .sph file")
     check_output_path(path)
-    _check_replaceable(path)
+    if path.exists():
+        try:
+            load_sph(path) if path.suffix == ".sph" else load_tree(path)
+        except InputError as error:
+            raise OutputError(
+                f"{path} exists and is no sphere tree, so it is not replaced: name another file"
+            ) from error
     if plot is not None:
         check_picture(plot)
     cached = source.path is None and cache_path(mesh, options).exists()
@@ -192,7 +199,16 @@ def command(
             }
         )
     elif not output.quiet:
-        _print_levels(tree, f"{mesh.name}: {len(mesh.faces):,} triangles")
+        columns = (
+            *map(number, ("level", "spheres")),
+            number("protrusion max", "protrusion_max", "mm", 3),
+            number("p99", "protrusion_p99", "mm", 3),
+            number("mean", "protrusion_mean", "mm", 3),
+            number("proved bound", "bound", "mm", 3),
+            number("gap max", "gap_max", "mm", 3),
+            number("CPU", lambda error: _of_level(tree, error.level)["cpu_seconds"], "s", 2, missing=""),
+        )
+        print_table(Table(columns, tree.errors, f"{mesh.name}: {len(mesh.faces):,} triangles"))
         for repair in mesh.repairs:
             print(f"repaired: {repair}")
         for note in found.notes if found else ():
@@ -214,36 +230,8 @@ def command(
             print(f"the picture is in {plot}")
 
 
-def _print_levels(tree: "SphereTree", title: str) -> None:
-    columns = (
-        *map(number, ("level", "spheres")),
-        number("protrusion max", "protrusion_max", "mm", 3),
-        number("p99", "protrusion_p99", "mm", 3),
-        number("mean", "protrusion_mean", "mm", 3),
-        number("proved bound", "bound", "mm", 3),
-        number("gap max", "gap_max", "mm", 3),
-        number("CPU", lambda error: _of_level(tree, error.level)["cpu_seconds"], "s", 2, missing=""),
-    )
-    print_table(Table(columns, tree.errors, title))
-
-
 def _of_level(tree: "SphereTree", level: int) -> dict[str, float | None]:
     return {
         "gap_bound": tree.covers[level].gap if tree.covers and tree.covers[level].proved else None,
         "cpu_seconds": tree.cpu_seconds[level] if tree.cpu_seconds else None,
     }
-
-
-def _check_replaceable(path: Path) -> None:
-    """Raise OutputError where `--out` names a file that is no tree."""
-    from hhsim.errors import InputError, OutputError
-    from hhsim.trees.file import load_tree
-    from hhsim.trees.sph_format import load_sph
-
-    if path.exists():
-        try:
-            load_sph(path) if path.suffix == ".sph" else load_tree(path)
-        except InputError as error:
-            raise OutputError(
-                f"{path} exists and is no sphere tree, so it is not replaced: name another file"
-            ) from error

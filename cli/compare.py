@@ -2,7 +2,6 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -10,10 +9,6 @@ from hhsim.table.table import Table
 
 from .arguments import options
 from .console import print_json, print_line, print_table
-
-if TYPE_CHECKING:
-    from hhsim.gate.compare import ComparedFigure, Comparison
-    from hhsim.replay.summary_table import SummaryRow
 
 
 @click.command()
@@ -53,7 +48,19 @@ def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
     shared = [row for row in tables[1] if row.name in ours and row.name in either]
     rows = [(ours[row.name], row, compared(ours[row.name], row, found)) for row in shared]
     if as_json:
-        print_json(_document(base, head, found, rows, [each.word for each in verdicts]))
+        print_json(
+            {
+                "base": str(base),
+                "head": str(head),
+                "verdicts": [each.word for each in verdicts],
+                "comparable": found.comparable,
+                **{name: list(getattr(found, name)) for name in ("scene", "how", "around")},
+                "figures": {
+                    one.name: {"base": one.value, "head": other.value, "ratio": its.ratio, "word": its.word or None}
+                    for one, other, its in rows
+                },
+            }
+        )
         return
     for letter, path, each, whose in zip("AB", (base, head), verdicts, found_tables):
         print_line(f"{letter}: {path}: {each.line}")
@@ -79,23 +86,3 @@ def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
     ]
     headings = ("", "A", "B", "unit", "B/A", "B is")
     print_table(Table.of_cells(headings, cells, numbers=("A", "B", "B/A")), optional=("B/A",))
-
-
-def _document(
-    base: Path,
-    head: Path,
-    found: "Comparison",
-    rows: "list[tuple[SummaryRow, SummaryRow, ComparedFigure]]",
-    words: list[str],
-) -> dict[str, object]:
-    return {
-        "base": str(base),
-        "head": str(head),
-        "verdicts": words,
-        "comparable": found.comparable,
-        **{name: list(getattr(found, name)) for name in ("scene", "how", "around")},
-        "figures": {
-            one.name: {"base": one.value, "head": other.value, "ratio": figure.ratio, "word": figure.word or None}
-            for one, other, figure in rows
-        },
-    }

@@ -17,8 +17,7 @@ from .console import announce_compilation, print_json, print_notes, print_table,
 from .run_again import names_a_result
 
 if TYPE_CHECKING:
-    from hhsim.gate.baseline import Baseline
-    from hhsim.gate.gate import GateReport
+    from hhsim.gate.gate import Baseline, GateReport
     from hhsim.result.reader import Result
 
 STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
@@ -116,7 +115,7 @@ def command(target: Path | None, comparison: Comparison, output: GateOutput) -> 
     _write(report, *files)
     written = comparison.write_baseline
     if written is not None and report.recorded:
-        from hhsim.gate.baseline import write_baseline
+        from hhsim.gate.gate import write_baseline
 
         write_baseline(written, report.recorded)
     elif written is not None:
@@ -126,8 +125,7 @@ def command(target: Path | None, comparison: Comparison, output: GateOutput) -> 
 
 
 def _judge_result(path: Path, comparison: Comparison) -> "GateReport":
-    from hhsim.gate.baseline import load_baseline
-    from hhsim.gate.gate import GateReport, gate_result
+    from hhsim.gate.gate import GateReport, gate_result, load_baseline
     from hhsim.gate.suite import load_suite
     from hhsim.result.reader import hand_paths, load_result
 
@@ -149,8 +147,7 @@ def _judge_result(path: Path, comparison: Comparison) -> "GateReport":
 def _judge_suite(target: Path | None, comparison: Comparison, *, quiet: bool) -> "GateReport":
     from msgspec.structs import replace
 
-    from hhsim.gate.baseline import load_baseline
-    from hhsim.gate.gate import gate_suite
+    from hhsim.gate.gate import gate_suite, load_baseline
     from hhsim.gate.run import find_side, this_python
     from hhsim.gate.suite import SUITE_FILE, default_suite, load_suite
 

@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 import warnings
-from typing import TextIO
+from typing import Any
 
 import click
 
@@ -60,6 +60,7 @@ MEANT = {
 """Advice for words that are no command."""
 
 COMPLETION_VARIABLE = "_HHSIM_COMPLETE"
+SHOW_AS_USUAL = warnings.showwarning
 INTERRUPTED = 130
 BROKEN_PIPE = 141
 
@@ -113,21 +114,14 @@ def main() -> None:
     sys.exit(code)
 
 
-def _show_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
-) -> None:
+def _show_warning(message: Warning | str, category: type[Warning], *place: Any, **named: Any) -> None:
     """Print a warning about the cache in one line, any other as Python does."""
     from hhsim.kernels.cache_folder import CacheFolderWarning
 
     if issubclass(category, CacheFolderWarning):
         print_notes([str(message)])
     else:
-        print(warnings.formatwarning(message, category, filename, lineno, line), end="", file=file or sys.stderr)
+        SHOW_AS_USUAL(message, category, *place, **named)
 
 
 def _run_and_report() -> int:

@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import click
 
@@ -95,13 +95,18 @@ def command(
     from hhsim.sweep.repair_manifest import is_manifest
 
     is_many = is_manifest(recording)
-    _refuse_options(recording, is_many=is_many)
+    for name, typed_as in typed_options(click.get_current_context()).items():
+        if is_many and name not in (*ALWAYS, *OF_MANY):
+            raise click.UsageError(f"{typed_as} is for one recording; {recording} states it in its rows")
+        if not is_many and name in OF_MANY:
+            raise click.UsageError(f"{typed_as} is for a manifest; {recording} is one recording")
     if is_many:
         return _many(recording, out, jobs or 0, scheduler, as_json=as_json, quiet=quiet)
     if limits.hands == "both" and (reading.hand or limits.skin):
         raise click.UsageError("--hand and --skin are of one hand, and --hands both repairs two")
     if thing.object is None:
         raise click.UsageError("--object names the object that the hand holds; a manifest names it in each row")
+    given = vars(reading.options(data.given())) | {"hand": None, "mano_model": None}
     request = RepairRequest(
         recording=recording,
         object=thing.object,
@@ -115,7 +120,7 @@ def command(
         max_correction=1e-3 * limits.max_correction,
         skin=limits.skin,
         palm=limits.palm,
-        options=_read_fields(reading, data),
+        options={name: value for name, value in given.items() if value is not None},
     )
     typed = ("hhsim", *sys.argv[1:])
     with progress(quiet=quiet) as report:
@@ -123,7 +128,7 @@ def command(
             outcomes = [repair_recording(request, command=typed, progress=report)]
             document, last = outcomes[0].to_json(), ""
         else:
-            from hhsim.repair.both_hands import repair_both_hands
+            from hhsim.repair.repair import repair_both_hands
 
             both = repair_both_hands(request, command=typed, progress=report)
             outcomes, document, last = list(both.hands), both.to_json(), both.text
@@ -147,15 +152,6 @@ def _print(outcome: "RepairOutcome") -> None:
     print_line(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
 
 
-def _refuse_options(path: Path, *, is_many: bool) -> None:
-    """Raise UsageError for an option that this input does not take."""
-    for name, option_ in typed_options(click.get_current_context()).items():
-        if is_many and name not in (*ALWAYS, *OF_MANY):
-            raise click.UsageError(f"{option_} is for one recording; {path} states it in its rows")
-        if not is_many and name in OF_MANY:
-            raise click.UsageError(f"{option_} is for a manifest; {path} is one recording")
-
-
 def _many(manifest: Path, out: Path, jobs: int, scheduler: str, *, as_json: bool, quiet: bool) -> int:
     """Repair the recordings of a manifest; returns the exit code."""
     from hhsim.repair.repair import repair_recording
@@ -170,9 +166,3 @@ def _many(manifest: Path, out: Path, jobs: int, scheduler: str, *, as_json: bool
         print_table(brief_table(found.table.rows))
         print_line(f"{len(found.failed)} without a repair within the limits; all of it is in {found.page}")
     return 1 if found.failed else 0
-
-
-def _read_fields(reading: FileSettings, data: HandData) -> dict[str, Any]:
-    """Return the fields of `hhsim.recordings.registry.ReadOptions` that are neither the hand nor its model."""
-    given = vars(reading.options(data.given()))
-    return {name: value for name, value in given.items() if name not in ("hand", "mano_model") and value is not None}

@@ -150,7 +150,7 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
 
         if self.side != "both":
             return [self._motion(resolve_trajectory(trajectory, reading), trajectory)]
-        from hhsim.scene.two_hands import two_handed_motions
+        from hhsim.scene.described_scene import two_handed_motions
 
         return [self._motion(motion, trajectory) for motion in two_handed_motions(trajectory, reading)]
 
@@ -341,7 +341,7 @@ def command(
             chosen = chosen._replace(tree=things.named(chosen.tree))
         described = moving.words(object_, trajectory, mesh_file, tree, reading)
         if moving.side == "both":
-            from hhsim.scene.two_hands import two_handed_scenes
+            from hhsim.scene.described_scene import two_handed_scenes
 
             hands = [hand_of(each, side, moving.hand_file) for each, side in zip(motions, HANDS)]
             placed_hands = two_handed_scenes(
@@ -394,7 +394,7 @@ def _replay_both(
     report: "Progress",
 ) -> int:
     """Replay two hands, print a table of each, and return the exit code."""
-    from hhsim.replay.two_hands import replay_two_hands
+    from hhsim.replay.replay import replay_two_hands
 
     typed = ("hhsim", *sys.argv[1:])
     both = replay_two_hands([placed.scene for placed in scenes], solver_options, path, command=typed, progress=report)

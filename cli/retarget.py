@@ -1,7 +1,7 @@
 """`hhsim retarget`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,8 +11,7 @@ from .arguments import options
 from .console import announce_compilation, print_json, print_line, print_table, progress
 
 if TYPE_CHECKING:
-    from hhsim.repair.robot_hand import RobotHand
-    from hhsim.repair.robot_motion import RobotMotion
+    from hhsim.repair.retarget import RobotMotion
 
 
 def read_map(context: click.Context, parameter: click.Parameter, value: str | None) -> dict[str, str] | None:
@@ -55,8 +54,8 @@ def command(result: Path, robot: str, fingers: dict[str, str] | None, output: op
       hhsim retarget grasp.h5 --robot shadow --out shadow.csv
       hhsim retarget grasp.h5 --robot hand.urdf --map thumb=link_15_tip,index=link_3_tip --out angles.csv
     """
+    from hhsim.repair.retarget import check_motion_path, motion_bytes, robot_motion
     from hhsim.repair.robot_hand import RobotHand, find_robot
-    from hhsim.repair.robot_motion import check_motion_path, motion_bytes, robot_motion
     from hhsim.result.reader import load_result
     from hhsim.system.atomic_write import write_atomically
 
@@ -73,35 +72,31 @@ def command(result: Path, robot: str, fingers: dict[str, str] | None, output: op
         for finger, link, error in zip(found.fingers, hand.links, found.motion.error.T)
     ]
     if output.as_json:
-        print_json(_document(found, hand, errors, result, out))
+        depth = found.depth
+        print_json(
+            {
+                "result": str(result),
+                "robot": hand.name,
+                "out": str(out),
+                "ticks": len(found.time),
+                "joints": found.joints,
+                "fingertip_error": [dict(zip(("finger", "link", "mean", "max"), error)) for error in errors],
+                "link_depth": None
+                if depth is None
+                else {
+                    "max": float(depth.depth.max()),
+                    "mean": float(depth.depth.mean()),
+                    "link": depth.link[int(depth.depth.argmax())],
+                    "tick": int(depth.frames[depth.depth.argmax()]),
+                    "ticks": len(depth.frames),
+                },
+            }
+        )
     elif not output.quiet:
         columns = words("finger", 0), words("link", 1), number("mean error", 2, "mm", 2), number("max", 3, "mm", 2)
         print_table(Table(columns, errors, f"{len(hand.joints)} joints of {hand.name} at {len(found.time):,} ticks"))
         print_line(_depth_line(found))
         print_line(f"written: {out}")
-
-
-def _document(
-    found: "RobotMotion", hand: "RobotHand", errors: list[tuple[str, str, float, float]], result: Path, out: Path
-) -> dict[str, Any]:
-    depth = found.depth
-    return {
-        "result": str(result),
-        "robot": hand.name,
-        "out": str(out),
-        "ticks": len(found.time),
-        "joints": found.joints,
-        "fingertip_error": [dict(zip(("finger", "link", "mean", "max"), error)) for error in errors],
-        "link_depth": None
-        if depth is None
-        else {
-            "max": float(depth.depth.max()),
-            "mean": float(depth.depth.mean()),
-            "link": depth.link[int(depth.depth.argmax())],
-            "tick": int(depth.frames[depth.depth.argmax()]),
-            "ticks": len(depth.frames),
-        },
-    }
 
 
 def _depth_line(found: "RobotMotion") -> str:

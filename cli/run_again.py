@@ -27,7 +27,18 @@ def names_a_result(name: str | Path) -> bool:
 
 def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool) -> int:
     """Run the ticks of a result again and print the comparison; return 1 where something differs beyond rounding."""
-    _refuse_changes(context, path)
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if name in TAKEN or context.get_parameter_source(name) in (ParameterSource.DEFAULT, None):
+            continue
+        if isinstance(parameter, click.Argument):
+            raise click.UsageError(f"{path} runs again with the motion that it holds: it takes no TRAJECTORY")
+        if name == "rerun":
+            raise click.UsageError(f"{path} holds its ticks already: hhsim view {path} shows them")
+        raise click.UsageError(
+            f"{path} runs again as it was, so {parameter.opts[0]} has no place here; to replay its motion otherwise, "
+            f"give an object first: hhsim replay OBJECT {path}"
+        )
     announce_compilation(quiet=quiet)
     from hhsim.replay.repeat import run_again as run
     from hhsim.result.reader import hand_paths, load_result
@@ -61,18 +72,3 @@ def _print(again: "RunAgain") -> None:
     for note in again.notes:
         print(f"note: {note}")
     print(again.sentence)
-
-
-def _refuse_changes(context: click.Context, path: Path) -> None:
-    for parameter in context.command.params:
-        name = parameter.name or ""
-        if name in TAKEN or context.get_parameter_source(name) in (ParameterSource.DEFAULT, None):
-            continue
-        if isinstance(parameter, click.Argument):
-            raise click.UsageError(f"{path} runs again with the motion that it holds: it takes no TRAJECTORY")
-        if name == "rerun":
-            raise click.UsageError(f"{path} holds its ticks already: hhsim view {path} shows them")
-        raise click.UsageError(
-            f"{path} runs again as it was, so {parameter.opts[0]} has no place here; to replay its motion otherwise, "
-            f"give an object first: hhsim replay OBJECT {path}"
-        )

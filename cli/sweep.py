@@ -13,8 +13,7 @@ from .arguments.option_group import OptionGroup, option
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
-    from hhsim.sweep.estimate import Estimate
-    from hhsim.sweep.sweep import SweepSummary
+    from hhsim.sweep.sweep import Estimate, SweepSummary
 
 MOST_FAILURES = 20
 
@@ -63,10 +62,9 @@ def command(plan: Path, settings: SweepSettings, as_json: bool, quiet: bool) -> 
       hhsim sweep plan.toml --retry-failed
       hhsim sweep plan.toml --scheduler tcp://10.0.0.1:8786 --out /shared/first
     """
-    from hhsim.sweep.estimate import estimate
     from hhsim.sweep.folder import SweepFolder
     from hhsim.sweep.plan import load_plan
-    from hhsim.sweep.sweep import SweepOptions, run_sweep
+    from hhsim.sweep.sweep import SweepOptions, estimate, run_sweep
     from hhsim.system.output_path import RESULTS
 
     chosen = SweepOptions(settings.jobs or 0, settings.scheduler, settings.retry_failed, not settings.summary_only)
@@ -85,7 +83,20 @@ def command(plan: Path, settings: SweepSettings, as_json: bool, quiet: bool) -> 
         _print_estimate(found, chosen.workers, as_json=as_json)
         return 0
     if as_json:
-        print_json(_document(ended, folder.path, read.notes))
+        print_json(
+            {
+                "folder": str(folder.path),
+                "cells": ended.cells,
+                "done_now": ended.run,
+                "done_before": ended.done_before,
+                "failed": [
+                    {"cell": cell.label, "options": dict(cell.options), "reason": w} for cell, w in ended.failed
+                ],
+                "ticks": ended.ticks,
+                "seconds": ended.seconds,
+                "notes": list(read.notes),
+            }
+        )
     elif not quiet:
         _print(ended, folder.path)
     if quiet and ended.failed:
@@ -95,7 +106,7 @@ def command(plan: Path, settings: SweepSettings, as_json: bool, quiet: bool) -> 
 
 
 def _print_estimate(found: "Estimate", workers: int, *, as_json: bool) -> None:
-    from hhsim.sweep.pace import lasting
+    from hhsim.sweep.folder import lasting
 
     seconds = found.elapsed(workers)
     if as_json:
@@ -109,7 +120,7 @@ def _print_estimate(found: "Estimate", workers: int, *, as_json: bool) -> None:
 
 
 def _print(ended: "SweepSummary", folder: Path) -> None:
-    from hhsim.sweep.pace import lasting
+    from hhsim.sweep.folder import lasting
 
     before = f", {ended.done_before:,} before" if ended.done_before else ""
     print_line(f"{counted(ended.cells, 'cell')}: {ended.run:,} done now{before}, {len(ended.failed):,} failed")
@@ -123,18 +134,3 @@ def _print(ended: "SweepSummary", folder: Path) -> None:
         more = len(ended.failed) - MOST_FAILURES
         print_line(f"{f'{more:,} more failed; ' if more > 0 else ''}--retry-failed runs them again")
     print_line(f"hhsim board {folder} shows them as one table")
-
-
-def _document(ended: "SweepSummary", folder: Path, notes: tuple[str, ...]) -> dict[str, object]:
-    return {
-        "folder": str(folder),
-        "cells": ended.cells,
-        "done_now": ended.run,
-        "done_before": ended.done_before,
-        "failed": [
-            {"cell": cell.label, "options": dict(cell.options), "reason": reason} for cell, reason in ended.failed
-        ],
-        "ticks": ended.ticks,
-        "seconds": ended.seconds,
-        "notes": list(notes),
-    }

@@ -30,7 +30,7 @@ def trees() -> None:
 def ticks(*methods: str, surface: str = "spheres") -> None:
     """What a tick of these methods runs; on spheres, what threads that help it run, too."""
     from hhsim.hand.model import HandModel
-    from hhsim.solver.compile import warm_up
+    from hhsim.solver.hand_solver import warm_up
     from hhsim.solver.method import METHODS
     from hhsim.solver.options import SolverOptions
 
@@ -52,8 +52,7 @@ def free() -> None:
     from hhsim.hand.configuration import HandConfiguration
     from hhsim.hand.model import HandModel
     from hhsim.scene.free_object import FreeObject
-    from hhsim.solver.compile import warm_up
-    from hhsim.solver.hand_solver import HandSolver
+    from hhsim.solver.hand_solver import HandSolver, warm_up
     from hhsim.solver.options import SolverOptions
     from hhsim.solver.two_hands import TwoHandedSolver
     from hhsim.trees.contact_surface import contact_surface

@@ -32,7 +32,7 @@ def leave_report_undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
         raise InputError("none is drawn here")
 
     leave_charts_undrawn(monkeypatch)
-    monkeypatch.setattr("hhsim.report.worst_ticks.worst_ticks", lambda result: [])
+    monkeypatch.setattr("hhsim.report.pictures.worst_ticks", lambda result: [])
     for picture in ("overview_picture", "held_picture"):
         monkeypatch.setattr(f"hhsim.report.report.{picture}", no_picture)
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import quaternion
-from hhsim.motion.object_motion import ObjectMotion, RigidMotion
-from hhsim.motion.trajectory import Trajectory
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion, Trajectory
 
 
 def swing(time: FloatArray, speed: float = 3.0, turning: float = 20.0) -> RigidMotion:

@@ -22,7 +22,7 @@ from hhsim.live.session.supervisor import LOOP, WATCHDOG, Supervisor
 from hhsim.live.shared_memory import RingReader
 from hhsim.mesh.catalogue import load_object
 from hhsim.result.safety import Safety
-from hhsim.solver.compile import warm_up
+from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions

@@ -18,9 +18,7 @@ from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop.driver import GloveDriver
-from hhsim.live.loop.loop import LiveLoop
-from hhsim.live.loop.miss_accounts import MissAccounts
-from hhsim.live.loop.records import deadline_record
+from hhsim.live.loop.loop import LiveLoop, MissAccounts, deadline_record
 from hhsim.live.pose.fixed import FixedPose
 from hhsim.live.pose.registry import PoseConfig, PoseSource
 from hhsim.live.shared_memory import RingReader

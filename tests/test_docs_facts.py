@@ -16,9 +16,8 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.tick import state as tick_state
 from hhsim.metrics import metrics
 from hhsim.replay.replay import replay_scene
-from hhsim.replay.summary import ReplaySummary
+from hhsim.replay.summary import ONSET, TREMOR, ReplaySummary
 from hhsim.replay.summary_table import short_table, whole_table
-from hhsim.replay.tremor_hold import ONSET, TREMOR
 from hhsim.replay.verdict import OK
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import TICK_COLUMNS

@@ -46,12 +46,11 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.mesh.catalogue import names_a_thing, object_description, resolve_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import mesh_clearance
-from hhsim.motion.object_motion import RigidMotion
-from hhsim.scene.described_scene import SceneWords
+from hhsim.motion.trajectory import RigidMotion
+from hhsim.scene.described_scene import SceneWords, two_handed_motions, two_handed_scenes
 from hhsim.scene.free_object import CLEARANCE, FreeObject
 from hhsim.scene.scene import Scene, open_scene
 from hhsim.scene.synthesis import minimum_jerk
-from hhsim.scene.two_hands import two_handed_motions, two_handed_scenes
 from hhsim.solver.free_engine import FreeEngine, Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions

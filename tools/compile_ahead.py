@@ -18,7 +18,7 @@ from tools.import_graph import REPOSITORY
 def compile_ticks() -> None:
     """Compile the ticks of the usual method."""
     from hhsim.hand.model import HandModel
-    from hhsim.solver.compile import warm_up
+    from hhsim.solver.hand_solver import warm_up
     from hhsim.solver.options import SolverOptions
 
     warm_up(HandModel.default(), SolverOptions())

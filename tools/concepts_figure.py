@@ -21,11 +21,9 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.render.figure import save_figure
-from hhsim.render.hand_meshes import hand_surface
-from hhsim.render.hand_picture import GHOST, RED, label, seen_through
+from hhsim.render.hand_picture import GHOST, RED, View, label, seen_through
 from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, look_from, see_spheres, shade
-from hhsim.render.triangle_soup import SKIN, SPHERE, STONE, joined, mesh_surface, painted
-from hhsim.render.viewpoint import View
+from hhsim.render.triangle_soup import SKIN, SPHERE, STONE, hand_surface, joined, mesh_surface, painted
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result, load_result
 from hhsim.system.output_path import check_output_path

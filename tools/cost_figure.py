@@ -23,8 +23,7 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.render.figure import save_figure
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, make_scene
-from hhsim.solver.compile import warm_up
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.options import SolverOptions
 from hhsim.system.output_path import check_output_path
 from hhsim.trees.cache import cached_sphere_tree

@@ -17,9 +17,8 @@ from hhsim.errors import InputError, OutputError
 from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.render.figure import save_figure
-from hhsim.render.hand_meshes import FINE, hand_surface, piece_surfaces
 from hhsim.render.rasterizer import blend, frame, look_from, shade
-from hhsim.render.triangle_soup import SPHERE, Surface, joined, round_cone_surface
+from hhsim.render.triangle_soup import FINE, SPHERE, Surface, hand_surface, joined, piece_surfaces, round_cone_surface
 from hhsim.system.output_path import check_output_path
 
 OPEN_POSE = (

@@ -30,7 +30,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_LINEARISATIONS
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts
-from hhsim.motion.object_motion import RigidMotion
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.scene.free_object import FreeObject, Hinge, Slider
 from hhsim.solver.free_engine import FreeEngine, Thing
 from hhsim.solver.hand_solver import HandSolver

@@ -31,7 +31,7 @@ from hhsim.live.session.supervisor import SessionOutcome, Supervisor
 from hhsim.mesh.catalogue import load_object
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
-from hhsim.solver.compile import warm_up
+from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions

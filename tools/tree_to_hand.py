@@ -26,8 +26,7 @@ from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
-from hhsim.solver.compile import warm_up
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions

@@ -149,7 +149,7 @@ class HandChoice(OptionGroup, heading="Hand"):
 
     def _motion(self, word: str, *, two: bool) -> "Motion":
         """Return the motion that a word means; for one of two gloves its hand's, where a file holds both."""
-        from hhsim.scene.two_hands import motion_of_side
+        from hhsim.scene.described_scene import motion_of_side
 
         return motion_of_side(word, (self.side or "right") if two else "")
 
@@ -271,7 +271,7 @@ def command(
     from hhsim.result.reader import check_result_path
     from hhsim.result.schema import TWO_HANDED
     from hhsim.scene.motion_catalogue import import_remarks
-    from hhsim.solver.compile import warm_up
+    from hhsim.solver.hand_solver import warm_up
     from hhsim.solver.options import SolverOptions
     from hhsim.system.output_path import dated_output_path
 

@@ -91,7 +91,7 @@ def recording_errors(outcome: "SessionOutcome") -> dict[str, float]:
     They are `penetration_max` and `contact_error_max`, NaN if nothing touched, and of a free object `object_raised`.
     """
     from hhsim.errors import InputError
-    from hhsim.metrics.free_run import result_free_run
+    from hhsim.metrics.run_ticks import result_free_run
     from hhsim.result.reader import load_result
 
     if outcome.record is None or outcome.record_failed or not outcome.recorded:

@@ -25,8 +25,7 @@ from hhsim.mesh.catalogue import MESH_LEVEL, load_object, object_names
 from hhsim.mesh.mesh import Mesh, load_mesh
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
-from hhsim.solver.compile import warm_up
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.options import SolverOptions
 from hhsim.system.posix import used_memory
 from hhsim.system.progress import Progress, silent

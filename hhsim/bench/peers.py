@@ -33,8 +33,7 @@ from hhsim.motion.trajectory import TickInput
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from hhsim.scene.synthesis import synthesize
-from hhsim.solver.compile import warm_up
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import FORCES
 from hhsim.solver.method_names import declared_methods
@@ -228,12 +227,7 @@ def _repeat(hand: HandModel, scene: _Scene, run: PeerRun, options: PeersOptions)
 
 
 def _errors(
-    hand: HandModel,
-    scene: _Scene,
-    surface: Any,
-    solver_options: SolverOptions,
-    record: TickRecord,
-    options: PeersOptions,
+    hand: HandModel, scene: _Scene, surface: Any, solver: SolverOptions, record: TickRecord, options: PeersOptions
 ) -> PeerErrors:
     haptic = scene.haptic
     off = np.linalg.norm(record.position - haptic.position, axis=1)
@@ -247,7 +241,7 @@ def _errors(
         ticks=haptic.tick_count,
         phases=haptic.phases,
         rate=haptic.rate,
-        fingers=len(solver_options.fingers),
+        fingers=len(solver.fingers),
     )
     moving = np.ones(haptic.tick_count, bool)
     for hold in hold_slices(haptic.phases, haptic.tick_count):
@@ -264,7 +258,7 @@ def _errors(
         palm_lag_max=worst(off[~scene.contact & ~(push > 0.0).any(axis=1)]),
         force_hold=run_figure("force_hold_mean", run),
         force_variation_hold=run_figure("force_variation_hold", run),
-        force_variation_tremor=first_hold_tremor(hand, surface, solver_options, haptic, record, options.seed),
+        force_variation_tremor=first_hold_tremor(hand, surface, solver, haptic, record, options.seed),
         force_step=run_figure("force_step", run),
         force_step_newton=worst(steps),
         samples=len(looked),

@@ -30,7 +30,7 @@ from hhsim.metrics.mesh_penetration import sampled
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
-from hhsim.replay.tremor_hold import tremor_variation
+from hhsim.replay.summary import tremor_variation
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import best_hands, reference_excess

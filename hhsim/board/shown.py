@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from hhsim.board.collect import Board
-from hhsim.board.entry import Entry, shown_options
+from hhsim.board.entry import Board, Entry, shown_options
 from hhsim.board.standings import Standing
 from hhsim.replay.repeated_times import digits_with
 from hhsim.table.table import Table, number, shown, words

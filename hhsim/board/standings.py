@@ -6,8 +6,7 @@ from math import hypot
 
 from hhsim.bench.robustness.case import DEEPEST
 from hhsim.bench.speed_error_table import GAIN
-from hhsim.board.collect import Board
-from hhsim.board.entry import Entry, shown_options
+from hhsim.board.entry import Board, Entry, shown_options
 from hhsim.replay.verdict import MISSED, UNTOUCHED
 
 NAN = float("nan")

@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hhsim import __version__
-from hhsim.board.collect import Board
-from hhsim.board.entry import Entry
+from hhsim.board.entry import Board, Entry
 from hhsim.board.shown import document_table, entry_table, machine_line, standing_table
 from hhsim.board.standings import Standing
 from hhsim.errors import InputError, OutputError

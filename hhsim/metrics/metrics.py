@@ -17,6 +17,7 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape, stored_hands
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_vector
 from hhsim.kernels.contact.penetration import clearances
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.hand.hands_apart import hands_apart
@@ -255,7 +256,7 @@ def tracking_energy(haptic: HandConfiguration, graphic: HandConfiguration, stiff
     if diagonal.shape != (21,):
         raise InputError(f"tracking energy: stiffness has shape {diagonal.shape}, expected (21,)")
     shift = haptic.position - graphic.position
-    turn = _rotation_vectors(graphic.orientation, haptic.orientation)
+    turn = rotation_vector(quaternion_product(haptic.orientation, conjugate(graphic.orientation)))
     bend = (haptic.flexion - graphic.flexion).reshape(-1, 15)
     offset = np.concatenate([shift, turn, bend], axis=1)
     return np.asarray(0.5 * (offset * offset) @ diagonal)
@@ -301,15 +302,3 @@ def _rate(values: FloatArray, floor: float) -> FloatArray:
     defined = before >= floor
     rate[1:][defined] = 100.0 * np.abs(values[1:] - values[:-1])[defined] / before[defined]
     return rate
-
-
-def _rotation_vectors(source: FloatArray, target: FloatArray) -> FloatArray:
-    """Shortest rotation vectors v [rad], world, with exp(v) source = target."""
-    scalar = np.sum(source * target, axis=1)
-    a, b = source[:, 1:], target[:, 1:]
-    vector = source[:, :1] * b - target[:, :1] * a - np.cross(b, a)
-    vector = np.where(scalar[:, None] < 0.0, -vector, vector)
-    sine = np.linalg.norm(vector, axis=1)
-    small = sine < 1e-8
-    scale = np.where(small, 2.0, 2.0 * np.arctan2(sine, np.abs(scalar)) / np.where(small, 1.0, sine))
-    return np.asarray(scale[:, None] * vector)

@@ -15,7 +15,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.input_hand import InputHand, input_hand, object_depths
 from hhsim.metrics.mesh_penetration import TouchedObject
 from hhsim.metrics.metrics import Penetration, penetration
-from hhsim.motion.object_motion import RigidMotion
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.result.reader import Result
 from hhsim.result.schema import DRIVEN_COLUMNS
 from hhsim.result.stored_hand import sphere_tree_of

@@ -30,8 +30,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, check_known
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.csv_table import Table, format_table, read_table
-from hhsim.motion.object_motion import ObjectMotion
-from hhsim.motion.trajectory import Phase, Trajectory
+from hhsim.motion.trajectory import ObjectMotion, Phase, Trajectory
 from hhsim.system.counted import counted
 
 CSV_SUFFIX = ".csv"

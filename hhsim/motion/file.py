@@ -16,9 +16,8 @@ import numpy as np
 
 from hhsim.errors import DamagedFileError, InputError, OutputError, TrajectoryError
 from hhsim.motion.csv_file import CSV_SUFFIX, TEXTS, format_csv, parse_csv
-from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
+from hhsim.motion.trajectory import ObjectMotion, Phase, RawChannel, Trajectory
 from hhsim.system.atomic_write import put_dataset, sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.system.input_file import read_input_text

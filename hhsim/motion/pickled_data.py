@@ -36,7 +36,7 @@ class _Unpickler(pickle.Unpickler):
         if module == "numpy" and name in ("ndarray", "dtype"):
             return getattr(np, name)
         if (module, name) == ("_codecs", "encode"):
-            return _encode
+            return lambda text, encoding="latin1": text.encode("latin1")
         if module.split(".")[0] == "chumpy" or module.startswith("scipy.sparse"):
             return _State
         if (module, name) in (("copy_reg", "_reconstructor"), ("copyreg", "_reconstructor")):
@@ -44,10 +44,6 @@ class _Unpickler(pickle.Unpickler):
         if (module, name) in (("__builtin__", "object"), ("builtins", "object")):
             return object
         raise TrajectoryError(f"holds {module}.{name}, which is not data, so it is not loaded")
-
-
-def _encode(text: str, encoding: str = "latin1") -> bytes:
-    return text.encode("latin1")
 
 
 def _reconstructed(kind: Any, base: Any, state: Any) -> Any:

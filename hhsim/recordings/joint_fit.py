@@ -11,6 +11,8 @@ which the finger abducts; it minimises the distances of the joints from the plan
 Pereyra, SIAM J. Numer. Anal. 10, 1973).
 """
 
+from typing import Any
+
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
@@ -40,6 +42,8 @@ An axis that leans back points along a bent finger, whose abduction then turns i
 """
 PASSES = 3
 """Number of fits of the axes, each with the noise that the one before has left."""
+TOLERANCES: Any = {"xtol": 1e-12, "ftol": 1e-14, "gtol": 1e-15}
+"""Relative changes of tilt, cost and gradient at which a fit of the axes ends."""
 FINEST = 1e-6
 """Smallest distance from a plane that counts as an outlier [m]."""
 LARGEST_STEP = 0.8
@@ -159,15 +163,7 @@ def _leaning(points: FloatArray, usual: FingerAxes, bounds: Bounds) -> FingerAxe
         off = residuals(tilt, noise)[: 3 * len(points)]
         scale = max(3.0 * float(np.median(np.abs(off))), FINEST)
         tilt = least_squares(
-            residuals,
-            tilt,
-            bounds=bounds,
-            loss="soft_l1",
-            f_scale=scale,
-            args=(noise,),
-            xtol=1e-12,
-            ftol=1e-14,
-            gtol=1e-15,
+            residuals, tilt, bounds=bounds, loss="soft_l1", f_scale=scale, args=(noise,), **TOLERANCES
         ).x
         off = residuals(tilt, noise)[: 3 * len(points)].reshape(-1, 3)
         noise = _noise((off**2).sum(axis=1), 2)

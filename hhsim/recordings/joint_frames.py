@@ -16,12 +16,11 @@ from hhsim.motion.text_edit import NumberEdit
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
 from hhsim.recordings.frames import in_palm
-from hhsim.recordings.hand_side import frames_with_hand
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, joint_name, recognised
 from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.json_document import PlacedJson, keys_of, number, vector
 from hhsim.recordings.object_poses import poses_in, record_arrays
-from hhsim.recordings.recording import unused
+from hhsim.recordings.recording import frames_with_hand, unused
 from hhsim.recordings.registry import ReadOptions
 from hhsim.recordings.unit_detection import time_column
 

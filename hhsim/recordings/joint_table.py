@@ -11,11 +11,10 @@ from hhsim.motion.csv_table import Table, format_table
 from hhsim.motion.text_edit import NewColumn, NumberEdit, cell_edits
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
-from hhsim.recordings.hand_side import chosen_side
 from hhsim.recordings.joint_names import KEYPOINTS, JointName, recognised
 from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.object_poses import poses_in, table_arrays
-from hhsim.recordings.recording import HandMotion, note, unreadable, unused
+from hhsim.recordings.recording import HandMotion, chosen_side, note, unreadable, unused
 from hhsim.recordings.registry import ReadOptions
 from hhsim.recordings.unit_detection import time_column
 

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import Any
 
 from hhsim.errors import TrajectoryError
@@ -89,18 +90,15 @@ class PlacedJson:
     def _decode(self, text: str) -> Any:
         before = self._count
         try:
-            return json.loads(text, parse_int=self._whole, parse_float=self._decimal)
+            return json.loads(
+                text, parse_int=partial(self._placed, _Whole), parse_float=partial(self._placed, _Decimal)
+            )
         except (ValueError, RecursionError):
             self._count = before
             raise
 
-    def _whole(self, word: str) -> _Whole:
-        found = _Whole(word)
-        found.place, self._count = self._count, self._count + 1
-        return found
-
-    def _decimal(self, word: str) -> _Decimal:
-        found = _Decimal(word)
+    def _placed(self, kind: type[_Whole | _Decimal], word: str) -> _Whole | _Decimal:
+        found = kind(word)
         found.place, self._count = self._count, self._count + 1
         return found
 

@@ -31,8 +31,8 @@ from hhsim.errors import TrajectoryError, named
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_from_matrix, quaternion_product
 from hhsim.motion.csv_table import Table, lacks_names, read_header, read_table
 from hhsim.motion.npz_arrays import read_npy, read_npz
-from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
+from hhsim.motion.trajectory import ObjectMotion
 from hhsim.motion.validation import as_numbers
 from hhsim.recordings.frames import FileFrame, quaternions_of, turned
 from hhsim.recordings.json_document import keys_of, number, read_json, vector

@@ -17,13 +17,11 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_table import read_table
-from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.text_edit import NumberEdit
-from hhsim.motion.trajectory import HandSide
+from hhsim.motion.trajectory import HandSide, ObjectMotion
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
-from hhsim.recordings.hand_side import frames_with_hand
 from hhsim.recordings.json_document import PlacedJson, keys_of, number, objects
-from hhsim.recordings.recording import Finding, note, unused
+from hhsim.recordings.recording import Finding, frames_with_hand, note, unused
 from hhsim.system.input_file import read_input_text
 
 HANDS: dict[str, HandSide] = {"0": "left", "1": "right"}

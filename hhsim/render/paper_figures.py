@@ -19,11 +19,9 @@ from hhsim.kernels.tick.step import DURATION_DETECT
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.render.figure import new_figure, save_figure, tidy
-from hhsim.render.hand_meshes import hand_surface
-from hhsim.render.hand_picture import GHOST, behind
+from hhsim.render.hand_picture import GHOST, View, behind, viewpoint
 from hhsim.render.rasterizer import blend, frame, look_from, shade
-from hhsim.render.triangle_soup import STONE, joined, mesh_surface, painted
-from hhsim.render.viewpoint import View, viewpoint
+from hhsim.render.triangle_soup import STONE, hand_surface, joined, mesh_surface, painted
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
 

@@ -17,9 +17,8 @@ from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.repair.hand_change import change_between, finite_frames
-from hhsim.repair.hand_judge import HandJudge, farthest
 from hhsim.repair.projection import Projection
-from hhsim.repair.tracks import FrameFollower, put
+from hhsim.repair.tracks import FrameFollower, HandJudge, farthest, put
 from hhsim.repair.written_hand import WrittenHand
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import ContactSurface

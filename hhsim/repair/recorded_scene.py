@@ -15,8 +15,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import FieldHands
-from hhsim.motion.object_motion import RigidMotion
-from hhsim.motion.trajectory import TickInput, Trajectory
+from hhsim.motion.trajectory import RigidMotion, TickInput, Trajectory
 from hhsim.recordings.correction import BONES, Correction, moved_joints
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording

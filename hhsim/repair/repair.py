@@ -1,7 +1,7 @@
 """Repair of one recording: from its file to the same file without penetration, its result and its figures."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -11,11 +11,13 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, MeshError, named
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.catalogue import resolve_object
 from hhsim.metrics.field.field_table import field_rows, field_table
 from hhsim.metrics.field.field_verdict import field_verdict
 from hhsim.metrics.field.hands import FieldHands, FieldPair
+from hhsim.metrics.metrics import distance_of_hands
 from hhsim.recordings.correction import Correction
 from hhsim.recordings.fitted_hand import fitted_hand
 from hhsim.recordings.mano_model import read_mano_model
@@ -25,26 +27,39 @@ from hhsim.recordings.recording import Recording, note
 from hhsim.recordings.registry import Content, ReadOptions, format_of, read_recording, write_recording
 from hhsim.recordings.unit_detection import clean_units
 from hhsim.render.before_after import deepest_frames, draw_before_after
-from hhsim.render.hand_meshes import hand_surface, piece_surfaces
+from hhsim.render.triangle_soup import hand_surface, piece_surfaces
 from hhsim.repair.offline import repair_frames
 from hhsim.repair.page import repair_page
 from hhsim.repair.projection import correct
 from hhsim.repair.recorded_scene import RecordedScene, recorded_scene
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
-from hhsim.repair.result_file import write_result
 from hhsim.repair.skin import Skin, mano_skin, moved_skin, read_skin
 from hhsim.repair.skin_depth import push_out
-from hhsim.repair.skin_hull import SkinFit, hand_with_skin, with_palm
+from hhsim.repair.skin_hull import hand_with_skin, with_palm
 from hhsim.repair.written_hand import WrittenHand
-from hhsim.result.reader import load_result
-from hhsim.result.schema import TWO_HANDED
+from hhsim.replay.replay import replay_scene
+from hhsim.replay.stored_scene import stored_hand
+from hhsim.replay.summary import ReplaySummary
+from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import SIDES, TWO_HANDED
+from hhsim.result.two_handed_file import BETWEEN_COLUMNS, join_hands
 from hhsim.result.writer import add_skin
+from hhsim.scene.scene import Scene
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.known_methods import SUBMITTED, known_for_now
+from hhsim.solver.options import UNLIMITED, SolverOptions
+from hhsim.submissions.pose_file import Submission
+from hhsim.submissions.score import submitted_method
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import ContactSurface, contact_surface, encloses
 from hhsim.trees.triangle_tree import tree_of_any
 
+METHOD = "hhsim repair"
+"""Name of the method in the result of a repair."""
+LINEARISATIONS = 100
+"""Most linearisations after which the forces of a frame are taken."""
 ROUNDING = 2e-6
 """Distance of written joints from corrected ones that numbers of a file make [m]."""
 
@@ -58,7 +73,9 @@ def repair_recording(
     poses that cannot be read, MeshError for a mesh that cannot be used, OutputError for a file that cannot be written.
     """
     paths = _paths(request)
-    read = _options(request)
+    # The recording's own world will do where it says nothing of an axis up.
+    given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
+    read = ReadOptions(**given)
     recording = _in_our_units(request.recording, read)
     mesh, level = resolve_object(request.object, request.unit, request.size)
     if not encloses(mesh):
@@ -75,7 +92,11 @@ def repair_recording(
         hand = with_palm(hand, request.palm)
     else:
         hand, fit = hand_with_skin(hand, skin, _posture(recording), request.palm)
-        recording = recording.found(note(_fit_text(fit)))
+        text = (
+            f"hand fitted to the skin: {100.0 * fit.contained:.1f} % of its vertices are contained, the others are "
+            f"{1e3 * fit.excess_mean:.3f} mm outside in the mean of all, {1e3 * fit.excess_max:.2f} mm at most"
+        )
+        recording = recording.found(note(text))
     with named(request.recording):
         recorded = recorded_scene(recording, mesh, tree, hand, request.recording.stem)
     recording = suspect_joints(recording)
@@ -192,13 +213,6 @@ def _skin(path: Path, skin: Path | None, recording: Recording, hand: HandModel, 
     return mano_skin(model, *mano(content, read), recording.file_frame) if len(model.faces) else None
 
 
-def _fit_text(fit: SkinFit) -> str:
-    return (
-        f"hand fitted to the skin: {100.0 * fit.contained:.1f} % of its vertices are contained, the others are "
-        f"{1e3 * fit.excess_mean:.3f} mm outside in the mean of all, {1e3 * fit.excess_max:.2f} mm at most"
-    )
-
-
 def _draw(recorded: RecordedScene, seen: Correction, before: FieldHands, after: FieldHands, path: Path) -> None:
     """Draw the skin, or our hand, in the deepest frames, as recorded and as repaired."""
     chosen = deepest_frames(np.nan_to_num(-before.distance))
@@ -228,12 +242,6 @@ def _paths(request: RepairRequest) -> dict[str, Path]:
     return paths
 
 
-def _options(request: RepairRequest) -> ReadOptions:
-    """Return the options for reading the recording; its own world will do where it says nothing of an axis up."""
-    given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
-    return ReadOptions(**given)
-
-
 def _hand(recording: Recording, request: RepairRequest) -> tuple[Recording, HandModel]:
     """Return the recording fitted by a hand of its own sizes, and that hand."""
     side: Side = "left" if recording.hand == "left" else "right"
@@ -244,3 +252,126 @@ def _hand(recording: Recording, request: RepairRequest) -> tuple[Recording, Hand
         raise InputError("--hand-file is for recordings of angles; the joints of this one tell the sizes of its hand")
     fitted, text = fitted_hand(recording, request.recording.name)
     return fitted, HandModel.of_text(text, "the fitted hand", side)
+
+
+@dataclass(frozen=True)
+class BothRepaired:
+    """Outcomes of the right and of the left hand, in one recording."""
+
+    hands: tuple[RepairOutcome, RepairOutcome]
+    recording: Path  # repaired recording
+    result: Path | None  # result of both hands; None where they are not in the same frames, and each has its own
+    # Least distance between the repaired hands [m], negative where one is in the other; NaN without `result`.
+    nearest: float
+
+    @property
+    def text(self) -> str:
+        """Sentence on both hands together."""
+        if np.isnan(self.nearest):
+            return "the hands are not in the same frames, so each has a result of its own"
+        near = f"come within {1e3 * self.nearest:.2g} mm of each other"
+        if self.nearest < 0.0:
+            near = f"enter each other by {-1e3 * self.nearest:.2g} mm, which is not repaired"
+        return f"the repaired hands {near}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain values, SI."""
+        hands = {side: outcome.to_json() for side, outcome in zip(SIDES, self.hands)}
+        nearest = None if np.isnan(self.nearest) else self.nearest
+        result = None if self.result is None else str(self.result)
+        return {"recording": str(self.recording), "result": result, "distance_of_hands": nearest, "hands": hands}
+
+
+def repair_both_hands(
+    request: RepairRequest, *, command: Sequence[str] = (), progress: Progress = silent
+) -> BothRepaired:
+    """Repair the right hand of a recording, and then the left one of what that wrote; errors as `repair_recording`.
+
+    Report, result and picture of each lie beside `request.out`, with its side in their names; the results are joined
+    where the hands are in the same frames. Each hand is kept out of the object, not of the other hand.
+    """
+    out, given = request.out, request.recording
+    check_output_path(out)
+    requests = [
+        replace(request, hand=side, out=out.with_name(f"{out.stem}-{side}{out.suffix}"), of_both=given)
+        for side in SIDES
+    ]
+    try:
+        right = repair_recording(requests[0], command=command, progress=progress)
+        second = replace(requests[1], recording=requests[0].out)
+        left = repair_recording(second, command=command, progress=progress)
+        requests[1].out.replace(out)
+    except BaseException:
+        for one in requests:
+            for path in (one.out, *(one.beside(name) for name in (RESULT, REPORT, PICTURE))):
+                path.unlink(missing_ok=True)
+        raise
+    requests[0].out.unlink()
+    results = [load_result(one.paths["result"]) for one in (right, left)]
+    joined, nearest = None, np.nan
+    if np.array_equal(results[0]["time"], results[1]["time"]):
+        distances = [_apart(results, whose) for whose in ("haptic", "graphic")]
+        between = dict(zip((column.name for column in BETWEEN_COLUMNS), distances))
+        joined = join_hands([one.path for one in results], between, request.beside(RESULT))
+        nearest = float(distances[1].min())
+    hands = [replace(one, paths=_files(one, out, joined, side)) for side, one in zip(SIDES, (right, left))]
+    return BothRepaired((hands[0], hands[1]), out, joined, nearest)
+
+
+def _apart(results: Sequence[Result], whose: str) -> FloatArray:
+    """Compute the distance of the haptic or the graphic hands in each frame [m], shape (T,)."""
+    hands = [stored_hand(result) for result in results]
+    fields = [[result[f"{whose}/{name}"] for name in HandConfiguration._fields] for result in results]
+    return distance_of_hands(hands, [forward_kinematics(hand, *at) for hand, at in zip(hands, fields)])
+
+
+def _files(outcome: RepairOutcome, recording: Path, joined: Path | None, side: str) -> dict[str, Path]:
+    """Return an outcome's files as they are called at last."""
+    result = outcome.paths["result"] if joined is None else joined / side
+    return {**outcome.paths, "recording": recording, "result": result}
+
+
+def write_result(
+    scene: Scene,
+    surface: ContactSurface,
+    posture: HandConfiguration,
+    path: Path,
+    *,
+    description: Mapping[str, Any],
+    command: Sequence[str] = (),
+    progress: Progress = silent,
+) -> ReplaySummary:
+    """Write the result file of repaired frames, as the object sees them; OutputError if it cannot be written.
+
+    Ticks of the scene are the frames; `surface` bears the forces.
+    """
+    forces = equilibrium_forces(scene, surface, posture)
+    submission = Submission(METHOD, "", scene.ticks.time, posture, *forces)
+    name = f"{SUBMITTED}{METHOD}"
+    # The hand of the written recording is outside; ours is inside by what the fit left.
+    method = replace(submitted_method(name, submission), never_penetrates=False)
+    with known_for_now(name, method):
+        options = SolverOptions(method=name, surface="mesh")
+        more: dict[str, Any] = {"description": description, "command": command, "progress": progress}
+        return replay_scene(scene, options, path, **more)
+
+
+def equilibrium_forces(
+    scene: Scene, surface: ContactSurface, posture: HandConfiguration
+) -> tuple[FloatArray, FloatArray]:
+    """Compute the contact forces that balance the coupling where a hand comes to rest from a posture [N].
+
+    They are on the phalanges, shape (T, 5, 3, 3), and on the palm, shape (T, 3), as the object sees them.
+    """
+    options = SolverOptions(surface="mesh", linearisations=LINEARISATIONS, budget=UNLIMITED)
+    solver = HandSolver(scene.hand, surface, options)
+    haptic = HandConfiguration.of(scene.ticks)
+    phalanx, palm = np.zeros((posture.ticks, 5, 3, 3)), np.zeros((posture.ticks, 3))
+    for frame in range(posture.ticks):
+        shown = posture.part(frame, frame + 1)
+        solver.place(*shown.at(0))
+        # The shown abduction is held: it has no force.
+        record = solver.run(*haptic.part(frame, frame + 1)._replace(abduction=shown.abduction))
+        phalanx[frame] = record.phalanx[0]
+        palm[frame] = record.total[0] - record.phalanx[0].sum(axis=(0, 1))
+    return phalanx, palm

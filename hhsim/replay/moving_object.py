@@ -10,7 +10,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion_product
 from hhsim.kernels.free.record import STICKS, ObjectRecord, ThingsRecord
 from hhsim.metrics.moving_parts import MovingParts
-from hhsim.motion.object_motion import ObjectMotion, RigidMotion
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.result.object_frame import in_the_world
 from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS, THINGS
 

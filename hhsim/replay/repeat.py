@@ -21,9 +21,8 @@ from hhsim.replay.tick_columns import TickColumns
 from hhsim.result import schema
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.free_object import FreeObject
-from hhsim.solver.compile import warm_up
 from hhsim.solver.free_engine import Thing, object_record, of_tick
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions

@@ -14,12 +14,11 @@ from hhsim.metrics.session_faults import how_it_ended
 from hhsim.report.bench_chart import bench_section
 from hhsim.report.figure import Album, PageFigure
 from hhsim.report.histogram import histogram_figure
-from hhsim.report.pictures import CUT, HANDS, held_picture, overview_picture, overview_view
+from hhsim.report.pictures import CUT, HANDS, held_picture, overview_picture, overview_view, worst_cards
 from hhsim.report.run import ReportRun, report_runs
 from hhsim.report.sections import result_tables
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
-from hhsim.report.worst_ticks import worst_cards
 from hhsim.result.reader import hand_paths, load_result
 from hhsim.result.wording import motion_name, object_name
 from hhsim.system.atomic_write import write_together

@@ -14,7 +14,7 @@ from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.mesh_penetration import contact_error, mesh_clearance, sampled
 from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import PLACED, result_ticks
-from hhsim.motion.object_motion import RigidMotion
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.report.figure import ReportFigure, drawn_figure, run_style, time_text
 from hhsim.report.trade_off import MARKS, Mark, TradeOff, trade_off_drawing
 from hhsim.result.reader import Result

@@ -9,14 +9,13 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
-from hhsim.metrics.free_run import FreeRun, result_free_run
 from hhsim.metrics.run_metric import PAPER_RATE
-from hhsim.metrics.run_ticks import HOLD
+from hhsim.metrics.run_ticks import HOLD, FreeRun, result_free_run
 from hhsim.metrics.session_faults import broken_off, session_log
 from hhsim.render.figure import halo
 from hhsim.report import figure as style
+from hhsim.report.pictures import WorstTick, worst_ticks
 from hhsim.report.ticks import BLOCK_TICKS, minmax_band
-from hhsim.report.worst_ticks import WorstTick, worst_ticks
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
 from hhsim.scene.motion_catalogue import of_the_paper

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import AnyArray
-from hhsim.motion.object_motion import RigidMotion
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.result.schema import TICK_COLUMNS
 
 TURNS = {column.name: column.turns for column in TICK_COLUMNS if column.turns}

@@ -15,8 +15,7 @@ import numpy as np
 from hhsim.arrays import AnyArray, FloatArray, IntArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
 from hhsim.hand.fingers import BODIES
-from hhsim.motion.object_motion import ObjectMotion, RigidMotion
-from hhsim.motion.trajectory import TickPhase, phase_names
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase, phase_names
 from hhsim.result import schema
 from hhsim.result.object_frame import TURNS, as_object_sees
 from hhsim.system.environment import UNKNOWN

@@ -1,9 +1,14 @@
-"""A scene as `hhsim replay` makes it: its object placed where the hand touches it, and described for its result."""
+"""A scene as `hhsim replay` makes it, of one hand or of both on one object.
+
+Its object is placed where the hand touches it, and described for its result.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import msgspec
 import numpy as np
 from msgspec import Meta
 
@@ -15,12 +20,17 @@ from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.trajectory import ResampleMode, Trajectory
+from hhsim.result.motion import holds_a_result, load_result_motion
+from hhsim.result.reader import hand_paths
+from hhsim.result.schema import SIDES
 from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.contact_goals import TOUCHING
-from hhsim.scene.motion_catalogue import Motion
+from hhsim.scene.motion_catalogue import Motion, Reading, clean_imported, is_imported, read_imported, resolve_trajectory
 from hhsim.scene.parts_of_thing import ThingParts
 from hhsim.scene.recorded_grasp_pose import GraspPlacement, place_at_grasp
 from hhsim.scene.scene import Scene, make_scene
+from hhsim.scene.script import Script
+from hhsim.scene.synthesis import planned
 from hhsim.system.settings_file import Settings, between
 from hhsim.trees.options import MOST_LEVEL
 from hhsim.trees.sphere_tree import SphereTree
@@ -31,6 +41,8 @@ TWO = "two numbers, [mm] and [°], such as [0.1, 0.2]"
 
 MOST_START_DEPTH = 0.005
 """A hand that begins deeper [m] in the object was not recorded at it: fit, tracker and spheres are off by less."""
+SAME_STAMP = 1e-6
+"""Stamps no farther apart are one [s]."""
 
 
 class SceneWords(Settings, frozen=True, kw_only=True):
@@ -176,3 +188,65 @@ def _nearest(scene: Scene, haptic: HandConfiguration, fingers: Sequence[str], li
     palm, finger = hand_clearance(scene.tree.arrays(), hand_shape(scene.hand), placed, limit=limit)
     modelled = finger[:, [name in fingers for name in FINGERS]]
     return float(min(np.nanmin(palm, initial=limit), np.nanmin(modelled, initial=limit)))
+
+
+def motion_of_side(word: str, side: str, reading: Reading | None = None) -> Motion:
+    """Return the motion of one of two hands, where a word names a recording or a result of both; "" has one hand."""
+    path = Path(word)
+    if side and (is_imported(path) or (holds_a_result(path) and len(hand_paths(path)) == len(SIDES))):
+        return two_handed_motions(word, reading)[side == "left"]
+    return resolve_trajectory(word, reading)
+
+
+def two_handed_motions(word: str, reading: Reading | None = None) -> tuple[Motion, Motion]:
+    """Return the motions of the right and of the left hand that a word on the command line means, over the same time.
+
+    Errors as `resolve_trajectory`; also for a motion of one hand, or hands never seen together.
+    """
+    path = Path(word)
+    if is_imported(path):
+        recordings = [read_imported(path, side, reading) for side in SIDES]
+        # On the file's own clock: stamps count from each hand's first one.
+        stamps = [one.time + one.first_stamp for one in recordings]
+        low, high = max(np.nanmin(each) for each in stamps), min(np.nanmax(each) for each in stamps)
+        if not low < high:
+            raise TrajectoryError(f"{word}: no time in which both hands were recorded")
+        shared = [(each >= low - SAME_STAMP) & (each <= high + SAME_STAMP) for each in stamps]
+        right, left = (clean_imported(path, one.chosen(inside)) for one, inside in zip(recordings, shared))
+        return right, left
+    if holds_a_result(path):
+        both = hand_paths(path)
+        if len(both) == 1:
+            raise TrajectoryError(f"{word} holds one hand; --hand both expects a result of two hands")
+        return load_result_motion(both[0]), load_result_motion(both[1])
+    motion = resolve_trajectory(word)
+    if not isinstance(motion, Script):
+        raise TrajectoryError(f"{word} is of one hand; --hand both expects a script, or a recording of two hands")
+    return motion.of_two(), motion.of_two()
+
+
+def two_handed_scenes(
+    words: SceneWords,
+    mesh: Mesh,
+    tree: SphereTree,
+    hands: Sequence[HandModel],
+    motions: Sequence[Motion],
+    fingers: Sequence[str] = FINGERS,
+    thing: tuple[ThingParts, Sequence[SphereTree]] | None = None,
+) -> tuple[PlacedScene, PlacedScene]:
+    """Make the scenes of the right and of the left hand; arguments and errors as of `described_scene`.
+
+    In a script the left hand finds its place beside the right one. An object without a place in a recording is placed
+    for the right hand.
+    """
+    given = words, mesh, tree
+    right = described_scene(*given, hands[0], motions[0], fingers, thing=thing)
+    motion = motions[1]
+    if isinstance(motion, Script):
+        other = OtherHand(hands[0], planned(motion, hands[0], tree))
+        return right, described_scene(*given, hands[1], motion, fingers, other, thing)
+    first = right.scene.trajectory
+    if isinstance(motion, Trajectory) and first.object_motion is None:
+        motion = motion.placed(first.object_position, first.object_orientation)
+    as_placed = msgspec.structs.replace(words, place_object="recorded")
+    return right, described_scene(as_placed, mesh, tree, hands[1], motion, fingers, thing=thing)

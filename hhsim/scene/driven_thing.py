@@ -9,8 +9,8 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, named
 from hhsim.hand.quaternion import quaternion_product
-from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.reproducible import norm
 from hhsim.scene.jointed_thing import Joint, Shape, moved_by
 from hhsim.system.settings_file import Settings, between

@@ -14,8 +14,7 @@ from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.catalogue import THINGS, names_a_file, object_names, resolve_object, thing_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts, held_rows, placed_mesh
-from hhsim.motion.object_motion import RigidMotion
-from hhsim.motion.trajectory import TickInput, Trajectory
+from hhsim.motion.trajectory import RigidMotion, TickInput, Trajectory
 from hhsim.reproducible import norm
 from hhsim.scene.jointed_thing import JointedThing, Keyframe, Shape, read_jointed_thing
 from hhsim.trees.contact_surface import encloses

@@ -13,8 +13,7 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel, Side
 from hhsim.hand.quaternion import quaternion, quaternion_from_matrix
-from hhsim.motion.object_motion import ObjectMotion, RigidMotion
-from hhsim.motion.trajectory import Phase, Trajectory
+from hhsim.motion.trajectory import ObjectMotion, Phase, RigidMotion, Trajectory
 from hhsim.reproducible import sine_and_cosine
 from hhsim.scene.closure_search import OtherHand, level, plan_finger_closure
 from hhsim.scene.finger_closure import FingerClosure, PlacedCloser, find_placement

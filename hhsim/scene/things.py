@@ -42,8 +42,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.catalogue import THINGS, names_a_file
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts
-from hhsim.motion.object_motion import ObjectMotion, RigidMotion
-from hhsim.motion.trajectory import TickInput, Trajectory
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickInput, Trajectory
 from hhsim.ranges import RANGES
 from hhsim.scene.driven_thing import Drive, PoseFile, along_joint
 from hhsim.scene.free_object import CLEARANCE, FreeObject, Hinge, Slider

@@ -25,7 +25,7 @@ from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.mesh.mesh import Mesh
-from hhsim.motion.object_motion import RigidMotion
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.reproducible import matmul, norm, principal_axes
 from hhsim.scene.free_object import FreeObject, Hinge, Slider
 from hhsim.solver.options import SolverOptions

@@ -1,20 +1,29 @@
 """Solver of the graphic hand: one hand, one object's surface, one tick after another."""
 
+import time
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
+from hhsim.kernels.callee import collector_at_rest
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.jit import JIT_ENABLED, as_argument
+from hhsim.kernels.kernel_cache import compiled_kernels
 from hhsim.kernels.parts.surface import JointedSurface
+from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
 from hhsim.kernels.tick.method import Coupled
+from hhsim.kernels.tick.shown_hand import look_at
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.metrics import penetration
 from hhsim.reproducible import norm
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.free_engine import FreeEngine, Thing
@@ -25,6 +34,9 @@ from hhsim.solver.linearising_engine import LinearisingEngine
 from hhsim.solver.method import Engine
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record
+from hhsim.trees.contact_surface import ContactSurface, contact_surface
+from hhsim.trees.jointed_surface import jointed_surface
+from hhsim.trees.sphere_tree import SphereTree
 
 START_LINEARISATIONS = 4000
 """Most linearisations of the approach from a free place to the object, where the haptic hand starts inside it."""
@@ -168,3 +180,50 @@ class HandSolver:
         state.decoupling.is_suspended = False
         self.engine.begin()
         self._started = True
+
+
+class WarmUp(NamedTuple):
+    """Wall time of the warm-up [s], and True if anything was compiled instead of loaded."""
+
+    seconds: float
+    compiled: bool
+
+
+def start_numba() -> None:
+    """Make numba start, a third of a second, by the smallest kernel that every replay runs."""
+    quaternion_to_matrix(np.array([1.0, 0.0, 0.0, 0.0]), np.empty((3, 3)))
+
+
+def _ball(place: FloatArray) -> SphereTree:
+    return SphereTree(place[:1], np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
+
+
+@collector_at_rest()
+def warm_up(
+    hand: HandModel, options: SolverOptions, free: FreeObject | None = None, *, jointed: bool = False, others: int = 0
+) -> WarmUp:
+    """Run one tick of a hand far from a small object, fixed, free, of parts or beside others, with every kernel."""
+    began = time.perf_counter()
+    before = compiled_kernels()
+    far = np.full((3, 3), 100.0) + 0.01 * np.eye(3)
+    places = (far + 10.0 * k for k in range(1 + others))
+    surface: Any
+    surface, *beside = (contact_surface(options.surface, Mesh(at, np.array([[0, 1, 2]])), _ball(at)) for at in places)
+    one = surface = surface.arrays
+    if jointed:
+        surface = jointed_surface([one], np.array([[[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]]))
+    # A method from outside is not for a scene like this; what is compiled for it is what its hands are measured with.
+    method = find_method(options.method)
+    solver = HandSolver(
+        hand,
+        surface,
+        options if method.compiled or free is not None else replace(options, method="coupled"),
+        None if free is None else replace(free, table=None),
+        [Thing(ContactSurface(more.arrays), free, fixed=True) for more in beside] if free is not None else (),
+    )
+    orientation = np.array([[1.0, 0.0, 0.0, 0.0]])
+    block = solver.run(np.zeros((1, 3)), orientation, np.zeros((1, 5, 3)), np.zeros((1, 5)))
+    penetration(one, hand_shape(hand), PlacedHand(block.joints, block.position, block.orientation))
+    if not method.compiled:
+        look_at(solver.workspace.hand, surface, solver.workspace.tick_options, solver.workspace.states)
+    return WarmUp(time.perf_counter() - began, JIT_ENABLED and compiled_kernels() > before)

@@ -20,9 +20,9 @@ from hhsim.scene.described_scene import described_scene
 from hhsim.scene.motion_catalogue import Motion, resolve_trajectory, trajectory_names
 from hhsim.scene.scene import Scene, hand_of
 from hhsim.scene.script import Script
-from hhsim.sweep.cell import OF_THE_SCENE, Cell, file_digest, source_digest
 from hhsim.sweep.engines import TaskEnd
 from hhsim.sweep.folder import PARTIAL, write_row
+from hhsim.sweep.plan import OF_THE_SCENE, Cell, file_digest, source_digest
 from hhsim.system import environment as info
 from hhsim.system.own_core import on_own_core
 from hhsim.trees.cache import cached_sphere_tree, coarsest_sphere_tree

@@ -1,19 +1,20 @@
 """Folder of a sweep: rows of cells that are done or failed, and a lock against a second sweep.
 
 `sweep.json` identifies it; `cells/` holds each cell's result (DIGEST.h5) and row (DIGEST.json), or its failure
-(DIGEST.failed.json). Each appears in one step, so that an interrupted sweep leaves only complete files.
+(DIGEST.failed.json). Each appears in one step, so that an interrupted sweep leaves only complete files. The rows tell
+the seconds per tick, for the estimate of the cells that are left.
 """
 
 import contextlib
 import json
+import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError, OutputError
-from hhsim.sweep.cell import Cell
-from hhsim.sweep.plan import PlannedCell, SweepPlan
+from hhsim.sweep.plan import Cell, PlannedCell, SweepPlan
 from hhsim.system import environment as info
 from hhsim.system import posix
 from hhsim.system.atomic_write import write_atomically
@@ -164,3 +165,61 @@ def _named(cell: Cell) -> dict[str, Any]:
     """Return the names that a plan gives a cell."""
     names = {"object": cell.object.name, "motion": cell.motion.name, "method": cell.method}
     return {**names, "surface": cell.surface, "options": cell.options_name, "seed": cell.seed}
+
+
+class Pace:
+    """Ticks and seconds of cells that were run, and the number of these cells."""
+
+    def __init__(self) -> None:
+        self.cells = 0
+        self._spent: dict[tuple[Any, ...], tuple[int, float]] = {}
+
+    def add(self, cell: Cell, ticks: int, seconds: float) -> None:
+        """Add a cell that was run."""
+        self.cells += 1
+        for likeness in _likenesses(cell):
+            before = self._spent.get(likeness, (0, 0.0))
+            self._spent[likeness] = before[0] + ticks, before[1] + seconds
+
+    def knows(self, cell: Cell) -> bool:
+        """Return True if a cell of its method, surface and options was run."""
+        return kind(cell) in self._spent
+
+    def left(self, cells: Iterable[PlannedCell]) -> float:
+        """Estimate the duration of cells one after the other [s] from the most similar ones; NaN without any."""
+        total = 0.0
+        for planned in cells:
+            known = (self._spent[likeness] for likeness in _likenesses(planned.cell) if likeness in self._spent)
+            ticks, seconds = next(known, (0, math.nan))
+            total += planned.run_ticks * seconds / max(1, ticks)
+        return total
+
+
+def pace_of(cells: Iterable[PlannedCell], folder: SweepFolder) -> Pace:
+    """Return the pace of those cells that ran on this machine."""
+    pace, here = Pace(), info.machine()
+    for planned in cells:
+        row = folder.row(planned)
+        if row.get("machine") == here:
+            pace.add(planned.cell, planned.ticks * row.get("repeated", {}).get("runs", 1), float(row["seconds"]))
+    return pace
+
+
+def kind(cell: Cell) -> tuple[str, ...]:
+    """Return what decides most of a tick's time: method, surface and options."""
+    return cell.method, cell.surface, cell.options_name
+
+
+def _likenesses(cell: Cell) -> tuple[tuple[Any, ...], ...]:
+    """Return keys that similar cells share, the most specific first."""
+    same, shape, motion = kind(cell), cell.object.name, cell.motion.name
+    return (*same, shape, motion), (*same, shape), (*same, None, motion), same, ()
+
+
+def lasting(seconds: float) -> str:
+    """Format a duration for people."""
+    if seconds != seconds:
+        return "an unknown time"
+    if seconds < 120.0:
+        return f"{seconds:,.0f} s"
+    return f"{seconds / 60.0:,.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:,.1f} h"

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hhsim.repair.request import Repair
-from hhsim.sweep.cell import source_digest
 from hhsim.sweep.engines import require_dask, run_tasks
 from hhsim.sweep.folder import check_own, has_format, locked
+from hhsim.sweep.plan import source_digest
 from hhsim.sweep.repair_manifest import load_manifest
 from hhsim.sweep.repair_page import RepairedRow, repair_page, repair_table
 from hhsim.sweep.repair_row import RowOutcome, RowTask, keep_lost, read_outcome, row_digest

@@ -39,8 +39,7 @@ from hhsim.mesh.catalogue import names_a_file
 from hhsim.recordings.column_map import read_column_map
 from hhsim.recordings.formats.mano import READINGS
 from hhsim.repair.request import RepairRequest
-from hhsim.sweep.cell import SweptObject
-from hhsim.sweep.plan import WILD, checked_object
+from hhsim.sweep.plan import WILD, SweptObject, checked_object
 from hhsim.system.input_file import open_input
 from hhsim.system.settings_file import Settings, Version, a_list, between, one_of, parse_settings, read_toml_text, typed
 

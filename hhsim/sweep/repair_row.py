@@ -15,9 +15,9 @@ from msgspec import field, structs
 from hhsim import __version__
 from hhsim.errors import HhsimError, InputError, TrajectoryError
 from hhsim.mesh.catalogue import names_a_file
-from hhsim.repair.request import Repair, RepairOutcome
-from hhsim.sweep.cell import DIGITS, file_digest, source_digest
+from hhsim.repair.request import Repair
 from hhsim.sweep.engines import TaskEnd
+from hhsim.sweep.plan import DIGITS, file_digest, source_digest
 from hhsim.sweep.repair_manifest import PlannedRepair
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
@@ -98,7 +98,17 @@ class RowTask:
                     faulthandler.cancel_dump_traceback_later()
             if not self.row.request.out.is_file():
                 raise InputError(f"it wrote no {self.row.request.out.name}")
-            return _finished(self.digest, done, folder)
+            return RowOutcome(
+                digest=self.digest,
+                state="repaired" if done.ok else "missed",
+                reason="" if done.ok else done.verdict,
+                figures={name: float(value) for name, value in done.figures.items()},
+                frames=int(done.frames),
+                marked=tuple(map(int, done.marked)),
+                verdict=done.verdict,
+                findings=tuple(done.findings),
+                paths={name: Path(os.path.relpath(path, folder)).as_posix() for name, path in done.paths.items()},
+            )
         except TrajectoryError as error:
             outcome = RowOutcome(digest=self.digest, state="refused", reason=_line(error))
         except InputError as error:
@@ -163,20 +173,6 @@ def _empty(folder: Path, but: str = "") -> None:
             shutil.rmtree(path)
         elif path.name != but:
             path.unlink()
-
-
-def _finished(digest: str, done: RepairOutcome, folder: Path) -> RowOutcome:
-    return RowOutcome(
-        digest=digest,
-        state="repaired" if done.ok else "missed",
-        reason="" if done.ok else done.verdict,
-        figures={name: float(value) for name, value in done.figures.items()},
-        frames=int(done.frames),
-        marked=tuple(map(int, done.marked)),
-        verdict=done.verdict,
-        findings=tuple(done.findings),
-        paths={name: Path(os.path.relpath(path, folder)).as_posix() for name, path in done.paths.items()},
-    )
 
 
 def _content(value: Any) -> str:

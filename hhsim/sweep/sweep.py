@@ -1,20 +1,31 @@
-"""Sweep: runs the cells of a plan that are not done yet, and keeps each outcome as soon as it ends."""
+"""Sweep: runs the cells of a plan that are not done yet, and keeps each outcome as soon as it ends.
 
+Its duration is estimated from cells that ran on this machine: those in its folder, or trials.
+"""
+
+import tempfile
+from collections import Counter, defaultdict
 from collections.abc import Generator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from time import perf_counter
 
 from hhsim.errors import HhsimError
-from hhsim.solver.compile import warm_up
-from hhsim.sweep.cell import Cell, source_digest
-from hhsim.sweep.cell_run import CellTask, cell_hand, cell_object, motion_of
+from hhsim.solver.hand_solver import warm_up
+from hhsim.sweep.cell_run import CellTask, cell_hand, cell_object, motion_of, run_cell
 from hhsim.sweep.engines import LOCAL, TaskEnd, require_dask, run_tasks
-from hhsim.sweep.folder import SweepFolder
-from hhsim.sweep.pace import lasting, pace_of
-from hhsim.sweep.plan import PlannedCell, SweepPlan
+from hhsim.sweep.folder import SweepFolder, kind, lasting, pace_of
+from hhsim.sweep.plan import Cell, PlannedCell, SweepPlan, source_digest
 from hhsim.system.own_core import physical_cores
 from hhsim.system.progress import Progress, silent
+
+TRIALS = 12
+"""Number of trial cells, at least one of each method, surface and options of which none is done."""
+FEW, SOME = 5, 50
+"""Ticks of a run for the time besides ticks, and of one that samples the motion in large steps."""
+LEAST_RATE = 10.0
+"""Lowest rate of the sampled motion [Hz]; of a motion of more than 5 s only the beginning is tried."""
 
 
 @dataclass(frozen=True)
@@ -63,13 +74,27 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
         done, ticks = 0, 0
         if left:
             prepare(plan, left, progress)
+            # More processes than cores cannot have one each; a cluster's workers wait for one.
+            wants_core = bool(options.scheduler) or options.workers <= len(physical_cores())
+            tasks = [
+                CellTask(
+                    cell=planned.cell,
+                    digest=planned.digest,
+                    plan_folder=str(plan.folder.resolve()),
+                    folder=str(folder.cells.resolve()),
+                    keeps_result=options.keep_results,
+                    wants_core=wants_core,
+                    sources=source_digest(),
+                )
+                for planned in left
+            ]
             waiting = {planned.digest: planned for planned in left}
             pace = pace_of(plan.cells, folder)
             spent = 0.0
             progress("cells", 0, len(left))
             cells_began = perf_counter()
             try:
-                with closing(_engine(_tasks(plan, folder, left, options), options)) as ends:
+                with closing(_engine(tasks, options)) as ends:
                     for number, end in enumerate(ends):
                         planned = waiting.pop(end.digest)
                         if end.reason:
@@ -117,22 +142,89 @@ def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress = 
             continue
 
 
-def _tasks(plan: SweepPlan, folder: SweepFolder, cells: Sequence[PlannedCell], options: SweepOptions) -> list[CellTask]:
-    # More processes than cores cannot have one each; a cluster's workers wait for one.
-    wants_core = bool(options.scheduler) or options.workers <= len(physical_cores())
-    return [
-        CellTask(
-            cell=planned.cell,
-            digest=planned.digest,
-            plan_folder=str(plan.folder.resolve()),
-            folder=str(folder.cells.resolve()),
-            keeps_result=options.keep_results,
-            wants_core=wants_core,
-            sources=source_digest(),
-        )
-        for planned in cells
-    ]
-
-
 def _engine(tasks: Sequence[CellTask], options: SweepOptions) -> Generator[TaskEnd, None, None]:
     return run_tasks(tasks, options.scheduler, options.workers)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Size and duration of a sweep."""
+
+    cells: int  # number of cells of the plan
+    done: int  # number of those that finished before
+    failed: int  # number of those that failed before
+    ticks: int  # ticks of the cells that are left, in all their runs
+    seconds: float  # duration of these one after the other, with scenes and files; NaN if none could be tried
+    by: str  # basis of the estimate
+
+    @property
+    def left(self) -> int:
+        """Number of cells to run."""
+        return self.cells - self.done - self.failed
+
+    def elapsed(self, workers: int) -> float:
+        """Return the duration [s] in so many processes, as if none slowed another."""
+        return self.seconds / max(1, min(workers, self.left))
+
+
+def estimate(plan: SweepPlan, folder: SweepFolder, progress: Progress = silent) -> Estimate:
+    """Count the cells, and estimate the time of those left by the most similar that ran; the folder need not exist."""
+    done = {planned.digest for planned in plan.cells if folder.done(planned)}
+    failed = {planned.digest for planned in plan.cells if planned.digest not in done and folder.failure(planned)}
+    left = [planned for planned in plan.cells if planned.digest not in done | failed]
+    pace = pace_of(plan.cells, folder)
+    before = pace.cells
+    trials = _trials([planned for planned in left if not pace.knows(planned.cell)])
+    prepare(plan, trials, progress)
+    sharing = Counter(_scene_of(planned) for planned in left)
+    for number, planned in enumerate(trials):
+        progress("trial cells", number, len(trials))
+        end = _tried(planned, plan.folder, sharing[_scene_of(planned)])
+        if not end.reason:
+            pace.add(planned.cell, end.ticks, end.seconds)
+    counts = {"done": before, "tried": pace.cells - before}
+    by = ", ".join(f"{count:,} {how}" for how, count in counts.items() if count) or "none could be tried"
+    ticks = sum(planned.run_ticks for planned in left)
+    return Estimate(len(plan.cells), len(done), len(failed), ticks, pace.left(left), by)
+
+
+def _trials(cells: list[PlannedCell]) -> list[PlannedCell]:
+    """Return some cells of each kind, spread over its list: ticks differ between objects and motions."""
+    kinds: dict[tuple[str, ...], list[PlannedCell]] = defaultdict(list)
+    for planned in cells:
+        kinds[kind(planned.cell)].append(planned)
+    each = max(1, TRIALS // max(1, len(kinds)))
+    return [planned for mine in kinds.values() for planned in mine[:: -(-len(mine) // each)]]
+
+
+def _scene_of(planned: PlannedCell) -> tuple[str, str, str]:
+    """Return the names that cells of one scene share, but for options that need another tree."""
+    return planned.cell.object.name, planned.cell.motion.name, planned.cell.surface
+
+
+def _tried(planned: PlannedCell, plan_folder: Path, sharing: int) -> TaskEnd:
+    """Return the extrapolated end of all runs of a cell; so many cells share its scene, which one of them opens.
+
+    Ticks are sampled from the whole motion, because its beginning has no contacts, and its ticks are fast.
+    """
+    cell = planned.cell
+    rate = float(cell.options.get("rate", 1000.0))
+    large = max(1.0, min(planned.ticks / SOME, rate / LEAST_RATE))
+    with tempfile.TemporaryDirectory() as scratch:
+
+        def run(ticks: int, step: float = 1.0) -> TaskEnd:
+            options = {**cell.options, "rate": rate / step}
+            tried = replace(cell, repeat=1, ticks=min(planned.ticks, ticks), options=options)
+            where = str(plan_folder.resolve()), scratch
+            return run_cell(CellTask(tried, planned.digest, *where, False, False, source_digest()))
+
+        first = run(FEW)
+        # The lesser of two runs: a disturbance of so few ticks would be extrapolated.
+        bare, some = (
+            min((run(ticks, step) for _ in range(2)), key=lambda end: end.seconds)
+            for ticks, step in ((FEW, 1.0), (SOME, large))
+        )
+    opening = max(0.0, first.seconds - bare.seconds) / sharing
+    each = max(0.0, some.seconds - bare.seconds) / max(1, some.ticks - bare.ticks)
+    seconds = opening + cell.repeat * (bare.seconds + each * planned.ticks)
+    return replace(some, ticks=planned.run_ticks, seconds=seconds)

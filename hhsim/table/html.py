@@ -38,7 +38,9 @@ def environment() -> "Environment":
         loader=FileSystemLoader(TEMPLATES), autoescape=True, finalize=_legal, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    made.filters |= {"base64": _base64, "png_size": _png_size, "sha256": _sha256}
+    made.filters["base64"] = _base64
+    made.filters["png_size"] = lambda png: tuple(int.from_bytes(png[at : at + 4]) for at in (16, 20))
+    made.filters["sha256"] = lambda text: _base64(hashlib.sha256(text.encode()).digest())
     # A word of such a cell, as a checksum is, has to be broken to fit a page.
     made.tests["long"] = lambda cell: max(map(len, cell.split()), default=0) > LONGEST_WORD
     return made
@@ -52,11 +54,3 @@ def _legal(value: Any) -> Any:
 
 def _base64(data: bytes) -> str:
     return base64.b64encode(data).decode("ascii")
-
-
-def _sha256(text: str) -> str:
-    return _base64(hashlib.sha256(text.encode()).digest())
-
-
-def _png_size(png: bytes) -> tuple[int, ...]:
-    return tuple(int.from_bytes(png[at : at + 4]) for at in (16, 20))

@@ -6,21 +6,20 @@ from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.metrics.moving_parts import MovingParts, result_parts
 from hhsim.metrics.run_ticks import result_ticks
-from hhsim.motion.object_motion import ObjectMotion
-from hhsim.motion.trajectory import TickInput, Trajectory
+from hhsim.motion.trajectory import ObjectMotion, TickInput, Trajectory
 from hhsim.replay.repeat import RunAgain, run_again
 from hhsim.replay.stored_scene import stored_hand, stored_mesh, stored_options, stored_surface, stored_tree
 from hhsim.replay.summary import figures_of_own_runs
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import SIDES, TWO_HANDED, is_one_of_two
 from hhsim.scene.closure_search import OtherHand
+from hhsim.scene.described_scene import motion_of_side
 from hhsim.scene.motion_catalogue import trajectory_names
 from hhsim.scene.parts_of_thing import load_thing
 from hhsim.scene.recorded_grasp_pose import place_at_grasp
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned
-from hhsim.scene.two_hands import motion_of_side
 from hhsim.system.progress import Progress
 from hhsim.verify.claim import NOT_JUDGED, Claim, difference, figures_apart, judged
 from hhsim.verify.origin_checks import own_object, own_tree

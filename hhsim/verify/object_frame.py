@@ -6,7 +6,7 @@ A pose p, q of an object that began at P, Q maps x to q Q⁻¹ (x − P) + p; th
 import numpy as np
 
 from hhsim.arrays import AnyArray
-from hhsim.motion.object_motion import ObjectMotion
+from hhsim.motion.trajectory import ObjectMotion
 from hhsim.result.object_frame import TURNS
 from hhsim.result.reader import Result
 from hhsim.scene.synthesis import carried

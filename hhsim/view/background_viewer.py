@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 from hhsim.errors import HhsimError, InputError, OutputError
 from hhsim.result.reader import load_result
-from hhsim.solver.compile import start_numba
+from hhsim.solver.hand_solver import start_numba
 from hhsim.system.progress import Progress, silent
 from hhsim.view.sink import RerunTarget
 

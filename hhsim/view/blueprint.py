@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hhsim.render.viewpoint import View
+from hhsim.render.hand_picture import View
 from hhsim.view.plots import GLOVE, Plot
 
 if TYPE_CHECKING:

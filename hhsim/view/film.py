@@ -19,11 +19,9 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.metrics.metrics import FORCE_FLOOR
-from hhsim.render.hand_meshes import piece_surfaces
-from hhsim.render.hand_picture import arrow_surfaces, transparent
+from hhsim.render.hand_picture import arrow_surfaces, transparent, viewpoint
 from hhsim.render.rasterizer import OVERSAMPLING, composed, frame, look_from, shade
-from hhsim.render.triangle_soup import STONE, Surface, joined, mesh_surface, moved, near_hands
-from hhsim.render.viewpoint import viewpoint
+from hhsim.render.triangle_soup import STONE, Surface, joined, mesh_surface, moved, near_hands, piece_surfaces
 from hhsim.result.reader import Result
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.output_path import check_output_path

@@ -15,8 +15,7 @@ from hhsim.mesh.file import read_triangles
 from hhsim.mesh.mesh import METRES_PER_UNIT, Mesh
 from hhsim.motion.file import load_trajectory
 from hhsim.motion.trajectory import Trajectory
-from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
-from hhsim.render.triangle_soup import STONE, mesh_surface
+from hhsim.render.triangle_soup import PIECES, STONE, mesh_surface, piece_poses, piece_surfaces
 from hhsim.result.reader import Result, hand_paths, load_result
 from hhsim.result.schema import SIDES, is_one_of_two
 from hhsim.system.hdf5_input import SIGNATURE, hdf5_format

@@ -11,9 +11,8 @@ from hhsim.kernels.contact.surface import ContactPoints
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.run_ticks import HOLD
-from hhsim.render.hand_meshes import PIECES, hand_surface
 from hhsim.render.hand_picture import GHOST, PieceForce, arrow
-from hhsim.render.triangle_soup import SKIN, Surface, joined, mesh_surface, painted
+from hhsim.render.triangle_soup import PIECES, SKIN, Surface, hand_surface, joined, mesh_surface, painted
 from hhsim.result.reader import Result
 from hhsim.view.plots import SHOWN_COLUMNS, body_forces, shown_ticks, sizes
 from hhsim.view.scene_log import ShownScene, contact_points, force_places

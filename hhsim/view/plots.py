@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import AnyArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
-from hhsim.motion.object_motion import RigidMotion
+from hhsim.motion.trajectory import RigidMotion
 
 Color = tuple[int, int, int]
 

@@ -38,9 +38,8 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.moving_parts import MovingParts, placed_mesh
-from hhsim.motion.object_motion import RigidMotion
-from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
-from hhsim.render.triangle_soup import SKIN, STONE, Surface, mesh_surface
+from hhsim.motion.trajectory import RigidMotion
+from hhsim.render.triangle_soup import PIECES, SKIN, STONE, Surface, mesh_surface, piece_poses, piece_surfaces
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.view.plots import Plot, ShownTicks, body_forces, sizes

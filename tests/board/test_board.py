@@ -13,8 +13,7 @@ import pytest
 from sealed_change import changed
 from short_grasp import short_result
 
-from hhsim.board.collect import Board, collect, merged
-from hhsim.board.entry import FAILED, Entry, entry_of_result, option_words
+from hhsim.board.entry import FAILED, Board, Entry, collect, entry_of_result, merged, option_words
 from hhsim.board.shown import entry_table, standing_table
 from hhsim.board.standings import standings
 from hhsim.board.table_file import content_of, parquet_bytes

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 from browser import Browser, browser, missing
 
-from hhsim.board.collect import merged
-from hhsim.board.entry import Entry
+from hhsim.board.entry import Entry, merged
 from hhsim.board.standings import standings
 from hhsim.board.table_file import board_page
 

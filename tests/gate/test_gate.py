@@ -17,8 +17,7 @@ from msgspec import structs
 from sealed_change import changed
 
 from hhsim.errors import InputError
-from hhsim.gate.baseline import RecordedScene, load_baseline, write_baseline
-from hhsim.gate.gate import GateReport, gate_result
+from hhsim.gate.gate import GateReport, RecordedScene, gate_result, load_baseline, write_baseline
 from hhsim.gate.input_hash import TOLERANCE, differences
 from hhsim.gate.metrics import RunFigures, run_figures
 from hhsim.gate.report import cells, headline, junit, markdown, number_text

@@ -39,7 +39,7 @@ SCRIPT = textwrap.dedent(
     from hhsim.metrics.metrics import penetration
     from hhsim.motion.analytic_motion import still
     from hhsim.solver.hand_solver import HandSolver
-    from hhsim.solver.compile import warm_up
+    from hhsim.solver.hand_solver import warm_up
     from hhsim.solver.method import METHODS
     from hhsim.solver.options import SolverOptions
     from hhsim.trees.file import load_tree

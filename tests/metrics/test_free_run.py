@@ -5,9 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hhsim.metrics.free_run import FreeRun, body_name
-from hhsim.motion.object_motion import ObjectMotion
-from hhsim.motion.trajectory import TickPhase
+from hhsim.metrics.run_ticks import FreeRun, body_name
+from hhsim.motion.trajectory import ObjectMotion, TickPhase
 
 TICKS = 10
 LIFT = (TickPhase("hold", 0, 1), TickPhase("lift", 2, 9))

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.errors import TrajectoryError
 from hhsim.motion.file import load_trajectory, save_trajectory
-from hhsim.motion.object_motion import ObjectMotion
-from hhsim.motion.trajectory import Trajectory
+from hhsim.motion.trajectory import ObjectMotion, Trajectory
 
 TIME = np.arange(40) / 200.0
 

@@ -10,9 +10,8 @@ from recording_samples import smooth_recording
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
-from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.motion.trajectory import Phase, RawChannel
+from hhsim.motion.trajectory import ObjectMotion, Phase, RawChannel
 from hhsim.recordings.cleaning import CleanedRecording, CleaningOptions, clean_recording, default_limits
 from hhsim.recordings.formats.hhsim import recording_of
 from hhsim.recordings.frames import turned

@@ -16,7 +16,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.csv_file import format_csv
-from hhsim.motion.object_motion import ObjectMotion
+from hhsim.motion.trajectory import ObjectMotion
 from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.joint_names import WEBXR_JOINTS

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.metrics.brute_force_distance import round_cone_distance
-from hhsim.render.hand_meshes import PIECES, hand_surface, piece_poses, piece_surfaces
+from hhsim.render.triangle_soup import PIECES, hand_surface, piece_poses, piece_surfaces
 
 TICKS = 40
 

@@ -16,9 +16,8 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.catalogue import load_object
 from hhsim.recordings.frames import world_matrix
 from hhsim.result.reader import hand_paths, load_result
-from hhsim.scene.described_scene import SceneWords
+from hhsim.scene.described_scene import SceneWords, two_handed_scenes
 from hhsim.scene.motion_catalogue import load_script
-from hhsim.scene.two_hands import two_handed_scenes
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 

@@ -16,8 +16,8 @@ from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import load_mesh
-from hhsim.repair.hand_judge import HandJudge, farthest
 from hhsim.repair.offline import repair_frames
+from hhsim.repair.tracks import HandJudge, farthest
 from hhsim.trees.contact_surface import contact_surface
 
 

@@ -19,9 +19,8 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
-from hhsim.repair.retarget import Retargeted, retarget
+from hhsim.repair.retarget import DEPTH_FRAMES, Retargeted, link_depths, retarget, robot_motion
 from hhsim.repair.robot_hand import RobotHand
-from hhsim.repair.robot_motion import DEPTH_FRAMES, link_depths, robot_motion
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import make_scene

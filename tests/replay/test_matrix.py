@@ -21,7 +21,7 @@ from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.metrics.metrics import frozen_decay
 from hhsim.replay.replay import replay_scene
-from hhsim.replay.tremor_hold import TREMOR
+from hhsim.replay.summary import TREMOR
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.motion_catalogue import load_script

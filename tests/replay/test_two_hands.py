@@ -19,17 +19,15 @@ from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.replay.repeat import run_again
-from hhsim.replay.replay import replay_scene
-from hhsim.replay.two_hands import TwoHandedReplay, replay_two_hands
+from hhsim.replay.replay import TwoHandedReplay, replay_scene, replay_two_hands
 from hhsim.result.reader import Result, hand_paths, load_result
 from hhsim.result.two_handed_file import BETWEEN_COLUMNS
-from hhsim.scene.described_scene import SceneWords
+from hhsim.scene.described_scene import SceneWords, two_handed_motions, two_handed_scenes
 from hhsim.scene.free_object import CLEARANCE, FreeObject
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.parts_of_thing import load_thing
 from hhsim.scene.scene import Scene, make_scene, open_scene
 from hhsim.scene.synthesis import planned
-from hhsim.scene.two_hands import two_handed_motions, two_handed_scenes
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.system.checksummed_file import seal_file

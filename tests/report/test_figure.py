@@ -20,18 +20,17 @@ from short_grasp import short_grasp, short_result
 
 from hhsim.errors import InputError
 from hhsim.metrics.metrics import tick_statistics
+from hhsim.render.hand_picture import View, viewpoint
 from hhsim.render.triangle_soup import SKIN, round_cone_surface
-from hhsim.render.viewpoint import View, viewpoint
 from hhsim.report import pictures as report_pictures
 from hhsim.report import time_series as report_series
 from hhsim.report.figure import RUN_STYLES, ReportFigure, run_style, time_text
 from hhsim.report.histogram import histogram_figure
-from hhsim.report.pictures import hand_picture
+from hhsim.report.pictures import hand_picture, worst_ticks
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.ticks import minmax_band
 from hhsim.report.time_series import Run, series_figure
 from hhsim.report.trade_off import MARKS
-from hhsim.report.worst_ticks import worst_ticks
 from hhsim.result.reader import Result, load_result
 from hhsim.view.moment import overview_tick
 

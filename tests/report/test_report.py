@@ -24,7 +24,7 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.metrics.metrics import worst_force_ripple
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.render.viewpoint import View
+from hhsim.render.hand_picture import View
 from hhsim.replay.checked_figures import checked_figures, read_ticks
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
@@ -78,10 +78,10 @@ def dots(monkeypatch: pytest.MonkeyPatch) -> None:
     makers = tuple((name, heading, lambda *_, name=name: dot(name)) for name, heading, _ in FIGURES)
     monkeypatch.setattr("hhsim.report.report.FIGURES", makers)
     monkeypatch.setattr("hhsim.report.report.overview_picture", lambda result: dot("overview"))
-    for module in ("report", "worst_ticks"):
+    for module in ("report", "pictures"):
         monkeypatch.setattr(f"hhsim.report.{module}.overview_view", lambda result: View(0.0, 0.0))
     monkeypatch.setattr("hhsim.report.report.held_picture", lambda result, view: dot("overview"))
-    monkeypatch.setattr("hhsim.report.worst_ticks.hand_picture", lambda result, tick, usual: dot(f"tick-{tick}"))
+    monkeypatch.setattr("hhsim.report.pictures.hand_picture", lambda result, tick, usual: dot(f"tick-{tick}"))
 
 
 def changed(path: Path, folder: Path, change: Change, name: str = "") -> Path:

@@ -40,7 +40,7 @@ def undrawn() -> object:
         leave_charts_undrawn(patch)
         for maker in ("overview_picture", "held_picture"):
             patch.setattr(f"hhsim.report.report.{maker}", lambda *_: PICTURE)
-        patch.setattr("hhsim.report.worst_ticks.hand_picture", lambda *_, **__: PICTURE)
+        patch.setattr("hhsim.report.pictures.hand_picture", lambda *_, **__: PICTURE)
         yield
 
 

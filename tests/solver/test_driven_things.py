@@ -10,7 +10,7 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.mesh import Mesh
-from hhsim.motion.object_motion import RigidMotion
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.scene.free_object import FreeObject, Hinge
 from hhsim.solver.free_engine import Thing
 from hhsim.solver.hand_solver import HandSolver

@@ -9,11 +9,10 @@ from sweep_plans import PLAN, without_times, write_plan
 
 from hhsim.errors import InputError
 from hhsim.sweep import engines
-from hhsim.sweep.cell import source_digest
 from hhsim.sweep.cell_run import CellTask, run_cell
 from hhsim.sweep.engines import run_on_dask, run_with_client
 from hhsim.sweep.folder import SweepFolder
-from hhsim.sweep.plan import load_plan
+from hhsim.sweep.plan import load_plan, source_digest
 from hhsim.sweep.sweep import SweepOptions, run_sweep
 
 ignored = pytest.mark.filterwarnings("ignore")

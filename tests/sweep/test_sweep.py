@@ -9,18 +9,15 @@ from typing import Any
 import pytest
 from sweep_plans import PLAN, without_times, write_plan
 
-from hhsim.board.collect import collect
+from hhsim.board.entry import collect
 from hhsim.errors import OutputError
 from hhsim.result.reader import load_result
-from hhsim.sweep import estimate as estimate_module
 from hhsim.sweep import sweep as module
-from hhsim.sweep.cell import source_digest
 from hhsim.sweep.cell_run import CellTask, run_cell
 from hhsim.sweep.engines import CRASHED, TaskEnd
-from hhsim.sweep.estimate import estimate
 from hhsim.sweep.folder import SweepFolder
-from hhsim.sweep.plan import load_plan
-from hhsim.sweep.sweep import SweepOptions, SweepSummary, run_sweep
+from hhsim.sweep.plan import load_plan, source_digest
+from hhsim.sweep.sweep import SweepOptions, SweepSummary, estimate, run_sweep
 
 Run = Callable[..., Any]
 BROKEN = '''
@@ -173,8 +170,8 @@ def test_an_estimate_rests_on_all_of_a_motion_where_its_beginning_is_cheap(
         opened.add(task.cell.object.name)
         return TaskEnd(task.digest, ticks=task.cell.ticks, seconds=seconds)
 
-    monkeypatch.setattr(estimate_module, "run_cell", pretended)
-    monkeypatch.setattr(estimate_module, "prepare", lambda *_: None)
+    monkeypatch.setattr(module, "run_cell", pretended)
+    monkeypatch.setattr(module, "prepare", lambda *_: None)
     text = PLAN.replace('"short.toml"', '"grasp"').replace('"cylinder"', '"cylinder", "cube"')
     plan = load_plan(write_plan(tmp_path, text.replace("[options.usual]", "repeat = 3\n[options.usual]")))
     whole = plan.cells[0].ticks

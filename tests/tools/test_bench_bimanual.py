@@ -18,7 +18,7 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.quaternion import quaternion
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
-from hhsim.motion.object_motion import RigidMotion
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.scene.free_object import FreeObject
 from hhsim.scene.things import load_things
 from hhsim.solver.free_engine import Thing

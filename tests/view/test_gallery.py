@@ -13,7 +13,7 @@ from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.file import load_trajectory
-from hhsim.render.hand_meshes import PIECES, piece_poses
+from hhsim.render.triangle_soup import PIECES, piece_poses
 from hhsim.result.reader import load_result
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.file import load_tree, save_tree

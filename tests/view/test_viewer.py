@@ -17,7 +17,7 @@ from short_grasp import short_grasp, short_result
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
-from hhsim.render.hand_meshes import PHALANGES, piece_poses
+from hhsim.render.triangle_soup import PHALANGES, piece_poses
 from hhsim.result.reader import Result, load_result
 from hhsim.view.plots import CONTACTS, DEPTH, FORCE, RESULT_PLOTS, TIME, VARIATION
 from hhsim.view.scene_log import FORCE_LENGTH, NORMAL_LENGTH

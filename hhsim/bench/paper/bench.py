@@ -15,7 +15,7 @@ from hhsim.bench.paper.scene import Scenario, Stage, make_stage, paper_scenarios
 from hhsim.errors import check_known
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
-from hhsim.solver.compile import warm_up
+from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between

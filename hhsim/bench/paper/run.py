@@ -19,7 +19,7 @@ from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.metrics.metrics import component_variation_rate, force_variation_rate
 from hhsim.metrics.run_ticks import RunTicks
 from hhsim.motion.tremor import Disturbance
-from hhsim.replay.tremor_hold import TREMOR, trembling_hold
+from hhsim.replay.summary import TREMOR, trembling_hold
 from hhsim.scene.contact_goals import TOUCHING, Touch
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions

@@ -18,7 +18,7 @@ from hhsim.errors import InputError, check_known
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import FINGER_COUNT
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
-from hhsim.solver.compile import warm_up
+from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.method import methods_that
 from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress, silent

@@ -17,7 +17,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion
+from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.system.settings_file import Positive, between, check_fields
 
@@ -134,7 +134,7 @@ class RandomTargets:
         ticks = np.arange(1, self.options.hold + 1)
         straight = way > 0.0 and not jump
         share = np.minimum(1.0, ticks * (self.options.longest_step / way)) if straight else np.ones(len(ticks))
-        orientation = _product(quaternion(share[:, None] * turn), start[1])
+        orientation = quaternion_product(quaternion(share[:, None] * turn), start[1])
         motion = HandConfiguration(
             start[0] + share[:, None] * change[0],
             orientation / np.linalg.norm(orientation, axis=1, keepdims=True),
@@ -145,13 +145,6 @@ class RandomTargets:
         for values, end in zip(motion, target):
             values[share == 1.0] = end
         return motion
-
-
-def _product(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Hamilton products of quaternions (T, 4) with one, shape (4,)."""
-    w, v = first[:, :1], first[:, 1:]
-    scalar = w * second[0] - v @ second[1:, None]
-    return np.concatenate([scalar, w * second[1:] + second[0] * v + np.cross(v, second[1:])], axis=1)
 
 
 def _not_finite(random: np.random.Generator, motion: HandConfiguration) -> None:

@@ -29,8 +29,7 @@ from hhsim.motion.trajectory import ResampleMode, Trajectory
 from hhsim.scene.motion_catalogue import RECORDING_SUFFIXES, imported_suffixes, load_recorded
 from hhsim.scene.recorded_grasp_pose import place_at_grasp
 from hhsim.scene.scene import Scene, make_scene
-from hhsim.solver.compile import warm_up
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between

@@ -36,8 +36,7 @@ from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import Penetration
 from hhsim.motion.tick_motion import replayed
-from hhsim.solver.compile import warm_up
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.log_histogram import LogHistogram

@@ -5,7 +5,7 @@ A new glove is one such file with its settings and the name of its driver. Drive
 """
 
 from dataclasses import dataclass, field, fields
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Literal
 
 from hhsim.errors import InputError, UnknownNameError
@@ -103,13 +103,13 @@ def configure(
         if name not in known:
             raise UnknownNameError(f"setting of {kind}", name, known)
     options = glove.options(**settings)
-    calibration = _named(glove.calibration)(options, hand) if glove.calibration else None
+    calibration = resolve_name(glove.calibration)(options, hand) if glove.calibration else None
     return GloveConfig(kind, options, hand, seed, playback, calibration)
 
 
 def open_device(config: GloveConfig) -> "GloveDevice":
     """Make the driver of a glove, not yet opened; InputError for settings that it cannot use."""
-    device: GloveDevice = _named(GLOVES[config.kind].driver)(config)
+    device: GloveDevice = resolve_name(GLOVES[config.kind].driver)(config)
     return device
 
 
@@ -120,8 +120,3 @@ def open_release(config: GloveConfig) -> "FingerRelease":
     from hhsim.live.device import NothingHeld
 
     return NothingHeld()
-
-
-def _named(name: str) -> Any:
-    module, _, inside = name.partition(":")
-    return getattr(import_module(module), inside)

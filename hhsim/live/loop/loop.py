@@ -4,6 +4,7 @@ The ticks run in one compiled call, `run_loop`. Python finds the first free plac
 while the loop goes on, and solves the ticks of methods and QP solvers that are not compiled.
 """
 
+import math
 import signal
 import time
 from collections.abc import Callable
@@ -12,29 +13,40 @@ from typing import Any
 
 import numpy as np
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.live import tick
-from hhsim.kernels.live.deadlines import begin_periods
+from hhsim.kernels.live.accounts import MISSES, account_steal, account_waking
+from hhsim.kernels.live.deadlines import DEADLINES, begin_periods
+from hhsim.kernels.live.finger_command import COMMANDER
+from hhsim.kernels.live.interlock import DRY_RUN, INTERLOCK
 from hhsim.kernels.live.loop import ASKS_PYTHON, SystemFiles, run_loop
 from hhsim.kernels.live.notes import NOTES
 from hhsim.kernels.live.phase import PHASE
+from hhsim.kernels.live.plausibility import WATCH, begin_watch
 from hhsim.kernels.parallel.atomic import load_acquire, store_release
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.live.device import MOST_CHANNELS, Capability, GloveInfo
-from hhsim.live.ipc.config import LiveSetup
+from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.ipc.status import Stage
-from hhsim.live.loop.miss_accounts import NO_FILES, MissAccounts, system_files
-from hhsim.live.loop.records import commander_record, deadline_record, interlock_record, watch_record
 from hhsim.live.loop.story import Story
 from hhsim.result.safety import Safety
 from hhsim.result.schema import INFORMATION
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import zeroed
-from hhsim.system.cpu_accounts import CpuAccounts
+from hhsim.system.cpu_accounts import LINE_BYTES, CpuAccounts
 
+NEVER = 1 << 60
+"""More periods than a session can miss."""
+STEAL_SHARE = 0.2
+"""Fraction of a period: if one warm reading of the steal takes longer, as with very many processors, it is not read.
+
+Two processors take 12 µs: a tenth of a period would leave the host's misses at 10 kHz without a cause. A cold reading
+takes eight times as long, less than two periods of the ten or more that are missed when it is done.
+"""
 STEAL_UNREAD = "what the host takes cannot be read in a tick here: periods that it took are named woken late"
 PLACE_SECONDS = 0.001
 """Period at which `LiveLoop.place` looks for a hand to place [s]."""
@@ -43,6 +55,111 @@ WAKE_NS = 800_000
 driver would do nothing else, and slow the loop on a shared core."""
 REFUSED = np.dtype([("channels", np.float64, (MOST_CHANNELS,)), ("known", np.int64, (MOST_CHANNELS,))], align=True)
 """Channels of the last unusable sample, and 1 for those that were finite in the last usable one."""
+
+
+def deadline_record(period_ns: int, now_ns: int) -> Any:
+    """Return `DEADLINES` one period apart, the first one period after `now_ns`, CLOCK_MONOTONIC [ns]."""
+    deadlines = zeroed(DEADLINES)
+    deadlines[0].period_ns = period_ns
+    begin_periods(deadlines[0], now_ns)
+    return deadlines
+
+
+def commander_record(
+    limits: OutputLimits, bend_lines: tuple[FloatArray, FloatArray], period: float, *, feels: bool = False
+) -> Any:
+    """Return the `COMMANDER` of free fingers, with lines as of `Calibration.bend_lines` and the period of a tick [s].
+
+    `feels` is True if the glove takes forces, or powers that are made of them.
+    """
+    commander = zeroed(COMMANDER)
+    at = commander[0]
+    slope, offset = bend_lines
+    size = (slope * slope).sum(axis=1, keepdims=True)
+    at.configured[:] = limits.stiffness
+    at.rise = limits.stiffness_rise * period
+    at.move = limits.bend_speed * period
+    at.fall[:] = at.configured * (period / limits.ease)
+    at.ramp_ticks = max(1, math.ceil(limits.ramp / period))
+    at.contact_force = limits.contact_force
+    at.feels = int(feels)
+    # As `DexmoRegression.bends`, with the division done beforehand.
+    at.gain[:] = np.divide(slope, size, out=np.zeros_like(slope), where=size > 0.0)
+    at.offset[:] = offset
+    return commander
+
+
+def interlock_record(limits: SafetyLimits, *, dry_run: bool = False, period_ns: int = 1_000_000) -> Any:
+    """Return the `INTERLOCK` by which `judge` frees the fingers; a dry run sends nothing and needs no watchdog."""
+    interlock = zeroed(INTERLOCK)
+    at = interlock[0]
+    at.stale_ns = round(1e9 * limits.stale)
+    at.watchdog_ns = round(1e9 * limits.watchdog_stale)
+    at.eased = limits.overruns if limits.after_stall == "ease" else NEVER
+    at.released = limits.release_at(period_ns)
+    at.watched = limits.watchdog and not dry_run
+    at.always = DRY_RUN if dry_run else 0
+    return interlock
+
+
+def watch_record(info: GloveInfo) -> Any:
+    """Return the `WATCH` of a glove before its first sample."""
+    watch = zeroed(WATCH)
+    watch[0].always_free[list(info.kept_free)] = 1
+    watch[0].noiseless = info.noiseless
+    begin_watch(watch[0])
+    return watch
+
+
+class MissAccounts:
+    """Accounts of the loop's thread since the tick before, by `DEADLINES`, shape (1,), and the loop's clock [ns].
+
+    `state` is a record of `MISSES`, shape (1,); `steal_unread` is True if reading the steal is too slow here.
+    """
+
+    def __init__(self, deadlines: Any, now: Callable[[], int] = time.monotonic_ns) -> None:
+        self._deadlines = deadlines[0]
+        self._now = now
+        self._accounts: CpuAccounts | None = None
+        self.state = zeroed(MISSES)
+        self.steal_unread = False
+
+    def begin(self, accounts: CpuAccounts) -> None:
+        """Take the readings that the first tick is compared with, in the loop's thread, to which `accounts` belong."""
+        self._accounts = accounts
+        took = []
+        for _ in range(3):
+            began = self._now()
+            steal = accounts.steal_ns()
+            took.append(self._now() - began)
+        at = self.state[0]
+        self.steal_unread = min(took) > STEAL_SHARE * self._deadlines.period_ns
+        at.steal_read = not self.steal_unread
+        at.steal_ns = -1 if self.steal_unread else steal
+        account_waking(at, self._deadlines.woke_ns, 0, accounts.cpu_ns(), accounts.run_delay_ns())
+
+    def keep_steal(self) -> None:
+        """Read the steal now and then, in another thread than the loop's, so that a miss counts only later steal."""
+        if self._accounts is not None and self.state[0].steal_read:
+            account_steal(self.state[0], self._accounts.steal_ns())
+
+
+def system_files(accounts: CpuAccounts) -> SystemFiles:
+    """Return the files of the system's accounts for compiled code, without the events that wake driver and loop."""
+    allowed = np.zeros(max(accounts.processors, default=0) + 1, np.bool_)
+    allowed[list(accounts.processors)] = True
+    return SystemFiles(
+        descriptors=np.array([accounts.schedule, accounts.stat, -1, -1]),
+        line=np.zeros(LINE_BYTES, np.uint8),
+        lines=np.zeros(accounts.stat_bytes, np.uint8),
+        allowed=allowed,
+        step=np.array([accounts.steal_step_ns]),
+    )
+
+
+NO_FILES = SystemFiles(
+    np.full(4, -1), np.zeros(1, np.uint8), np.zeros(1, np.uint8), np.zeros(1, np.bool_), np.ones(1, np.int64)
+)
 
 
 def loop_options(options: SolverOptions, rate: float) -> SolverOptions:

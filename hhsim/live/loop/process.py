@@ -27,7 +27,7 @@ from hhsim.live.loop.driver import BEGIN, OPEN, glove_info
 from hhsim.live.loop.loop import LiveLoop, loop_options
 from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off, processors_awake
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
-from hhsim.solver.compile import warm_up
+from hhsim.solver.hand_solver import warm_up
 
 TELL_SECONDS = 0.02
 """Period at which the loop's notes are logged [s]."""

@@ -34,19 +34,15 @@ class FixedPose(PoseSource):
 
     def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
         """See `PoseSource.read`."""
-        if self._record is not None:
-            self._look(self._record)
+        record = self._record
+        version = self._seen if record is None else int(record["pose_version"])
+        # Take a pose that is new, whole and finite.
+        if record is not None and version != self._seen and version % 2 == 0:
+            position, orientation = record["pose_position"].copy(), record["pose_orientation"].copy()
+            if int(record["pose_version"]) == version:
+                self._seen = version
+                if np.isfinite(position).all() and np.isfinite(orientation).all():
+                    self._position, self._orientation = position, orientation
         position_out[:] = self._position
         orientation_out[:] = self._orientation
         return now_ns
-
-    def _look(self, record: np.void) -> None:
-        """Take a pose that is new, whole and finite."""
-        version = int(record["pose_version"])
-        if version == self._seen or version % 2 == 1:
-            return
-        position, orientation = record["pose_position"].copy(), record["pose_orientation"].copy()
-        if int(record["pose_version"]) == version:
-            self._seen = version
-            if np.isfinite(position).all() and np.isfinite(orientation).all():
-                self._position, self._orientation = position, orientation

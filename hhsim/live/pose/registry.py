@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
 from hhsim.errors import UnknownNameError
@@ -91,6 +91,5 @@ def make_pose_source(
     if config.kind not in POSES:
         raise UnknownNameError("pose source", config.kind, POSES)
     pose = POSES[config.kind]
-    module, _, name = pose.source.partition(":")
-    source: PoseSource = getattr(import_module(module), name)(config, glove if pose.by_glove else status)
+    source: PoseSource = resolve_name(pose.source)(config, glove if pose.by_glove else status)
     return source

@@ -25,7 +25,7 @@ from hhsim.live.session.writer import RINGS, SessionWriter
 from hhsim.live.shared_memory import RingReader
 from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import CHUNK_TICKS, check_result_path
-from hhsim.solver.compile import warm_up
+from hhsim.solver.hand_solver import warm_up
 
 POLL = 0.05
 """Period at which the rings are read [s]; they hold 16 s of ticks at 1 kHz, 4 s with a free object."""

@@ -7,7 +7,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.motion.object_motion import RigidMotion
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.replay.moving_object import FreeFrame, StillFrame, contact_rows
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.solver.options import SolverOptions

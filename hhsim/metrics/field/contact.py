@@ -7,8 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hhsim.metrics.field.field_metric import BeforeAfter, FieldMetric, mean, of_each, of_repair, placed
-from hhsim.metrics.field.hands import FieldHands, FieldPair
+from hhsim.metrics.field.hands import BeforeAfter, FieldHands, FieldMetric, FieldPair, mean, of_each, of_repair, placed
 
 THRESHOLDS = (0.005, 0.002)
 """Largest distance of a contact from the object's surface [m]."""

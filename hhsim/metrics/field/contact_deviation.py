@@ -7,8 +7,7 @@ the object's vertices.
 
 import numpy as np
 
-from hhsim.metrics.field.field_metric import FieldMetric, mean, of_each
-from hhsim.metrics.field.hands import FieldHands
+from hhsim.metrics.field.hands import FieldHands, FieldMetric, mean, of_each
 
 CONTACT = 0.003
 """Largest distance of a true contact [m]."""

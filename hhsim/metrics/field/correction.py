@@ -5,8 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.metrics.field.field_metric import FieldMetric, largest, mean, of_repair, placed
-from hhsim.metrics.field.hands import FieldPair
+from hhsim.metrics.field.hands import FieldMetric, FieldPair, largest, mean, of_repair, placed
 
 INSIDE = 1e-6
 """Depth of the hand's surface or joints above which a frame was inside [m]."""

@@ -5,12 +5,12 @@ surface of a vertex inside the object.
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.metrics.field.field_metric import BeforeAfter, FieldMetric, largest, mean, of_each, placed
-from hhsim.metrics.field.hands import FieldHands, FieldPair
+from hhsim.metrics.field.hands import FieldHands, FieldMetric, largest, mean, of_frames, placed
 
 
 def depths(distance: FloatArray | None) -> FloatArray:
@@ -23,9 +23,7 @@ def depths(distance: FloatArray | None) -> FloatArray:
 def _figures(
     place: int, name: str, label: str, distance: Callable[[FieldHands], FloatArray | None], parameters: str
 ) -> tuple[FieldMetric, ...]:
-    def of(statistic: Callable[[FloatArray], float]) -> Callable[[FieldPair], BeforeAfter]:
-        return of_each(lambda hands: statistic(depths(distance(hands))))
-
+    of = partial(of_frames, lambda _, hands: depths(distance(hands)))
     return placed(
         place,
         FieldMetric(f"depth_{name}_max", f"PD, {label}, max", compute=of(largest)),

@@ -5,7 +5,6 @@ in convex parts, from rest, with its centre of mass at the mean of its vertices.
 """
 
 import tempfile
-from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
@@ -13,8 +12,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError
-from hhsim.metrics.field.field_metric import BeforeAfter, FieldMetric, largest, mean, placed
-from hhsim.metrics.field.hands import FieldHands, FieldPair
+from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, of_frames, placed
 from hhsim.metrics.field.solid import hand_solids
 from hhsim.system.silent import silent
 
@@ -116,21 +114,15 @@ def _write(path: Path, vertices: FloatArray, faces: IntArray) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
-def _of(statistic: Callable[[FloatArray], float]) -> Callable[[FieldPair], BeforeAfter]:
-    def compute(pair: FieldPair) -> BeforeAfter:
-        frames = pair.displacement_frames
-        if not frames:
-            return float("nan"), float("nan")
-        before, after = (statistic(simulation_displacements(hands, frames)) for hands in pair.both)
-        return before, after
-
-    return compute
+def _displacements(pair: FieldPair, hands: FieldHands) -> FloatArray:
+    frames = pair.displacement_frames
+    return simulation_displacements(hands, frames) if frames else np.zeros(0)
 
 
 METRICS = placed(
     110,
-    FieldMetric("displacement_mean", "SD, PyBullet, mean", compute=_of(mean)),
-    FieldMetric("displacement_max", "SD, PyBullet, max", compute=_of(largest)),
+    FieldMetric("displacement_mean", "SD, PyBullet, mean", compute=of_frames(_displacements, mean)),
+    FieldMetric("displacement_max", "SD, PyBullet, max", compute=of_frames(_displacements, largest)),
     unit="cm",
     digits=2,
     parameters=lambda pair: (

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hhsim.metrics.field.field_metric import FieldMetric
-from hhsim.metrics.field.hands import FieldPair
+from hhsim.metrics.field.hands import FieldMetric, FieldPair
 from hhsim.metrics.field.registry import field_metrics
 from hhsim.table.table import Table, number, words
 

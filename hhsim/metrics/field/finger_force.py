@@ -4,8 +4,7 @@ Nobody else publishes a force that is not made of the depth, as EgoPHI's is (-k 
 """
 
 from hhsim.hand.fingers import FINGERS
-from hhsim.metrics.field.field_metric import FieldMetric, largest, mean, of_repair, placed
-from hhsim.metrics.field.hands import FieldPair
+from hhsim.metrics.field.hands import FieldMetric, FieldPair, largest, mean, of_repair, placed
 
 
 def pressing_force(pair: FieldPair, finger: int) -> float:

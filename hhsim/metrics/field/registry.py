@@ -3,7 +3,7 @@
 from functools import cache
 
 import hhsim.metrics.field
-from hhsim.metrics.field.field_metric import FieldMetric
+from hhsim.metrics.field.hands import FieldMetric
 from hhsim.metrics.run_metric import declared_figures
 
 

@@ -13,7 +13,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.field_table import FieldRow, field_rows
 from hhsim.metrics.field.field_verdict import FieldVerdict, field_verdict
 from hhsim.metrics.field.hands import FieldHands, FieldPair
-from hhsim.motion.object_motion import ObjectMotion, RigidMotion
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.recordings.fitted_hand import fitted_hand
 from hhsim.recordings.frames import in_palm, turned
 from hhsim.recordings.object_poses import with_object_poses

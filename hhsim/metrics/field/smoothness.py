@@ -9,8 +9,7 @@ import math
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.metrics.field.field_metric import FieldMetric, mean, of_each, of_repair, placed
-from hhsim.metrics.field.hands import FieldHands, FieldPair
+from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, mean, of_each, of_repair, placed
 
 RATIO = "acceleration_ratio"
 """Name of the figure that the verdict judges."""

@@ -5,8 +5,7 @@ centres are in the hand. Those voxels are of the surface alone and reach out of 
 a volume. The voxels of this module's own figure have their centres in the object and in the hand.
 """
 
-from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,8 +14,7 @@ from hhsim.arrays import FloatArray
 from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.field.field_metric import BeforeAfter, FieldMetric, largest, mean, placed
-from hhsim.metrics.field.hands import FieldHands, FieldPair, object_bvh
+from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, object_bvh, of_frames, placed
 from hhsim.metrics.field.solid import SEGMENTS, cones_contain, cones_near, hand_solids, manifold_of
 
 if TYPE_CHECKING:
@@ -85,12 +83,7 @@ def _inside(solid: "Manifold", points: FloatArray) -> int:
 
 
 def _figures(place: int, kind: int, name: str, label: str, parameters: str) -> tuple[FieldMetric, ...]:
-    def of(statistic: Callable[[FloatArray], float]) -> Callable[[FieldPair], BeforeAfter]:
-        def compute(pair: FieldPair) -> BeforeAfter:
-            before, after = (statistic(volumes(hands, pair.pitch)[:, kind]) for hands in pair.both)
-            return before, after
-
-        return compute
+    of = partial(of_frames, lambda pair, hands: volumes(hands, pair.pitch)[:, kind])
 
     def stated(pair: FieldPair) -> str:
         surface = "cones" if pair.recorded.skin is None else "open wrist closed with a fan"

@@ -5,11 +5,10 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_matrix, rotation_vector
-from hhsim.metrics.free_run import ON_TABLE, PALM, FreeRun
 from hhsim.metrics.metrics import tracking_energy
 from hhsim.metrics.run.input_hand import HAPTIC
 from hhsim.metrics.run_metric import Judged, RunMetric
-from hhsim.metrics.run_ticks import RunTicks
+from hhsim.metrics.run_ticks import ON_TABLE, PALM, FreeRun, RunTicks
 
 GRAPHIC = tuple(name.replace("haptic", "graphic") for name in HAPTIC)
 TOTAL = "force/total"

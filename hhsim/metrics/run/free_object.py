@@ -6,9 +6,8 @@ from functools import partial
 import numpy as np
 
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
-from hhsim.metrics.free_run import FreeRun
 from hhsim.metrics.run_metric import Judged, RunMetric, placed
-from hhsim.metrics.run_ticks import RunTicks
+from hhsim.metrics.run_ticks import FreeRun, RunTicks
 
 ROUNDING = 1e-9
 """Relative tolerance of the friction cone."""

@@ -1,5 +1,7 @@
 """Ticks that did not reach the user's hand."""
 
+from typing import Any
+
 import numpy as np
 
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_NO_PLACE, STATUS_STUCK
@@ -14,29 +16,17 @@ def is_mostly_stuck(stuck: float, ticks: int) -> bool:
     return stuck > MOST_STUCK * ticks
 
 
+def _flagged(name: str, label: str, flag: int, **more: Any) -> RunMetric:
+    """Figure of the number of ticks whose status has a flag."""
+    compute = lambda run: float(np.count_nonzero(run["status"] & flag))  # noqa: E731
+    return RunMetric(name, label, needs=("status",), compute=compute, **more)
+
+
 METRICS = placed(
     70,
-    RunMetric(
-        *("stuck_ticks", "stuck ticks"),
-        short="stuck",
-        needs=("status",),
-        compute=lambda run: float(np.count_nonzero(run["status"] & STATUS_STUCK)),
-        judged=Judged(limit=0.0),
-    ),
-    RunMetric(
-        *("lag_ticks", "ticks with lag"),
-        short="lag",
-        needs=("status",),
-        compute=lambda run: float(np.count_nonzero(run["status"] & STATUS_LAG)),
-        judged=Judged(limit=0.0),
-    ),
-    RunMetric(
-        *("no_place_ticks", "ticks without a place"),
-        short="no place",
-        unless_zero=True,
-        needs=("status",),
-        compute=lambda run: float(np.count_nonzero(run["status"] & STATUS_NO_PLACE)),
-    ),
+    _flagged("stuck_ticks", "stuck ticks", STATUS_STUCK, short="stuck", judged=Judged(limit=0.0)),
+    _flagged("lag_ticks", "ticks with lag", STATUS_LAG, short="lag", judged=Judged(limit=0.0)),
+    _flagged("no_place_ticks", "ticks without a place", STATUS_NO_PLACE, short="no place", unless_zero=True),
     RunMetric(
         *("lag_max", "lag, max", 2, "mm"),
         unless_zero=True,

@@ -26,9 +26,8 @@ from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.bvh_parser import POSITIONS, ROTATIONS, Bvh, Joint, read_bvh
 from hhsim.recordings.correction import Correction, joint_changes
 from hhsim.recordings.frames import euler_angles
-from hhsim.recordings.hand_side import SIDES, chosen_side
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.recording import Finding, Recording
+from hhsim.recordings.recording import SIDES, Finding, Recording, chosen_side
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 WORDS = ("thumb", "index pointer", "middle mid", "ring", "pinky pinkie little small")
@@ -184,7 +183,9 @@ def _chains(joints: tuple[Joint, ...], side: str) -> dict[str, _Chain]:
         ]
         if finger != "thumb":
             members = [index for index in members if METACARPAL.search(joints[index].name) is None]
-        chain = _longest_line(joints, members)
+        # The longest line of joints from the palm outwards, each the child of the one before.
+        lines = ([*takewhile(set(members).__contains__, _ancestors(joints, last))][::-1] for last in members)
+        chain = max(lines, key=len, default=[])
         if finger != "thumb" and len(chain) >= 4 and re.search(r"0\D*$", joints[chain[0]].name):
             # The joint numbered 0 is a metacarpal.
             chain = chain[1:]
@@ -207,12 +208,6 @@ def _ancestors(joints: tuple[Joint, ...], index: int) -> Iterator[int]:
 def _side(joints: tuple[Joint, ...], index: int) -> HandSide:
     """Return the side of a joint, or of its nearest ancestor that names one."""
     return next((side for k in _ancestors(joints, index) if (side := side_of(joints[k].name))), "")
-
-
-def _longest_line(joints: tuple[Joint, ...], members: list[int]) -> list[int]:
-    """Return the longest line of joints from the palm outwards, each the child of the one before."""
-    lines = ([*takewhile(set(members).__contains__, _ancestors(joints, last))][::-1] for last in members)
-    return max(lines, key=len, default=[])
 
 
 def _wrist(joints: tuple[Joint, ...], chains: dict[str, _Chain]) -> int:

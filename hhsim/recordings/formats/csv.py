@@ -6,9 +6,8 @@ from msgspec import structs
 from hhsim.errors import InputError
 from hhsim.motion.csv_file import COLUMNS, CSV_SUFFIX, FLAGS, OBJECT_COLUMNS, PHASE, SAMPLES, csv_fields, format_csv
 from hhsim.motion.csv_table import Table, read_table
-from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.text_edit import NewColumn, cell_edits
-from hhsim.motion.trajectory import Trajectory
+from hhsim.motion.trajectory import ObjectMotion, Trajectory
 from hhsim.recordings.column_map import ColumnMap, map_edits, mapped
 from hhsim.recordings.correction import ANGLE_DIGITS, Correction, angle_unit, changes
 from hhsim.recordings.frames import FileFrame, to_our_frames, world_matrix

@@ -27,12 +27,11 @@ from hhsim.motion.trajectory import HandSide, RawChannel
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes, Correction, joint_changes
 from hhsim.recordings.finger_ik import palm_rotation
 from hhsim.recordings.frames import FileFrame, to_our_world, world_matrix
-from hhsim.recordings.hand_side import SIDES, frames_with_hand
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import fitted_posture
 from hhsim.recordings.json_document import PlacedJson, keys_of, number, objects, read_json, vector
 from hhsim.recordings.recorded_bones import misplaced_joints, recorded_bones
-from hhsim.recordings.recording import Recording, note, unused
+from hhsim.recordings.recording import SIDES, Recording, frames_with_hand, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 MILLIMETRE = 1e-3

@@ -18,12 +18,11 @@ from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import mapped
 from hhsim.recordings.correction import Correction, joint_changes
 from hhsim.recordings.formats.csv import with_columns
-from hhsim.recordings.hand_side import chosen_side
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.json_document import number
 from hhsim.recordings.object_poses import is_objects, poses_in
-from hhsim.recordings.recording import Finding, Recording, note, unused
+from hhsim.recordings.recording import Finding, Recording, chosen_side, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 MAGIC = b"PAR1"

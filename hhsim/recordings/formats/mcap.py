@@ -18,10 +18,9 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import Correction, joint_changes
-from hhsim.recordings.hand_side import chosen_side
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.recording import MOST_SAMPLES, Finding, Recording, note, unused
+from hhsim.recordings.recording import MOST_SAMPLES, Finding, Recording, chosen_side, note, unused
 from hhsim.recordings.registry import MOST_BYTES, Content, ReadOptions, RecordingFormat
 from hhsim.system.counted import counted
 

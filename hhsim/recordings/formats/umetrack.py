@@ -18,7 +18,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, named
 from hhsim.hand.quaternion import quaternion, rotation_matrix
-from hhsim.motion.object_motion import ObjectMotion
+from hhsim.motion.trajectory import ObjectMotion
 from hhsim.recordings.correction import Changes, Correction, joint_changes, nearest_parameters
 from hhsim.recordings.frames import posed_tree, to_our_world
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints

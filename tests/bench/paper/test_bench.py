@@ -21,7 +21,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.analytic_motion import still
-from hhsim.replay import tremor_hold
+from hhsim.replay import summary
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -167,12 +167,12 @@ def test_a_glove_s_samples_are_held_and_flicker_by_a_count(monkeypatch: pytest.M
     given: list[HandConfiguration] = []
 
     spy = Mock(run=lambda *posed: given.append(HandConfiguration(*posed)))
-    monkeypatch.setattr(tremor_hold, "HandSolver", lambda *_: spy)
+    monkeypatch.setattr(summary, "HandSolver", lambda *_: spy)
     flexion = np.random.default_rng(3).uniform(0.0, 1.0, (5, 3))
     held = still(np.zeros(3), flexion=flexion, ticks=500)
     tree = cached_sphere_tree(load_object("cube").mesh, TreeOptions(level=1)).arrays()
     for noise, rate in NOISES.values():
-        tremor_hold.trembling_hold(HAND, tree, SolverOptions(), held, held, 1000.0, 0, noise, rate)
+        summary.trembling_hold(HAND, tree, SolverOptions(), held, held, 1000.0, 0, noise, rate)
     glove, trembling = given
     count = 2.0 * np.pi / COUNTS
     for poses in given:
@@ -190,7 +190,7 @@ def test_the_command_writes_tables_and_pictures_and_says_what_it_missed(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("hhsim.render.paper_figures.TILE", 60)
-    monkeypatch.setattr("hhsim.render.viewpoint.AZIMUTHS", (0, 90))
+    monkeypatch.setattr("hhsim.render.hand_picture.AZIMUTHS", (0, 90))
     # The second run prints what the first one measured.
     monkeypatch.setattr("hhsim.bench.paper.bench.measure", cache(measure))
     scene = ("--quick", "--object", "hexagonal-prism", "--method", "coupled")

@@ -11,7 +11,7 @@ from hhsim.kernels.live import interlock as bits
 from hhsim.kernels.live.interlock import judge
 from hhsim.live.ipc.config import SafetyLimits
 from hhsim.live.ipc.status import ARMED, HELD_BACK
-from hhsim.live.loop.records import interlock_record
+from hhsim.live.loop.loop import interlock_record
 from hhsim.live.loop.story import LOGGED, QUIET_NS, SafetyLog
 from hhsim.result.safety import Safety
 

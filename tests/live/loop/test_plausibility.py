@@ -11,7 +11,7 @@ from hhsim.arrays import FloatArray
 from hhsim.kernels.live.notes import CAPACITY, NOTES
 from hhsim.kernels.live.plausibility import BURST, CONFIRM, JOINT_SPEED, PAUSE, STUCK_TIME, TRUST, use_sample
 from hhsim.live.device import GLOVE_SAMPLE, Capability, GloveInfo
-from hhsim.live.loop.records import watch_record
+from hhsim.live.loop.loop import watch_record
 from hhsim.live.loop.story import doubts, found_in_sample
 from hhsim.solver.workspace import zeroed
 

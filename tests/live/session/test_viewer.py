@@ -26,7 +26,7 @@ from hhsim.live.ipc.status import Stage
 from hhsim.live.session.viewer import LiveViewer
 from hhsim.live.session.writer import SessionWriter
 from hhsim.live.shared_memory import RingReader
-from hhsim.render.hand_meshes import piece_poses
+from hhsim.render.triangle_soup import piece_poses
 from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety
 from hhsim.result.schema import WARNING

@@ -17,7 +17,7 @@ from hhsim.metrics.field.registry import field_metrics
 from hhsim.table.table import UNITS
 
 ONE_MORE = """
-from hhsim.metrics.field.field_metric import FieldMetric, of_each
+from hhsim.metrics.field.hands import FieldMetric, of_each
 
 METRICS = (FieldMetric("frame_count", "frames", place=1, compute=of_each(lambda hands: float(len(hands.time)))),)
 """

@@ -12,7 +12,7 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.metrics.field.field_verdict import MISSED
 from hhsim.metrics.field.score import FieldScore, field_score
-from hhsim.motion.object_motion import ObjectMotion
+from hhsim.motion.trajectory import ObjectMotion
 from hhsim.recordings.frames import world_matrix
 from hhsim.recordings.registry import ReadOptions
 

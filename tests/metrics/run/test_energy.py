@@ -12,11 +12,10 @@ from sampled import sampled
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_LAG
-from hhsim.metrics.free_run import FreeRun
 from hhsim.metrics.run.energy import energy_gains
 from hhsim.metrics.run.registry import run_figure
-from hhsim.metrics.run_ticks import RunTicks, result_ticks
-from hhsim.motion.object_motion import ObjectMotion
+from hhsim.metrics.run_ticks import FreeRun, RunTicks, result_ticks
+from hhsim.motion.trajectory import ObjectMotion
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import load_result
 from hhsim.solver.options import SolverOptions, Stiffness
