@@ -38,7 +38,7 @@ def _hands(movers: Any, states: States) -> Any:
     return (movers[0], movers[last]), (states[0:1], states[last : last + 1])
 
 
-@jit_once
+@jit_noinline
 def keep_meetings(movers: Any, states: States) -> None:
     """Begin a program with the rows that bore a force in the one before."""
     pairs = states[0].meeting
@@ -50,38 +50,54 @@ def keep_meetings(movers: Any, states: States) -> None:
 
 
 @jit
-def _most_motion(states: States, h: int) -> float:
-    # Bound of the motion of any point of a hand in the step at hand [m].
-    delta, spread, reach = states[h].step.delta, states[h].problem.abduction_step, states[0].meeting.reach[h]
-    bent = 0.0
-    for f in range(FINGER_COUNT):
-        turn = abs(spread[f])
-        for k in range(PHALANX_COUNT):
-            turn += abs(delta[6 + PHALANX_COUNT * f + k])
-        bent = max(bent, turn)
-    turned = math.sqrt(delta[3] ** 2 + delta[4] ** 2 + delta[5] ** 2)
-    return math.sqrt(delta[0] ** 2 + delta[1] ** 2 + delta[2] ** 2) + reach * (turned + bent)
+def _most_motion(states: States) -> float:
+    # Bound of how much nearer any points of the hands come to each other in the step at hand [m].
+    total = 0.0
+    for h in range(2):
+        delta, spread, reach = states[h].step.delta, states[h].problem.abduction_step, states[0].meeting.reach[h]
+        bent = 0.0
+        for f in range(FINGER_COUNT):
+            turn = abs(spread[f])
+            for k in range(PHALANX_COUNT):
+                turn += abs(delta[6 + PHALANX_COUNT * f + k])
+            bent = max(bent, turn)
+        turned = math.sqrt(delta[3] ** 2 + delta[4] ** 2 + delta[5] ** 2)
+        total += math.sqrt(delta[0] ** 2 + delta[1] ** 2 + delta[2] ** 2) + reach * (turned + bent)
+    return total
 
 
 @jit
-def add_meetings(movers: Any, options: TickOptions, states: States) -> bool:
-    """Add rows of pairs that the step at hand would bring together; return whether one is new."""
-    state = states[0]
+def may_meet(offset: float, states: States) -> bool:
+    """Return whether the step at hand might bring the hands nearer to each other than the clearance [m]."""
     _spread_fingers(states)
-    state.may_meet = state.apart <= options.offset + _most_motion(states, as_int64(0)) + _most_motion(
-        states, as_int64(1)
-    )
-    return as_bool(state.may_meet == 1 and _add_broken(movers, options, states))
+    states[0].may_meet = states[0].apart <= offset + _most_motion(states)
+    return as_bool(states[0].may_meet == 1)
 
 
 @jit_noinline
-def _add_broken(movers: Any, options: TickOptions, states: States) -> bool:
+def add_meetings(movers: Any, options: TickOptions, states: States) -> bool:
+    """Add rows of pairs that the step at hand would bring together; return whether one is new."""
     pairs = states[0].meeting
     hands, two = _hands(movers, states)
     bound_motions(hands, two, pairs)
     look_at_pairs(hands, two, SEEN, options.margin, options.offset, pairs)
     states[0].apart = min(pairs.least, SEEN)
     return as_bool(add_broken_pairs(hands, two, options.offset, pairs))
+
+
+@jit
+def stay_apart(fraction: float, states: States) -> bool:
+    """Return whether the hands are known to be out of each other after a share of a step."""
+    states[0].apart -= fraction * _most_motion(states)
+    return as_bool(states[0].apart > 0.0)
+
+
+@jit_noinline
+def measure_hands(movers: Any, states: States) -> float:
+    """Compute the distance of the hands [m], negative if they are in each other, up to `SEEN`."""
+    hands, two = _hands(movers, states)
+    states[0].apart = min(hands_nearest(hands, two, SEEN, states[0].meeting), SEEN)
+    return float(states[0].apart)
 
 
 @jit
@@ -95,26 +111,10 @@ def _spread_fingers(states: States) -> None:
 
 @jit
 def share_of_meetings(states: States) -> float:
-    """Return the share of the step that the pairs vouch for, after `add_meetings`; 1 with one hand."""
+    """Return the share of the step that the pairs vouch for, after `may_meet`; 1 with one hand."""
     if hand_count(states[0].free_problem) < 2 or states[0].may_meet == 0:
         return 1.0
     return float(clear_share(min(states[0].trust.radius, states[1].trust.radius), states[0].meeting))
-
-
-@jit_once
-def hands_distance(movers: Any, fraction: float, states: States) -> float:
-    """Compute a bound of the distance of two hands [m] after a share of a step, negative if they are in each other."""
-    state = states[0]
-    state.apart -= fraction * (_most_motion(states, as_int64(0)) + _most_motion(states, as_int64(1)))
-    if not state.apart > 0.0:
-        state.apart = _seen_apart(movers, states)
-    return float(state.apart)
-
-
-@jit_noinline
-def _seen_apart(movers: Any, states: States) -> float:
-    hands, two = _hands(movers, states)
-    return min(hands_nearest(hands, two, SEEN, states[0].meeting), SEEN)
 
 
 @jit

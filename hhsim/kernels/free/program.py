@@ -22,7 +22,7 @@ from hhsim.kernels.free.meeting import MEETING_KIND, spread_blocks
 from hhsim.kernels.free.rows import STANDS_BACK, TABLE_KEYS, contact_rows, friction_rows, measure_slip
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
-from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_once
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, RESUMES, QpWork, solve
 from hhsim.kernels.qp.row_scan import WideRows
 from hhsim.kernels.rotation import turned
@@ -163,7 +163,7 @@ def take_steps(states: States, bodies: Record, fraction: float, problem: Record)
 
 
 @jit
-def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, multiplier_out: Array, qp: QpWork) -> None:
+def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, meeting: Record, qp: QpWork) -> None:
     # The solution: the step, the loaded rows, and what each contact with friction bears and slips.
     delta, weight = problem.delta, problem.inverse_root
     for h in range(hand_count(problem)):
@@ -181,8 +181,8 @@ def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, mul
             delta[column], delta[column + 1], delta[column + 2] = made * axis[0], made * axis[1], made * axis[2]
     for i in range(friction.count):
         friction.plain[i] = friction.cone[i] = 0.0
-    for i in range(multiplier_out.shape[0]):
-        multiplier_out[i] = 0.0
+    for i in range(meeting.count):
+        meeting.multiplier[i] = 0.0
     loaded.count = qp.counts[0]
     for j in range(loaded.count):
         row = qp.active[j]
@@ -191,7 +191,7 @@ def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, mul
         loaded.key[j] = problem.key[row]
         loaded.multiplier[j] = multiplier
         if problem.kind[row] == MEETING_KIND:
-            multiplier_out[row - problem.meeting_row] = multiplier
+            meeting.multiplier[row - problem.meeting_row] = multiplier
         owner = problem.owner[row]
         if owner >= 0:
             kind = problem.kind[row]
@@ -309,7 +309,7 @@ def _solve_once(options: TickOptions, rows: WideRows, guessed: int, state: Recor
     state.step.iterations += qp.counts[1]
     if status == OPTIMAL:
         problem.solutions += 1
-        _read(state.bodies, problem, state.friction, loaded, state.meeting.multiplier[:], qp)
+        _read(state.bodies, problem, state.friction, loaded, state.meeting, qp)
     return status
 
 

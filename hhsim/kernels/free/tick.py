@@ -47,7 +47,15 @@ from hhsim.kernels.free.columns import (
 )
 from hhsim.kernels.free.edges import Edges, measure_edges, record_edges
 from hhsim.kernels.free.joints import begin_joints, has_joint_rows, joints_hold
-from hhsim.kernels.free.meeting import add_meetings, bear_meetings, hands_distance, keep_meetings, share_of_meetings
+from hhsim.kernels.free.meeting import (
+    add_meetings,
+    bear_meetings,
+    keep_meetings,
+    may_meet,
+    measure_hands,
+    share_of_meetings,
+    stay_apart,
+)
 from hhsim.kernels.free.program import begin_search, clip_shifts, scale_target, solve_free, take_steps, take_targets
 from hhsim.kernels.free.record import copy_borne, find_borne, turn_loads
 from hhsim.kernels.free.rows import PAIR_KEYS, begin_frictions, find_frictions, touches
@@ -291,7 +299,7 @@ def _prepare(method: Free, state: Record) -> int:
     # A contact floats by what Γ was short of its slip, and goes on rubbing.
     close = CLOSE * options.offset + FLOATS * state.borne.residual
     find_frictions(bodies, contacts, problem, close, friction)
-    if hand_count(problem) > 1:
+    if hand_count(problem) > 1 and state.meeting.count > 0:
         keep_meetings(method.movers, method.states)
     joints = as_int64(0)
     for k in range(thing_count(problem)):
@@ -317,22 +325,27 @@ def _prepare(method: Free, state: Record) -> int:
 
 @jit
 def _solve(method: Free, count: int, clipped: bool, state: Record, qp: QpWork) -> int:
-    problem, status = state.free_problem, as_int64(OPTIMAL)
-    for _ in range(ROUNDS):
-        if count == 0 and (hand_count(problem) < 2 or state.meeting.count == 0):
-            take_targets(problem)
-            state.loaded.count = 0
-            problem.gamma_error = 0.0
-            take_steps(method.states, state.bodies, 1.0, problem)
-        else:
+    status = _solve_program(method, count, clipped, state, qp)
+    if hand_count(state.free_problem) > 1:
+        for _ in range(ROUNDS):
+            if status != OPTIMAL or not may_meet(method.options.offset, method.states):
+                break
+            if not add_meetings(method.movers, method.options, method.states):
+                break
             status = _solve_rows(method, clipped, state, qp)
-        if (
-            hand_count(problem) < 2
-            or status != OPTIMAL
-            or not add_meetings(method.movers, method.options, method.states)
-        ):
-            break
     return status
+
+
+@jit
+def _solve_program(method: Free, count: int, clipped: bool, state: Record, qp: QpWork) -> int:
+    problem = state.free_problem
+    if count == 0 and (hand_count(problem) < 2 or state.meeting.count == 0):
+        take_targets(problem)
+        state.loaded.count = 0
+        problem.gamma_error = 0.0
+        take_steps(method.states, state.bodies, 1.0, problem)
+        return OPTIMAL
+    return _solve_rows(method, clipped, state, qp)
 
 
 @jit
@@ -538,8 +551,8 @@ def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, s
     fits = _measure(method, state)
     for p in range(pairs):
         least = min(least, least_distance(states[p]))
-    if hand_count(problem) > 1:
-        least = min(least, hands_distance(method.movers, fraction, states))
+    if hand_count(problem) > 1 and not stay_apart(fraction, states):
+        least = min(least, measure_hands(method.movers, states))
     table, thing, lowest = _table(method, state)
     if table < 0.0:
         keep_entry(thing, lowest, state.friction)
