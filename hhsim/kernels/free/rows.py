@@ -358,6 +358,8 @@ def friction_rows(
 ) -> None:
     """Write the rows of friction and of the table, and the groups of all rows."""
     pairs, hands = pair_count(problem), hand_count(problem)
+    # Hands that meet may bend any finger to its limit.
+    meets = as_bool(hands > 1 and states[0].meeting.count > 0)
     problem.groups = 0
     for p in range(pairs):
         first, limits, fingers = problem.first[p], problem.last[p], first_finger(problem, problem.hand[p])
@@ -368,7 +370,7 @@ def friction_rows(
         for f in range(FINGER_COUNT):
             _add_group(problem, first + begin[f + 1], first + begin[f + 2], fingers + PHALANX_COUNT * f)
         for f in range(FINGER_COUNT):
-            if p < hands and touches(states, problem, p, f):
+            if p < hands and (meets or touches(states, problem, p, f)):
                 start = limits + 2 * PHALANX_COUNT * f
                 _add_group(problem, start, start + 2 * PHALANX_COUNT, fingers + PHALANX_COUNT * f)
     row = problem.last[pairs - 1] + (LIMIT_ROWS if pairs == hands else 0)
