@@ -167,14 +167,17 @@ def test_scenes_that_do_not_belong_together_are_refused(scenes: list[Scene], tmp
     assert not list(tmp_path.iterdir())
 
 
-@pytest.fixture(scope="module")
-def meeting(tmp_path_factory: pytest.TempPathFactory) -> TwoHandedReplay:
+@pytest.fixture(scope="module", params=["fixed", "free"])
+def meeting(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> TwoHandedReplay:
     """Both hands at the cylinder, the left one's motion shifted into the right hand."""
     right, left = scenes_of(script=replace(SCRIPT, name="short"))
     way = 0.4 * (right.ticks.position.mean(axis=0) - left.ticks.position.mean(axis=0))
     given = replace(left.ticks, position=left.ticks.position + way)
+    table = float(right.mesh.bounds[0, 2]) - CLEARANCE
+    free = FreeObject.of_mesh(right.mesh, mass=0.5, table=table) if request.param == "free" else None
     path = tmp_path_factory.mktemp("meeting") / "both.h5"
-    return replay_two_hands([right, replace(left, ticks=given)], SolverOptions(), path)
+    scenes = [replace(right, free=free), replace(left, ticks=given, free=free)]
+    return replay_two_hands(scenes, SolverOptions(), path)
 
 
 def test_haptic_hands_that_enter_each_other_are_shown_apart(meeting: TwoHandedReplay) -> None:
