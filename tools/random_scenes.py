@@ -464,19 +464,23 @@ def moving_parts(rng: np.random.Generator, ticks: int) -> Recorded:
     users = [Hand(hand, rng, middle + [0.1 * side, 0.0, 0.0], 0.2) for hand, side in zip(models, (1.0, -1.0))]
     solvers = [HandSolver(hand, parts.surface("mesh"), OPTIONS) for hand in models]
     records: list[list[TickRecord]] = [[] for _ in models]
+    both = SideBySideSolver(solvers, ThreadPoolExecutor(2)) if len(models) > 1 else None
     done = 0
     while done < ticks:
         near = path[done, int(rng.integers(len(solids))), :3] if rng.random() < 0.5 else path[done, 1:, :3].mean(axis=0)
         size = (
             min(users[0].hold, ticks - release_of(ticks) - done) if done < ticks - release_of(ticks) else ticks - done
         )
-        for user, solver, kept in zip(users, solvers, records):
+        blocks = []
+        for user in users:
             if done < ticks - release_of(ticks):
-                block = user.take(size, near + rng.normal(0.0, 0.02, 3))
+                blocks.append(user.take(size, near + rng.normal(0.0, 0.02, 3)))
             else:
                 up = rotation_matrix(path[:1, 0, 3:])[0][:, 2]
-                block = user.leave(up, size)
-            kept.append(solver.run(*block))
+                blocks.append(user.leave(up, size))
+        found = both.run(*blocks) if both else (solvers[0].run(*blocks[0]),)
+        for record, kept in zip(found, records):
+            kept.append(record)
         done += size
     bodies = tuple(
         Motion(solid, np.ascontiguousarray(path[:, p, 3:]), np.ascontiguousarray(path[:, p, :3]))
@@ -489,6 +493,7 @@ def moving_parts(rng: np.random.Generator, ticks: int) -> Recorded:
         np.stack([np.concatenate([one.status for one in kept]) for kept in records]),
         programs_of(records[0]),
         bodies,
+        hands_apart=both is not None,
         released=release_of(ticks) == RELEASE,
     )
 

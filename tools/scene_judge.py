@@ -204,7 +204,8 @@ def judge(scene: Recorded, every: int = EVERY) -> Verdict:
         nearest = meetings_of_two(owns, posed, TOUCH).nearest(len(look)).min(axis=1)
         if scene.hands_apart:
             touching |= nearest < TOUCH
-            found.depth("hand in hand", np.maximum(0.0, -nearest), look)
+            # What leaves a hand no place may push it into the other one.
+            found.depth("hand in hand", np.where(squeezed.any(axis=0), 0.0, np.maximum(0.0, -nearest)), look)
         else:
             found.crossed = float(np.maximum(0.0, -nearest).max(initial=0.0))
     found.touching = int(touching.sum())

@@ -187,12 +187,15 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     parts, free = result_parts(result), FreeObject.from_json(result.scene["free"]) if result.free else None
     others = [] if parts is None else stored_others(result, parts)
     jointed = parts is not None and not others
-    surface = parts.surface(result.surface) if parts is not None and jointed else stored_surface(result)
+    # Each hand has the parts for itself: what is near it is kept with them.
+    surface, theirs = (
+        parts.surface(result.surface) if parts is not None and jointed else stored_surface(result) for _ in range(2)
+    )
     other = _other_hand(result)
     alone = free if other is None else None
     warm_up(hand, options, alone, jointed=jointed, others=len(others))
     solver = HandSolver(hand, surface, options, alone, others)
-    both = None if other is None else _of_both(result, solver, other, surface, options, free, others)
+    both = None if other is None else _of_both(result, solver, other, theirs, options, free, others)
     columns = TickColumns(surface.arrays, hand, options, parts)
     total, notes = _runnable(result)
     moving = [] if free is None else list(COMPARED_IF_FREE)

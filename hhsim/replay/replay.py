@@ -243,8 +243,8 @@ def replay_two_hands(
     _check(scenes)
     path = Path(output_path)
     check_result_path(path)
-    free, jointed = scenes[0].free, scenes[0].parts is not None
-    keeps_apart = free is not None or keeps_hands_apart(options, jointed=jointed)
+    free = scenes[0].free
+    keeps_apart = free is not None or keeps_hands_apart(options)
     described = {TWO_HANDED: True, HANDS_APART: keeps_apart}
     runs = [Replay(scene, options, described, alone=free is None) for scene in scenes]
     parts = [free_name(path.with_name(f"{path.stem}.{side}.partial{path.suffix}")) for side in SIDES]

@@ -34,7 +34,11 @@ class JointedEngine(LinearisingEngine):
         self.qp = np.empty(1, new_work(SQUEEZED_DOF, ROW_CAPACITY).dtype)
         self.squeeze = zeroed(SQUEEZE)
 
+    @property
+    def tick_method(self) -> Jointed:
+        """Method of a whole tick, in which the parts move."""
+        return Jointed(self.method, self.squeeze, self.qp.view(np.recarray))
+
     def run(self, haptic: HapticBlock, record: TickRecord) -> int:
         """See `Engine.run`."""
-        method = Jointed(self.method, self.squeeze, self.qp.view(np.recarray))
-        return self.workspace.run_block(method, haptic, record)
+        return self.workspace.run_block(self.tick_method, haptic, record)

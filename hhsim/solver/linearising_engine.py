@@ -1,5 +1,7 @@
 """Engine of the methods that converge over linearisations."""
 
+from typing import Any
+
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.method import Coupled, Progressive
 from hhsim.solver.options import UNLIMITED
@@ -12,6 +14,11 @@ class LinearisingEngine:
     def __init__(self, workspace: TickWorkspace, method: Coupled | Progressive) -> None:
         self.workspace = workspace
         self.method = method
+
+    @property
+    def tick_method(self) -> Any:
+        """Method of a whole tick."""
+        return self.method
 
     def begin(self) -> None:
         """See `Engine.begin`."""

@@ -20,6 +20,7 @@ from hhsim.scene.free_object import FreeObject
 from hhsim.solver.free_engine import FreeEngine, Thing
 from hhsim.solver.free_place import clearance, shift_until
 from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver
+from hhsim.solver.jointed_engine import JointedEngine
 from hhsim.solver.linearising_engine import LinearisingEngine
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record, zeroed
@@ -32,24 +33,25 @@ LISTS = "candidates"
 """What of a tick's state is gathered anew from the rest: its lists of near pairs, most of its memory."""
 
 
-def keeps_hands_apart(options: SolverOptions, *, jointed: bool = False) -> bool:
+def keeps_hands_apart(options: SolverOptions) -> bool:
     """Return whether two hands of these options, on an object that is not free, keep out of each other."""
-    return options.method in ("coupled", "progressive") and options.qp == "active-set" and not jointed
+    return options.method in ("coupled", "progressive") and options.qp == "active-set"
 
 
 class SideBySideSolver:
     """Keeps two hands between ticks, on an object that stands still or moves as recorded.
 
-    Where they cannot meet each hand's ticks are those that it has alone, on a thread of its own. Where they can, the
-    ticks are made one by one, and those in which they might have met by one program of both. Methods that promise no
-    distance to the object, other QP solvers and things of several parts have the former alone. `hands` are the right
-    and the left hand's solvers, of one surface and the same options; `threads` is where their ticks run.
+    Where they cannot meet each hand's ticks are those that it has alone, on a thread of its own. Where they can, and
+    beside parts that move, the ticks are made one by one, and those in which they might have met by one program of
+    both. Methods that promise no distance to the object and other QP solvers have the former alone. `hands` are the
+    right and the left hand's solvers, of one surface and the same options; `threads` is where their ticks run.
     """
 
     def __init__(self, hands: Sequence[HandSolver], threads: ThreadPoolExecutor) -> None:
         self.hands, self._threads = tuple(hands), threads
         first = hands[0]
-        self.keeps_apart = keeps_hands_apart(first.options, jointed=type(first.engine) is not LinearisingEngine)
+        self.keeps_apart = keeps_hands_apart(first.options)
+        self._parts_move = isinstance(first.engine, JointedEngine)
         self._started = not self.keeps_apart
         if self.keeps_apart:
             self._spaces = tuple(hand.workspace for hand in hands)
@@ -71,7 +73,7 @@ class SideBySideSolver:
         return records
 
     def _run(self, blocks: Pair[HapticBlock], haptic: Sequence[HandConfiguration]) -> Pair[TickRecord]:
-        if not (self.keeps_apart and self._both[0].is_near):
+        if not (self.keeps_apart and (self._parts_move or self._both[0].is_near)):
             kept = [_kept(space) for space in self._spaces] if self.keeps_apart else []
             right, left = self._threads.map(lambda hand, given: hand.run(*given), self.hands, haptic)
             if not self.keeps_apart or not self._have_met(kept, (right, left)):
@@ -97,10 +99,12 @@ class SideBySideSolver:
         return bool(find_meeting(self._arrays, offset, records, self._states, self._both[0]) < count)
 
     def _run_together(self, methods: Sequence[Any], haptic: Pair[HapticBlock], records: Pair[TickRecord]) -> None:
-        first = self._spaces[0]
-        qps = tuple(space.qp for space in self._spaces)
-        given = tuple(methods), self._arrays, first.surface, self._states, qps, haptic, records
-        done = run_hands_apart(*given, self._both, self._qp)
+        first, engines = self._spaces[0], [_engine(hand) for hand in self.hands]
+        # A patient method is that of an approach, beside parts that stand still.
+        own = [engine.tick_method if engine.method is method else method for engine, method in zip(engines, methods)]
+        surfaces, qps = tuple(space.surface for space in self._spaces), tuple(space.qp for space in self._spaces)
+        given = tuple(own), tuple(methods), self._arrays, surfaces, self._states, qps, haptic, records
+        done = run_hands_apart(*given, self._both, self._qp, self._parts_move and own[0] is not methods[0])
         if done and (records[0].status[done - 1] | records[1].status[done - 1]) & STATUS_CAPACITY_EXCEEDED:
             raise first.full()
 

@@ -5,7 +5,7 @@ import numpy as np
 from hhsim.result.schema import HANDS_APART
 from hhsim.verify.claim import NOT_JUDGED, Claim, as_number, judged
 from hhsim.verify.own_parts import meetings, parts_that_may_meet
-from hhsim.verify.tick_data import LENGTH, NO_OTHER, WHY_LENGTH, JudgedTicks
+from hhsim.verify.tick_data import LENGTH, NO_OTHER, NO_PLACE, WHY_LENGTH, JudgedTicks
 
 
 def self_contact_claims(judge: JudgedTicks) -> list[Claim]:
@@ -38,4 +38,6 @@ def hands_apart_claims(judge: JudgedTicks) -> list[Claim]:
     nearest = judge.of_other_hand(judge.numbers, 0.0).nearest(len(judge.numbers)).min(axis=1)
     known = np.isfinite(judge.shown_posed.joints).all(axis=(1, 2, 3))
     depth = np.where(known, np.maximum(0.0, -nearest), np.inf)
+    # Moving parts that leave a hand no place may push it into the other one.
+    depth[(judge.status | np.asarray(judge.other["status"])) & NO_PLACE != 0] = 0.0
     return [judged(name, says, depth, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)]

@@ -311,6 +311,28 @@ def test_two_hands_at_a_lid_are_mirror_images_each_at_its_side(name: str) -> Non
         assert abs(alone.ticks.position[:, 0]).max() < 1e-12
 
 
+def test_hands_that_meet_beside_parts_are_shown_apart(tmp_path: Path) -> None:
+    motions, ticks = two_handed_motions("close"), slice(1800)
+    right, left = (
+        open_scene("laptop", motion, solid=False, level=2, hand=hand) for motion, hand in zip(motions, HANDS)
+    )
+    way = 0.8 * (right.ticks.position.mean(axis=0) - left.ticks.position.mean(axis=0))
+    moved = replace(left, ticks=replace(left.ticks, position=left.ticks.position + way))
+    scenes = [
+        replace(one, ticks=one.ticks.first(ticks.stop), parts=one.parts.at(ticks))
+        for one in (right, moved)
+        if one.parts is not None
+    ]
+    done = replay_two_hands(scenes, SolverOptions(surface="mesh"), tmp_path / "both.h5")
+    assert done.haptic_distance < -5e-3 and done.graphic_distance >= 0.0 and done.keeps_apart
+    results = [load_result(path) for path in hand_paths(done.path)]
+    assert all(result.summary["penetration_max"] == 0.0 for result in results)
+    found = verify(results[0], every=100)
+    assert found.passed, [(claim.name, claim.worst, claim.tick) for claim in found.claims if claim.failed]
+    assert "hands apart" in {claim.name for claim in found.claims if claim.verdict == "holds"}
+    assert run_again(results[1]).identical
+
+
 @pytest.mark.soak
 def test_the_referee_finds_the_left_hand_s_place_beside_the_right_one_at_a_thing_of_parts(tmp_path: Path) -> None:
     thing, motions = load_thing("scissors"), two_handed_motions("pinch")

@@ -55,6 +55,7 @@ from hhsim.kernels.tick.state import (
     STATUS_CAPACITY_EXCEEDED,
     STATUS_INPUT_INVALID,
     STATUS_LAG,
+    STATUS_NO_PLACE,
     WORK_ROWS,
     WORK_TOUCHING,
     WORK_UNITS,
@@ -93,6 +94,7 @@ BOTH_HANDS = np.dtype(
         ("base", np.int64, (3,)),  # first row of each hand, and of their pairs
         ("guess", np.int64, (2 * ACTIVE_CAPACITY + HAND_ROWS,)),
         ("failed", np.int64),  # steps in a row that ended inside
+        ("held", np.float64),  # distance that steps keep [m]: 0, or less where parts have pushed a hand into the other
         ("longest", np.float64, (2,)),  # motion of each hand in the step [m]
         ("is_near", np.bool_),  # the next tick begins as one of both
         ("status", np.int64, (2,)),  # status bits of each hand's tick
@@ -234,18 +236,18 @@ def _solve(
 
 
 @jit_noinline
-def _find_rows(hands: Any, options: Any, surface: Any, states: Any, both: Record) -> bool:
+def _find_rows(hands: Any, options: Any, surfaces: Any, states: Any, both: Record) -> bool:
     """Find each hand's contacts, and foresee what was active in the last program; False where they do not fit."""
     pairs, began = both.pairs, monotonic_ns()
     for h in range(2):
         state = states[h][0]
         begin_rows(state.self_contact)
-        if not find_program_contacts(hands[h], surface, options[h], state):
+        if not find_program_contacts(hands[h], surfaces[h], options[h], state):
             return False
         found = state.contacts.start[FINGER_COUNT + 1]
         reach = min(state.trust.reach, state.trust.radius)
         drop_redundant_contacts(hands[h], reach, state.contacts, state.open_distance[:])
-        count_linearisation(hands[h], surface, options[h], found, state.contacts.start[FINGER_COUNT + 1], state)
+        count_linearisation(hands[h], surfaces[h], options[h], found, state.contacts.start[FINGER_COUNT + 1], state)
         step_to_haptic(state, state.problem.target[:], state.problem.abduction_step[:])
         foresee_rows(options[h].own, hands[h], state.warm, options[h], state)
         state.step.count = 0
@@ -271,11 +273,11 @@ def _allowed(hands: Any, options: Any, states: Any, both: Record) -> float:
 
 @jit
 def _solve_linearisation(
-    hands: Any, options: Any, surface: Any, done: int, states: Any, both: Record, qp: QpWork
+    hands: Any, options: Any, surfaces: Any, done: int, states: Any, both: Record, qp: QpWork
 ) -> tuple[int, float]:
     """Build and solve a program, with a nearer target if it is cut short; returns as `kernels.tick.method` says."""
     full_motion = WHOLE_TARGET
-    if not _find_rows(hands, options, surface, states, both):
+    if not _find_rows(hands, options, surfaces, states, both):
         return as_int64(OVERFLOW), full_motion
     status = _solve(hands, options, 1.0, options[0].margin, as_bool(False), states, both, qp)
     if status != OPTIMAL:
@@ -313,35 +315,35 @@ def _store(hands: Any, options: Any, states: Any, both: Record) -> None:
 
 
 @jit
-def _measure_hands(hands: Any, options: Any, surface: Any, states: Any) -> bool:
+def _measure_hands(hands: Any, options: Any, surfaces: Any, states: Any) -> bool:
     """Compute the distances of each hand to the object; False where its pairs do not fit into the arrays."""
     fits = True
     for h in range(2):
-        fits = evaluate_pose(hands[h], surface, options[h], states[h][0]) and fits
+        fits = evaluate_pose(hands[h], surfaces[h], options[h], states[h][0]) and fits
     return fits
 
 
 @jit
-def _return_to_safe(hands: Any, options: Any, surface: Any, states: Any, both: Record) -> bool:
+def _return_to_safe(hands: Any, options: Any, surfaces: Any, states: Any, both: Record) -> bool:
     """Return to the last poses without penetration; False where the pairs do not fit into the arrays."""
     for h in range(2):
         take_back(states[h][0])
         states[h][0].progress.failed_steps = 0
     both.failed = 0
-    return _measure_hands(hands, options, surface, states)
+    return _measure_hands(hands, options, surfaces, states)
 
 
 @jit
-def _recover(methods: Any, hands: Any, surface: Any, states: Any) -> bool:
+def _recover(methods: Any, hands: Any, surfaces: Any, states: Any) -> bool:
     """Make the next program easier, that of a hand that has not moved by what is left to it; False for nothing."""
     eased = False
     for h in range(2):
-        eased = recover(methods[h], hands[h], surface, states[h][0]) or eased
+        eased = recover(methods[h], hands[h], surfaces[h], states[h][0]) or eased
     return eased
 
 
 @jit_noinline
-def _advance(hands: Any, options: Any, surface: Any, full_motion: float, states: Any, both: Record) -> bool:
+def _advance(hands: Any, options: Any, surfaces: Any, full_motion: float, states: Any, both: Record) -> bool:
     """Make the step as far as the pairs at hand vouch for, and judge it by the true distances."""
     began, tolerance = monotonic_ns(), options[0].step_tolerance
     _store(hands, options, states, both)
@@ -355,10 +357,10 @@ def _advance(hands: Any, options: Any, surface: Any, full_motion: float, states:
         move(state.pose, state.step.delta, state.problem.abduction_step, fraction)
         foreseen = REACH_FLOOR * max(tolerance, motion)
         update_reach(options[h], fraction, motion, full_motion, foreseen, state)
-    fits, done = _measure_hands(hands, options, surface, states), True
+    fits, done = _measure_hands(hands, options, surfaces, states), True
     apart = hands_nearest(hands, states, options[0].margin, both.pairs)
-    if fits and min(apart, least_distance(states[0][0]), least_distance(states[1][0])) >= 0.0:
-        both.failed, both.is_near = 0, apart < np.inf
+    if fits and min(apart - both.held, least_distance(states[0][0]), least_distance(states[1][0])) >= 0.0:
+        both.failed, both.is_near, both.held = 0, apart < np.inf, min(apart, 0.0)
         for h in range(2):
             done = accept(options[h], fraction, both.longest[h], full_motion, states[h][0]) and done
         if both.pairs.count > 0 and longest > tolerance:
@@ -376,19 +378,19 @@ def _advance(hands: Any, options: Any, surface: Any, full_motion: float, states:
         if both.failed > MOST_FAILED_STEPS:
             for h in range(2):
                 states[h][0].trust.radius *= TRUST_DECAY
-            done = not _return_to_safe(hands, options, surface, states, both)
+            done = not _return_to_safe(hands, options, surfaces, states, both)
     states[0][0].step.duration[DURATION_DETECT] += monotonic_ns() - began
     return done
 
 
 @jit_noinline
-def _settle_forces(hands: Any, options: Any, surface: Any, states: Any, both: Record, qp: QpWork) -> None:
+def _settle_forces(hands: Any, options: Any, surfaces: Any, states: Any, both: Record, qp: QpWork) -> None:
     """Compute the multipliers of what touches where the hands are shown, see `kernels.tick.settled_forces`."""
     near = max(options[0].touch, ON_THE_WAY * options[0].offset)
     both.pairs.count = 0
     for h in range(2):
         state = states[h][0]
-        if find_contacts(surface, hands[h], state.pose, state.candidates, near, state.contacts) != 0:
+        if find_contacts(surfaces[h], hands[h], state.pose, state.candidates, near, state.contacts) != 0:
             return
         begin_rows(state.self_contact)
         add_rows(options[h].own, hands[h], near, options[h], state)
@@ -401,13 +403,13 @@ def _settle_forces(hands: Any, options: Any, surface: Any, states: Any, both: Re
 
 
 @jit_noinline
-def _finish(hands: Any, options: Any, surface: Any, states: Any, both: Record, qp: QpWork) -> None:
+def _finish(hands: Any, options: Any, surfaces: Any, states: Any, both: Record, qp: QpWork) -> None:
     """Return to the last poses without penetration, and compute the forces; the status bits are in `both`."""
     began, first, second = monotonic_ns(), states[0][0], states[1][0]
     cut_short = is_budget_spent(options[0], first) or is_budget_spent(options[1], second)
     overflow = first.progress.pairs_overflow or second.progress.pairs_overflow
     if first.progress.differs_from_safe or second.progress.differs_from_safe:
-        overflow = not _return_to_safe(hands, options, surface, states, both) or overflow
+        overflow = not _return_to_safe(hands, options, surfaces, states, both) or overflow
     lags = False
     for h in range(2):
         both.status[h] |= tick_status(cut_short, as_bool(False), states[h][0])
@@ -416,13 +418,13 @@ def _finish(hands: Any, options: Any, surface: Any, states: Any, both: Record, q
         lags = lags or both.status[h] & STATUS_LAG != 0
     detected, relaxed, palm = monotonic_ns(), first.program.is_relaxed, first.step.duration[DURATION_PALM]
     if lags and not overflow and options[0].force_model != FORCE_PAPER:
-        _settle_forces(hands, options, surface, states, both, qp)
+        _settle_forces(hands, options, surfaces, states, both, qp)
     for h in range(2):
         state = states[h][0]
         state.program.is_relaxed = relaxed
-        _, state.work[WORK_TOUCHING] = pairs_near(surface, hands[h], state.candidates, options[h].touch)
+        _, state.work[WORK_TOUCHING] = pairs_near(surfaces[h], hands[h], state.candidates, options[h].touch)
         if options[h].force_model == FORCE_PAPER:
-            find_contacts(surface, hands[h], state.pose, state.candidates, options[h].touch, state.contacts)
+            find_contacts(surfaces[h], hands[h], state.pose, state.candidates, options[h].touch, state.contacts)
         hand_forces(options[h], state)
     first.step.duration[DURATION_DETECT] += detected - began
     first.step.duration[DURATION_FORCE] += monotonic_ns() - detected
@@ -436,7 +438,7 @@ def _finish(hands: Any, options: Any, surface: Any, states: Any, both: Record, q
 
 
 @jit_noinline
-def tick_of_both(methods: Any, hands: Any, options: Any, surface: Any, states: Any, both: Record, qp: QpWork) -> None:
+def tick_of_both(methods: Any, hands: Any, options: Any, surfaces: Any, states: Any, both: Record, qp: QpWork) -> None:
     """Bring both graphic hands towards the haptic ones by programs of both; the status bits are in `both`."""
     both.failed, both.is_near = 0, True
     for h in range(2):
@@ -450,17 +452,17 @@ def tick_of_both(methods: Any, hands: Any, options: Any, surface: Any, states: A
         spent = max(spent_units(states[0][0]), spent_units(states[1][0]))
         if spent >= options[0].budget and states[0][0].progress.is_accepted:
             break
-        solved, full_motion = _solve_linearisation(hands, options, surface, done, states, both, qp)
+        solved, full_motion = _solve_linearisation(hands, options, surfaces, done, states, both, qp)
         if solved == OVERFLOW:
             both.status[0] |= STATUS_CAPACITY_EXCEEDED
             break
         if solved != OPTIMAL:
-            if _recover(methods, hands, surface, states):
+            if _recover(methods, hands, surfaces, states):
                 continue
             break
-        if _advance(hands, options, surface, full_motion, states, both):
+        if _advance(hands, options, surfaces, full_motion, states, both):
             break
-    _finish(hands, options, surface, states, both, qp)
+    _finish(hands, options, surfaces, states, both, qp)
 
 
 @jit
@@ -514,20 +516,26 @@ def find_meeting(hands: Any, offset: float, records: Any, states: Any, both: Rec
 @jit
 def run_hands_apart(
     methods: Any,
+    both_methods: Any,
     hands: Any,
-    surface: Any,
+    surfaces: Any,
     states: Any,
     qps: Any,
     haptic: tuple[HapticBlock, HapticBlock],
     record: tuple[TickRecord, TickRecord],
     whole: NDArray[np.void],
     both_qp: QpWork,
+    parts_move: bool,
 ) -> int:
-    """Run one tick of two hands for each row of their haptic inputs, as `kernels.tick.block.run_block` does of one."""
-    both, options = whole[0], (methods[0].options, methods[1].options)
+    """Run one tick of two hands for each row of their haptic inputs, as `kernels.tick.block.run_block` does of one.
+
+    `methods` are those of each hand alone, `both_methods` of both where parts that may move stand still. Where
+    `parts_move` each hand gives way to them by its own tick first. A hand that they leave no place stays there.
+    """
+    both, options = whole[0], (both_methods[0].options, both_methods[1].options)
     for i in range(haptic[0].position.shape[0]):
         began, cpu = monotonic_ns(), thread_cpu_ns()
-        alone = not both.is_near
+        alone = parts_move or not both.is_near
         for h in range(2):
             state, given = states[h][0], haptic[h]
             wall, own_cpu = monotonic_ns(), thread_cpu_ns()
@@ -535,21 +543,26 @@ def run_hands_apart(
                 hands[h], given.position[i], given.orientation[i], given.flexion[i], given.abduction[i], state
             )
             if alone:
-                status |= tick(methods[h], hands[h], surface, state, qps[h])
+                status |= tick(methods[h], hands[h], surfaces[h], state, qps[h])
                 record_tick(state, status, monotonic_ns() - wall, thread_cpu_ns() - own_cpu, i, record[h])
             else:
                 record[h].status[i] = status
-        if alone and not _may_have_met(hands, options[0].offset, states, both):
-            if (record[0].status[i] | record[1].status[i]) & STATUS_CAPACITY_EXCEEDED:
+        said = record[0].status[i] | record[1].status[i]
+        if alone and (said & STATUS_NO_PLACE or not _may_have_met(hands, options[0].offset, states, both)):
+            if said & STATUS_CAPACITY_EXCEEDED:
                 return i + 1
             continue
         if alone:
             for h in range(2):
                 copy_configuration(states[h][0].prediction.start, states[h][0].pose)
                 record[h].status[i] &= STATUS_INPUT_INVALID
-            _measure_hands(hands, options, surface, states)
+            _measure_hands(hands, options, surfaces, states)
             both.pairs.count = 0
-        tick_of_both(methods, hands, options, surface, states, both, both_qp)
+        both.held = min(hands_nearest(hands, states, 0.0, both.pairs), 0.0) if parts_move else 0.0
+        tick_of_both(both_methods, hands, options, surfaces, states, both, both_qp)
+        if both.held < 0.0:
+            both.status[0] |= STATUS_NO_PLACE
+            both.status[1] |= STATUS_NO_PLACE
         wall, cpu = monotonic_ns() - began, thread_cpu_ns() - cpu
         for h in range(2):
             record_tick(states[h][0], record[h].status[i] | both.status[h], wall, cpu, i, record[h])
