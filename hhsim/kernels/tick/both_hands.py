@@ -7,6 +7,7 @@ other hand would be entered is taken back, and what is shown is the last pose of
 those that the step would break, added until it breaks none.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -79,6 +80,9 @@ ROUNDS = 12
 """Most programs of a linearisation, each with the rows that the step of the one before would break."""
 UNITS_ROUND = 25_000
 """Work units of one of these: of looking at the pairs, and of rows of both hands."""
+DEEP = 1e-3
+"""Hands that parts have pushed deeper into each other than this [m] are parted along the line of their palms: there the
+normals of their pairs contradict each other."""
 OTHER_HAND = 1 << 62
 """Key of a force of the other hand among a hand's active contacts: no contact has it, and no guess takes it for one."""
 
@@ -106,14 +110,25 @@ BOTH_HANDS = np.dtype(
 
 
 @jit
-def _aim(hands: Any, options: Any, share: float, stands: bool, states: Any) -> None:
-    """Write each hand's rows and target, a share of the step to the user's hand; its abduction, none if it `stands`."""
+def _aim(hands: Any, options: Any, share: float, stands: bool, states: Any, both: Record) -> None:
+    """Write each hand's rows and target, a share of the step to the user's hand; its abduction, none if it `stands`.
+
+    Hands deep in each other go apart instead.
+    """
+    first, second = states[0][0].pose.position, states[1][0].pose.position
+    between = math.sqrt((first[0] - second[0]) ** 2 + (first[1] - second[1]) ** 2 + (first[2] - second[2]) ** 2)
     for h in range(2):
         state = states[h][0]
         problem, relaxed, offset = state.problem, state.program.is_relaxed, options[h].offset
         step_to_haptic(state, problem.target[:], problem.abduction_step[:])
+        if both.held < -DEEP:
+            for j in range(DOF):
+                problem.target[j] = 0.0
+            for j in range(3):
+                away = first[j] - second[j] if h == 0 else second[j] - first[j]
+                problem.target[j] = -0.5 * both.held * away / max(between, DEEP)
         for f in range(FINGER_COUNT):
-            problem.abduction_step[f] *= 0.0 if stands else share * state.self_contact.share[f]
+            problem.abduction_step[f] *= 0.0 if stands or both.held < -DEEP else share * state.self_contact.share[f]
         build_rows(hands[h], state.pose, state.contacts, offset, relaxed, problem)
         scale_rows(options[h].own, offset, relaxed, state)
         for j in range(DOF):
@@ -213,14 +228,14 @@ def _solve(
     """Solve with rows, as of `_aim`, for all pairs nearer than `within` [m] that the step would bring together."""
     offset, began, status = options[0].offset, monotonic_ns(), as_int64(OPTIMAL)
     for _ in range(ROUNDS):
-        _aim(hands, options, share, stands, states)
+        _aim(hands, options, share, stands, states, both)
         _pack(offset, states, both)
         status = _solve_both(options[0], states, both, qp)
         if status != OPTIMAL:
             break
         bound_motions(hands, states, both.pairs)
         look_at_pairs(hands, states, offset, within, offset, both.pairs)
-        added = add_broken_pairs(hands, states, offset, both.pairs)
+        added = both.held >= -DEEP and add_broken_pairs(hands, states, offset, both.pairs)
         for h in range(2):
             work, own = states[h][0].work, states[h][0].self_contact.count
             rows = states[h][0].contacts.start[FINGER_COUNT + 1] + own + both.pairs.count
@@ -255,7 +270,7 @@ def _find_rows(hands: Any, options: Any, surfaces: Any, states: Any, both: Recor
             state.step.count = guess_rows(state.contacts, state.warm, group, state.step.row[:], state.step.count)
     held, pairs.count = pairs.count, 0
     for i in range(held):
-        if pairs.multiplier[i] > 0.0:
+        if pairs.multiplier[i] > 0.0 and both.held >= -DEEP:
             add_hand_row(hands, states, pairs.body[i, 0], pairs.body[i, 1], pairs.multiplier[i], pairs)
     states[0][0].step.duration[DURATION_DETECT] += monotonic_ns() - began
     return True
@@ -548,9 +563,18 @@ def run_hands_apart(
             else:
                 record[h].status[i] = status
         said = record[0].status[i] | record[1].status[i]
-        if alone and (said & STATUS_NO_PLACE or not _may_have_met(hands, options[0].offset, states, both)):
+        if alone and not _may_have_met(hands, options[0].offset, states, both):
             if said & STATUS_CAPACITY_EXCEEDED:
                 return i + 1
+            continue
+        if said & STATUS_NO_PLACE and alone:
+            # The hand that has a place stays at it, lest it goes into the other one.
+            for h in range(2):
+                copy_configuration(states[h][0].prediction.start, states[h][0].pose)
+            _measure_hands(hands, options, surfaces, states)
+            for h in range(2):
+                times = record[h].duration_total[i], record[h].duration_cpu[i]
+                record_tick(states[h][0], record[h].status[i] | STATUS_NO_PLACE, times[0], times[1], i, record[h])
             continue
         if alone:
             for h in range(2):
