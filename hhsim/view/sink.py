@@ -108,10 +108,7 @@ def rerun_stream(target: RerunTarget, application: str, blueprint: "rrb.Blueprin
             stream.save(partial)
             stream.send_blueprint(blueprint)
             yield stream
-            try:
-                stream.flush(timeout_sec=FLUSH_SECONDS)
-            except (RuntimeError, ValueError) as error:
-                raise OutputError(f"cannot write {target.path}: {error}; is the disk full?") from error
+            _flush(stream, target)
             stream.disconnect()
             partial.replace(Path(os.path.realpath(target.path)))
         finally:
@@ -129,12 +126,18 @@ def rerun_stream(target: RerunTarget, application: str, blueprint: "rrb.Blueprin
     stream.connect_grpc(target.url)
     stream.send_blueprint(blueprint)
     yield stream
+    _flush(stream, target)
+    # Only now: disconnect would wait for a viewer that takes nothing.
+    stream.disconnect()
+
+
+def _flush(stream: "rr.RecordingStream", target: RerunTarget) -> None:
     try:
         stream.flush(timeout_sec=FLUSH_SECONDS)
     except (RuntimeError, ValueError) as error:
+        if target.kind == "file":
+            raise OutputError(f"cannot write {target.path}: {error}; is the disk full?") from error
         raise InputError(f"the viewer at {target.url} does not take the recording: {error}") from error
-    # Only now: disconnect would wait for a viewer that takes nothing.
-    stream.disconnect()
 
 
 def open_viewer(port: int = PORT) -> None:
