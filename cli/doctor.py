@@ -5,7 +5,7 @@ import click
 from hhsim.table.table import Table, words
 
 from .arguments import options
-from .console import announce_compilation, print_json, print_line, print_table
+from .console import print_json, print_line, print_table
 
 BAR = 40
 
@@ -42,7 +42,6 @@ def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, as
     from hhsim.live.real_time import RealTimeWishes, described
     from hhsim.result.miss_cause import WORDS
 
-    announce_compilation(quiet=quiet)
     wishes = RealTimeWishes.none() if no_realtime else RealTimeWishes(cpu=cpu)
     diagnosis = examine(rate, duration, wishes)
     wakeups = diagnosis.wakeups

@@ -9,7 +9,7 @@ import click
 from .arguments import options
 from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
 from .arguments.options import FILE, JOBS, UNITS, Number, file, metres, ranged
-from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
+from .console import print_json, print_line, print_notes, print_table, progress
 from .import_ import FileSettings, HandData
 
 if TYPE_CHECKING:
@@ -89,7 +89,6 @@ def command(
       hhsim repair seq.npz --mano-model MANO_RIGHT.pkl --mano-pose axis-angle --object box.obj --out free.npz
       hhsim repair manifest.toml --out repaired
     """
-    announce_compilation(quiet=quiet)
     from hhsim.repair.repair import repair_recording
     from hhsim.repair.request import RepairRequest
     from hhsim.sweep.repair_manifest import is_manifest

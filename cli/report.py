@@ -9,7 +9,7 @@ import click
 from hhsim.system.counted import counted
 
 from .arguments import options
-from .console import announce_compilation, print_json, progress
+from .console import print_json, progress
 
 DATE = re.compile(r"\d{4}-\d\d-\d\d-\d{6}-")
 """Date in the name of a result that hhsim named."""
@@ -61,7 +61,6 @@ def command(
     from hhsim.system.output_path import dated_output_path
 
     begin = time.perf_counter()
-    announce_compilation(quiet=quiet)
     if out is not None:
         check_report_path(out)
     with progress(quiet=quiet) as bar:
@@ -85,7 +84,6 @@ def _write_figure(
     inches = parse_width(width)
     if out is not None:
         check_figure_path(out)
-    announce_compilation(quiet=quiet)
     figure = make_figure(results, name)
     path = out or dated_output_path(f"{DATE.sub('', results[0].stem)}-{name}", suffix=".pdf")
     write_figure(figure, path, inches)

@@ -10,7 +10,7 @@ from hhsim.table.table import Table
 
 from .arguments import options
 from .arguments.option_group import OptionGroup, option
-from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
+from .console import print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.sweep.sweep import Estimate, SweepSummary
@@ -74,7 +74,6 @@ def command(plan: Path, settings: SweepSettings, as_json: bool, quiet: bool) -> 
         folder = SweepFolder(settings.out or RESULTS / read.name)
         if not quiet and not as_json:
             print_notes(read.notes)
-        announce_compilation(quiet=quiet)
         if settings.dry_run:
             found = estimate(read, folder, report)
         else:

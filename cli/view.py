@@ -9,7 +9,7 @@ import click
 from hhsim.system.counted import counted
 
 from .arguments import options
-from .console import announce_compilation, print_json, print_notes, progress
+from .console import print_json, print_notes, progress
 
 if TYPE_CHECKING:
     from hhsim.view.sink import RerunTarget
@@ -107,7 +107,6 @@ def _make_video(path: Path, video: Path, slow: float, pixels: int, *, quiet: boo
 
     check_video_path(video)
     result, *others = (load_result(one) for one in hand_paths(path))
-    announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
         frames = write_video(result, video, slow, pixels, report, *others)
     if not quiet:
@@ -122,7 +121,6 @@ def _view_result(
     from hhsim.view.viewer import MANY_TICKS, view_result
 
     loaded = load_result(path)
-    announce_compilation(quiet=quiet)
     if loaded.ticks // every > MANY_TICKS and not quiet:
         print_notes([f"{loaded.ticks:,} ticks: a viewer is quicker with --every {-(-loaded.ticks // 60_000)}"])
     with progress(quiet=quiet) as report:
@@ -137,7 +135,6 @@ def _view_files(
 ) -> dict[str, object]:
     from hhsim.view.gallery import view_files
 
-    announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
         shown = view_files(paths, target, every=every, spheres=spheres, unit=unit, progress=report)
     if not quiet and not as_json:

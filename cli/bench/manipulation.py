@@ -12,8 +12,8 @@ from hhsim.table.table import Table, number, words
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option
 from ..arguments.options import Number, Output
-from ..console import print_notes, print_table
-from .suite import SuiteTable, measuring, quick_or_whole
+from ..console import print_notes, print_table, progress
+from .suite import SuiteTable, quick_or_whole
 
 Row = Mapping[str, Any]
 
@@ -51,7 +51,7 @@ def command(settings: ManipulationSettings, output: Output) -> int:
 
     run = quick_or_whole(ManipulationOptions, settings)
     table = SuiteTable(output, "manipulation", COLUMNS, asdict(run))
-    with measuring(output) as report:
+    with progress(quiet=output.quiet) as report:
         rows = measure(run, report)
     table.write(rows)
     wrong, notes = missed(rows), remarks()

@@ -14,8 +14,8 @@ from ..arguments import options
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
-from ..console import print_json, print_line, print_table
-from .suite import SuiteTable, measuring, quick_or_whole
+from ..console import print_json, print_line, print_table, progress
+from .suite import SuiteTable, quick_or_whole
 
 if TYPE_CHECKING:
     from hhsim.bench.paper.table import PaperRow
@@ -71,7 +71,7 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
         from hhsim.render.paper_figures import check_folder
 
         check_folder(plot)
-    with measuring(output) as report:
+    with progress(quiet=output.quiet) as report:
         runs = measure(run, report)
         rows, played = paper_rows(runs, run), Table(SCENE_COLUMNS, runs.scenes).records
         table.write(Table(ROW_COLUMNS, rows).records)

@@ -11,8 +11,8 @@ from ..arguments import options
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
-from ..console import print_notes, print_table
-from .suite import SuiteTable, measuring, quick_or_whole
+from ..console import print_notes, print_table, progress
+from .suite import SuiteTable, quick_or_whole
 
 
 class PeersSettings(OptionGroup):
@@ -57,7 +57,7 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
     run = quick_or_whole(PeersOptions, settings)
     table = SuiteTable(output, "peers", COLUMNS, asdict(run))
     picture = table.picture = picture_beside(table.path, plot)
-    with measuring(output, lines=True) as report:
+    with progress(quiet=output.quiet, lines=True) as report:
         runs = measure(run, report)
     rows = table_rows(runs)
     notes = [*installed(run)[1], *remarks(runs)]

@@ -13,8 +13,8 @@ from ..arguments import options
 from ..arguments.comma_list import counts, names
 from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
 from ..arguments.options import COUNT
-from ..console import print_notes, print_table
-from .suite import SuiteTable, measuring, quick_or_whole
+from ..console import print_notes, print_table, progress
+from .suite import SuiteTable, quick_or_whole
 
 Row = Mapping[str, Any]
 
@@ -77,7 +77,7 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
     table = SuiteTable(output, "speed-error", COLUMNS, asdict(run))
     picture = table.picture = picture_beside(table.path, plot)
     others = [] if peers is None else rows_of(peers, "peers")
-    with measuring(output) as report:
+    with progress(quiet=output.quiet) as report:
         runs = measure(run, report)
     rows = table_rows(runs)
     notes = remarks(runs)
