@@ -47,9 +47,9 @@ def command(settings: ManipulationSettings, output: Output) -> int:
       hhsim bench manipulation --case slope,thresholds
       hhsim bench manipulation --out manipulation.h5 --json
     """
-    from hhsim.bench.manipulation.answers import COLUMNS, ManipulationOptions, measure, missed, remarks
+    from hhsim.bench.manipulation.answers import COLUMNS, QUICK, ManipulationOptions, measure, missed, remarks
 
-    run = quick_or_whole(ManipulationOptions, settings)
+    run = quick_or_whole(ManipulationOptions, QUICK, settings)
     table = SuiteTable(output, "manipulation", COLUMNS, asdict(run))
     with progress(quiet=output.quiet) as report:
         rows = measure(run, report)

@@ -59,11 +59,11 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
       hhsim bench paper --plot figures --out paper.h5
       hhsim bench paper --quick --method coupled
     """
-    from hhsim.bench.paper.bench import PaperOptions, measure
+    from hhsim.bench.paper.bench import QUICK, PaperOptions, measure
     from hhsim.bench.paper.table import ROW_COLUMNS, SCENE_COLUMNS, missed, paper_rows
     from hhsim.bench.table import check_table_path, table_document, write_table
 
-    run = quick_or_whole(PaperOptions, settings)
+    run = quick_or_whole(PaperOptions, QUICK, settings)
     table = SuiteTable(output, "paper", ROW_COLUMNS, asdict(run))
     scenes = table.path.with_name(f"{table.path.stem}-scenes{table.path.suffix}")
     check_table_path(scenes)

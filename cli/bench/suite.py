@@ -40,10 +40,10 @@ class Solvers(OptionGroup, heading="Solver"):
         ]
 
 
-def quick_or_whole(options: Any, settings: OptionGroup) -> Any:
-    """Return the options of a suite of this class: its quick ones with --quick, but for the settings that are given."""
+def quick_or_whole(options: Any, quick: dict[str, Any], settings: OptionGroup) -> Any:
+    """Return the options of a suite of this class: its `quick` ones with --quick, but for the settings that are given."""
     named = settings.given()
-    return options.quick(**named) if named.pop("quick") else options(**named)
+    return options(**{**(quick if named.pop("quick") else {}), **named})
 
 
 class SuiteTable:

@@ -60,6 +60,8 @@ LONG = 5.0
 """CPU time of all ticks above which a run is not repeated [s]."""
 PUSHED = 1e-2
 """Least force of a body that touches [N]: stiff engines ring."""
+QUICK: dict[str, Any] = {"objects": ("bunny",), "motions": ("grasp",), "repetitions": 1, "hands": 60}
+"""Options of one scene, once."""
 
 
 @dataclass(frozen=True)
@@ -86,12 +88,6 @@ class PeersOptions:
         for name in self.methods or ():
             if FORCES not in find_method(name).gives:
                 raise InputError(f"method {name} gives no forces: what it touches cannot be known")
-
-    @classmethod
-    def quick(cls, **given: Any) -> "PeersOptions":
-        """Return options of one scene, once, but for those given."""
-        few = {"objects": ("bunny",), "motions": ("grasp",), "repetitions": 1, "hands": 60}
-        return cls(**{**few, **given})
 
 
 @dataclass(frozen=True)

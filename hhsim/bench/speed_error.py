@@ -44,6 +44,14 @@ once, and the number bounds the rounds of its step."""
 STRETCH = (100, 50)
 """Ticks before and after the start of the first hold that QP solvers are compared on: other solvers are driven from
 Python, at milliseconds a tick."""
+QUICK: dict[str, Any] = {
+    "objects": ("bunny",),
+    "motions": ("grasp", "slide"),
+    "levels": (3, 4, 5),
+    "backends": (),
+    "hands": 40,
+}
+"""Options that take about a minute."""
 
 
 @dataclass(frozen=True)
@@ -82,12 +90,6 @@ class SpeedErrorOptions:
             if not self.surfaces_of(method):
                 # The solver raises its own error for this pair.
                 SolverOptions(method=method, surface=self.surfaces[0])
-
-    @classmethod
-    def quick(cls, **given: Any) -> "SpeedErrorOptions":
-        """Return options that take about a minute, but for those given."""
-        few = {"objects": ("bunny",), "motions": ("grasp", "slide"), "levels": (3, 4, 5), "backends": (), "hands": 40}
-        return cls(**{**few, **given})
 
     def surfaces_of(self, method: str) -> tuple[str, ...]:
         """Return the surfaces that a method takes."""

@@ -29,6 +29,8 @@ from hhsim.trees.sphere_tree import SphereTree
 
 CONTACTS = {"TF": 131.0, "WH": 250.0}
 """Numbers of contacts with the bunny for which the paper states a time, by case of Fig. 15."""
+QUICK: dict[str, Any] = {"level": 3, "instances": 3, "repetitions": 1}
+"""Options for every row from coarse spheres, few instances, once: a test of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,11 +50,6 @@ class PaperOptions:
         check_known("method", self.methods, list(METHODS))
         check_known("object", self.objects or (), object_names())
         check_fields(self)
-
-    @classmethod
-    def quick(cls, **given: Any) -> "PaperOptions":
-        """Return options for every row from coarse spheres, few instances, once, a test of it; but for those given."""
-        return cls(**{"level": 3, "instances": 3, "repetitions": 1, **given})
 
     @property
     def whole(self) -> bool:
