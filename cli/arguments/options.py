@@ -175,6 +175,13 @@ def place_object(default: str | None) -> Any:
     )
 
 
+class Printing(OptionGroup):
+    """Form and amount of what is printed."""
+
+    as_json: bool = shared(json)
+    quiet: bool = shared(quiet)
+
+
 class Output(OptionGroup, heading="Output"):
     """Output file, and what is printed."""
 
