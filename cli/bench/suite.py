@@ -41,7 +41,7 @@ class Solvers(OptionGroup, heading="Solver"):
 
 
 def quick_or_whole(options: Any, quick: dict[str, Any], settings: OptionGroup) -> Any:
-    """Return the options of a suite of this class: its `quick` ones with --quick, but for the settings that are given."""
+    """Return the options of a suite of this class: with --quick its `quick` ones, but for those given."""
     named = settings.given()
     return options(**{**(quick if named.pop("quick") else {}), **named})
 

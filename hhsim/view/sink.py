@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Literal
 from urllib.parse import urlsplit
 
 from hhsim.errors import InputError, OutputError
+from hhsim.system.atomic_write import partial_file
 from hhsim.system.output_path import check_output_path
 
 if TYPE_CHECKING:
@@ -103,17 +104,14 @@ def rerun_stream(target: RerunTarget, application: str, blueprint: "rrb.Blueprin
 
     stream = rr.RecordingStream(application)
     if target.kind == "file":
-        partial = target.path.with_name(f".{target.path.name}.{os.getpid()}{SUFFIX}")
-        try:
-            stream.save(partial)
-            stream.send_blueprint(blueprint)
-            yield stream
-            _flush(stream, target)
-            stream.disconnect()
-            partial.replace(Path(os.path.realpath(target.path)))
-        finally:
-            stream.disconnect()
-            partial.unlink(missing_ok=True)
+        with partial_file(target.path, SUFFIX) as partial:
+            try:
+                stream.save(partial)
+                stream.send_blueprint(blueprint)
+                yield stream
+                _flush(stream, target)
+            finally:
+                stream.disconnect()
         return
     if target.kind == "notebook":
         stream.send_blueprint(blueprint)
