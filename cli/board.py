@@ -20,9 +20,8 @@ from .console import print_json, print_line, print_table, progress
     help="Also write the board, by the name's ending: .html, .csv, .parquet, .md or .tex; may be given several times.",
 )
 @click.option("--all", "whole", is_flag=True, help="Also print each run.")
-@options.json
-@options.quiet
-def command(folders: tuple[Path, ...], outputs: tuple[Path, ...], whole: bool, as_json: bool, quiet: bool) -> None:
+@options.Printing.argument("printing")
+def command(folders: tuple[Path, ...], outputs: tuple[Path, ...], whole: bool, printing: options.Printing) -> None:
     """Set results of sweeps and machines side by side, in one table.
 
     FOLDER is one of hhsim sweep, or any that holds results, of replays or submissions. Runs of the same object, motion,
@@ -42,12 +41,12 @@ def command(folders: tuple[Path, ...], outputs: tuple[Path, ...], whole: bool, a
 
     for path in outputs:
         check_board_path(path)
-    with progress(quiet=quiet) as report:
+    with progress(quiet=printing.quiet) as report:
         board = collect(folders, report)
         found = standings(board)
         for path in outputs:
             write_atomically(path, content_of(path, board, found))
-    if as_json:
+    if printing.as_json:
         print_json(
             {
                 "standings": [{**asdict(one), "machine": board.machines[one.machine]} for one in found],
@@ -56,7 +55,7 @@ def command(folders: tuple[Path, ...], outputs: tuple[Path, ...], whole: bool, a
             }
         )
         return
-    if quiet:
+    if printing.quiet:
         return
     thin = ("stuck", "over optimum [%]", "p99 [µs]", "machine", "touched")
     shown = standing_table(board, found)

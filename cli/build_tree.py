@@ -14,7 +14,7 @@ from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
 from .arguments.options import FILE, UNITS, Output, file, seed
 from .arguments.tree_choice import read_length
-from .console import announce_compilation, print_json, print_notes, print_table, progress
+from .console import print_json, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.trees.options import TreeOptions
@@ -139,7 +139,6 @@ def command(
     from hhsim.trees.foreign_tree import import_tree
     from hhsim.trees.sph_format import load_sph, save_sph
 
-    announce_compilation(quiet=output.quiet)
     source.check()
     mesh, usual_level = mesh_file.read(object_)
     options = build.options(usual_level, seed)

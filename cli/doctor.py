@@ -5,7 +5,7 @@ import click
 from hhsim.table.table import Table, words
 
 from .arguments import options
-from .console import announce_compilation, print_json, print_line, print_table
+from .console import print_json, print_line, print_table
 
 BAR = 40
 
@@ -23,9 +23,8 @@ BAR = 40
 @click.option(
     "--no-realtime", is_flag=True, help="Measure without real-time scheduling and without a processor of one's own."
 )
-@options.json
-@options.quiet
-def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, as_json: bool, quiet: bool) -> int:
+@options.Printing.argument("printing")
+def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, printing: options.Printing) -> int:
     """Tell whether this machine keeps 1 kHz, and if not, why.
 
     Waits for deadlines as a session's loop would, in compiled code, asks the system for the same, and counts how late
@@ -42,13 +41,12 @@ def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, as
     from hhsim.live.real_time import RealTimeWishes, described
     from hhsim.result.miss_cause import WORDS
 
-    announce_compilation(quiet=quiet)
     wishes = RealTimeWishes.none() if no_realtime else RealTimeWishes(cpu=cpu)
     diagnosis = examine(rate, duration, wishes)
     wakeups = diagnosis.wakeups
-    if as_json:
+    if printing.as_json:
         print_json(diagnosis.to_json())
-    elif not quiet:
+    elif not printing.quiet:
         rows = [(m.name, f"{m.value:,.0f}", f"{m.limit:,.0f}", m.unit) for m in diagnosis.measures]
         rows += [
             (f"wake-up, {name}", f"{1e6 * wakeups.percentile(percent):,.0f}", "", "µs")

@@ -28,10 +28,9 @@ from .console import print_json, progress
     help="Datasets of /tick, such as time,force/total, and of a session live/tick/latency; all for every one. Default: "
     "the usual.",
 )
-@options.json
-@options.quiet
+@options.Printing.argument("printing")
 def command(
-    result: Path, out: Path, form: str | None, columns: tuple[str, ...] | None, as_json: bool, quiet: bool
+    result: Path, out: Path, form: str | None, columns: tuple[str, ...] | None, printing: options.Printing
 ) -> None:
     """Write the ticks of a result, or its hand as a recording.
 
@@ -57,14 +56,14 @@ def command(
         if columns:
             raise click.UsageError("--columns is for a table of ticks, and --as writes a recording")
         ticks = export_recording(loaded, form, out)
-        if as_json:
+        if printing.as_json:
             print_json({"result": str(result), "recording": str(out), "format": form, "ticks": ticks})
-        elif not quiet:
+        elif not printing.quiet:
             print(f"{counted(ticks, 'tick')} as {form}: {out}")
         return
-    with progress(quiet=quiet) as report:
+    with progress(quiet=printing.quiet) as report:
         written = export_ticks(loaded, out, columns, report)
-    if as_json:
+    if printing.as_json:
         print_json({"result": str(result), "csv": str(out), "ticks": loaded.ticks, "columns": list(written)})
-    elif not quiet:
+    elif not printing.quiet:
         print(f"{counted(loaded.ticks, 'tick')}, {counted(len(written), 'column')}: {out}")

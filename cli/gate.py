@@ -13,7 +13,7 @@ from hhsim.table.table import Table
 from .arguments import options
 from .arguments.option_group import OptionGroup, option, shared
 from .arguments.options import FILE, file
-from .console import announce_compilation, print_json, print_notes, print_table, progress
+from .console import print_json, print_notes, print_table, progress
 from .run_again import names_a_result
 
 if TYPE_CHECKING:
@@ -95,7 +95,6 @@ def command(target: Path | None, comparison: Comparison, output: GateOutput) -> 
     for path in (comparison.write_baseline, output.markdown, output.junit):
         if path is not None:
             check_output_path(path)
-    announce_compilation(quiet=output.quiet)
     if target is not None and names_a_result(target):
         if any((comparison.base_python, comparison.base_folder, comparison.write_baseline)):
             raise click.UsageError(

@@ -9,7 +9,7 @@ import click
 from .arguments import options
 from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
 from .arguments.options import FILE, JOBS, UNITS, Number, file, metres, ranged
-from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
+from .console import print_json, print_line, print_notes, print_table, progress
 from .import_ import FileSettings, HandData
 
 if TYPE_CHECKING:
@@ -61,8 +61,7 @@ class RepairLimits(OptionGroup, heading="Repair"):
 @click.option(
     "--scheduler", metavar="ADDRESS", default="", help="Dask cluster that shares a manifest: tcp://host:8786, or local."
 )
-@options.json
-@options.quiet
+@options.Printing.argument("printing")
 def command(
     recording: Path,
     thing: ObjectSettings,
@@ -72,8 +71,7 @@ def command(
     out: Path,
     jobs: int | None,
     scheduler: str,
-    as_json: bool,
-    quiet: bool,
+    printing: options.Printing,
 ) -> int:
     """Repair a recording of a hand: the same, without penetration.
 
@@ -89,7 +87,6 @@ def command(
       hhsim repair seq.npz --mano-model MANO_RIGHT.pkl --mano-pose axis-angle --object box.obj --out free.npz
       hhsim repair manifest.toml --out repaired
     """
-    announce_compilation(quiet=quiet)
     from hhsim.repair.repair import repair_recording
     from hhsim.repair.request import RepairRequest
     from hhsim.sweep.repair_manifest import is_manifest
@@ -101,7 +98,7 @@ def command(
         if not is_many and name in OF_MANY:
             raise click.UsageError(f"{typed_as} is for a manifest; {recording} is one recording")
     if is_many:
-        return _many(recording, out, jobs or 0, scheduler, as_json=as_json, quiet=quiet)
+        return _many(recording, out, jobs or 0, scheduler, printing)
     if limits.hands == "both" and (reading.hand or limits.skin):
         raise click.UsageError("--hand and --skin are of one hand, and --hands both repairs two")
     if thing.object is None:
@@ -123,7 +120,7 @@ def command(
         options={name: value for name, value in given.items() if value is not None},
     )
     typed = ("hhsim", *sys.argv[1:])
-    with progress(quiet=quiet) as report:
+    with progress(quiet=printing.quiet) as report:
         if limits.hands == "one":
             outcomes = [repair_recording(request, command=typed, progress=report)]
             document, last = outcomes[0].to_json(), ""
@@ -132,11 +129,11 @@ def command(
 
             both = repair_both_hands(request, command=typed, progress=report)
             outcomes, document, last = list(both.hands), both.to_json(), both.text
-    if as_json:
+    if printing.as_json:
         print_json(document)
-    for outcome in () if quiet or as_json else outcomes:
+    for outcome in () if printing.quiet or printing.as_json else outcomes:
         _print(outcome)
-    if last and not (quiet or as_json):
+    if last and not (printing.quiet or printing.as_json):
         print_line(last)
     return 0 if all(outcome.ok for outcome in outcomes) else 1
 
@@ -152,17 +149,17 @@ def _print(outcome: "RepairOutcome") -> None:
     print_line(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
 
 
-def _many(manifest: Path, out: Path, jobs: int, scheduler: str, *, as_json: bool, quiet: bool) -> int:
+def _many(manifest: Path, out: Path, jobs: int, scheduler: str, printing: options.Printing) -> int:
     """Repair the recordings of a manifest; returns the exit code."""
     from hhsim.repair.repair import repair_recording
     from hhsim.sweep.repair_batch import run_manifest
     from hhsim.sweep.repair_page import brief_table
 
-    with progress(quiet=quiet, lines=True) as report:
+    with progress(quiet=printing.quiet, lines=True) as report:
         found = run_manifest(manifest, out, repair_recording, workers=jobs, scheduler=scheduler, progress=report)
-    if as_json:
+    if printing.as_json:
         print_json({"recordings": found.table.records, "failed": dict(found.failed), "page": str(found.page)})
-    elif not quiet:
+    elif not printing.quiet:
         print_table(brief_table(found.table.rows))
         print_line(f"{len(found.failed)} without a repair within the limits; all of it is in {found.page}")
     return 1 if found.failed else 0

@@ -20,7 +20,7 @@ from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, option, shared
 from .arguments.options import COUNT, isolate, ranged
 from .arguments.tree_choice import ChosenTree, TreeOrFile
-from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
+from .console import print_json, print_line, print_notes, print_table, progress
 from .import_ import HandData
 from .run_again import names_a_result, run_again
 
@@ -291,7 +291,6 @@ def command(
     motion = motions[0]
     free.require(solver_options, motion, way_out=": --object-pose fixed keeps it where it is at first")
     remarks = import_remarks(motion, trajectory)
-    announce_compilation(quiet=output.quiet)
     solid = solver.surface != "mesh"
     thing = things = None
     if names_a_thing(object_):

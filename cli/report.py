@@ -9,7 +9,7 @@ import click
 from hhsim.system.counted import counted
 
 from .arguments import options
-from .console import announce_compilation, print_json, progress
+from .console import print_json, progress
 
 DATE = re.compile(r"\d{4}-\d\d-\d\d-\d{6}-")
 """Date in the name of a result that hhsim named."""
@@ -29,10 +29,9 @@ WIDTH = "180mm"
 )
 @click.option("--figure", type=click.Choice(FIGURES), help="Write this one figure, for a paper, and no page.")
 @click.option("--width", metavar="WIDTH", help=f"Width of the figure, such as 88mm or 3.5in. Default: {WIDTH}.")
-@options.json
-@options.quiet
+@options.Printing.argument("printing")
 def command(
-    results: tuple[Path, ...], out: Path | None, figure: str | None, width: str | None, as_json: bool, quiet: bool
+    results: tuple[Path, ...], out: Path | None, figure: str | None, width: str | None, printing: options.Printing
 ) -> None:
     """Make one HTML page of results: figures, curves, worst ticks.
 
@@ -53,7 +52,7 @@ def command(
       hhsim report results/speed-error.h5 --figure speed-error --out fig.svg
     """
     if figure is not None:
-        _write_figure(results, figure, width or WIDTH, out, as_json=as_json, quiet=quiet)
+        _write_figure(results, figure, width or WIDTH, out, printing)
         return
     if width is not None:
         raise click.UsageError("--width is of a figure: name one with --figure, such as --figure series")
@@ -61,22 +60,21 @@ def command(
     from hhsim.system.output_path import dated_output_path
 
     begin = time.perf_counter()
-    announce_compilation(quiet=quiet)
     if out is not None:
         check_report_path(out)
-    with progress(quiet=quiet) as bar:
+    with progress(quiet=printing.quiet) as bar:
         report = make_report(results, progress=bar)
     files = write_report(report, out or dated_output_path(f"{DATE.sub('', results[0].stem)}-report", suffix=""))
-    if as_json:
+    if printing.as_json:
         print_json({**report.to_json(), **files.to_json(), "seconds": time.perf_counter() - begin})
-    elif not quiet:
+    elif not printing.quiet:
         for line in report.verdict_lines():
             print(line)
         print(f"the report is in {files.page}, with {counted(len(files.pictures), 'picture')} beside it")
 
 
 def _write_figure(
-    results: tuple[Path, ...], name: str, width: str, out: Path | None, *, as_json: bool, quiet: bool
+    results: tuple[Path, ...], name: str, width: str, out: Path | None, printing: options.Printing
 ) -> None:
     from hhsim.report.figure_file import check_figure_path, make_figure, parse_width, write_figure
     from hhsim.system.output_path import dated_output_path
@@ -85,11 +83,10 @@ def _write_figure(
     inches = parse_width(width)
     if out is not None:
         check_figure_path(out)
-    announce_compilation(quiet=quiet)
     figure = make_figure(results, name)
     path = out or dated_output_path(f"{DATE.sub('', results[0].stem)}-{name}", suffix=".pdf")
     write_figure(figure, path, inches)
-    if as_json:
+    if printing.as_json:
         print_json({"figure": str(path), "width": 0.0254 * inches, "seconds": time.perf_counter() - begin})
-    elif not quiet:
+    elif not printing.quiet:
         print(f"{figure.title}, {25.4 * inches:g} mm wide, is in {path}")

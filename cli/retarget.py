@@ -8,7 +8,7 @@ import click
 from hhsim.table.table import Table, number, words
 
 from .arguments import options
-from .console import announce_compilation, print_json, print_line, print_table, progress
+from .console import print_json, print_line, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.repair.retarget import RobotMotion
@@ -63,7 +63,6 @@ def command(result: Path, robot: str, fingers: dict[str, str] | None, output: op
     out = output.path(f"{result.stem}-{Path(robot).stem}", ".npz")
     check_motion_path(out)
     hand = RobotHand(find_robot(robot, loaded.scene["hand"]["side"]), fingers)
-    announce_compilation(quiet=output.quiet)
     with progress(quiet=output.quiet) as report:
         found = robot_motion(loaded, hand, report)
         write_atomically(out, motion_bytes(found, out.suffix))

@@ -9,7 +9,7 @@ from click.core import ParameterSource
 
 from hhsim.table.table import Table
 
-from .console import announce_compilation, print_json, print_notes, print_table, progress
+from .console import print_json, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.replay.repeat import RunAgain
@@ -39,7 +39,6 @@ def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool)
             f"{path} runs again as it was, so {parameter.opts[0]} has no place here; to replay its motion otherwise, "
             f"give an object first: hhsim replay OBJECT {path}"
         )
-    announce_compilation(quiet=quiet)
     from hhsim.replay.repeat import run_again as run
     from hhsim.result.reader import hand_paths, load_result
 

@@ -27,8 +27,7 @@ from .replay import complete_trajectory
     metavar="DIR",
     help="Folder, which must be new or empty. Default: a dated name in results/.",
 )
-@options.json
-@options.quiet
+@options.Printing.argument("printing")
 def command(
     object_: str,
     trajectory: str,
@@ -38,8 +37,7 @@ def command(
     sampling: options.Sampling,
     seed: int,
     out: Path | None,
-    as_json: bool,
-    quiet: bool,
+    printing: options.Printing,
 ) -> None:
     """Write a scene as files for other software to solve.
 
@@ -74,10 +72,10 @@ def command(
     )
     print_notes(import_remarks(scene.trajectory, trajectory))
     digest = write_scene_folder(scene, folder)
-    if as_json:
+    if printing.as_json:
         names = sorted(path.name for path in folder.iterdir())
         print_json({"folder": str(folder), "scene": digest, "ticks": scene.ticks.tick_count, "files": names})
-    elif not quiet:
+    elif not printing.quiet:
         ticks = counted(scene.ticks.tick_count, "tick")
         print_line(f"{scene.mesh.name}, {scene.trajectory.name}: {ticks}, scene {digest[:12]}")
         back = f"send poses back as in {folder / EXAMPLE}: hhsim score {folder / EXAMPLE} measures them"

@@ -10,7 +10,7 @@ from hhsim.system.counted import counted
 
 from .arguments import options
 from .arguments.option_group import GroupedCommand
-from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
+from .console import print_json, print_line, print_notes, print_table, progress
 from .import_ import FileSettings, HandData
 from .repair import ObjectSettings
 
@@ -69,7 +69,6 @@ def command(
     """
     if recorded is not None:
         return _field(submission, recorded, thing, reading, data, output)
-    announce_compilation(quiet=output.quiet)
     from hhsim.replay.summary_table import figure_table
     from hhsim.result.reader import check_result_path
     from hhsim.submissions.pose_file import read_submission

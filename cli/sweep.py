@@ -10,7 +10,7 @@ from hhsim.table.table import Table
 
 from .arguments import options
 from .arguments.option_group import OptionGroup, option
-from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
+from .console import print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.sweep.sweep import Estimate, SweepSummary
@@ -45,9 +45,8 @@ class SweepSettings(OptionGroup):
 @click.command()
 @click.argument("plan", metavar="PLAN", type=options.FILE)
 @SweepSettings.argument("settings")
-@options.json
-@options.quiet
-def command(plan: Path, settings: SweepSettings, as_json: bool, quiet: bool) -> int:
+@options.Printing.argument("printing")
+def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> int:
     """Replay all that a plan names, each with each, and resume.
 
     PLAN is a TOML file of objects, motions, methods, surfaces and sets of options (docs/sweeps.md). Each cell is what
@@ -68,21 +67,20 @@ def command(plan: Path, settings: SweepSettings, as_json: bool, quiet: bool) -> 
     from hhsim.system.output_path import RESULTS
 
     chosen = SweepOptions(settings.jobs or 0, settings.scheduler, settings.retry_failed, not settings.summary_only)
-    with progress(quiet=quiet, lines=True) as report:
+    with progress(quiet=printing.quiet, lines=True) as report:
         report("reading the plan", 0, 1)
         read = load_plan(plan)
         folder = SweepFolder(settings.out or RESULTS / read.name)
-        if not quiet and not as_json:
+        if not printing.quiet and not printing.as_json:
             print_notes(read.notes)
-        announce_compilation(quiet=quiet)
         if settings.dry_run:
             found = estimate(read, folder, report)
         else:
             ended = run_sweep(read, folder, chosen, report)
     if settings.dry_run:
-        _print_estimate(found, chosen.workers, as_json=as_json)
+        _print_estimate(found, chosen.workers, as_json=printing.as_json)
         return 0
-    if as_json:
+    if printing.as_json:
         print_json(
             {
                 "folder": str(folder.path),
@@ -97,9 +95,9 @@ def command(plan: Path, settings: SweepSettings, as_json: bool, quiet: bool) -> 
                 "notes": list(read.notes),
             }
         )
-    elif not quiet:
+    elif not printing.quiet:
         _print(ended, folder.path)
-    if quiet and ended.failed:
+    if printing.quiet and ended.failed:
         shown = [f"{cell.label}: {why}" for cell, why in ended.failed[:MOST_FAILURES]]
         print_notes([f"{counted(len(ended.failed), 'cell')} failed", *shown], prefix="missed")
     return 1 if ended.failed else 0

@@ -40,9 +40,8 @@ WHY = words("what is claimed; why so much is let pass", lambda claim: "; ".join(
 @click.option(
     "--again", is_flag=True, help="Make the motion and run the ticks once more, and compare everything but the times."
 )
-@options.json
-@options.quiet
-def command(result: Path, every: int | None, again: bool, why: bool, as_json: bool, quiet: bool) -> int:
+@options.Printing.argument("printing")
+def command(result: Path, every: int | None, again: bool, why: bool, printing: options.Printing) -> int:
     """Check every claim of a result with independent code.
 
     RESULT is a file that hhsim replay or hhsim live wrote; of two hands, each is checked. Joints, depths, forces,
@@ -62,13 +61,13 @@ def command(result: Path, every: int | None, again: bool, why: bool, as_json: bo
 
     begin = time.perf_counter()
     results = [load_result(path) for path in hand_paths(result)]
-    with progress(quiet=quiet) as report:
+    with progress(quiet=printing.quiet) as report:
         all_found = [verify(one, every=every, again=again, progress=report) for one in results]
-    if as_json:
+    if printing.as_json:
         documents = [{"result": str(one.path), **found.to_json()} for one, found in zip(results, all_found)]
         whole = documents[0] if len(documents) == 1 else {"result": str(result), "hands": documents}
         print_json({**whole, "seconds": time.perf_counter() - begin})
-    elif not quiet:
+    elif not printing.quiet:
         for one, found in zip(results, all_found):
             _print(one.path, found, why=why)
     return 0 if all(found.passed for found in all_found) else 1

@@ -9,7 +9,7 @@ import click
 from hhsim.system.counted import counted
 
 from .arguments import options
-from .console import announce_compilation, print_json, print_notes, progress
+from .console import print_json, print_notes, progress
 
 if TYPE_CHECKING:
     from hhsim.view.sink import RerunTarget
@@ -43,8 +43,7 @@ SLOW, PIXELS = 1.0, 640
     help=f"How many times slower the film plays. Default: {SLOW:g}.",
 )
 @click.option("--pixels", type=click.IntRange(160, 1920), metavar="N", help=f"How wide the film is. Default: {PIXELS}.")
-@options.json
-@options.quiet
+@options.Printing.argument("printing")
 def command(
     files: tuple[Path, ...],
     target: "RerunTarget | None",
@@ -54,8 +53,7 @@ def command(
     video: Path | None,
     slow: float | None,
     pixels: int | None,
-    as_json: bool,
-    quiet: bool,
+    printing: options.Printing,
 ) -> None:
     """Look at results, motions and meshes in the rerun viewer.
 
@@ -86,7 +84,7 @@ def command(
     if video is not None:
         if kinds != ["result"]:
             raise click.UsageError("--video is of one result: name one file that hhsim replay or hhsim live wrote")
-        document |= _make_video(files[0], video, slow or SLOW, pixels or PIXELS, quiet=quiet or as_json)
+        document |= _make_video(files[0], video, slow or SLOW, pixels or PIXELS, printing)
     if target is None and video is None:
         from hhsim.view.sink import check_target, parse_target
 
@@ -94,52 +92,49 @@ def command(
         check_target(target)
     if target is not None:
         if kinds == ["result"] and len(hand_paths(files[0])) == 1:
-            document |= _view_result(files[0], target, every, spheres=spheres, quiet=quiet, as_json=as_json)
+            document |= _view_result(files[0], target, every, printing, spheres=spheres)
         else:
-            document |= _view_files(files, target, every, unit or "m", spheres=spheres, quiet=quiet, as_json=as_json)
-    if as_json:
+            document |= _view_files(files, target, every, unit or "m", printing, spheres=spheres)
+    if printing.as_json:
         print_json({**document, "seconds": time.perf_counter() - begin})
 
 
-def _make_video(path: Path, video: Path, slow: float, pixels: int, *, quiet: bool) -> dict[str, object]:
+def _make_video(path: Path, video: Path, slow: float, pixels: int, printing: options.Printing) -> dict[str, object]:
     from hhsim.result.reader import hand_paths, load_result
     from hhsim.view.film import FPS, check_video_path, write_video
 
     check_video_path(video)
     result, *others = (load_result(one) for one in hand_paths(path))
-    announce_compilation(quiet=quiet)
-    with progress(quiet=quiet) as report:
+    with progress(quiet=printing.quiet or printing.as_json) as report:
         frames = write_video(result, video, slow, pixels, report, *others)
-    if not quiet:
+    if not printing.quiet and not printing.as_json:
         print(f"{counted(frames, 'frame')} of {counted(result.ticks, 'tick')}, {frames / FPS:.1f} s, in {video}")
     return {"result": str(path), "video": str(video), "frames": frames}
 
 
 def _view_result(
-    path: Path, target: "RerunTarget", every: int, *, spheres: bool, quiet: bool, as_json: bool
+    path: Path, target: "RerunTarget", every: int, printing: options.Printing, *, spheres: bool
 ) -> dict[str, object]:
     from hhsim.result.reader import load_result
     from hhsim.view.viewer import MANY_TICKS, view_result
 
     loaded = load_result(path)
-    announce_compilation(quiet=quiet)
-    if loaded.ticks // every > MANY_TICKS and not quiet:
+    if loaded.ticks // every > MANY_TICKS and not printing.quiet:
         print_notes([f"{loaded.ticks:,} ticks: a viewer is quicker with --every {-(-loaded.ticks // 60_000)}"])
-    with progress(quiet=quiet) as report:
+    with progress(quiet=printing.quiet) as report:
         viewed = view_result(loaded, target, every=every, spheres=spheres, progress=report)
-    if not quiet and not as_json:
+    if not printing.quiet and not printing.as_json:
         print(f"{viewed.shown:,} of {viewed.ticks:,} ticks went to {viewed.target}")
     return {"result": str(path), **viewed.to_json()}
 
 
 def _view_files(
-    paths: tuple[Path, ...], target: "RerunTarget", every: int, unit: str, *, spheres: bool, quiet: bool, as_json: bool
+    paths: tuple[Path, ...], target: "RerunTarget", every: int, unit: str, printing: options.Printing, *, spheres: bool
 ) -> dict[str, object]:
     from hhsim.view.gallery import view_files
 
-    announce_compilation(quiet=quiet)
-    with progress(quiet=quiet) as report:
+    with progress(quiet=printing.quiet) as report:
         shown = view_files(paths, target, every=every, spheres=spheres, unit=unit, progress=report)
-    if not quiet and not as_json:
+    if not printing.quiet and not printing.as_json:
         print(f"{', '.join(f'{one.path.name} ({one.kind})' for one in shown)} went to {target}")
     return {"files": [one.to_json() for one in shown], "rerun": str(target)}

@@ -34,7 +34,7 @@ def test_the_wheel_holds_every_source_and_every_datum_and_nothing_else(
     expected = {
         *(
             path.relative_to(repository).as_posix()
-            for kind in ("py", "html", "css", "js")
+            for kind in ("py", "html", "css", "js", "toml")
             for path in (repository / "hhsim").rglob(f"*.{kind}")
         ),
         "hhsim/py.typed",

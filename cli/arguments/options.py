@@ -11,6 +11,7 @@ from hhsim.ranges import RANGES
 from hhsim.solver.method import METHODS
 from hhsim.solver.surface import SURFACES
 
+from ..console import announce_compilation
 from .option_group import OptionGroup, option, shared
 
 if TYPE_CHECKING:
@@ -112,6 +113,12 @@ def _check_picture(context: click.Context, parameter: click.Parameter, value: Pa
     return value
 
 
+def _announce(context: click.Context, parameter: click.Parameter, quiet: bool) -> bool:
+    """Tell of kernels that the command has to compile, unless it is quiet."""
+    announce_compilation(quiet=quiet or context.resilient_parsing)
+    return quiet
+
+
 def read_target(context: click.Context, parameter: click.Parameter, value: str | None) -> "RerunTarget | None":
     """Read `spawn`, FILE.rrd, `connect` or `connect=URL` of --rerun, and check at once that it can work."""
     if value is None:
@@ -128,7 +135,9 @@ seed = click.option(
     "--seed", type=click.IntRange(0, 2**63 - 1), metavar="N", default=0, help="Seed of everything random."
 )
 json = click.option("--json", "as_json", is_flag=True, help="Print one JSON document, SI units, and nothing else.")
-quiet = click.option("--quiet", "-q", is_flag=True, help="Show no progress and no table; errors still show.")
+quiet = click.option(
+    "--quiet", "-q", is_flag=True, callback=_announce, help="Show no progress and no table; errors still show."
+)
 rate = click.option("--rate", type=Number(1.0, 100_000.0), default=1000.0, metavar="HZ", help="Ticks a second [Hz].")
 tree_level = click.option(
     "--level", type=click.IntRange(1, 5), metavar="N", help="Level of the sphere trees. Default: as the catalogue says."
@@ -164,6 +173,13 @@ def place_object(default: str | None) -> Any:
         default=default,
         help="Object of a recording: where it was recorded (recorded), or where the closing fingers meet it (auto).",
     )
+
+
+class Printing(OptionGroup):
+    """Form and amount of what is printed."""
+
+    as_json: bool = shared(json)
+    quiet: bool = shared(quiet)
 
 
 class Output(OptionGroup, heading="Output"):

@@ -8,8 +8,8 @@ from click.shell_completion import CompletionItem
 from hhsim.table.table import Table, number, words
 
 from ..arguments import options
-from ..console import print_json, print_table
-from .suite import Solvers, SuiteTable, measuring
+from ..console import print_json, print_table, progress
+from .suite import Solvers, SuiteTable
 
 if TYPE_CHECKING:
     from hhsim.bench.robustness.case import Figure
@@ -73,7 +73,7 @@ def command(
         "ticks": ticks,
     }
     table = SuiteTable(output, "hard", COLUMNS, settings)
-    with measuring(output) as report:
+    with progress(quiet=output.quiet) as report:
         results = bench_hard(chosen, named, seed, report)
     rows, failed = table_rows(results), missed(results)
     table.write(rows)

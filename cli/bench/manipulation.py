@@ -12,8 +12,8 @@ from hhsim.table.table import Table, number, words
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option
 from ..arguments.options import Number, Output
-from ..console import print_notes, print_table
-from .suite import SuiteTable, measuring, quick_or_whole
+from ..console import print_notes, print_table, progress
+from .suite import SuiteTable, quick_or_whole
 
 Row = Mapping[str, Any]
 
@@ -47,11 +47,11 @@ def command(settings: ManipulationSettings, output: Output) -> int:
       hhsim bench manipulation --case slope,thresholds
       hhsim bench manipulation --out manipulation.h5 --json
     """
-    from hhsim.bench.manipulation.answers import COLUMNS, ManipulationOptions, measure, missed, remarks
+    from hhsim.bench.manipulation.answers import COLUMNS, QUICK, ManipulationOptions, measure, missed, remarks
 
-    run = quick_or_whole(ManipulationOptions, settings)
+    run = quick_or_whole(ManipulationOptions, QUICK, settings)
     table = SuiteTable(output, "manipulation", COLUMNS, asdict(run))
-    with measuring(output) as report:
+    with progress(quiet=output.quiet) as report:
         rows = measure(run, report)
     table.write(rows)
     wrong, notes = missed(rows), remarks()

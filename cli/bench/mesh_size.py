@@ -9,8 +9,8 @@ from hhsim.table.table import Table, number, words
 from ..arguments.comma_list import counts
 from ..arguments.option_group import OptionGroup, option
 from ..arguments.options import Output
-from ..console import print_notes, print_table
-from .suite import SuiteTable, measuring
+from ..console import print_notes, print_table, progress
+from .suite import SuiteTable
 
 
 class MeshSizeSettings(OptionGroup):
@@ -40,7 +40,7 @@ def command(settings: MeshSizeSettings, output: Output) -> None:
 
     run = MeshSizeOptions(**settings.given())
     table = SuiteTable(output, "mesh-size", COLUMNS, asdict(run))
-    with measuring(output) as report:
+    with progress(quiet=output.quiet) as report:
         rows = measure(run, report)
     table.write(rows)
     if table.is_for_people(rows=rows):

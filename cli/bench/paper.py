@@ -14,8 +14,8 @@ from ..arguments import options
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
-from ..console import print_json, print_line, print_table
-from .suite import SuiteTable, measuring, quick_or_whole
+from ..console import print_json, print_line, print_table, progress
+from .suite import SuiteTable, quick_or_whole
 
 if TYPE_CHECKING:
     from hhsim.bench.paper.table import PaperRow
@@ -59,11 +59,11 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
       hhsim bench paper --plot figures --out paper.h5
       hhsim bench paper --quick --method coupled
     """
-    from hhsim.bench.paper.bench import PaperOptions, measure
+    from hhsim.bench.paper.bench import QUICK, PaperOptions, measure
     from hhsim.bench.paper.table import ROW_COLUMNS, SCENE_COLUMNS, missed, paper_rows
     from hhsim.bench.table import check_table_path, table_document, write_table
 
-    run = quick_or_whole(PaperOptions, settings)
+    run = quick_or_whole(PaperOptions, QUICK, settings)
     table = SuiteTable(output, "paper", ROW_COLUMNS, asdict(run))
     scenes = table.path.with_name(f"{table.path.stem}-scenes{table.path.suffix}")
     check_table_path(scenes)
@@ -71,7 +71,7 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
         from hhsim.render.paper_figures import check_folder
 
         check_folder(plot)
-    with measuring(output) as report:
+    with progress(quiet=output.quiet) as report:
         runs = measure(run, report)
         rows, played = paper_rows(runs, run), Table(SCENE_COLUMNS, runs.scenes).records
         table.write(Table(ROW_COLUMNS, rows).records)

@@ -11,8 +11,8 @@ from ..arguments import options
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
-from ..console import print_notes, print_table
-from .suite import SuiteTable, measuring, quick_or_whole
+from ..console import print_notes, print_table, progress
+from .suite import SuiteTable, quick_or_whole
 
 
 class PeersSettings(OptionGroup):
@@ -49,15 +49,15 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
       hhsim bench peers --object bunny --motion grasp,slide --method coupled,mujoco,pybullet
       hhsim bench peers --out peers.h5 --plot peers.png
     """
-    from hhsim.bench.peers import COLUMNS, PeersOptions, installed, measure, remarks, table_rows, won_by_others
+    from hhsim.bench.peers import COLUMNS, QUICK, PeersOptions, installed, measure, remarks, table_rows, won_by_others
     from hhsim.bench.speed_error_table import ALL
     from hhsim.report.bench_trade_off import draw_trade_off
     from hhsim.system.output_path import picture_beside
 
-    run = quick_or_whole(PeersOptions, settings)
+    run = quick_or_whole(PeersOptions, QUICK, settings)
     table = SuiteTable(output, "peers", COLUMNS, asdict(run))
     picture = table.picture = picture_beside(table.path, plot)
-    with measuring(output, lines=True) as report:
+    with progress(quiet=output.quiet, lines=True) as report:
         runs = measure(run, report)
     rows = table_rows(runs)
     notes = [*installed(run)[1], *remarks(runs)]

@@ -9,8 +9,8 @@ from hhsim.table.table import Table, number, words
 from ..arguments import options
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option
-from ..console import print_notes, print_table
-from .suite import SuiteTable, measuring
+from ..console import print_notes, print_table, progress
+from .suite import SuiteTable
 
 
 class QpSettings(OptionGroup):
@@ -58,7 +58,7 @@ def command(settings: QpSettings, programs: Path | None, seed: int, output: opti
     if programs is not None:
         check_program_file(programs)
     table = SuiteTable(output, "qp", COLUMNS, asdict(chosen))
-    with measuring(output) as report:
+    with progress(quiet=output.quiet) as report:
         rows = bench_qp(chosen, programs, report)
     table.write(rows)
     missed, compare = missed_programs(rows), [] if programs is None else qpbenchmark_commands(programs)

@@ -10,8 +10,8 @@ from hhsim.table.table import Table, number, words
 from ..arguments import options
 from ..arguments.comma_list import names, read_names
 from ..arguments.object_argument import MeshSize, complete_object
-from ..console import print_table
-from .suite import Solvers, SuiteTable, measuring
+from ..console import print_table, progress
+from .suite import Solvers, SuiteTable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -117,7 +117,7 @@ def command(
     }
     table = SuiteTable(output, "recorded", COLUMNS, {})
     run = RecordedOptions(rate=motion.rate, mode=motion.samples, place=motion.place_object, ticks=ticks)
-    with measuring(output) as report:
+    with progress(quiet=output.quiet) as report:
         placed = [
             BenchObject(mesh.name, mesh, cached_sphere_tree(mesh, TreeOptions(level=level or usual), report))
             for mesh, usual in chosen.values()

@@ -13,8 +13,8 @@ from ..arguments import options
 from ..arguments.comma_list import counts, names
 from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
 from ..arguments.options import COUNT
-from ..console import print_notes, print_table
-from .suite import SuiteTable, measuring, quick_or_whole
+from ..console import print_notes, print_table, progress
+from .suite import SuiteTable, quick_or_whole
 
 Row = Mapping[str, Any]
 
@@ -67,17 +67,17 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
       hhsim bench speed-error --surface mesh --method coupled --linearisations 12
       hhsim bench speed-error --out tradeoff.h5 --plot tradeoff.png
     """
-    from hhsim.bench.speed_error import SpeedErrorOptions, measure
+    from hhsim.bench.speed_error import QUICK, SpeedErrorOptions, measure
     from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows, touched
     from hhsim.bench.table import rows_of
     from hhsim.report.bench_trade_off import draw_trade_off
     from hhsim.system.output_path import picture_beside
 
-    run = quick_or_whole(SpeedErrorOptions, configurations)
+    run = quick_or_whole(SpeedErrorOptions, QUICK, configurations)
     table = SuiteTable(output, "speed-error", COLUMNS, asdict(run))
     picture = table.picture = picture_beside(table.path, plot)
     others = [] if peers is None else rows_of(peers, "peers")
-    with measuring(output) as report:
+    with progress(quiet=output.quiet) as report:
         runs = measure(run, report)
     rows = table_rows(runs)
     notes = remarks(runs)

@@ -11,8 +11,8 @@ from hhsim.table.table import Table, number, words
 from ..arguments import options
 from ..arguments.object_argument import MeshSize, complete_object
 from ..arguments.option_group import GroupedCommand, OptionGroup, option
-from ..console import print_table
-from .suite import Solvers, SuiteTable, measuring
+from ..console import print_table, progress
+from .suite import Solvers, SuiteTable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -128,7 +128,7 @@ def command(
     }
     table = SuiteTable(output, "stress", COLUMNS, described)
     hand = HandModel.default()
-    with measuring(output) as report:
+    with progress(quiet=output.quiet) as report:
         cases = []
         for name, (mesh, usual) in meshes.items():
             tree = cached_sphere_tree(mesh, TreeOptions(level=level or usual), report)

@@ -1,18 +1,16 @@
 """Shared parts of the commands of `hhsim bench`: methods and surfaces, progress, the table."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup
 from ..arguments.options import Output
-from ..console import announce_compilation, print_json, print_line, progress
+from ..console import print_json, print_line
 
 if TYPE_CHECKING:
     from hhsim.solver.options import SolverOptions
-    from hhsim.system.progress import Progress
     from hhsim.table.table import Column
 
 
@@ -42,18 +40,10 @@ class Solvers(OptionGroup, heading="Solver"):
         ]
 
 
-def quick_or_whole(options: Any, settings: OptionGroup) -> Any:
-    """Return the options of a suite of this class: its quick ones with --quick, but for the settings that are given."""
+def quick_or_whole(options: Any, quick: dict[str, Any], settings: OptionGroup) -> Any:
+    """Return the options of a suite of this class: with --quick its `quick` ones, but for those given."""
     named = settings.given()
-    return options.quick(**named) if named.pop("quick") else options(**named)
-
-
-@contextmanager
-def measuring(output: Output, *, lines: bool = False) -> "Iterator[Progress]":
-    """Announce compilation and show the progress of the work, unless the output is quiet."""
-    announce_compilation(quiet=output.quiet)
-    with progress(quiet=output.quiet, lines=lines) as report:
-        yield report
+    return options(**{**(quick if named.pop("quick") else {}), **named})
 
 
 class SuiteTable:

@@ -9,8 +9,8 @@ from hhsim.table.table import Table, number, words
 from ..arguments.comma_list import counts, names
 from ..arguments.option_group import OptionGroup, option
 from ..arguments.options import COUNT, Output
-from ..console import print_notes, print_table
-from .suite import SuiteTable, measuring
+from ..console import print_notes, print_table, progress
+from .suite import SuiteTable
 
 
 class ThreadsSettings(OptionGroup):
@@ -42,7 +42,7 @@ def command(settings: ThreadsSettings, output: Output) -> None:
 
     run = ThreadsOptions(**settings.given())
     table = SuiteTable(output, "threads", COLUMNS, asdict(run))
-    with measuring(output) as report:
+    with progress(quiet=output.quiet) as report:
         rows = measure(run, report)
     table.write(rows)
     notes = remarks(rows)

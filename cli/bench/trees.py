@@ -10,8 +10,8 @@ from hhsim.table.table import Table, number, words
 from ..arguments import options
 from ..arguments.comma_list import counts, names
 from ..arguments.option_group import OptionGroup, shared
-from ..console import print_notes, print_table
-from .suite import SuiteTable, measuring
+from ..console import print_notes, print_table, progress
+from .suite import SuiteTable
 
 
 class TreesSettings(OptionGroup):
@@ -56,7 +56,7 @@ def command(settings: TreesSettings, size: float, time_limits: bool, plot: Path 
     run = TreesOptions(size=1e-3 * size, **settings.given())
     table = SuiteTable(output, "trees", COLUMNS, asdict(run))
     picture = table.picture = picture_beside(table.path, plot)
-    with measuring(output) as report:
+    with progress(quiet=output.quiet) as report:
         rows = measure(run, report)
     table.write(rows)
     draw_trade_off(picture, "trees", rows)

@@ -18,7 +18,7 @@ from ..arguments.free_object import FreeChoice
 from ..arguments.object_argument import MeshFile, complete_object
 from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
 from ..arguments.tree_choice import TreeChoice
-from ..console import announce_compilation, print_json, print_notes, progress
+from ..console import print_json, print_notes, progress
 from ..replay import complete_trajectory
 from .glove_settings import GloveChoice, glove_choice, own_options
 from .session import run_session
@@ -293,7 +293,6 @@ def command(
         HandModel.default(device.hand) if own.hand_file is None else HandModel.from_toml(own.hand_file, device.hand)
         for own, (device, _, _) in worn
     ]
-    announce_compilation(quiet=session.quiet)
     solid = solver.surface != "mesh"
     mesh, usual_level = mesh_file.read(object_, solid=solid)
     # An error of the mesh comes before its tree is built.

@@ -16,6 +16,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
+from hhsim.bench.run_errors import in_turns
 from hhsim.errors import HhsimError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -138,11 +139,9 @@ def measure(options: MeshSizeOptions, progress: Progress = silent) -> list[Row]:
     for i, times in enumerate(wanted):
         progress("getting ready", i, len(wanted))
         sizes.append(_size(finer_mesh(mesh, times)))
-    for number in range(ROUNDS):
-        progress(f"round {number + 1} of {ROUNDS}", number, ROUNDS)
-        for size in sizes if number % 2 == 0 else reversed(sizes):
-            for method in METHODS:
-                _run(hand, haptic, size, method)
+    for size in in_turns(sizes, ROUNDS, lambda size: f"{size.triangles:,} triangles", progress):
+        for method in METHODS:
+            _run(hand, haptic, size, method)
     return [_row(size, sizes[0], method) for size in sizes for method in METHODS]
 
 

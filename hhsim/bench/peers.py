@@ -15,7 +15,15 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.run_errors import NEAR, check_finite, check_scenes, first_hold_tremor, hand_clearance, placed_of
+from hhsim.bench.run_errors import (
+    NEAR,
+    check_finite,
+    check_scenes,
+    first_hold_tremor,
+    hand_clearance,
+    in_turns,
+    placed_of,
+)
 from hhsim.bench.speed_error_table import ALL, GAIN, failure_remark, frontier, percentile, summed_rows, tick_times
 from hhsim.bench.table import columns_of, figure, mean, metric, totals_of, worst
 from hhsim.errors import HhsimError, InputError
@@ -38,7 +46,6 @@ from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import FORCES
 from hhsim.solver.method_names import declared_methods
 from hhsim.solver.options import SolverOptions
-from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
 from hhsim.system.settings_file import Count, Names, check_fields
 from hhsim.table.table import Column
@@ -53,6 +60,8 @@ LONG = 5.0
 """CPU time of all ticks above which a run is not repeated [s]."""
 PUSHED = 1e-2
 """Least force of a body that touches [N]: stiff engines ring."""
+QUICK: dict[str, Any] = {"objects": ("bunny",), "motions": ("grasp",), "repetitions": 1, "hands": 60}
+"""Options of one scene, once."""
 
 
 @dataclass(frozen=True)
@@ -79,12 +88,6 @@ class PeersOptions:
         for name in self.methods or ():
             if FORCES not in find_method(name).gives:
                 raise InputError(f"method {name} gives no forces: what it touches cannot be known")
-
-    @classmethod
-    def quick(cls, **given: Any) -> "PeersOptions":
-        """Return options of one scene, once, but for those given."""
-        few = {"objects": ("bunny",), "motions": ("grasp",), "repetitions": 1, "hands": 60}
-        return cls(**{**few, **given})
 
 
 @dataclass(frozen=True)
@@ -182,15 +185,13 @@ def measure(options: PeersOptions, progress: Progress = silent) -> list[PeerRun]
         warm_up(hand, SolverOptions(method=peer.method, surface=peer.surface))
     scenes = list(_scenes(hand, options, progress))
     work = [(scene, PeerRun(scene.object_name, scene.motion, peer)) for scene in scenes for peer in peers]
-    total = len(work) * options.repetitions
-    with interruptible_between() as check_interrupt:
-        for repetition in range(options.repetitions):
-            for number, (scene, run) in enumerate(work if repetition % 2 == 0 else reversed(work)):
-                what = f"{run.peer.method}, {scene.object_name}, {scene.motion}, repetition {repetition + 1}"
-                progress(f"{what} of {options.repetitions}", repetition * len(work) + number, total)
-                if not run.failure and run.seconds <= LONG:
-                    _repeat(hand, scene, run, options)
-                check_interrupt()
+
+    def named(of: tuple[_Scene, PeerRun]) -> str:
+        return f"{of[1].peer.method}, {of[0].object_name}, {of[0].motion}"
+
+    for scene, run in in_turns(work, options.repetitions, named, progress):
+        if not run.failure and run.seconds <= LONG:
+            _repeat(hand, scene, run, options)
     return [run for _, run in work]
 
 

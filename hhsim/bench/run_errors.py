@@ -7,10 +7,10 @@ triangles of the mesh.
 """
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -34,6 +34,8 @@ from hhsim.replay.summary import tremor_variation
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import best_hands, reference_excess
+from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.system.progress import Progress
 from hhsim.verify.coal_distance import coal_model, require_coal
 from hhsim.verify.mesh_distance import HandReferee
 from hhsim.verify.tree_checks import nearest_on
@@ -43,6 +45,7 @@ MOST_HANDS = 400
 SAME = 12
 """Decimals to which equal lengths [m] agree."""
 NAN = float("nan")
+Run = TypeVar("Run")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,6 +208,17 @@ def error_scene(
         contact=hand_clearance(hand, surface, placed, NEAR) < NEAR,
         seed=seed,
     )
+
+
+def in_turns(runs: Sequence[Run], repetitions: int, named: Callable[[Run], str], progress: Progress) -> Iterator[Run]:
+    """Yield each run once a repetition, in the opposite order of the one before; Ctrl-C is heard between two."""
+    with interruptible_between() as check_interrupt:
+        for repetition in range(repetitions):
+            for number, run in enumerate(runs if repetition % 2 == 0 else reversed(runs)):
+                done = repetition * len(runs) + number
+                progress(f"{named(run)}, repetition {repetition + 1} of {repetitions}", done, repetitions * len(runs))
+                yield run
+                check_interrupt()
 
 
 def placed_of(record: TickRecord) -> PlacedHand:

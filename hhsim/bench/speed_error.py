@@ -27,7 +27,6 @@ from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import ACTIVE_SET, available_backends
 from hhsim.solver.surface import SURFACES
-from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
 from hhsim.system.settings_file import Count, Names, a_list, between, check_fields
 from hhsim.trees.cache import cached_sphere_tree
@@ -45,6 +44,14 @@ once, and the number bounds the rounds of its step."""
 STRETCH = (100, 50)
 """Ticks before and after the start of the first hold that QP solvers are compared on: other solvers are driven from
 Python, at milliseconds a tick."""
+QUICK: dict[str, Any] = {
+    "objects": ("bunny",),
+    "motions": ("grasp", "slide"),
+    "levels": (3, 4, 5),
+    "backends": (),
+    "hands": 40,
+}
+"""Options that take about a minute."""
 
 
 @dataclass(frozen=True)
@@ -83,12 +90,6 @@ class SpeedErrorOptions:
             if not self.surfaces_of(method):
                 # The solver raises its own error for this pair.
                 SolverOptions(method=method, surface=self.surfaces[0])
-
-    @classmethod
-    def quick(cls, **given: Any) -> "SpeedErrorOptions":
-        """Return options that take about a minute, but for those given."""
-        few = {"objects": ("bunny",), "motions": ("grasp", "slide"), "levels": (3, 4, 5), "backends": (), "hands": 40}
-        return cls(**{**few, **given})
 
     def surfaces_of(self, method: str) -> tuple[str, ...]:
         """Return the surfaces that a method takes."""
@@ -194,15 +195,9 @@ def measure(options: SpeedErrorOptions, progress: Progress = silent) -> list[Run
         for scene in scenes
         for configuration in (*whole, *(part if scene.motion == options.motions[0] else ()))
     ]
-    done, total = 0, len(work) * options.repetitions
-    with interruptible_between() as check_interrupt:
-        for repetition in range(options.repetitions):
-            for scene, run in work if repetition % 2 == 0 else reversed(work):
-                progress(f"runs, repetition {repetition + 1} of {options.repetitions}", done, total)
-                if not run.failure:
-                    _repeat(hand, scene, run)
-                done += 1
-                check_interrupt()
+    for scene, run in runs.in_turns(work, options.repetitions, lambda _: "runs", progress):
+        if not run.failure:
+            _repeat(hand, scene, run)
     return [run for _, run in work]
 
 

@@ -30,6 +30,7 @@ from hhsim.result.reader import Result
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
+from hhsim.system.plain_json import plain_json
 from hhsim.system.progress import Progress, silent
 from hhsim.system.settings_file import Settings, Version, typed
 
@@ -90,7 +91,9 @@ def write_baseline(path: Path, scenes: Mapping[str, RecordedScene]) -> None:
         **({"machine": info.machine(), "reference_version": REFERENCE_VERSION} if timed else {}),
         "scenes": msgspec.to_builtins(scenes),
     }
-    text = json.dumps(_rounded(document), indent=1, ensure_ascii=False)
+    # Rounded, so that last bits make no differences in a history.
+    rounded = plain_json(document, lambda value: float(f"{value:.{DIGITS}g}"))
+    text = json.dumps(rounded, indent=1, ensure_ascii=False)
     # A list of numbers is a line: a changed number is then a changed line, and no page of them.
     text = re.sub(r"\[[-+.,\de\s]+\]", lambda found: " ".join(found[0].split()), text)
     write_atomically(path, f"{text}\n".encode())
@@ -110,15 +113,6 @@ def load_baseline(path: Path) -> Baseline:
         return structs.replace(typed(document, Baseline, f"the baseline {path}"), source=str(path))
     except InputError as error:
         raise InputError(f"{error}; record it anew with hhsim gate --write-baseline FILE") from None
-
-
-def _rounded(value: Any) -> Any:
-    """Round floating-point numbers to `DIGITS` digits, so that last bits make no differences in a history."""
-    if isinstance(value, Mapping):
-        return {str(key): _rounded(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_rounded(item) for item in value]
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
 
 
 @dataclass(frozen=True)

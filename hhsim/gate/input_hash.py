@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.result.reader import Result
+from hhsim.system.plain_json import plain_json
 
 TOLERANCE = 1e-7
 """Largest difference of a sum, weights from 1 to 2: 0.1 µm or µrad at a single tick, radius or centre."""
@@ -121,6 +122,4 @@ def _alike(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
 
 def _plain(value: Any) -> Any:
     """Value of an option for comparison: a baseline keeps fewer digits than a result."""
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return float(f"{value:.{OPTION_DIGITS}g}") if isinstance(value, float) else value
+    return plain_json(value, lambda number: float(f"{number:.{OPTION_DIGITS}g}"))

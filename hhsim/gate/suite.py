@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping
+from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -34,50 +35,8 @@ BOTH = "both"
 SCENES = "[[scene]] tables, each with a name, and object and trajectory, submission, or session"
 Share = Annotated[float, between(0.0, 1.0)]
 Word = Annotated[str, Meta(pattern="^[^-]", description="text that is no option: options go to arguments")]
-
-_DEFAULT_SUITE = """
-version = 1
-
-[limits]                       # none may be exceeded; SI units, % for shares and rates
-{limits}
-
-[counters]                     # how much more work than the baseline is no miss, as a share
-slack = 0.005
-
-[time]                         # CPU time of a tick in contact, median of processes' p50
-limit = 0.05                   # slower than the base by more than this share is a miss
-recorded_limit = 0.10          # the same against a baseline recorded elsewhere, both divided by the reference workload
-processes = 5                  # of each, base and head in turn
-
-[[scene]]
-name = "cube-pinch"
-object = "cube"
-trajectory = "pinch"
-method = "coupled"
-timed = true
-
-[[scene]]
-name = "bunny-grasp"
-object = "bunny"
-trajectory = "grasp"
-method = "coupled"
-timed = true
-
-[[scene]]
-name = "bunny-grasp-progressive"
-object = "bunny"
-trajectory = "grasp"
-method = "progressive"
-[scene.limits]
-tracking_excess = false        # not promised: this method holds the palm where the user has it
-
-[[scene]]
-name = "cup-handle"
-object = "cup"
-trajectory = "handle"
-method = "coupled"
-"""
-"""Default suite, without the limits that the figures themselves state."""
+DEFAULT_SUITE = "default-suite.toml"
+"""File beside this module with the default suite, without the limits that the figures themselves state."""
 
 
 class _Judged(Settings, frozen=True, kw_only=True, rename={"slack": "counters"}):
@@ -205,7 +164,8 @@ def default_suite_text() -> str:
     """Return the default suite as TOML."""
     judged = ((metric, metric.judged) for metric in judged_metrics().values() if not metric.free_only)
     limits = [f"{metric.name} = {by.limit:g}  # {metric.label}" for metric, by in judged if by and by.limit is not None]
-    return _DEFAULT_SUITE.replace("{limits}", "\n".join(limits))
+    suite = (files("hhsim.gate") / DEFAULT_SUITE).read_text(encoding="utf-8")
+    return suite.replace("# {limits}", "\n".join(limits))
 
 
 def parse_suite(text: str, folder: Path, source: str) -> GateSuite:

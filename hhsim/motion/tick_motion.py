@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from hhsim.arrays import BoolArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.motion.resample import tick_times
@@ -11,12 +12,17 @@ RATE = 1000.0
 """Ticks a second [Hz]."""
 
 
+def sound_samples(motion: HandConfiguration) -> BoolArray:
+    """Return the samples that are a hand's, shape (T,), from the input itself."""
+    return np.array([is_finite_configuration(*sample) for sample in zip(*motion, strict=True)], dtype=bool)
+
+
 def hold_readings(motion: HandConfiguration) -> HandConfiguration:
     """Return the motion with each tick that is no valid reading replaced by the last valid one before it.
 
     Ticks before the first reading take that one. Without any, nothing is changed.
     """
-    sound = np.array([is_finite_configuration(*sample) for sample in zip(*motion)], dtype=bool)
+    sound = sound_samples(motion)
     if sound.all() or not sound.any():
         return motion.copy()
     newest = np.maximum.accumulate(np.where(sound, np.arange(motion.ticks), -1))

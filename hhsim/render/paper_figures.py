@@ -12,7 +12,6 @@ from hhsim.arrays import FloatArray
 from hhsim.bench.paper.bench import PaperRuns
 from hhsim.bench.paper.run import SceneRun
 from hhsim.bench.paper.scene import CASES, held_ticks
-from hhsim.bench.paper.table import CASE_NAMES
 from hhsim.errors import OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.tick.step import DURATION_DETECT
@@ -196,7 +195,7 @@ def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
     panels[0, 0].set_ylim(0.0, 1.15 * panels[0, 0].get_ylim()[1])
     panels[0, 0].legend(loc="upper left", fontsize=8, frameon=False)
     count = len(runs.of(methods[0], "15")[0].stage.motions)
-    named = ", ".join(f"{case}: {CASE_NAMES[case]}" for case in CASES)
+    named = ", ".join(f"{case}: {CASES[case]}" for case in CASES)
     said = (
         f"{named}. One thread, mean of {count} instances; the numbers are contacts in the hold. "
         "The paper: ≈ 1,000 µs for 131 contacts (TF, bunny) and for ≈ 250 (WH)"

@@ -119,7 +119,7 @@ class FrameFollower:
 
     def arrive(self, origin: HandConfiguration, goal: HandConfiguration) -> HandConfiguration:
         """Return the graphic hand at rest after a move from origin to goal, T = 1; HhsimError if pairs are too many."""
-        moved = float(farthest(self._points(origin), self._points(goal))[0])
+        moved = float(farthest(*(forward_kinematics(self.hand, *frames).points for frames in (origin, goal)))[0])
         steps = min(MOST_SUBSTEPS, int(np.ceil(moved / SUBSTEP)))
         if steps > 1:
             self.solver.run(*origin.line(goal, steps - 1).part(1))
@@ -131,9 +131,6 @@ class FrameFollower:
                 break
             joints = record.joints[0]
         return HandConfiguration.of(record).copy()
-
-    def _points(self, frames: HandConfiguration) -> FloatArray:
-        return forward_kinematics(self.hand, *frames).points
 
     def starts(self, judge: HandJudge, frame: int, seed: HandConfiguration | None) -> list[Start]:
         """Return where free starts around a frame lead, each from its own side, the nearest to the recorded hand first.

@@ -20,6 +20,7 @@ from hhsim.result.schema import (
     TICK_COLUMNS,
     Column,
 )
+from hhsim.system.atomic_write import partial_file
 from hhsim.system.input_file import open_input
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
@@ -75,9 +76,8 @@ def export_ticks(
             raise UnknownNameError("dataset", name, known)
     chosen = [known[name] for name in wanted]
     headings = tuple(heading for column in chosen for heading in column_headings(column))
-    unfinished = path.with_name(f"{path.name}.part")
     try:
-        with unfinished.open("w", encoding="utf-8", newline="") as file:
+        with partial_file(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
             table = csv.writer(file, lineterminator="\n")
             table.writerow(("tick", *headings))
             first = 0
@@ -89,11 +89,8 @@ def export_ticks(
                 flat = [each.reshape(len(each), -1).tolist() for each in values]
                 table.writerows([tick, *itertools.chain(*row)] for tick, row in enumerate(zip(*flat), start=first))
                 first += len(flat[0])
-        unfinished.replace(path)
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        unfinished.unlink(missing_ok=True)
     return headings
 
 

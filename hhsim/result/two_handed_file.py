@@ -1,6 +1,5 @@
 """Result file of two hands: `hands/right` and `hands/left` are a result each, and /between holds how far they are."""
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 from hhsim.arrays import AnyArray
 from hhsim.result.schema import HANDS, SIDES, STATIC_COLUMNS, TWO_HANDED_SCHEMA_VERSION, Column
 from hhsim.result.writer import describe_dataset, output_errors
+from hhsim.system.atomic_write import partial_file
 from hhsim.system.checksummed_file import seal_file
 from hhsim.system.hdf5_input import open_hdf5
 
@@ -30,9 +30,8 @@ def join_hands(parts: Sequence[Path], between: Mapping[str, AnyArray], path: Pat
     `between` has the arrays of `BETWEEN_COLUMNS` by name, none where the hands have no ticks in common. Raises
     OutputError where the file cannot be written; the parts stay.
     """
-    partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with output_errors(path):
+    with output_errors(path):
+        with partial_file(path) as partial:
             with h5py.File(partial, "w") as file:
                 for side, part in zip(SIDES, parts, strict=True):
                     with open_hdf5(part) as one:
@@ -45,11 +44,8 @@ def join_hands(parts: Sequence[Path], between: Mapping[str, AnyArray], path: Pat
                 file.flush()
                 size = int(file.id.get_filesize())
             seal_file(partial, size)
-            partial.replace(path.resolve())
-            for part in parts:
-                part.unlink()
-    finally:
-        partial.unlink(missing_ok=True)
+        for part in parts:
+            part.unlink()
     return path
 
 

@@ -26,6 +26,7 @@ from hhsim.motion.trajectory import TickPhase
 from hhsim.result import schema
 from hhsim.result.reader import CHUNK_TICKS, check_result_path, fits, spelled
 from hhsim.system import environment as info
+from hhsim.system.atomic_write import partial_file
 from hhsim.system.checksummed_file import seal_file
 from hhsim.system.counted import counted
 from hhsim.system.output_path import free_name
@@ -264,19 +265,12 @@ def add_skin(path: Path, vertices: AnyArray, faces: AnyArray) -> None:
     Vertices [m], world, have shape (T, V, 3), triangles (F, 3). OutputError leaves the file as it was.
     """
     arrays = _checked({"vertices": vertices, "faces": faces}, schema.SKIN_COLUMNS, lambda column: column.shape)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with output_errors(path):
-            shutil.copyfile(path, partial)
-            with _amended(partial) as file:
-                file.pop(schema.SKIN, None)
-                for column in schema.SKIN_COLUMNS:
-                    describe_dataset(
-                        file.create_dataset(f"{schema.SKIN}/{column.name}", data=arrays[column.name]), column
-                    )
-            partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with output_errors(path), partial_file(path) as partial:
+        shutil.copyfile(path, partial)
+        with _amended(partial) as file:
+            file.pop(schema.SKIN, None)
+            for column in schema.SKIN_COLUMNS:
+                describe_dataset(file.create_dataset(f"{schema.SKIN}/{column.name}", data=arrays[column.name]), column)
 
 
 @contextlib.contextmanager

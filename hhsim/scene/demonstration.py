@@ -18,6 +18,7 @@ is commanded `depth` deeper than first contact. The candidate whose other bodies
 that would start in the object is no candidate. Nothing is random.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from importlib.resources import as_file
 from importlib.resources.abc import Traversable
@@ -131,12 +132,19 @@ class _DemonstrationTable(Settings, frozen=True):
     package: Any = None
 
 
-class _Best(NamedTuple):
-    """Best placement so far, object's frame: shift of the hand, turn of the object, mean distance of other bodies."""
+class Candidate(NamedTuple):
+    """A placement in the object's frame: turn of the object [rad], shift of the hand [m], shape (3,), and score."""
 
-    shift: FloatArray
     turn: float
+    shift: FloatArray
     score: float
+
+
+def upright_turns() -> Iterator[tuple[float, FloatArray]]:
+    """Yield `TURNS` angles [rad] about the vertical, each with its rotation backwards, shape (3, 3)."""
+    for step in range(TURNS):
+        turn = 2.0 * np.pi * step / TURNS
+        yield turn, upright_turn(turn).T
 
 
 def upright_turn(angle: float) -> FloatArray:
@@ -162,7 +170,7 @@ def _stroke(tips: FloatArray, motion: Trajectory) -> tuple[FloatArray, int]:
 
 def _search(
     motion: Trajectory, hand: HandModel, tree: SphereTree, finger: int, stroke: FloatArray, moment: int, depth: float
-) -> _Best | None:
+) -> Candidate | None:
     work = make_work(hand.arrays(), tree.arrays())
     looks = np.unique(np.concatenate([np.linspace(0, motion.sample_count - 1, LOOKS).round().astype(int), [moment]]))
     here = int(np.flatnonzero(looks == moment)[0])
@@ -175,10 +183,8 @@ def _search(
     gap = np.full(BODY_COUNT, -FAR)
     gap[tip_body] = 0.0
     others = np.array([body for body in range(BODY_COUNT) if body // PHALANX_COUNT != finger])
-    best: _Best | None = None
-    for step in range(TURNS):
-        turn = 2.0 * np.pi * step / TURNS
-        back = upright_turn(turn).T
+    best: Candidate | None = None
+    for turn, back in upright_turns():
         direction = matmul(back, stroke)
         rotations = [matmul(back, rotation_matrix(q)) for q in motion.orientation[looks]]
         positions = matmul(motion.position[looks], back.T)
@@ -201,9 +207,10 @@ def _search(
             if first.min() < START_GAP or pressed[tip_body] > -PRESSED * depth:
                 continue
             distance = np.stack([body_distances(*pose, work) for pose in poses])
+            # The mean distance of the other bodies.
             score = float(np.minimum(distance[:, others], WANTED_GAP).mean())
             if best is None or score > best.score + 1e-12:
-                best = _Best(shift, turn, score)
+                best = Candidate(turn, shift, score)
     return best
 
 

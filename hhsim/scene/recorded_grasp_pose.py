@@ -23,7 +23,7 @@ from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.motion.trajectory import Trajectory
 from hhsim.reproducible import matmul, norm
-from hhsim.scene.demonstration import START_GAP, across, placed_by, upright_turn
+from hhsim.scene.demonstration import START_GAP, Candidate, across, placed_by, upright_turn, upright_turns
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -41,8 +41,6 @@ LEAST_WAY = 0.003
 """A shorter path [m] has no direction."""
 PUSH = 0.006
 """Commanded depth [m] of the hand where no finger closes."""
-TURNS = 12
-"""Number of turns about the vertical."""
 OFFSETS = ((0.0, 0.0), (0.25, 0.0), (-0.25, 0.0), (0.0, 0.25), (0.0, -0.25))
 """Offsets of the hand across the object, as shares of its width."""
 LOOKS = 32
@@ -144,14 +142,6 @@ def place_at_grasp(motion: Trajectory, hand: HandModel, tree: SphereTree) -> Gra
     )
 
 
-class _Candidate(NamedTuple):
-    """A placement in the object's frame: turn of the object, shift of the hand, score."""
-
-    turn: float
-    shift: FloatArray
-    score: float
-
-
 class _Approach(NamedTuple):
     """Approach of the object to the hand, in the posture of a sample.
 
@@ -176,14 +166,14 @@ class _Search:
         last = motion.sample_count - 1
         self.looks = np.unique(np.append(np.linspace(0, last, LOOKS).round().astype(np.int64), grasp.sample))
 
-    def best(self) -> _Candidate | None:
+    def best(self) -> Candidate | None:
         """Return the best candidate; one whose hand begins in the object only where there is no other."""
         ends = np.array([0, self.grasp.sample])
         found = [self._scored(candidate, ends) for candidate in self._candidates()]
         leading = sorted(filter(lambda c: np.isfinite(c.score), found), key=lambda c: -c.score)[:FINALISTS]
         return max((self._scored(c, self.looks) for c in leading), key=lambda c: c.score, default=None)
 
-    def distances(self, candidate: _Candidate, samples: IntArray) -> FloatArray:
+    def distances(self, candidate: Candidate, samples: IntArray) -> FloatArray:
         """Signed distance of every body at some samples [m], shape (N, 16)."""
         back, motion, found = upright_turn(candidate.turn).T, self.motion, []
         for sample in samples.tolist():
@@ -193,15 +183,13 @@ class _Search:
             found.append(body_distances(position, rotation, flexion, abduction, self.work))
         return np.stack(found)
 
-    def _candidates(self) -> Iterator[_Candidate]:
+    def _candidates(self) -> Iterator[Candidate]:
         middle, size = 0.5 * (self.low + self.high), float(norm(self.high - self.low))
         # No body of a hand reaches farther than its length from its own tips.
         far = size + 0.3
         gap = np.zeros(BODY_COUNT)
         approaches = list(self._approaches())
-        for step in range(TURNS):
-            turn = 2.0 * np.pi * step / TURNS
-            back = upright_turn(turn).T
+        for turn, back in upright_turns():
             palm = matmul(back, self.motion.position[self.grasp.sample])
             rotation = matmul(back, self.rotation[self.grasp.sample])
             for approach in approaches:
@@ -216,7 +204,7 @@ class _Search:
                     posture = palm + here, rotation, flexion, abduction
                     travel, body = kernel.advance_hand(*posture, direction, gap, 2.0 * far, self.work)
                     if body >= 0:
-                        yield _Candidate(turn, here + (travel + approach.push) * direction, 0.0)
+                        yield Candidate(turn, here + (travel + approach.push) * direction, 0.0)
 
     def _approaches(self) -> Iterator[_Approach]:
         g, closure = self.grasp.sample, list(self.grasp.fingers)
@@ -240,7 +228,7 @@ class _Search:
         off = np.linalg.norm(self.tips[: g + 1, closure] - self.tips[g, closure], axis=2).mean(axis=1)
         return int(np.flatnonzero(off >= lead).max(initial=0))
 
-    def _scored(self, candidate: _Candidate, samples: IntArray) -> _Candidate:
+    def _scored(self, candidate: Candidate, samples: IntArray) -> Candidate:
         distance = self.distances(candidate, samples)
         here = int(np.flatnonzero(samples == self.grasp.sample)[-1])
         depth = np.maximum(0.0, -distance)

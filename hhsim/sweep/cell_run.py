@@ -52,26 +52,21 @@ class CellTask:
     sources: str = ""  # digest of the hhsim that planned it
 
     def run(self) -> TaskEnd:
-        """Run the cell, as `run_cell`."""
-        return run_cell(self)
-
-
-def run_cell(task: CellTask) -> TaskEnd:
-    """Run a cell and write its files, the row last: a cell is done when its row is there."""
-    if source_digest() != task.sources:
-        return TaskEnd(task.digest, "the hhsim of this worker is another one: install the same there")
-    if not Path(task.folder).is_dir():
-        why = f"the worker sees no folder {task.folder}: a sweep needs one that all workers share"
-        return TaskEnd(task.digest, why)
-    try:
-        with ONE_AT_A_TIME:
-            ticks, seconds = _run(task)
-            return TaskEnd(task.digest, ticks=ticks, seconds=seconds)
-    except (HhsimError, OSError, MemoryError) as error:
-        return TaskEnd(task.digest, " ".join(str(error).split()) or type(error).__name__)
-    except Exception as error:
-        # A method from outside may raise anything; the other cells go on.
-        return TaskEnd(task.digest, f"{type(error).__name__}: {' '.join(str(error).split())}")
+        """Run the cell and write its files, the row last: a cell is done when its row is there."""
+        if source_digest() != self.sources:
+            return TaskEnd(self.digest, "the hhsim of this worker is another one: install the same there")
+        if not Path(self.folder).is_dir():
+            why = f"the worker sees no folder {self.folder}: a sweep needs one that all workers share"
+            return TaskEnd(self.digest, why)
+        try:
+            with ONE_AT_A_TIME:
+                ticks, seconds = _run(self)
+                return TaskEnd(self.digest, ticks=ticks, seconds=seconds)
+        except (HhsimError, OSError, MemoryError) as error:
+            return TaskEnd(self.digest, " ".join(str(error).split()) or type(error).__name__)
+        except Exception as error:
+            # A method from outside may raise anything; the other cells go on.
+            return TaskEnd(self.digest, f"{type(error).__name__}: {' '.join(str(error).split())}")
 
 
 def _run(task: CellTask) -> tuple[int, float]:

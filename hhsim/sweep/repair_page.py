@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import numpy as np
@@ -52,16 +52,8 @@ BINS, PANEL_COLUMNS, PANEL_HEIGHT = 24, 3, 1.6
 """Bins of a histogram, panels side by side, and height of each [inches]."""
 
 
-class FigureLook(NamedTuple):
-    """Label, unit and digits of a figure."""
-
-    label: str
-    unit: str = ""
-    digits: int | None = None
-
-
-LOOKS = {"time_per_frame": FigureLook("time a frame", "ms", 1)}
-"""Looks of figures that are none of `hhsim.metrics.field.registry`; any other has its own name, and no unit."""
+LOOKS = {"time_per_frame": Column("time a frame", unit="ms", digits=1)}
+"""Columns of figures that are none of `hhsim.metrics.field.registry`; any other has its own name, and no unit."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +116,7 @@ def repair_page(rows: Sequence[RepairedRow], table: Table, manifest: str) -> str
     names, good = _figure_names(rows), sum(row.outcome.state == "repaired" for row in rows)
     rankings = [(heading, _ranking(rows, name, sign)) for name, heading, sign in RANKINGS if name in names]
     worst = {row.name: row for _, ranked in rankings for row in ranked.rows}
-    kept = [replace(column, name=_look(column.name).label) for column in table.columns]
+    kept = [replace(column, name=_look(column.name).name) for column in table.columns]
     kept[:2] = [words("name", _linked), words("state", lambda row: Marked(row.outcome.state, MOODS[row.outcome.state]))]
     return render(
         "sweep/repair_page.html",
@@ -147,19 +139,19 @@ def _figure_names(rows: Sequence[RepairedRow]) -> list[str]:
     return list(dict.fromkeys(name for row in rows for name in row.outcome.figures))
 
 
-def _look(name: str) -> FigureLook:
-    """Return how a figure is shown, by its name with or without _before or _after."""
+def _look(name: str) -> Column:
+    """Return the column of a figure, by its name with or without _before or _after."""
     base, _, when = name.rpartition("_")
     metric = field_metrics().get(base if when in ("before", "after") else name)
     if metric is None:
-        return LOOKS.get(name, FigureLook(name.replace("_", " ")))
+        return LOOKS.get(name, Column(name.replace("_", " ")))
     label = f"{metric.label} {when}" if metric.name == base else metric.label
-    return FigureLook(label, metric.unit, metric.digits)
+    return Column(label, unit=metric.unit, digits=metric.digits)
 
 
-def _column(name: str, called: str) -> Column:
+def _column(name: str, called: str = "") -> Column:
     look = _look(name)
-    return Column(called, unit=look.unit, of=lambda row: row.outcome.figures.get(name), digits=look.digits)
+    return replace(look, name=called or look.name, of=lambda row: row.outcome.figures.get(name))
 
 
 def _linked(row: RepairedRow) -> str:
@@ -195,7 +187,7 @@ def _spread(rows: Sequence[RepairedRow], names: Sequence[str]) -> Table:
     for name in names:
         values, digits = _values(rows, name), _look(name).digits
         found = [shown(float(mark(values)), digits) if len(values) else MISSING for mark in marks]
-        cells.append((_column(name, _look(name).label).heading, f"{len(values):,}", *found))
+        cells.append((_look(name).heading, f"{len(values):,}", *found))
     return Table.of_cells(headings, cells, "Figures over all recordings", numbers=headings[1:])
 
 
@@ -203,7 +195,7 @@ def _ranking(rows: Sequence[RepairedRow], name: str, sign: float) -> Table:
     """Return the worst rows by a figure, the worst first."""
     known = [row for row in rows if np.isfinite(row.figure(name))]
     worst = sorted(known, key=lambda row: -sign * row.figure(name))[:WORST]
-    return Table([words("name", _linked), _column(name, _look(name).label)], worst, "Worst first")
+    return Table([words("name", _linked), _column(name)], worst, "Worst first")
 
 
 def _picture(row: RepairedRow) -> bytes:
@@ -255,7 +247,7 @@ def _draw(figure: "Figure", groups: Mapping[str, Mapping[str, FloatArray]], line
                 {"color": ORANGE} if when == "before" else {"color": BLUE, "fill": True, "alpha": 0.7}
             )
             axes.stairs(counts, edges, label=when, **style)
-        axes.set_title(_column(name, _look(name).label).heading, loc="left")
+        axes.set_title(_look(name).heading, loc="left")
         axes.locator_params(nbins=5)
         if len(group) > 1:
             axes.legend(loc="upper right")

@@ -13,7 +13,7 @@ from time import perf_counter
 
 from hhsim.errors import HhsimError
 from hhsim.solver.hand_solver import warm_up
-from hhsim.sweep.cell_run import CellTask, cell_hand, cell_object, motion_of, run_cell
+from hhsim.sweep.cell_run import CellTask, cell_hand, cell_object, motion_of
 from hhsim.sweep.engines import LOCAL, TaskEnd, require_dask, run_tasks
 from hhsim.sweep.folder import SweepFolder, kind, lasting, pace_of
 from hhsim.sweep.plan import Cell, PlannedCell, SweepPlan, source_digest
@@ -216,7 +216,7 @@ def _tried(planned: PlannedCell, plan_folder: Path, sharing: int) -> TaskEnd:
             options = {**cell.options, "rate": rate / step}
             tried = replace(cell, repeat=1, ticks=min(planned.ticks, ticks), options=options)
             where = str(plan_folder.resolve()), scratch
-            return run_cell(CellTask(tried, planned.digest, *where, False, False, source_digest()))
+            return CellTask(tried, planned.digest, *where, False, False, source_digest()).run()
 
         first = run(FEW)
         # The lesser of two runs: a disturbance of so few ticks would be extrapolated.

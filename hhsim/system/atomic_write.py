@@ -4,7 +4,8 @@ HDF5 files are made in memory first: the library cannot go on after a failed wri
 """
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,17 @@ def put_dataset(group: h5py.Group, name: str, data: Any, units: str, long_name: 
     """Write a dataset with its unit and meaning; `options` as of `h5py.Group.create_dataset`."""
     dataset = group.create_dataset(name, data=data, track_times=False, **options)
     dataset.attrs["units"], dataset.attrs["long_name"] = units, long_name
+
+
+@contextmanager
+def partial_file(path: Path, suffix: str = ".tmp") -> Iterator[Path]:
+    """Yield a path beside a file, whose content replaces it at the end in one step; after an error it is removed."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}{suffix}")
+    try:
+        yield partial
+        partial.replace(Path(os.path.realpath(path)))
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def write_atomically(path: Path, content: bytes) -> None:

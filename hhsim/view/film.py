@@ -5,7 +5,6 @@ Pillow writes a GIF, the program ffmpeg an MP4.
 
 import contextlib
 import io
-import os
 import shutil
 import subprocess
 import tempfile
@@ -23,7 +22,7 @@ from hhsim.render.hand_picture import arrow_surfaces, transparent, viewpoint
 from hhsim.render.rasterizer import OVERSAMPLING, composed, frame, look_from, shade
 from hhsim.render.triangle_soup import STONE, Surface, joined, mesh_surface, moved, near_hands, piece_surfaces
 from hhsim.result.reader import Result
-from hhsim.system.atomic_write import write_atomically
+from hhsim.system.atomic_write import partial_file, write_atomically
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
 from hhsim.view.moment import Moment, both_hands, moment, overview_tick
@@ -184,29 +183,24 @@ def _write_gif(frames: Iterator[Picture], output_path: Path) -> None:
 
 def _write_mp4(frames: Iterator[Picture], output_path: Path, shape: tuple[int, int]) -> None:
     rows, columns = shape
-    partial = output_path.with_name(f".{output_path.name}.{os.getpid()}.mp4")
     command = ["ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{columns}x{rows}"]
     command += ["-r", f"{FPS:g}", "-i", "-", "-an", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
-    try:
-        with tempfile.TemporaryFile() as log:
-            program = subprocess.Popen([*command, str(partial)], stdin=subprocess.PIPE, stdout=log, stderr=log)
-            assert program.stdin is not None
-            try:
-                # A program that has ended takes no more: its exit code says why.
-                with contextlib.suppress(BrokenPipeError):
-                    for picture in frames:
-                        program.stdin.write(picture.tobytes())
-            except BaseException:
-                program.kill()
-                raise
-            finally:
-                with contextlib.suppress(BrokenPipeError):
-                    program.stdin.close()
-                code = program.wait()
-            if code != 0:
-                log.seek(0)
-                lines = log.read().decode(errors="replace").strip().splitlines()
-                raise OutputError(f"ffmpeg cannot write {output_path}: {lines[-1] if lines else 'it says nothing'}")
-        partial.replace(Path(os.path.realpath(output_path)))
-    finally:
-        partial.unlink(missing_ok=True)
+    with partial_file(output_path, ".mp4") as partial, tempfile.TemporaryFile() as log:
+        program = subprocess.Popen([*command, str(partial)], stdin=subprocess.PIPE, stdout=log, stderr=log)
+        assert program.stdin is not None
+        try:
+            # A program that has ended takes no more: its exit code says why.
+            with contextlib.suppress(BrokenPipeError):
+                for picture in frames:
+                    program.stdin.write(picture.tobytes())
+        except BaseException:
+            program.kill()
+            raise
+        finally:
+            with contextlib.suppress(BrokenPipeError):
+                program.stdin.close()
+            code = program.wait()
+        if code != 0:
+            log.seek(0)
+            lines = log.read().decode(errors="replace").strip().splitlines()
+            raise OutputError(f"ffmpeg cannot write {output_path}: {lines[-1] if lines else 'it says nothing'}")

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Literal
 from urllib.parse import urlsplit
 
 from hhsim.errors import InputError, OutputError
+from hhsim.system.atomic_write import partial_file
 from hhsim.system.output_path import check_output_path
 
 if TYPE_CHECKING:
@@ -103,20 +104,14 @@ def rerun_stream(target: RerunTarget, application: str, blueprint: "rrb.Blueprin
 
     stream = rr.RecordingStream(application)
     if target.kind == "file":
-        partial = target.path.with_name(f".{target.path.name}.{os.getpid()}{SUFFIX}")
-        try:
-            stream.save(partial)
-            stream.send_blueprint(blueprint)
-            yield stream
+        with partial_file(target.path, SUFFIX) as partial:
             try:
-                stream.flush(timeout_sec=FLUSH_SECONDS)
-            except (RuntimeError, ValueError) as error:
-                raise OutputError(f"cannot write {target.path}: {error}; is the disk full?") from error
-            stream.disconnect()
-            partial.replace(Path(os.path.realpath(target.path)))
-        finally:
-            stream.disconnect()
-            partial.unlink(missing_ok=True)
+                stream.save(partial)
+                stream.send_blueprint(blueprint)
+                yield stream
+                _flush(stream, target)
+            finally:
+                stream.disconnect()
         return
     if target.kind == "notebook":
         stream.send_blueprint(blueprint)
@@ -129,12 +124,18 @@ def rerun_stream(target: RerunTarget, application: str, blueprint: "rrb.Blueprin
     stream.connect_grpc(target.url)
     stream.send_blueprint(blueprint)
     yield stream
+    _flush(stream, target)
+    # Only now: disconnect would wait for a viewer that takes nothing.
+    stream.disconnect()
+
+
+def _flush(stream: "rr.RecordingStream", target: RerunTarget) -> None:
     try:
         stream.flush(timeout_sec=FLUSH_SECONDS)
     except (RuntimeError, ValueError) as error:
+        if target.kind == "file":
+            raise OutputError(f"cannot write {target.path}: {error}; is the disk full?") from error
         raise InputError(f"the viewer at {target.url} does not take the recording: {error}") from error
-    # Only now: disconnect would wait for a viewer that takes nothing.
-    stream.disconnect()
 
 
 def open_viewer(port: int = PORT) -> None:

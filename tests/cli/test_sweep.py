@@ -11,7 +11,7 @@ from conftest import Run
 from sweep_plans import PLAN, write_plan
 
 from hhsim.sweep import sweep as module
-from hhsim.sweep.cell_run import CellTask, run_cell
+from hhsim.sweep.cell_run import CellTask
 from hhsim.sweep.engines import TaskEnd
 
 
@@ -21,7 +21,7 @@ def planned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
     def here(tasks: Sequence[CellTask], options: object) -> Any:
         for task in tasks:
-            yield TaskEnd(task.digest, "no way") if task.cell.method == "paper" else run_cell(task)
+            yield TaskEnd(task.digest, "no way") if task.cell.method == "paper" else task.run()
 
     monkeypatch.setattr(module, "_engine", here)
     return write_plan(

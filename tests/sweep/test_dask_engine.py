@@ -9,7 +9,7 @@ from sweep_plans import PLAN, without_times, write_plan
 
 from hhsim.errors import InputError
 from hhsim.sweep import engines
-from hhsim.sweep.cell_run import CellTask, run_cell
+from hhsim.sweep.cell_run import CellTask
 from hhsim.sweep.engines import run_on_dask, run_with_client
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.plan import load_plan, source_digest
@@ -30,7 +30,7 @@ def tasks(tmp_path: Path, folder: str, text: str = PLAN) -> list[CellTask]:
 def test_a_cluster_makes_the_same_files(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     here, there = tasks(tmp_path, "here"), tasks(tmp_path, "there")
-    assert not any(run_cell(task).reason for task in here)
+    assert not any(task.run().reason for task in here)
     lost = CellTask(there[0].cell, "lost", str(tmp_path), str(tmp_path / "there"), sources="another")
     with (
         distributed.LocalCluster(

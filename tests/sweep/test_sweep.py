@@ -13,7 +13,7 @@ from hhsim.board.entry import collect
 from hhsim.errors import OutputError
 from hhsim.result.reader import load_result
 from hhsim.sweep import sweep as module
-from hhsim.sweep.cell_run import CellTask, run_cell
+from hhsim.sweep.cell_run import CellTask
 from hhsim.sweep.engines import CRASHED, TaskEnd
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.plan import load_plan, source_digest
@@ -49,7 +49,7 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     def here(tasks: Sequence[CellTask], options: SweepOptions) -> Any:
         for task in tasks:
             ran.append(task.cell.label)
-            yield run_cell(task)
+            yield task.run()
 
     monkeypatch.setattr(module, "_engine", here)
     return ran
@@ -120,9 +120,9 @@ def test_a_failure_is_kept_and_tried_again_when_asked(
 def test_another_hhsim_or_a_folder_that_is_not_seen_fails_the_cell(tmp_path: Path) -> None:
     planned = load_plan(write_plan(tmp_path)).cells[0]
     task = CellTask(planned.cell, planned.digest, str(tmp_path), str(tmp_path), sources="another")
-    assert "is another one" in run_cell(task).reason
+    assert "is another one" in task.run().reason
     task = CellTask(planned.cell, planned.digest, str(tmp_path), str(tmp_path / "no"), sources=source_digest())
-    assert "sees no folder" in run_cell(task).reason
+    assert "sees no folder" in task.run().reason
 
 
 def test_one_sweep_at_a_time_works_in_a_folder_and_no_other_files_are_there(tmp_path: Path) -> None:
@@ -170,7 +170,7 @@ def test_an_estimate_rests_on_all_of_a_motion_where_its_beginning_is_cheap(
         opened.add(task.cell.object.name)
         return TaskEnd(task.digest, ticks=task.cell.ticks, seconds=seconds)
 
-    monkeypatch.setattr(module, "run_cell", pretended)
+    monkeypatch.setattr(CellTask, "run", pretended)
     monkeypatch.setattr(module, "prepare", lambda *_: None)
     text = PLAN.replace('"short.toml"', '"grasp"').replace('"cylinder"', '"cylinder", "cube"')
     plan = load_plan(write_plan(tmp_path, text.replace("[options.usual]", "repeat = 3\n[options.usual]")))

@@ -64,6 +64,10 @@ class Answer:
         return replace(self, method=engine, allowed=math.nan)
 
 
+QUICK: dict[str, Any] = {"rest": 10.0, "held": 5.0}
+"""Short rests and holds."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ManipulationOptions:
     """Options of the suite: names of cases, none for all, and durations of rest and hold [s]."""
@@ -76,11 +80,6 @@ class ManipulationOptions:
         """Raise InputError for an unknown case or a duration out of range."""
         check_known("case", self.cases, case_names())
         check_fields(self)
-
-    @classmethod
-    def quick(cls, **named: Any) -> "ManipulationOptions":
-        """Return options with short rests and holds, but for those given."""
-        return cls(**{"rest": 10.0, "held": 5.0, **named})
 
 
 def _near(case: str, what: str, unit: str, exact: float, measured: float) -> Answer:

@@ -6,19 +6,20 @@ one thread on the machine at hand; the paper's are of an Intel Core i7-8700, 3.7
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from hhsim.bench.paper.run import SceneRun, at_contacts, play, play_again
 from hhsim.bench.paper.scene import Scenario, Stage, make_stage, paper_scenarios
+from hhsim.bench.run_errors import in_turns
 from hhsim.errors import check_known
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
-from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
 from hhsim.system.settings_file import Count, Names, check_fields
 from hhsim.system.thread_pool import usual_threads
@@ -28,6 +29,8 @@ from hhsim.trees.sphere_tree import SphereTree
 
 CONTACTS = {"TF": 131.0, "WH": 250.0}
 """Numbers of contacts with the bunny for which the paper states a time, by case of Fig. 15."""
+QUICK: dict[str, Any] = {"level": 3, "instances": 3, "repetitions": 1}
+"""Options for every row from coarse spheres, few instances, once: a test of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,11 +50,6 @@ class PaperOptions:
         check_known("method", self.methods, list(METHODS))
         check_known("object", self.objects or (), object_names())
         check_fields(self)
-
-    @classmethod
-    def quick(cls, **given: Any) -> "PaperOptions":
-        """Return options for every row from coarse spheres, few instances, once, a test of it; but for those given."""
-        return cls(**{"level": 3, "instances": 3, "repetitions": 1, **given})
 
     @property
     def whole(self) -> bool:
@@ -107,19 +105,13 @@ def play_in_turns(
 
     Raises HhsimError for a scene that a solver cannot play, or not twice alike.
     """
+    scenes = list(product(stages, solvers))
     runs: list[SceneRun] = []
-    total = len(stages) * len(solvers)
-    with interruptible_between() as check_interrupt:
-        for stage in stages:
-            for solver in solvers:
-                progress("scenes", len(runs), total)
-                runs.append(play(stage, solver))
-                check_interrupt()
-        for repetition in range(1, repetitions):
-            for number, run in enumerate(runs if repetition % 2 == 0 else reversed(runs)):
-                progress(f"repetition {repetition + 1} of {repetitions}", number, total)
-                play_again(run)
-                check_interrupt()
+    for number in in_turns(range(len(scenes)), repetitions, lambda _: "scenes", progress):
+        if number == len(runs):
+            runs.append(play(*scenes[number]))
+        else:
+            play_again(runs[number])
     return runs
 
 

@@ -42,8 +42,8 @@ FIGURES = {
     "14": "squeeze, hold and slide on cup and bunny",
     "15": "single finger, two fingers, five fingers, whole hand on the complex objects: 100 instances each",
 }
-CASES = ("SF", "TF", "FF", "WH")
-"""Cases of Fig. 15: single finger, two fingers, five fingers, whole hand."""
+CASES = {"SF": "single finger", "TF": "two fingers", "FF": "five fingers", "WH": "whole hand"}
+"""Cases of Fig. 15."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def paper_scenarios() -> list[Scenario]:
     figure_order, object_order = list(FIGURES), object_names()
 
     def order(scenario: Scenario) -> tuple[int, int, int]:
-        case = CASES.index(scenario.case) if scenario.case in CASES else 0
+        case = [*CASES].index(scenario.case) if scenario.case in CASES else 0
         return figure_order.index(scenario.figure), object_order.index(scenario.object_name), case
 
     return sorted(found, key=order)

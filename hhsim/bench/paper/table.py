@@ -37,8 +37,6 @@ VARIATION = ((0.18, 0.32), (0.18, 0.32), (0.16, 0.29), (0.18, 0.32))
 """Variation of the index finger's force that the paper prints [%], mean and spread: its size, then x, y, z."""
 MOST_NAMED = 5
 """Limit of the missed touches that are named."""
-CASE_NAMES = {"SF": "single finger", "TF": "two fingers", "FF": "five fingers", "WH": "whole hand"}
-"""Cases of Fig. 15."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +149,7 @@ def _complex_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
             # In words the paper states a time for these two cases only.
             stated = case in CONTACTS
             yield PaperRow(
-                f"case_p99_{case}", "15", f"p99 tick, {CASE_NAMES[case]}", method, "s", 1e-3 if stated else math.nan,
+                f"case_p99_{case}", "15", f"p99 tick, {CASES[case]}", method, "s", 1e-3 if stated else math.nan,
                 "≈ 1 ms" if stated else "in a plot only", percentile(worst, 99.0), COMPLEX_P99,
                 f"worst object: {worst.scenario.object_name}; {instances} instances, {min(contacts):.0f} to "
                 f"{max(contacts):.0f} contacts; mean of all {1e6 * _pooled_mean(played):.1f} µs",
@@ -159,7 +157,7 @@ def _complex_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
     for found in runs.at_contacts:
         if found.run.options.method == method:
             held = held_ticks(found.run.stage)
-            label = f"mean tick, {found.wanted:.0f} contacts, {CASE_NAMES[found.case]}"
+            label = f"mean tick, {found.wanted:.0f} contacts, {CASES[found.case]}"
             yield PaperRow(
                 f"contacts_{found.wanted:.0f}", "15", label, method, "s", 1e-3, "≈ 1 ms",
                 float(found.run.tick_cpu[held].mean()), 1e-3,

@@ -4,19 +4,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray
+from hhsim.arrays import FloatArray
 from hhsim.bench.robustness import case
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import HALF, POINTING, RIM, crossings, handling, tip_at
 from hhsim.bench.robustness.sphere_objects import ball, disc, plate, tree_of
 from hhsim.bench.robustness.triangle_objects import ball_mesh, box_mesh, disc_mesh
 from hhsim.bench.run_errors import hand_clearance, placed_of
-from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.hand.configuration import sequence
 from hhsim.hand.quaternion import quaternion, quaternion_product
-from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
 from hhsim.motion.analytic_motion import UPRIGHT, still
-from hhsim.motion.tick_motion import hold_readings
+from hhsim.motion.tick_motion import hold_readings, sound_samples
 
 TOUCHING = 1e-5
 """A hand this near [m] touches."""
@@ -139,11 +138,6 @@ def _bad_samples(seed: int) -> Sequence[HardRun]:
         case.ball_run("none at first", late),
         case.ball_run("the first one from the start", hold_readings(late)),
     ]
-
-
-def sound_samples(motion: HandConfiguration) -> BoolArray:
-    """Return the samples that are a hand's, shape (T,), from the input itself."""
-    return np.array([is_finite_configuration(*sample) for sample in zip(*motion, strict=True)], dtype=bool)
 
 
 def _judge_bad_samples(outcomes: Sequence[Outcome]) -> Sequence[Figure]:

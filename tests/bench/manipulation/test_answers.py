@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sampled import sampled
 
-from hhsim.bench.manipulation.answers import CASES, COLUMNS, Answer, ManipulationOptions, measure, missed, slope
+from hhsim.bench.manipulation.answers import CASES, COLUMNS, QUICK, Answer, ManipulationOptions, measure, missed, slope
 from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS
 from hhsim.bench.manipulation.stage import LENGTHS, REACH, Pinch, clearance, closed, gripped, gripper, gripper_options
 from hhsim.errors import InputError, UnknownNameError
@@ -39,7 +39,7 @@ def test_a_pinch_holds_and_its_fingers_never_enter() -> None:
 
 
 def test_the_table_says_what_is_exact_and_what_was_missed() -> None:
-    rows = measure(ManipulationOptions.quick(cases=("slope",)))
+    rows = measure(ManipulationOptions(cases=("slope",), **QUICK))
     assert [set(row) for row in rows] == [{column.name for column in COLUMNS}] * len(rows)
     assert not missed(rows) and len(rows) == len(slope(SHORT))
     assert missed([{**rows[0], "holds": 0}])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import Run
 
-from hhsim.bench.paper.bench import PaperOptions, PaperRuns, measure
+from hhsim.bench.paper.bench import QUICK, PaperOptions, PaperRuns, measure
 from hhsim.bench.paper.run import COUNTS, GLOVE, NOISES, play, play_again
 from hhsim.bench.paper.scene import Scenario, held_ticks, make_stage
 from hhsim.bench.paper.table import PaperRow, missed, paper_rows
@@ -132,7 +132,7 @@ def test_bars_of_all_holds_hold_for_the_whole_evaluation_only(runs: PaperRuns) -
         "touches",
         *(f"variation_glove_{part}" for part in ("size", *"xyz")),
     }
-    assert PaperOptions().whole and not PaperOptions.quick().whole
+    assert PaperOptions().whole and not PaperOptions(**QUICK).whole
 
 
 def test_instances_are_different_hands_and_the_same_again_for_the_same_seed() -> None:

@@ -14,7 +14,6 @@ from conftest import Run
 from hhsim.bench.robustness import hard as suite
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun
 from hhsim.bench.robustness.hard import CaseResult, bench_hard, judge_case, missed, run_scene, table_rows
-from hhsim.bench.robustness.input_cases import sound_samples
 from hhsim.bench.robustness.local_optimality import stuck_with_way_out
 from hhsim.bench.robustness.pieces import pieces_of
 from hhsim.bench.robustness.postures import HALF
@@ -26,7 +25,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.motion.analytic_motion import still
-from hhsim.motion.tick_motion import hold_readings
+from hhsim.motion.tick_motion import hold_readings, sound_samples
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 
