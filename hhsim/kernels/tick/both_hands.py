@@ -81,8 +81,8 @@ ROUNDS = 12
 UNITS_ROUND = 25_000
 """Work units of one of these: of looking at the pairs, and of rows of both hands."""
 DEEP = 1e-3
-"""Hands that parts have pushed deeper into each other than this [m] are parted along the line of their palms: there the
-normals of their pairs contradict each other."""
+"""Hands that parts have pushed deeper into each other than this [m] are parted along the line of their palms, whatever
+is deeper meanwhile: there the normals of their pairs contradict each other."""
 OTHER_HAND = 1 << 62
 """Key of a force of the other hand among a hand's active contacts: no contact has it, and no guess takes it for one."""
 
@@ -374,7 +374,8 @@ def _advance(hands: Any, options: Any, surfaces: Any, full_motion: float, states
         update_reach(options[h], fraction, motion, full_motion, foreseen, state)
     fits, done = _measure_hands(hands, options, surfaces, states), True
     apart = hands_nearest(hands, states, options[0].margin, both.pairs)
-    if fits and min(apart - both.held, least_distance(states[0][0]), least_distance(states[1][0])) >= 0.0:
+    beyond = apart - both.held if both.held >= -DEEP else 0.0
+    if fits and min(beyond, least_distance(states[0][0]), least_distance(states[1][0])) >= 0.0:
         both.failed, both.is_near, both.held = 0, apart < np.inf, min(apart, 0.0)
         for h in range(2):
             done = accept(options[h], fraction, both.longest[h], full_motion, states[h][0]) and done
@@ -563,18 +564,9 @@ def run_hands_apart(
             else:
                 record[h].status[i] = status
         said = record[0].status[i] | record[1].status[i]
-        if alone and not _may_have_met(hands, options[0].offset, states, both):
+        if alone and (said & STATUS_NO_PLACE or not _may_have_met(hands, options[0].offset, states, both)):
             if said & STATUS_CAPACITY_EXCEEDED:
                 return i + 1
-            continue
-        if said & STATUS_NO_PLACE and alone:
-            # The hand that has a place stays at it, lest it goes into the other one.
-            for h in range(2):
-                copy_configuration(states[h][0].prediction.start, states[h][0].pose)
-            _measure_hands(hands, options, surfaces, states)
-            for h in range(2):
-                times = record[h].duration_total[i], record[h].duration_cpu[i]
-                record_tick(states[h][0], record[h].status[i] | STATUS_NO_PLACE, times[0], times[1], i, record[h])
             continue
         if alone:
             for h in range(2):
