@@ -19,17 +19,15 @@ from hhsim.system.progress import Progress
 from hhsim.verify.again import again_claims
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
 from hhsim.verify.coal_distance import require_coal
-from hhsim.verify.depth_checks import contact_error_claim, depth_claims
+from hhsim.verify.depth_checks import contact_error_claim, depth_claims, hands_apart_claims, self_contact_claims
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
 from hhsim.verify.free_object_checks import free_claims, free_complementarity_claim, free_hand_claim
-from hhsim.verify.input_hand_check import input_hand_claims, motion_claim
+from hhsim.verify.judged_body import object_motion_claims, seen_by_referee
 from hhsim.verify.mesh_distance import EXACT, HandReferee
-from hhsim.verify.metric_checks import metric_claims
-from hhsim.verify.object_frame import object_motion_claims, seen_by_referee
+from hhsim.verify.metric_checks import input_hand_claims, metric_claims, motion_claim
 from hhsim.verify.origin_checks import origin_claims
 from hhsim.verify.posture_checks import posture_claims
-from hhsim.verify.self_contact_checks import hands_apart_claims, self_contact_claims
 from hhsim.verify.session_checks import session_claims
 from hhsim.verify.tick_data import JudgedTicks
 
