@@ -7,12 +7,10 @@ from hhsim.metrics.mesh_penetration import ticks_looked_at
 from hhsim.result.schema import HANDS_APART
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_CLAIMED, NOT_JUDGED, Claim, all_true, as_number, difference, judged
-from hhsim.verify.coal_distance import EXACT, coal_distance, sphere_shapes, triangle_shapes
-from hhsim.verify.contacts import PALM, round_cones
+from hhsim.verify.coal_distance import EXACT, TrueSurface, coal_distance, nearest_on, sphere_shapes, triangle_shapes
+from hhsim.verify.contacts import PALM, meetings, parts_that_may_meet, round_cones
 from hhsim.verify.file_checks import follows
-from hhsim.verify.own_parts import meetings, parts_that_may_meet
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LENGTH, NO_OTHER, NO_PLACE, WHY_LENGTH, JudgedTicks
-from hhsim.verify.tree_checks import TrueSurface, nearest_on
 
 RESTS = 0.25
 """Largest motion of a tick whose successor predicts no hand, as a ratio of `step_tolerance`."""

@@ -18,6 +18,7 @@ from hhsim.result.schema import HANDS_APART, SIDES, TWO_HANDED, is_one_of_two
 from hhsim.scene.parts_of_thing import points_on
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
+from hhsim.verify.coal_distance import TrueSurface
 from hhsim.verify.contacts import PALM, Pairs, joined
 from hhsim.verify.file_checks import follows
 from hhsim.verify.force_checks import FORCE, WHY_FORCE, WHY_SLACK, force_slack
@@ -25,7 +26,6 @@ from hhsim.verify.forces import AT_LIMIT, limit_rows, pushes, residual
 from hhsim.verify.judged_body import JudgedBody
 from hhsim.verify.kinematics import Posed, configurations, own_hand, phalanx_axes, pose, rotations
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_OTHER, STUCK, JudgedTicks
-from hhsim.verify.tree_checks import TrueSurface
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -9,11 +9,20 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import HANDS_APART, SIDES, is_one_of_two
 from hhsim.solver.method import never_penetrates
-from hhsim.verify.contacts import PALM, Pairs, joined, near_pairs, near_triangle_pairs
+from hhsim.verify.contacts import (
+    PALM,
+    Meetings,
+    Pairs,
+    joined,
+    meetings,
+    meetings_of_two,
+    near_pairs,
+    near_triangle_pairs,
+    parts_that_may_meet,
+)
 from hhsim.verify.file_checks import follows, leaves, usable
 from hhsim.verify.judged_body import JudgedBody, judged_bodies
 from hhsim.verify.kinematics import configurations, own_hand, pose, turn_between
-from hhsim.verify.own_parts import Meetings, meetings, meetings_of_two, parts_that_may_meet
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD, NO_PLACE = 1, 2, 4, 8, 16, 32, 64
