@@ -199,10 +199,6 @@ def start_numba() -> None:
     quaternion_to_matrix(np.array([1.0, 0.0, 0.0, 0.0]), np.empty((3, 3)))
 
 
-def _ball(place: FloatArray) -> SphereTree:
-    return SphereTree(place[:1], np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
-
-
 @collector_at_rest()
 def warm_up(
     hand: HandModel, options: SolverOptions, free: FreeObject | None = None, *, jointed: bool = False, others: int = 0
@@ -213,7 +209,9 @@ def warm_up(
     far = np.full((3, 3), 100.0) + 0.01 * np.eye(3)
     places = (far + 10.0 * k for k in range(1 + others))
     surface: Any
-    surface, *beside = (contact_surface(options.surface, Mesh(at, np.array([[0, 1, 2]])), _ball(at)) for at in places)
+    meshes = (Mesh(at, np.array([[0, 1, 2]])) for at in places)
+    ball = np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1)
+    surface, *beside = (contact_surface(options.surface, of, SphereTree(of.vertices[:1], *ball)) for of in meshes)
     one = surface = surface.arrays
     if jointed:
         surface = jointed_surface([one], np.array([[[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]]))

@@ -109,11 +109,8 @@ def _by_library(judge: JudgedTicks) -> Claim:
         found = coal_distance(a, b, first, last, *shapes[which](leaf - starts[which]))
         off.append(abs(found - float(pairs.distance[n])))
         ticks.append(int(judge.chosen[i]))
-    says, why = (
-        "the nearest pair is as far apart as the collision library has it",
-        "a nanometre, and the library's bounds",
-    )
-    note = "" if off else "nothing is near"
+    says, note = "the nearest pair is as far apart as the collision library has it", "" if off else "nothing is near"
+    why = "a nanometre, and the library's bounds"
     return judged("distance by coal", says, off, LENGTH + EXACT, "m", why, ticks=ticks, note=note)
 
 

@@ -95,9 +95,8 @@ def _summary_claims(result: Result) -> list[Claim]:
     rest = [name for name in rest if name not in invented]
     if rest:
         note = "; ".join(f"{name} {metrics[name].own_run or 'is not computed here'}" for name in rest)
-        claims.append(
-            Claim("summary, rest", "figures that do not follow from the ticks", NOT_JUDGED, checked=0, note=note)
-        )
+        says = "figures that do not follow from the ticks"
+        claims.append(Claim("summary, rest", says, NOT_JUDGED, note=note))
     return claims
 
 

@@ -78,9 +78,7 @@ class Verification:
             "ticks": self.ticks,
             "ticks_looked_at": self.looked_at,
             "every": self.every,
-            "sphere_penetration": self.sphere_penetration,
-            "mesh_penetration": self.mesh_penetration,
-            "stationarity": self.stationarity,
+            **{name: getattr(self, name) for name in ("sphere_penetration", "mesh_penetration", "stationarity")},
             "claims": [asdict(claim) for claim in self.claims],
         }
 
