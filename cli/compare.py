@@ -31,10 +31,9 @@ def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
       hhsim compare before.h5 after.h5 --all
     """
     from hhsim.gate.compare import compare, compared
-    from hhsim.replay.checked_figures import checked_figures, read_ticks
-    from hhsim.replay.repeated_times import stored_times
+    from hhsim.replay.summary import stored_times
     from hhsim.replay.summary_table import short_table, whole_table
-    from hhsim.replay.verdict import verdict
+    from hhsim.replay.verdict import checked_figures, read_ticks, verdict
     from hhsim.result.reader import load_result
 
     results = [load_result(path) for path in (base, head)]

@@ -272,8 +272,8 @@ def command(
     if names_a_result(object_):
         return run_again(click.get_current_context(), Path(object_), as_json=output.as_json, quiet=output.quiet)
     from hhsim.mesh.catalogue import MESH_LEVEL, names_a_thing
-    from hhsim.replay.repeated_times import repeated_document, repeated_times
     from hhsim.replay.replay import replay_scene as run
+    from hhsim.replay.summary import repeated_document, repeated_times
     from hhsim.result.reader import check_result_path
     from hhsim.result.writer import state
     from hhsim.scene.described_scene import described_scene

@@ -5,7 +5,7 @@ import numpy as np
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
-from hhsim.verify.mesh_distance import HandReferee
+from hhsim.verify.coal_distance import HandReferee
 
 
 def coal_clearance(hand: HandModel, mesh: Mesh, placed: PlacedHand) -> float:

@@ -18,10 +18,20 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_NO_PLACE, STATUS_STUCK
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import Stiffness
-from hhsim.verify.contacts import PALM, Pairs, joined, near_triangle_pairs, ready_triangles, triangle_places
-from hhsim.verify.forces import balance, moment
+from hhsim.verify.contacts import (
+    PALM,
+    Meetings,
+    Pairs,
+    joined,
+    meetings,
+    meetings_of_two,
+    near_triangle_pairs,
+    parts_that_may_meet,
+    ready_triangles,
+    triangle_places,
+)
+from hhsim.verify.forces import balance, moment, with_meetings
 from hhsim.verify.kinematics import OwnHand, Posed, pose, rotations, turn_between
-from hhsim.verify.own_parts import Meetings, meetings, meetings_of_two, parts_that_may_meet, with_meetings
 
 PERIOD = 1e-3
 """Of a tick [s]."""

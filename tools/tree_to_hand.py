@@ -30,8 +30,8 @@ from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
+from hhsim.verify.coal_distance import HandReferee
 from hhsim.verify.contacts import BODIES
-from hhsim.verify.mesh_distance import HandReferee
 
 TOUCH = 1e-5
 """Spheres nearer than this [m] touch."""

@@ -51,8 +51,7 @@ from hhsim.system.settings_file import Count, Names, check_fields
 from hhsim.table.table import Column
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
-from hhsim.verify.coal_distance import require_coal
-from hhsim.verify.mesh_distance import HandReferee
+from hhsim.verify.coal_distance import HandReferee, require_coal
 
 OURS: tuple[tuple[str, str], ...] = (("coupled", "mesh"), ("coupled", "spheres"), ("penalty", "spheres"))
 """Our methods, and the surfaces that they touch."""

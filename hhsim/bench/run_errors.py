@@ -2,7 +2,7 @@
 
 All figures come from the recorded poses and forces, none from the solver's tolerances. Contact points are searched on
 the surface of the run; their distances from the true mesh, and the hand's depth in it, are measured by the independent
-library coal (`hhsim.verify.mesh_distance`), which shares no code with the solver. The best pose is the optimum on the
+library coal (`hhsim.verify.coal_distance`), which shares no code with the solver. The best pose is the optimum on the
 triangles of the mesh.
 """
 
@@ -36,9 +36,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import best_hands, reference_excess
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress
-from hhsim.verify.coal_distance import coal_model, require_coal
-from hhsim.verify.mesh_distance import HandReferee
-from hhsim.verify.tree_checks import nearest_on
+from hhsim.verify.coal_distance import HandReferee, coal_model, nearest_on, require_coal
 
 MOST_HANDS = 400
 """Hands of a run whose depth is measured, 6 to 18 ms each: all that differ in a grasp, two in five in a slide."""

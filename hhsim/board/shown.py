@@ -8,7 +8,7 @@ from typing import Any
 
 from hhsim.board.entry import Board, Entry, shown_options
 from hhsim.board.standings import Standing
-from hhsim.replay.repeated_times import digits_with
+from hhsim.replay.summary import digits_with
 from hhsim.table.table import Table, number, shown, words
 
 MARK = "●"

@@ -25,7 +25,7 @@ from hhsim.gate.time_comparison import NOT_COMPARABLE
 from hhsim.gate.verdict import GateRow, inputs_row
 from hhsim.kernels.machine_calibration import REFERENCE_VERSION
 from hhsim.metrics.run.registry import judged_metrics
-from hhsim.replay.limits import default_limits, stored_promises
+from hhsim.replay.summary_table import default_limits, stored_promises
 from hhsim.result.reader import Result
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import write_atomically

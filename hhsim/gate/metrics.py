@@ -17,7 +17,7 @@ from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
 from hhsim.metrics.run_metric import Figure
 from hhsim.metrics.run_ticks import PLACED, result_ticks, touched_object
 from hhsim.metrics.session_faults import SESSION_FAULTS, SESSION_TIMES
-from hhsim.replay.limits import default_limits, stored_promises
+from hhsim.replay.summary_table import default_limits, stored_promises
 from hhsim.result.digest import tick_digest
 from hhsim.result.reader import Result
 from hhsim.result.schema import TICK_COLUMNS

@@ -11,7 +11,7 @@ from hhsim.gate.time_comparison import BETTER, NOT_COMPARABLE, SAME, WITHIN, WOR
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.metrics.run_metric import Figure
-from hhsim.replay.limits import promised
+from hhsim.replay.summary_table import promised
 
 ROUNDING = 1e-9
 """Relative difference up to which errors are the same."""

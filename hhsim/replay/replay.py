@@ -36,7 +36,7 @@ from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
 from hhsim.solver.free_engine import Thing
 from hhsim.solver.hand_solver import HandSolver, warm_up
-from hhsim.solver.jointed_engine import require_jointed
+from hhsim.solver.linearising_engine import require_jointed
 from hhsim.solver.method import METHODS, Method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver, keeps_hands_apart

@@ -1,13 +1,14 @@
-"""Table that `hhsim replay` prints: our figures beside the paper's, and those that runs of their own give.
+"""Table that `hhsim replay` prints: our figures beside the paper's, of runs of their own and of repeats, too.
 
 With frozen input the force must come to rest, which shows limit cycles but not what a user feels. The paper's 0.18 %
 was measured on a live hold, so a hold with frozen input is run once more with seeded physiological tremor.
 """
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from statistics import mean, stdev
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from hhsim.metrics.mesh_penetration import MOST_CONTACT_ERROR, TouchedObject
 from hhsim.metrics.metrics import Statistics, force_variation_rate, statistics
 from hhsim.metrics.moving_parts import MovingParts, TouchedParts
 from hhsim.metrics.run.force import TREMBLING
-from hhsim.metrics.run.registry import known_figures, tick_figures
+from hhsim.metrics.run.registry import known_figures, run_metrics, tick_figures
 from hhsim.metrics.run_ticks import Datasets, FreeRun, RunTicks
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.motion.tremor import Disturbance
@@ -53,6 +54,8 @@ HELD_OFF = 1e-6
 
 GRAPHIC_HAND = ("graphic/position", "graphic/orientation", "graphic/flexion", "graphic/abduction")
 """Datasets from which figures of further runs start."""
+MORE_DIGITS = 2
+"""Digits that a deviation may add to the table's tenths of a µs: a tick's time is whole nanoseconds."""
 
 
 def tremor_variation(
@@ -285,3 +288,48 @@ def _notes(scene: Scene, options: SolverOptions, status: AnyArray) -> tuple[str,
     if options.threads > 1:
         notes.append(f"CPU times are those of all {options.threads} threads together, waiting for each other included")
     return tuple(notes)
+
+
+@dataclass(frozen=True)
+class RepeatedTime:
+    """Mean and standard deviation (n - 1) of a figure of time over several runs, and its row in the last table."""
+
+    row: SummaryRow
+    mean: float
+    deviation: float
+
+    @property
+    def shown(self) -> str:
+        """Mean ± standard deviation in the table's unit, with digits enough for two of the deviation."""
+        figure = self.row.figure
+        figure = replace(figure, digits=digits_with(self.deviation / figure.scale, figure.digits))
+        return f"{figure.shown(self.mean)} ± {figure.shown(self.deviation)}"
+
+
+def digits_with(deviation: float, digits: int) -> int:
+    """Return the number of decimals that show two digits of a deviation, at least `digits` and not many more."""
+    if not deviation > 0.0:
+        return digits
+    return min(max(digits, 1 - math.floor(math.log10(deviation))), digits + MORE_DIGITS)
+
+
+def repeated_times(runs: Sequence[ReplaySummary]) -> list[RepeatedTime]:
+    """Return every figure that has noise, over at least two runs of the same replay, without undefined ones."""
+    found = []
+    for row in runs[-1].rows:
+        values = [float(other.value) for run in runs for other in run.rows if other.name == row.name]
+        if run_metrics()[row.name].noise > 0.0 and all(map(math.isfinite, values)):
+            found.append(RepeatedTime(row, mean(values), stdev(values)))
+    return found
+
+
+def repeated_document(runs: Sequence[ReplaySummary]) -> dict[str, Any]:
+    """Return times over at least two runs of the same replay as plain values: SI, or % where defined so."""
+    times = {time.row.name: {"mean": time.mean, "std": time.deviation} for time in repeated_times(runs)}
+    return {"runs": len(runs), "times": times}
+
+
+def stored_times(repeated: Mapping[str, Any], rows: Sequence[SummaryRow]) -> list[RepeatedTime]:
+    """Return the repeated times of a result (`hhsim.result.reader.Result.repeated`), in the order of its table."""
+    times = repeated.get("times", {})
+    return [RepeatedTime(row, times[row.name]["mean"], times[row.name]["std"]) for row in rows if row.name in times]

@@ -1,4 +1,7 @@
-"""Rows of the table that `hhsim replay` prints, of a run that has just ended or as its file holds them."""
+"""Rows of the table that `hhsim replay` prints, of a run that has just ended or as its file holds them.
+
+A figure has one default limit, the same for every method.
+"""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -6,9 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from hhsim.metrics.run.force import TREMBLING
-from hhsim.metrics.run.registry import run_metrics
+from hhsim.metrics.run.registry import judged_metrics, run_metrics
 from hhsim.metrics.run_metric import PAPER_RATE, Figure
-from hhsim.replay.limits import promised
+from hhsim.solver.method import METHODS, PROMISES
 from hhsim.table.table import Table, number, words
 
 
@@ -102,3 +105,30 @@ def short_table(rows: Sequence[SummaryRow], missed: Sequence[str] = ()) -> tuple
     names = {row.name for row in chosen.values()}.union(missed)
     names |= {row.name for row in rows if run_metrics()[row.name].unless_zero and row.value > 0.0}
     return tuple(row for row in whole_table(rows) if row.name in names)
+
+
+def stored_promises(scene: Mapping[str, Any]) -> frozenset[str]:
+    """Return the promises of a run's method, of `hhsim.solver.method.PROMISES`, by its result's scene alone.
+
+    The file of an outside method states them, so that the verdict does not depend on what is installed. An unknown
+    method is held to everything.
+    """
+    name = str(scene.get("solver", {}).get("method", ""))
+    if name in METHODS:
+        return METHODS[name].promises
+    return frozenset(map(str, scene.get("promises", PROMISES)))
+
+
+def promised(figure: str, promises: Collection[str]) -> bool:
+    """Return True if a method with these promises is held to a figure's default limit."""
+    metric = judged_metrics().get(figure)
+    return metric is None or metric.judged is None or metric.judged.promise in ("", *promises)
+
+
+def default_limits(promises: Collection[str]) -> dict[str, float]:
+    """Return the default limits that hold for a method with these promises, by figure [SI, or %]."""
+    return {
+        name: metric.judged.limit
+        for name, metric in judged_metrics().items()
+        if metric.judged is not None and metric.judged.limit is not None and promised(name, promises)
+    }

@@ -1,16 +1,25 @@
-"""Verdict on a run: a word and a few sentences, above its table and at the top of its report."""
+"""Verdict on a run: a word and a few sentences, above its table and at the top of its report.
+
+Figures of a result as its file states them are held against those of its ticks.
+"""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+import numpy as np
+
+from hhsim.arrays import AnyArray
 from hhsim.mesh.solidify import ASSUMED_SOLID
+from hhsim.metrics.run.registry import known_figures, needed_columns, run_metrics, tick_figures
 from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
+from hhsim.metrics.run_ticks import RunTicks, result_ticks
 from hhsim.metrics.session_faults import SESSION_FAULTS, how_it_ended, recorded_faults
-from hhsim.replay.limits import default_limits, stored_promises
-from hhsim.replay.summary_table import SummaryRow
+from hhsim.replay.summary_table import SummaryRow, default_limits, stored_promises, summary_rows
 from hhsim.result.reader import Result
-from hhsim.solver.method import PROMISES
+from hhsim.scene.motion_catalogue import of_the_paper
+from hhsim.solver.method import EVERYTHING, PROMISES
 
 OK, MISSED, UNTOUCHED = "within limits", "limits missed", "nothing touched"
 SHORT, LATE, EMPTY = "cut short", "ticks missed", "no ticks"
@@ -20,6 +29,8 @@ STATED_TIMES = "the times of its ticks are what the submission says: they were n
 """Remark on the times of a submission."""
 ELSEWHERE = "Put the object elsewhere (a recording: --place-object auto), or look at its size (--unit, --size)."
 """Advice where nothing touches."""
+SAME = 1e-9
+"""Relative difference [SI, %] up to which figures are the same: sums in another order differ by less."""
 
 
 @dataclass(frozen=True)
@@ -145,3 +156,41 @@ def _speed(figures: Mapping[str, SummaryRow], ticks: int) -> str:
 def _over(row: SummaryRow, limit: float) -> str:
     unit = f" {row.unit}" if row.unit else ""
     return f"{row.label} {row.shown}{unit} (limit {limit / row.figure.scale:g})"
+
+
+def read_ticks(result: Result, more: Sequence[str] = ()) -> RunTicks:
+    """Read what the figures need of every tick, and `more` datasets of /tick."""
+    result = result.seen_from_object
+
+    def known(values: AnyArray) -> AnyArray:
+        # What is infinite is no figure either.
+        return np.where(np.isfinite(values), values, np.nan) if values.dtype.kind == "f" else values
+
+    return result_ticks(result, {name: known(result[name]) for name in (*needed_columns(), *more)})
+
+
+class CheckedFigures(NamedTuple):
+    """Figures of a result."""
+
+    rows: tuple[SummaryRow, ...]  # what its replay printed; what the file lacks is computed from its ticks
+    misstated: str  # sentence on figures of the file that are not those of its ticks; else ""
+
+
+def checked_figures(result: Result, ticks: RunTicks) -> CheckedFigures:
+    """Compute the figures of the ticks, and replace them by those of the file."""
+    known = known_figures([what for what in EVERYTHING if result.gives(what)])
+    own, stated = {name: value for name, value in tick_figures(ticks).items() if name in known}, {}
+    if result.complete and result.live is None:
+        stated = {name: float(result.summary[name]) for name in run_metrics() if name in result.summary}
+    of_paper = of_the_paper(result.scene)
+    computed = {row.name: row for row in summary_rows({**stated, **own}, result.rate, of_paper=of_paper)}
+    rows = summary_rows({**own, **stated}, result.rate, of_paper=of_paper)
+    wrong = [
+        f"{row.label} {row.shown} where its ticks give {computed[row.name].shown} {row.unit}".rstrip()
+        for row in rows
+        # What reads the same is the same, and a last digit may fall either way.
+        if row.shown != computed[row.name].shown
+        and not math.isclose(row.value, computed[row.name].value, rel_tol=SAME, abs_tol=SAME)
+    ]
+    text = f"The file says {'; '.join(wrong)}. hhsim verify looks further." if wrong else ""
+    return CheckedFigures(rows, text)

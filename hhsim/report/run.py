@@ -6,9 +6,8 @@ from typing import Any
 
 from hhsim.live.session.summary_table import session_rows
 from hhsim.metrics.session_faults import broken_off
-from hhsim.replay.checked_figures import checked_figures, read_ticks
 from hhsim.replay.summary_table import SummaryRow
-from hhsim.replay.verdict import MISSED, OK, Verdict, verdict
+from hhsim.replay.verdict import MISSED, OK, Verdict, checked_figures, read_ticks, verdict
 from hhsim.report.labels import UNNAMED, result_labels
 from hhsim.report.posed_result import PosedResult, posed_result
 from hhsim.report.ticks import PHASE_COLUMNS, finger_figures, phase_figures

@@ -23,7 +23,7 @@ Keys, with their defaults; a shape and its place are as of `hhsim.scene.jointed_
     slider.friction = 0.0            # largest force of the slider's friction [N]
     driven.type = "slider"           # in place of these: it goes as recorded, through what is fixed or driven, too;
     driven.motion = [[0.0, 0.0], [1.0, 0.1]]    # keys as of the joint of a part, see `hhsim.scene.jointed_thing`
-    poses = { file = "box.npy", rate = 30.0 }   # or by its poses, which have no joint, see `hhsim.scene.driven_thing`
+    poses = { file = "box.npy", rate = 30.0 }   # or by its poses, which have no joint, see `hhsim.scene.things`
 """
 
 import re
@@ -31,27 +31,78 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from msgspec import Meta, structs
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known, named
-from hhsim.hand.quaternion import rotation_matrix
+from hhsim.hand.quaternion import quaternion_product, rotation_matrix
 from hhsim.mesh.catalogue import THINGS, names_a_file
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts
+from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickInput, Trajectory
 from hhsim.ranges import RANGES
-from hhsim.scene.driven_thing import Drive, PoseFile, along_joint
+from hhsim.reproducible import norm
 from hhsim.scene.free_object import CLEARANCE, FreeObject, Hinge, Slider
 from hhsim.scene.jointed_thing import Joint, Keyframe, Number, Shape, Three, Two, check_no_circle, moved_by
 from hhsim.scene.parts_of_thing import require_apart, require_no_joints, shape_mesh
 from hhsim.system.settings_file import Settings, between, read_settings, read_toml_text
 from hhsim.trees.sphere_tree import SphereTree
 
+Drive: TypeAlias = Callable[[FloatArray], ObjectMotion]
+"""Poses of a thing's own frame in that of the scene's file at some times [s], shape (T,)."""
 MOST_THINGS = 6
+
+
+class PoseFile(Settings, frozen=True):
+    """File with the poses of a thing, as `hhsim import --object-poses` reads it; the path is relative to the scene's.
+
+    `rate` is that of poses without stamps [Hz], the first of which is at 0 s. `order` and `unit` are those of
+    quaternions and positions where the file does not say them.
+    """
+
+    file: str
+    rate: Annotated[float, between(1e-3, 1e6, "Hz")] | None = None
+    order: Literal["wxyz", "xyzw"] | None = None
+    unit: Literal["m", "cm", "mm"] | None = None
+
+    def drive(self, shape: Shape, folder: Path) -> Drive:
+        """Return the motion of a shape by the poses, in a frame that its position and orientation place in the file's.
+
+        Before the first pose and after the last one it stands. Raises InputError for poses that are missing, and
+        TrajectoryError for a file that has none.
+        """
+        from hhsim.recordings.object_poses import read_stamped_poses
+        from hhsim.recordings.registry import ReadOptions
+
+        path = folder / self.file
+        stamps, poses = read_stamped_poses(path, ReadOptions(pose_order=self.order, pose_unit=self.unit))
+        with named(path):
+            if stamps is None:
+                if self.rate is None:
+                    raise InputError("has no stamps; expected rate = 30.0 beside the file's name")
+                stamps = np.arange(len(poses.position)) / self.rate
+            missing = ~np.isfinite(np.concatenate(poses, axis=1)).all(axis=1)
+            if missing.any():
+                raise InputError(f"lacks the pose of row {int(np.argmax(missing))}; expected one in each row")
+        turn = np.array(shape.orientation) / norm(np.array(shape.orientation))
+
+        def drive(time: FloatArray) -> ObjectMotion:
+            at = np.clip(time, stamps[0], stamps[-1])
+            turns = interpolate_orientation(stamps, poses.orientation, at)
+            frame = RigidMotion(np.broadcast_to(turn, turns.shape), np.tile(np.array(shape.position), (len(at), 1)))
+            places = frame.points(interpolate_monotone(stamps, poses.position, at))
+            return ObjectMotion(places, quaternion_product(frame.turn, turns))
+
+        return drive
+
+
+def along_joint(shape: Shape, joint: Joint) -> Drive:
+    """Return the motion of a shape along or about a joint whose motion has been read."""
+    return lambda time: ObjectMotion(*moved_by(shape, joint, joint.values(time)))
 
 
 class SliderSettings(Settings, frozen=True):

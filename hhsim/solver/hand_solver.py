@@ -1,7 +1,7 @@
-"""Solver of the graphic hand: one hand, one object's surface, one tick after another."""
+"""Solver of the graphic hand: one hand, one object's surface, one tick after another, from a free place on."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -11,8 +11,13 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
+from hhsim.hand.self_pairs import self_clearance
 from hhsim.kernels.callee import collector_at_rest
+from hhsim.kernels.contact.penetration import clearances
+from hhsim.kernels.contact.self_pairs import NoPairs
 from hhsim.kernels.free.record import ObjectRecord
+from hhsim.kernels.hand.hand_shape import StoredHands
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.jit import JIT_ENABLED, as_argument
 from hhsim.kernels.kernel_cache import compiled_kernels
@@ -27,10 +32,8 @@ from hhsim.metrics.metrics import penetration
 from hhsim.reproducible import norm
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.free_engine import FreeEngine, Thing
-from hhsim.solver.free_place import clearance, part_fingers, retreat
-from hhsim.solver.jointed_engine import JointedEngine
 from hhsim.solver.known_methods import find_method
-from hhsim.solver.linearising_engine import LinearisingEngine
+from hhsim.solver.linearising_engine import JointedEngine, LinearisingEngine
 from hhsim.solver.method import Engine
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record
@@ -40,6 +43,8 @@ from hhsim.trees.sphere_tree import SphereTree
 
 START_LINEARISATIONS = 4000
 """Most linearisations of the approach from a free place to the object, where the haptic hand starts inside it."""
+SHARES = 64
+"""Number of postures that are tried between a hand that is in itself and the straight one."""
 
 
 class HandSolver:
@@ -194,10 +199,6 @@ def start_numba() -> None:
     quaternion_to_matrix(np.array([1.0, 0.0, 0.0, 0.0]), np.empty((3, 3)))
 
 
-def _ball(place: FloatArray) -> SphereTree:
-    return SphereTree(place[:1], np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
-
-
 @collector_at_rest()
 def warm_up(
     hand: HandModel, options: SolverOptions, free: FreeObject | None = None, *, jointed: bool = False, others: int = 0
@@ -208,7 +209,9 @@ def warm_up(
     far = np.full((3, 3), 100.0) + 0.01 * np.eye(3)
     places = (far + 10.0 * k for k in range(1 + others))
     surface: Any
-    surface, *beside = (contact_surface(options.surface, Mesh(at, np.array([[0, 1, 2]])), _ball(at)) for at in places)
+    meshes = (Mesh(at, np.array([[0, 1, 2]])) for at in places)
+    ball = np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1)
+    surface, *beside = (contact_surface(options.surface, of, SphereTree(of.vertices[:1], *ball)) for of in meshes)
     one = surface = surface.arrays
     if jointed:
         surface = jointed_surface([one], np.array([[[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]]))
@@ -227,3 +230,63 @@ def warm_up(
     if not method.compiled:
         look_at(solver.workspace.hand, surface, solver.workspace.tick_options, solver.workspace.states)
     return WarmUp(time.perf_counter() - began, JIT_ENABLED and compiled_kernels() > before)
+
+
+def clearance(workspace: TickWorkspace) -> float:
+    """Signed distance [m] of the graphic hand to the surface, also deep inside, up to ten times the margin."""
+    pose, options = workspace.states[0].pose, workspace.options
+    joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
+    rotation = np.empty((3, 3))
+    quaternion_to_matrix(np.array(pose.orientation), rotation)
+    palm, finger, shape = np.empty(1), np.empty((1, FINGER_COUNT)), hand_shape(workspace.model)
+    placed = StoredHands(shape, np.ascontiguousarray(joints)[None], np.array(pose.position)[None], rotation[None])
+    clearances(workspace.surface, placed, 10.0 * options.margin, palm, finger)
+    used = options.modelled()[:PALM_BODY:PHALANX_COUNT]
+    return float(min(palm[0], finger[0, used].min(initial=np.inf)))
+
+
+def part_fingers(workspace: TickWorkspace) -> bool:
+    """Straighten the fingers of a hand that is in itself until it is not; return whether it was."""
+    own = workspace.tick_options.own
+    if isinstance(own, NoPairs):
+        return False
+    pose, share = workspace.states[0].pose, np.linspace(1.0, 0.0, SHARES + 1)
+    flexion, abduction = (share.reshape(-1, *[1] * values.ndim) * values for values in (pose.flexion, pose.abduction))
+    flexion = np.clip(flexion, workspace.hand.flexion_min, workspace.hand.flexion_max)
+    # The straight hand is the last one: its parts that may meet are apart.
+    first = int(np.argmax(self_clearance(workspace.model, own, flexion, abduction) >= workspace.options.offset))
+    pose.flexion[:], pose.abduction[:] = flexion[first], abduction[first]
+    return first > 0
+
+
+def retreat(workspace: TickWorkspace) -> None:
+    """Shift the hand by the least distance that frees it, over 26 directions and the one away from the object."""
+    pose = workspace.states[0].pose
+    joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
+    away = joints.reshape(-1, 3).mean(axis=0) - workspace.center()
+    shift_until([pose.position], away, lambda: clearance(workspace), workspace.options.margin)
+
+
+def shift_until(positions: Sequence[FloatArray], away: FloatArray, distance: Callable[[], float], clear: float) -> None:
+    """Shift palms least, in 26 directions and `away`, to a signed distance `clear` [m]; a second one opposite."""
+    origins = [position.copy() for position in positions]
+    directions = [np.array(d) - 1.0 for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]
+    if norm(away) > 0.0:
+        directions.insert(0, away)
+    best, nearest = np.inf, np.zeros(3)
+
+    def place(shift: FloatArray) -> None:
+        for position, origin, sign in zip(positions, origins, (1.0, -1.0)):
+            position[:] = origin + sign * shift
+
+    for direction in directions:
+        unit = direction / norm(direction)
+        shift = 0.0
+        while shift < best:
+            place(shift * unit)
+            found = distance()
+            if found >= clear:
+                best, nearest = shift, shift * unit
+                break
+            shift += max(clear, -found / len(positions))
+    place(nearest)

@@ -25,9 +25,8 @@ def find_method(name: str) -> Method:
     if name in _known_for_now:
         return _known_for_now[name]
     if name.startswith(SUBMITTED):
-        return Method(
-            "poses that were computed elsewhere", partial(_no_engine, name), gives=frozenset(), compiled=False
-        )
+        summary = "poses that were computed elsewhere"
+        return Method(summary, partial(_no_engine, name), gives=frozenset(), compiled=False)
     if name.startswith(ISOLATED):
         from hhsim.solver.isolated_method import isolated_engine, isolated_facts
 

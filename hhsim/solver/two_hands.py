@@ -18,10 +18,8 @@ from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSI
 from hhsim.reproducible import norm
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.free_engine import FreeEngine, Thing
-from hhsim.solver.free_place import clearance, shift_until
-from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver
-from hhsim.solver.jointed_engine import JointedEngine
-from hhsim.solver.linearising_engine import LinearisingEngine
+from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver, clearance, shift_until
+from hhsim.solver.linearising_engine import JointedEngine, LinearisingEngine
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record, zeroed
 

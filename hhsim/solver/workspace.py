@@ -1,9 +1,14 @@
-"""Workspace of the ticks of one hand and one object."""
+"""Workspace of the ticks of one hand and one object, and the threads that help with them."""
 
 import math
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import HhsimError, InputError
@@ -15,23 +20,27 @@ from hhsim.kernels.contact.self_pairs import NoPairs
 from hhsim.kernels.contact.surface import Surface
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.jit import JIT_ENABLED
+from hhsim.kernels.parallel.thread_team import dismiss, post
 from hhsim.kernels.parts.surface import JointedSurface, whole_dtype
-from hhsim.kernels.qp.active_set import new_work
+from hhsim.kernels.qp.active_set import QpWork, new_work
 from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
 from hhsim.kernels.tick.block import HapticBlock, NoObject, TickBlock, TickRecord, run_block
 from hhsim.kernels.tick.evaluation import rebuild_candidates
 from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.progressive import help_out
 from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import SURFACES, surface_of
-from hhsim.solver.tick_threads import ThreadTeam
+from hhsim.system.posix import thread_clock
 from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.jointed_surface import begun
 
 FORCE_MODELS = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
 RELAXATION = 100.0
 """Number of tolerances by which contradicting rows are relaxed."""
+HELPER = "hhsim-helper"
+"""Start of the helpers' names."""
 
 
 def tick_options(options: SolverOptions, model: HandModel) -> TickOptions:
@@ -162,3 +171,47 @@ def tick_record(ticks: int) -> TickRecord:
         work=zeros((ticks, WORK_COUNTERS), np.int64),
         lag=zeros(ticks),
     )
+
+
+class ThreadTeam:
+    """Helpers of one solver: threads that live while a block of ticks runs, and wait for work in compiled code.
+
+    Starting them takes about 0.1 ms a block, outside of the timed ticks. `threads` counts the caller's own; 1 starts
+    none. `works` are the helpers' workspaces: none writes what another thread writes.
+    """
+
+    def __init__(self, states: NDArray[np.void], threads: int) -> None:
+        self.states = states
+        self.works = [new_work(DOF, ROW_CAPACITY) for _ in range(threads - 1)]
+
+    @contextmanager
+    def at_work(self, options: TickOptions) -> Iterator[None]:
+        """Run the helpers during a block, and raise what one of them raised; however it ends, none of them is left."""
+        if not self.works:
+            yield
+            return
+        shared = self.states[0].thread_team
+        word = shared.word[:]
+        dismiss(word)
+        # Compiled before there are helpers: a block of ticks would begin without them.
+        help_out(options, self.states, self.works[0])
+        clocks: SimpleQueue[int] = SimpleQueue()
+
+        def help_with(work: QpWork) -> None:
+            clocks.put(thread_clock())
+            help_out(options, self.states, work)
+
+        with ThreadPoolExecutor(len(self.works), HELPER) as pool:
+            try:
+                post(word, 0)
+                helpers = [pool.submit(help_with, work) for work in self.works]
+                shared.clock[: len(helpers)] = [clocks.get() for _ in helpers]
+                shared.clocks = len(helpers)
+                shared.members = 1 + len(helpers)
+                yield
+            finally:
+                dismiss(word)
+                shared.members = 1
+                shared.clocks = 0
+        for helper in helpers:
+            helper.result()

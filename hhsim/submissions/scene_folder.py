@@ -19,8 +19,16 @@ from hhsim.hand.model import HandModel
 from hhsim.motion.csv_file import POSE_COLUMNS, format_csv
 from hhsim.scene.scene import Scene
 from hhsim.submissions.pose_file import Submission, format_poses
-from hhsim.submissions.scene_file import scene_content, scene_digest, scene_names, scene_title, tick_trajectory
-from hhsim.submissions.scene_model import recorded_poses, scene_bodies, scene_mjcf
+from hhsim.submissions.scene_file import (
+    recorded_poses,
+    scene_bodies,
+    scene_content,
+    scene_digest,
+    scene_mjcf,
+    scene_names,
+    scene_title,
+    tick_trajectory,
+)
 from hhsim.table.table import Table
 
 SCENE_FILE = "scene.h5"

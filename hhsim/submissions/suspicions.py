@@ -114,7 +114,10 @@ def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
         found += _position(now.position, then.position, then.orientation)
         found += _orientation(now.orientation, then.orientation)
         found += _fingers(now.flexion, now.abduction, then.flexion, then.abduction)
-    return (*found, *_forces(submission, None if found else user), *_durations(submission))
+    found += _forces(submission, None if found else user)
+    if submission.duration is not None and float(np.median(submission.duration)) > MOST_DURATION:
+        found.append(f"a tick takes {np.median(submission.duration):,.6g} s: microseconds?")
+    return tuple(found)
 
 
 def _free(scene: Scene) -> BoolArray:
@@ -261,8 +264,3 @@ def _forces(submission: Submission, user: HandConfiguration | None) -> Iterator[
     along = float(np.einsum("ti,ti->t", total, off).sum())
     if along < -0.5 * float((size * np.linalg.norm(off, axis=1)).sum()):
         yield "forces pull the hand towards the user's: meant are those on the hand; those on the object?"
-
-
-def _durations(submission: Submission) -> Iterator[str]:
-    if submission.duration is not None and float(np.median(submission.duration)) > MOST_DURATION:
-        yield f"a tick takes {np.median(submission.duration):,.6g} s: microseconds?"

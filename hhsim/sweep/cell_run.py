@@ -12,9 +12,8 @@ from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import names_a_file, resolve_object
 from hhsim.mesh.mesh import Mesh
-from hhsim.replay.repeated_times import repeated_document
 from hhsim.replay.replay import replay_scene
-from hhsim.replay.summary import ReplaySummary
+from hhsim.replay.summary import ReplaySummary, repeated_document
 from hhsim.result.writer import state
 from hhsim.scene.described_scene import described_scene
 from hhsim.scene.motion_catalogue import Motion, resolve_trajectory, trajectory_names

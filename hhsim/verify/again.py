@@ -105,10 +105,8 @@ def _motion(result: Result) -> Claim:
     off[:count] = np.maximum(off[:count], np.abs(np.asarray(result["input_seq"])[:count] - ticks.input_seq[:count]))
     if result.complete and (ticks.tick_count > count or ticks.phases != result.phases):
         off[-1] = np.inf
-    note = (
-        "" if str(result.scene.get("trajectory")) in trajectory_names() else f"as {result.scene['trajectory']} is now"
-    )
-    why = "rounding on another machine"
+    motion, why = str(result.scene.get("trajectory")), "rounding on another machine"
+    note = "" if motion in trajectory_names() else f"as {motion} is now"
     return judged(name, says, off, SAME_MOTION, "m, rad", why, ticks=np.arange(result.ticks), note=note)
 
 

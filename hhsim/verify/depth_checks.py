@@ -1,16 +1,16 @@
-"""Claims of touching pairs, penetration depths and the distance of contacts to the true mesh, at the chosen ticks."""
+"""Claims of depths: touching pairs and contacts off the mesh at the chosen ticks, and at all the hand's own parts."""
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.metrics.mesh_penetration import ticks_looked_at
+from hhsim.result.schema import HANDS_APART
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_CLAIMED, NOT_JUDGED, Claim, all_true, as_number, difference, judged
-from hhsim.verify.coal_distance import EXACT, coal_distance, sphere_shapes, triangle_shapes
-from hhsim.verify.contacts import PALM, round_cones
+from hhsim.verify.coal_distance import EXACT, TrueSurface, coal_distance, nearest_on, sphere_shapes, triangle_shapes
+from hhsim.verify.contacts import PALM, meetings, parts_that_may_meet, round_cones
 from hhsim.verify.file_checks import follows
-from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LENGTH, WHY_LENGTH, JudgedTicks
-from hhsim.verify.tree_checks import TrueSurface, nearest_on
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LENGTH, NO_OTHER, NO_PLACE, WHY_LENGTH, JudgedTicks
 
 RESTS = 0.25
 """Largest motion of a tick whose successor predicts no hand, as a ratio of `step_tolerance`."""
@@ -109,11 +109,8 @@ def _by_library(judge: JudgedTicks) -> Claim:
         found = coal_distance(a, b, first, last, *shapes[which](leaf - starts[which]))
         off.append(abs(found - float(pairs.distance[n])))
         ticks.append(int(judge.chosen[i]))
-    says, why = (
-        "the nearest pair is as far apart as the collision library has it",
-        "a nanometre, and the library's bounds",
-    )
-    note = "" if off else "nothing is near"
+    says, note = "the nearest pair is as far apart as the collision library has it", "" if off else "nothing is near"
+    why = "a nanometre, and the library's bounds"
     return judged("distance by coal", says, off, LENGTH + EXACT, "m", why, ticks=ticks, note=note)
 
 
@@ -139,3 +136,38 @@ def contact_error_claim(judge: JudgedTicks) -> Claim:
         # With every tick judged, the farthest contact equals the figure.
         over = np.where(away == away.max(initial=-np.inf), np.abs(away - stated), over)
     return judged(*_OFF_MESH, over, LENGTH, "m", WHY_LENGTH, ticks=judge.chosen[touching.tick])
+
+
+def self_contact_claims(judge: JudgedTicks) -> list[Claim]:
+    """Judge the shown hand of a run with self-contact, at every tick, and the depths that its summary states."""
+    if not judge.self_contact:
+        return []
+    may = parts_that_may_meet(judge.hand, judge.fingers)
+    depth = {}
+    for name, posed in (("self_depth_haptic", judge.wanted_posed), ("self_depth_graphic", judge.shown_posed)):
+        nearest = meetings(judge.hand, posed, may, 0.0).nearest(len(judge.numbers)).min(axis=1)
+        depth[name] = np.where(np.isfinite(posed.joints).all(axis=(1, 2, 3)), np.maximum(0.0, -nearest), np.inf)
+    shown = depth["self_depth_graphic"]
+    says = "no part of the shown hand is in another part of it"
+    claims = [judged("own parts", says, shown, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)]
+    stated = [(name, as_number(judge.result.summary[name])) for name in depth if name in judge.result.summary]
+    if stated:
+        off = [abs(value - depth[name].max()) for name, value in stated]
+        says = "user's and shown hand are as deep in themselves as the summary says"
+        claims.append(judged("depth in itself", says, off, LENGTH, "m", WHY_LENGTH))
+    return claims
+
+
+def hands_apart_claims(judge: JudgedTicks) -> list[Claim]:
+    """Judge the shown hand of a run of two that keep out of each other, at every tick."""
+    if not judge.result.scene.get(HANDS_APART):
+        return []
+    name, says = "hands apart", "no part of the shown hand is in the other hand"
+    if judge.other is None:
+        return [Claim(name, says, NOT_JUDGED, note=NO_OTHER)]
+    nearest = judge.of_other_hand(judge.numbers, 0.0).nearest(len(judge.numbers)).min(axis=1)
+    known = np.isfinite(judge.shown_posed.joints).all(axis=(1, 2, 3))
+    depth = np.where(known, np.maximum(0.0, -nearest), np.inf)
+    # Moving parts that leave a hand no place may push it into the other one.
+    depth[(judge.status | np.asarray(judge.other["status"])) & NO_PLACE != 0] = 0.0
+    return [judged(name, says, depth, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)]

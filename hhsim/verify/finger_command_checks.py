@@ -7,8 +7,7 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.result.safety import Safety
 from hhsim.verify.claim import Claim, all_true, judged
-from hhsim.verify.session_rows import HANDED_OVER, QUIET, SessionRows
-from hhsim.verify.tick_data import CAPACITY_EXCEEDED, INPUT_INVALID
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, HANDED_OVER, INPUT_INVALID, QUIET, SessionRows
 
 ROUNDING = 1e-9
 """Tolerance of commands; a glove has a few thousand steps."""

@@ -13,7 +13,6 @@ from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import leaves
 from hhsim.verify.kinematics import turn_between
-from hhsim.verify.own_parts import with_meetings
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_OTHER, NO_PLACE, STUCK, JudgedTicks
 
 FORCE = 1e-6
@@ -49,7 +48,7 @@ def force_claims(judge: JudgedTicks) -> list[Claim]:
     def moment_at(i: int) -> forces.Moment:
         flexion, pull = judge.chosen_shown.flexion[i], judge.pull[int(judge.chosen[i])]
         at = forces.moment(judge.hand, judge.chosen_posed, flexion, judge.bearing_at(i), i, pull)
-        return with_meetings(at, judge.chosen_posed, judge.meetings_at(i), i) if judge.self_contact else at
+        return forces.with_meetings(at, judge.chosen_posed, judge.meetings_at(i), i) if judge.self_contact else at
 
     if method == "coupled":
         claims.append(_stationarity(judge, moment_at))

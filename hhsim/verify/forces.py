@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.verify.contacts import PALM, Pairs, axis_places
+from hhsim.verify.contacts import PALM, Meetings, Pairs, axis_places
 from hhsim.verify.kinematics import OwnHand, Posed, phalanx_axes
 
 AT_LIMIT = 1e-9
@@ -188,3 +188,17 @@ def residual(matrix: FloatArray, wanted: FloatArray) -> float:
     if matrix.shape[1] == 0 or not np.isfinite(wanted).all():
         return float(np.linalg.norm(wanted))
     return float(nnls(matrix, wanted)[1])
+
+
+def with_meetings(at: Moment, posed: Posed, pairs: Meetings, i: int) -> Moment:
+    """Add the pairs of tick `i` of `posed` to what can push there: each pushes its parts, one against the other."""
+    first = pushes(posed, i, pairs.first, pairs.place, pairs.normal)
+    second = pushes(posed, i, pairs.second, pairs.other, -pairs.normal)
+    # Between two parts of the hand nothing acts on the whole of it.
+    jacobian = np.where(np.arange(21) < 6, 0.0, first[0] + second[0])
+    return at._replace(
+        jacobian=np.concatenate([at.jacobian, jacobian]),
+        bodies=np.concatenate([at.bodies, first[1] + second[1]]),
+        distance=np.concatenate([at.distance, pairs.distance]),
+        body=np.concatenate([at.body, pairs.first]),
+    )

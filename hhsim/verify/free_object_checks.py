@@ -18,6 +18,7 @@ from hhsim.result.schema import HANDS_APART, SIDES, TWO_HANDED, is_one_of_two
 from hhsim.scene.parts_of_thing import points_on
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
+from hhsim.verify.coal_distance import TrueSurface
 from hhsim.verify.contacts import PALM, Pairs, joined
 from hhsim.verify.file_checks import follows
 from hhsim.verify.force_checks import FORCE, WHY_FORCE, WHY_SLACK, force_slack
@@ -25,7 +26,6 @@ from hhsim.verify.forces import AT_LIMIT, limit_rows, pushes, residual
 from hhsim.verify.judged_body import JudgedBody
 from hhsim.verify.kinematics import Posed, configurations, own_hand, phalanx_axes, pose, rotations
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_OTHER, STUCK, JudgedTicks
-from hhsim.verify.tree_checks import TrueSurface
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -532,11 +532,9 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
             body, point, force, twist = _cone(near.of(i), judge.bodies[k + 1], thing.free)
             on_thing = np.zeros((len(body), len(others), 6))
             on_thing[:, k, :3], on_thing[:, k, 3:] = -force, -np.cross(point - thing.center[tick + 1], force) - twist
-            columns = [
-                *pushes(judge.chosen_posed, i, body, point, force, twist),
-                on_thing.reshape(len(body), 6 * len(others)),
-            ]
-            may.append(np.concatenate(columns, axis=1)[:, : len(scale)])
+            by_thing = pushes(judge.chosen_posed, i, body, point, force, twist)
+            columns = np.concatenate([*by_thing, on_thing.reshape(len(body), 6 * len(others))], axis=1)
+            may.append(columns[:, : len(scale)])
         wanted = np.concatenate([judge.pull[tick] - borne, stored[n] - on_bodies, wrench[n]])
         off[n] = residual((np.concatenate(may) * scale).T, wanted * scale)
     tolerance = force_slack(judge, size, judge.chosen)[places]
@@ -566,13 +564,8 @@ def _cone(pairs: Pairs, of: JudgedBody, free: dict[str, Any]) -> tuple[IntArray,
     across = np.cos(around) * first + np.sin(around) * np.cross(normal, first)
     force = normal + float(free["friction"]) / np.cos(np.pi / SIDES_OF_CONE) * across
     twist = np.concatenate([np.broadcast_to(sign * float(free["torsion"]) * normal, force.shape) for sign in (1, -1)])
-    count = 2 * SIDES_OF_CONE
-    return (
-        np.tile(pairs.body, count),
-        np.tile(pairs.point, (count, 1)),
-        np.tile(force.reshape(-1, 3), (2, 1)),
-        twist.reshape(-1, 3),
-    )
+    body, point = np.tile(pairs.body, 2 * SIDES_OF_CONE), np.tile(pairs.point, (2 * SIDES_OF_CONE, 1))
+    return body, point, np.tile(force.reshape(-1, 3), (2, 1)), twist.reshape(-1, 3)
 
 
 def _stands_off(judge: JudgedTicks, ticks: IntArray) -> FloatArray:

@@ -1,23 +1,33 @@
-"""Claims about figures: the columns and the summary that follow from the other columns, computed anew."""
+"""Claims about figures, computed anew: columns and summary that follow from others, the user's hand and its motion."""
 
 from dataclasses import replace
 
 import numpy as np
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.metrics.input_hand import search_deepest
 from hhsim.metrics.metrics import force_variation_rate
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import known_figures, run_metrics, tick_figures
 from hhsim.metrics.run_ticks import ticks_alone
 from hhsim.result.reader import Result
 from hhsim.solver.method import EVERYTHING
+from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, as_number, difference, figures_apart, judged
+from hhsim.verify.contacts import near_pairs
 from hhsim.verify.depth_checks import CONTACT_ERROR
 from hhsim.verify.file_checks import follows
-from hhsim.verify.input_hand_check import FIGURES as INPUT_HAND
+from hhsim.verify.judged_body import JudgedBody, judged_bodies
+from hhsim.verify.kinematics import Posed, turn_between
+from hhsim.verify.tick_data import LENGTH, WHY_LENGTH, JudgedTicks
 
 SAME = 1e-9
 """Relative tolerance of figures: the rounding of sums in another order."""
+DEPTH = "input_depth_max"
+CORRECTION = ("correction_palm_mean", "correction_palm_max", "correction_joint_mean", "correction_joint_max")
+INPUT_HAND = (DEPTH, *CORRECTION)
+"""Figures of the user's hand, which have claims of their own in a replay."""
 IN_ITSELF = ("self_depth_haptic", "self_depth_graphic")
 """Depths of the hands in themselves, which have a claim of their own in a run with self-contact."""
 ELSEWHERE = (CONTACT_ERROR, *INPUT_HAND, "free_off_max", *IN_ITSELF)
@@ -30,6 +40,16 @@ ROUNDING = {
     "energy_gained": 1e-12,
 }
 """Absolute tolerances of figures that are differences of large numbers [N, %, m]."""
+INPUT_DEPTH = "input depth", "the user's hand is as deep as the summary says, and in no tick deeper"
+OFF_THE_USER = (
+    "correction",
+    "the shown hand is as far from the user's, in the ticks in which it touches, as the summary says",
+)
+"""Claims of the summary, each a name and a statement."""
+SEARCHED = 1e-6
+"""Tolerance of the search for the deepest tick [m]."""
+BETWEEN = 1e-8
+"""Tolerance of the curve between two samples [m, rad]: a stamp belongs to its tick within a nanosecond."""
 
 
 def metric_claims(result: Result) -> list[Claim]:
@@ -75,9 +95,8 @@ def _summary_claims(result: Result) -> list[Claim]:
     rest = [name for name in rest if name not in invented]
     if rest:
         note = "; ".join(f"{name} {metrics[name].own_run or 'is not computed here'}" for name in rest)
-        claims.append(
-            Claim("summary, rest", "figures that do not follow from the ticks", NOT_JUDGED, checked=0, note=note)
-        )
+        says = "figures that do not follow from the ticks"
+        claims.append(Claim("summary, rest", says, NOT_JUDGED, note=note))
     return claims
 
 
@@ -101,3 +120,82 @@ def required_figures(result: Result) -> set[str]:
         if all(np.array_equal(values, np.broadcast_to(values[:1], values.shape)) for values in haptic):
             names |= {TREMBLING, f"{TREMBLING}_std"}
     return names
+
+
+def input_hand_claims(judge: JudgedTicks) -> list[Claim]:
+    """Judge the summary's figures of the user's hand; none of a session or a stopped run."""
+    result = judge.result
+    if result.live is not None or not result.complete:
+        return []
+    # No version tells them apart: results of several parts or things once had none of the figures, which are NaN there.
+    # Now the depth is always a number, so that a result that lacks some of them is wrong.
+    if result.parts and np.isnan([as_number(result.summary.get(name, np.inf)) for name in INPUT_HAND]).all():
+        note = "the file has no such figures, as those of several parts or things once had none; make it anew"
+        return [Claim(*claim, NOT_JUDGED, unit="m", note=note) for claim in (INPUT_DEPTH, OFF_THE_USER)]
+    return [_depth(judge), _correction(judge)]
+
+
+def motion_claim(result: Result) -> Claim:
+    """Judge that the ticks of one sample lie on one curve, or stand still.
+
+    The curve is a cubic of each number, whose fourth differences are zero, and for a quaternion a steady turn.
+    """
+    name, says = "motion", "between two samples, the user's hand and the object go as samples are told to be joined"
+    if result.live is not None:
+        return Claim(name, says, NOT_JUDGED, note="a glove's samples are claims of their own")
+    held = result.scene.get("samples") == "hold"
+    seq, off = np.asarray(result["input_seq"]), np.full(result.ticks, np.nan)
+    names = [f"haptic/{name}" for name in HandConfiguration._fields]
+    if result.driven and not result.free:
+        names += ["object/position", "object/orientation"]
+    for column in names:
+        rows = np.asarray(result[column]).reshape(result.ticks, -1)
+        turns = column.endswith("orientation") and not held
+        steps, order = (
+            (np.nan_to_num(turn_between(rows[:-1], rows[1:]), nan=np.inf), 1) if turns else (rows, 1 if held else 4)
+        )
+        bent = np.abs(np.diff(steps, order, axis=0)).max(axis=1, initial=0.0)
+        reach = result.ticks - len(bent)
+        same = np.flatnonzero(seq[reach:] == seq[: len(bent)])
+        off[same + reach] = np.fmax(off[same + reach], bent[same])
+    known = np.flatnonzero(~np.isnan(off))
+    if known.size == 0:
+        note = "no sample has ticks enough to tell; --again makes the motion once more"
+        return Claim(name, says, NOT_JUDGED, note=note)
+    rest = result.ticks - len(known)
+    note = f"not known of {counted(rest, 'tick')}, whose sample has too few" if rest else ""
+    return judged(name, says, off[known], BETWEEN, "m, rad", "rounding of stamps", ticks=known, note=note)
+
+
+def _depth(judge: JudgedTicks) -> Claim:
+    if judge.on_mesh:
+        return Claim(*INPUT_DEPTH, NOT_JUDGED, unit="m", note="inside a mesh the referee has no depth of its own")
+    deepest, every = 0.0, np.arange(judge.result.ticks)
+    for body in judged_bodies(judge.result, every):
+        posed = body.seen(judge.wanted_posed, every)
+        # Travel of the farthest joint or palm sphere to the next tick [m].
+        joints = np.linalg.norm(np.diff(posed.joints, axis=0), axis=3).max(axis=(1, 2))
+        moved = np.maximum(joints, np.linalg.norm(np.diff(posed.palm, axis=0), axis=2).max(axis=1))
+
+        def depths(ticks: IntArray, posed: Posed = posed, body: JudgedBody = body) -> FloatArray:
+            pairs = near_pairs(judge.hand, posed.at(ticks), body.pieces, judge.fingers, 0.0)
+            return np.asarray(np.maximum(0.0, -pairs.nearest(len(ticks)).min(axis=1, keepdims=True)))
+
+        deepest = search_deepest(moved[:, None], depths, deepest)
+    off = abs(deepest - as_number(judge.result.summary.get(DEPTH)))
+    return judged(*INPUT_DEPTH, [off], SEARCHED, "m", "as near as it is searched for")
+
+
+def _correction(judge: JudgedTicks) -> Claim:
+    result, shown, wanted = judge.result, judge.shown_posed, judge.wanted_posed
+    touch = np.asarray(result["contacts/touching"]) > 0
+    for part in ("position", "orientation", "flexion", "abduction"):
+        given = np.asarray(result[f"haptic/{part}"])
+        touch &= np.isfinite(given).all(axis=tuple(range(1, given.ndim)))
+    palm = np.sqrt(((shown.position - wanted.position)[touch] ** 2).sum(axis=1))
+    joints = np.sqrt(((shown.joints - wanted.joints)[touch] ** 2).sum(axis=3)).reshape(len(palm), 20)
+    found = np.array([palm.mean(), palm.max(), joints.mean(), joints.max()] if len(palm) else [np.nan] * 4)
+    stated = np.array([as_number(result.summary.get(name, np.inf)) for name in CORRECTION])
+    # Without contact there is no such figure.
+    off = np.where(np.isnan(stated) & np.isnan(found), 0.0, np.abs(stated - found))
+    return judged(*OFF_THE_USER, off, LENGTH, "m", WHY_LENGTH)

@@ -16,7 +16,7 @@ from hhsim.result.safety import Safety, free_counts
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, figures_apart, judged
 from hhsim.verify.finger_command_checks import command_claims
-from hhsim.verify.session_rows import LOOP_DIED, MOST_READ, SessionRows
+from hhsim.verify.tick_data import LOOP_DIED, MOST_READ, SessionRows
 
 FINGER_NAMES = ("thumb", "index finger", "middle finger", "ring finger", "little finger")
 JUMPED = "jumped by"
@@ -27,10 +27,7 @@ DRIVER_DIED = "the glove's driver "
 """Begin of the reason of an end by a dead driver, where the loop survived."""
 BROKEN_OFF = (LOOP_DIED, "the session's supervisor died before the loop began")
 """Reasons of an end without the loop."""
-COUNTERS = (
-    *("frames", "samples", "rejected", "other", "malformed", "resyncs", "dropped"),
-    *("commands", "commands_refused"),
-)
+COUNTERS = "frames", "samples", "rejected", "other", "malformed", "resyncs", "dropped", "commands", "commands_refused"
 """Counts of a glove's driver."""
 TAKES_COMMANDS = frozenset({"POSITION_LIMIT", "STIFFNESS", "FORCE", "POWER"})
 """Capabilities of a glove that takes commands."""
@@ -282,11 +279,8 @@ def _causes_off(rows: SessionRows, stored: Mapping[str, Any], missed: int) -> li
     cause = np.asarray(rows.result["live/tick/cause"])
     given = {figure.name: int(stored.get(figure.name, -1)) for figure in MISSED_BY}
     least = {name: int(rows.missed[counted & (cause == i)].sum()) for i, name in enumerate(given, 1)}
-    found = [
-        f"{name} is stored as {given[name]:,}, the rows have {own:,}"
-        for name, own in least.items()
-        if given[name] < own
-    ]
+    short = {name: own for name, own in least.items() if given[name] < own}
+    found = [f"{name} is stored as {given[name]:,}, the rows have {own:,}" for name, own in short.items()]
     total = sum(given.values())
     if total != missed and not (died and total <= missed):
         found.append(f"the causes are {total:,} missed periods together, missed is stored as {missed:,}")

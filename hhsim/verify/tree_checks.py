@@ -5,26 +5,20 @@ samples; each search refines its worst samples on their triangle or sphere.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.errors import MeshError
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.verify.coal_distance import coal_model, require_coal
+from hhsim.verify.coal_distance import TrueSurface
 
 MESH_POINTS = 200_000
 SPHERE_POINTS = 200_000
 LEAST_EACH = 40
 """Minimum number of points on each sphere."""
 NEIGHBOURS = 24
-NEEDLE = 1e-7
-"""Ratio of a triangle's height to its longest side below which it is a line."""
-INSIDE = 0.5
-"""Winding number of closed triangles above which a point is inside: 1 inside, 0 outside."""
 WORST = 200
 CHILDREN = 40
 ROUNDS = 5
@@ -77,106 +71,6 @@ def referee(
         protrusion, mean = _protrusion(surface, spheres, sphere_points, rng)
         verdicts.append(Verdict(level, len(spheres.radius), max(0.0, -slack), slack, protrusion, mean))
     return tuple(verdicts)
-
-
-class TrueSurface:
-    """Signed distance to a watertight mesh: coal's, with the sign of pseudonormals (Bærentzen and Aanæs 2005).
-
-    Args:
-        mesh: [m].
-        open_too: Accept a mesh that is not watertight: no distance is negative, and triangles below `NEEDLE`, of which
-            coal has no distances, are left out. If a closed one cuts through itself, the winding number has the sign.
-
-    Raises:
-        InputError: coal is not installed.
-        MeshError: The mesh is not watertight.
-    """
-
-    def __init__(self, mesh: Mesh, *, open_too: bool = False) -> None:
-        import trimesh
-
-        require_coal()
-        self._as_found = open_too
-        if open_too:
-            a, b, c = mesh.triangles.transpose(1, 0, 2)
-            longest = np.linalg.norm(np.stack([b - a, c - b, a - c]), axis=2).max(axis=0)
-            high = np.linalg.norm(np.cross(b - a, c - a), axis=1) > NEEDLE * longest
-            mesh = replace(mesh, faces=mesh.faces[high]) if high.any() and not high.all() else mesh
-        self.triangles = mesh.triangles
-        self.model = coal_model(mesh.vertices, mesh.faces)
-        self._faces = mesh.faces
-        self._low, self._high = self.triangles.min(axis=(0, 1)), self.triangles.max(axis=(0, 1))
-        # In millimetres: trimesh's tolerances are of lengths like those.
-        found = trimesh.Trimesh(1e3 * mesh.vertices, mesh.faces, process=False)
-        self.closed = bool(found.is_volume)
-        if not self.closed and not open_too:
-            raise MeshError(
-                f"{mesh.name}: not watertight and wound outward, so that nothing is outside of it; the referee needs it"
-            )
-        self.normal, self.vertex_normal = np.array(found.face_normals), np.array(found.vertex_normals)
-        self._edge_of = np.array(found.faces_unique_edges)
-        self.edge_normal = np.zeros((len(found.edges_unique), 3))
-        np.add.at(self.edge_normal, self._edge_of, self.normal[:, None])
-
-    def signed_distance(self, points: FloatArray) -> FloatArray:
-        """Signed distance [m] of points (n, 3): negative inside a watertight mesh; shape (n,)."""
-        distance, nearest, face = nearest_on(self.model, points)
-        if not self.closed:
-            return distance
-        outward = ((points - nearest) * self._pseudonormal(nearest, face)).sum(axis=1) >= 0.0
-        # Of a mesh that cuts through itself the nearest face may look the other way.
-        outward |= ((points < self._low) | (points > self._high)).any(axis=1)
-        if self._as_found:
-            left = np.flatnonzero(~outward)
-            while len(left):
-                # Within its distance of a point all are on one side of every face.
-                first = left[distance[left].argmax()]
-                same = np.linalg.norm(points[left] - points[first], axis=1) < distance[first]
-                same[left == first] = True
-                outward[left[same]] = winding_number(self.triangles, points[first]) < INSIDE
-                left = left[~same]
-        return np.where(outward, distance, -distance)
-
-    def _pseudonormal(self, nearest: FloatArray, face: IntArray) -> FloatArray:
-        """Normal of the face, edge or vertex that a point of a face lies on."""
-        a, b, c = self.triangles[face].transpose(1, 0, 2)
-        area = np.maximum(np.linalg.norm(np.cross(b - a, c - a), axis=1), np.finfo(float).tiny)
-        opposite = ((b, c), (c, a), (a, b))
-        share = [np.linalg.norm(np.cross(v - u, nearest - u), axis=1) / area for u, v in opposite]
-        gone = np.stack(share, axis=1) < 1e-7
-        found: FloatArray = self.normal[face]
-        for k in range(3):
-            # Corner k has no share in a point on the opposite edge.
-            on_edge = gone[:, k] & (gone.sum(axis=1) == 1)
-            found[on_edge] = self.edge_normal[self._edge_of[face[on_edge], (k + 1) % 3]]
-            on_vertex = ~gone[:, k] & (gone.sum(axis=1) >= 2)
-            found[on_vertex] = self.vertex_normal[self._faces[face[on_vertex], k]]
-        return found
-
-
-def nearest_on(model: Any, points: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Distances [m] (n,) of points (n, 3) to coal's model of a mesh, its nearest points (n, 3), their faces (n,)."""
-    import coal
-
-    point, still, place = coal.Sphere(0.0), coal.Transform3s(), coal.Transform3s()
-    request, answer = coal.DistanceRequest(), coal.DistanceResult()
-    distance, nearest, face = np.empty(len(points)), np.empty((len(points), 3)), np.empty(len(points), np.int64)
-    for i, p in enumerate(points):
-        place.setTranslation(p)
-        answer.clear()
-        distance[i] = coal.distance(model, still, point, place, request, answer)
-        nearest[i], face[i] = answer.getNearestPoint1(), answer.b1
-    return distance, nearest, face
-
-
-def winding_number(corners: FloatArray, point: FloatArray) -> float:
-    """Winding number of triangles (F, 3, 3) around a point (3,), by Van Oosterom & Strackee (1983)."""
-    a, b, c = (corners - point).transpose(1, 0, 2)
-    x, y, z = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-    volume = np.einsum("fi,fi->f", a, np.cross(b, c))
-    rest = x * y * z
-    rest += np.einsum("fi,fi->f", a, b) * z + np.einsum("fi,fi->f", b, c) * x + np.einsum("fi,fi->f", c, a) * y
-    return float(np.arctan2(volume, rest).sum() / (2.0 * np.pi))
 
 
 def depth_in_spheres(center: FloatArray, radius: FloatArray) -> Callable[[FloatArray], FloatArray]:

@@ -18,18 +18,15 @@ from hhsim.system.counted import counted
 from hhsim.system.progress import Progress
 from hhsim.verify.again import again_claims
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
-from hhsim.verify.coal_distance import require_coal
-from hhsim.verify.depth_checks import contact_error_claim, depth_claims
+from hhsim.verify.coal_distance import CLOSE, HandReferee, require_coal
+from hhsim.verify.depth_checks import contact_error_claim, depth_claims, hands_apart_claims, self_contact_claims
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
 from hhsim.verify.free_object_checks import free_claims, free_complementarity_claim, free_hand_claim
-from hhsim.verify.input_hand_check import input_hand_claims, motion_claim
-from hhsim.verify.mesh_distance import EXACT, HandReferee
-from hhsim.verify.metric_checks import metric_claims
-from hhsim.verify.object_frame import object_motion_claims, seen_by_referee
+from hhsim.verify.judged_body import object_motion_claims, seen_by_referee
+from hhsim.verify.metric_checks import input_hand_claims, metric_claims, motion_claim
 from hhsim.verify.origin_checks import origin_claims
 from hhsim.verify.posture_checks import posture_claims
-from hhsim.verify.self_contact_checks import hands_apart_claims, self_contact_claims
 from hhsim.verify.session_checks import session_claims
 from hhsim.verify.tick_data import JudgedTicks
 
@@ -81,9 +78,7 @@ class Verification:
             "ticks": self.ticks,
             "ticks_looked_at": self.looked_at,
             "every": self.every,
-            "sphere_penetration": self.sphere_penetration,
-            "mesh_penetration": self.mesh_penetration,
-            "stationarity": self.stationarity,
+            **{name: getattr(self, name) for name in ("sphere_penetration", "mesh_penetration", "stationarity")},
             "claims": [asdict(claim) for claim in self.claims],
         }
 
@@ -178,9 +173,9 @@ def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tu
     depth = max(0.0, -float(least[worst]))
     covers = judge.on_mesh or any(claim.name == "cover" and claim.verdict in (HOLDS, FAILS) for claim in claims)
     promised = judge.safe and covers
-    verdict = NOT_CLAIMED if not promised else FAILS if depth > EXACT else HOLDS
+    verdict = NOT_CLAIMED if not promised else FAILS if depth > CLOSE else HOLDS
     note = "" if promised else "neither the method nor the tree promises it"
     assumed = [text for text in judge.result.scene.get("object_repairs") or [] if text.startswith(ASSUMED_SOLID)]
     note = "; ".join([*([note] if note else []), *assumed])
     tick = int(judge.chosen[worst]) if depth > 0.0 else None
-    return Claim(name, says, verdict, depth, EXACT, "m", tick, checked, why, note), depth
+    return Claim(name, says, verdict, depth, CLOSE, "m", tick, checked, why, note), depth

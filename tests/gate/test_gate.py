@@ -33,8 +33,8 @@ from hhsim.gate.suite import (
 )
 from hhsim.gate.verdict import GateRow, judge_errors, judge_time, overall
 from hhsim.metrics.run.registry import judged_metrics
-from hhsim.replay.limits import default_limits
 from hhsim.replay.replay import replay_scene
+from hhsim.replay.summary_table import default_limits
 from hhsim.result.reader import load_result
 from hhsim.scene.scene import open_scene
 from hhsim.solver.method import METHODS, PROMISES

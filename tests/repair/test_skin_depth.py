@@ -18,8 +18,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.repair.skin import moved_skin
 from hhsim.repair.skin_depth import DOF, PushedOut, SkinFrame, push_out, skin_depth
 from hhsim.solver.options import Stiffness
-from hhsim.verify.coal_distance import coal_model
-from hhsim.verify.tree_checks import TrueSurface
+from hhsim.verify.coal_distance import TrueSurface, coal_model
 
 ALL = np.ones(12, dtype=bool)
 

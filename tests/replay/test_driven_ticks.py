@@ -36,7 +36,7 @@ from hhsim.scene.scene import make_scene
 from hhsim.scene.synthesis import synthesize
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.claim import FAILS
-from hhsim.verify.object_frame import seen_by_referee
+from hhsim.verify.judged_body import seen_by_referee
 from hhsim.verify.verify import verify
 from tools.shapes.generators import sphere
 

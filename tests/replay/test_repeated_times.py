@@ -6,9 +6,8 @@ from dataclasses import replace
 import pytest
 from short_grasp import short_grasp, short_scene
 
-from hhsim.replay.repeated_times import repeated_times
 from hhsim.replay.replay import replay_scene
-from hhsim.replay.summary import ReplaySummary
+from hhsim.replay.summary import ReplaySummary, repeated_times
 from hhsim.solver.options import SolverOptions
 
 

@@ -5,8 +5,7 @@ import math
 import pytest
 
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.replay.limits import default_limits
-from hhsim.replay.summary_table import SummaryRow, short_table, summary_rows, whole_table
+from hhsim.replay.summary_table import SummaryRow, default_limits, short_table, summary_rows, whole_table
 from hhsim.solver.method import METHODS
 
 SELDOM = ("self_depth_haptic", "self_depth_graphic", "no_place_ticks")

@@ -6,8 +6,7 @@ from typing import Any
 import pytest
 
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.replay.limits import stored_promises
-from hhsim.replay.summary_table import summary_rows
+from hhsim.replay.summary_table import stored_promises, summary_rows
 from hhsim.replay.verdict import EMPTY, LATE, MISSED, NOT_JUDGED, OK, SHORT, UNTOUCHED, run_verdict
 from hhsim.solver.method import METHODS, PROMISES
 

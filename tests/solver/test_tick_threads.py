@@ -10,7 +10,7 @@ import pytest
 from sampled import sampled
 from sphere_scenes import UNTIMED, bumpy_ball, random_targets
 
-import hhsim.solver.tick_threads
+import hhsim.solver.workspace
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -39,7 +39,7 @@ def assert_same_bytes(one: TickRecord, other: TickRecord) -> None:
 
 
 def helpers() -> list[threading.Thread]:
-    return [thread for thread in threading.enumerate() if thread.name.startswith(hhsim.solver.tick_threads.HELPER)]
+    return [thread for thread in threading.enumerate() if thread.name.startswith(hhsim.solver.workspace.HELPER)]
 
 
 def posted(solver: HandSolver) -> int:
@@ -93,7 +93,7 @@ def test_no_helper_outlives_an_error_of_its_own(hand: HandModel, monkeypatch: py
         if threading.current_thread() in helpers():
             raise MemoryError("no room")
 
-    monkeypatch.setattr(hhsim.solver.tick_threads, "help_out", fail)
+    monkeypatch.setattr(hhsim.solver.workspace, "help_out", fail)
     with pytest.raises(MemoryError, match="no room"):
         solver.run(*motion)
     assert helpers() == []

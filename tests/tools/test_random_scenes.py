@@ -15,8 +15,8 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_NO_PLACE
 from hhsim.motion import analytic_motion
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.trees.contact_surface import contact_surface
+from hhsim.verify.coal_distance import HandReferee
 from hhsim.verify.kinematics import pose
-from hhsim.verify.mesh_distance import HandReferee
 from tools.random_scenes import LEFT, OPTIONS, RIGHT, box, main, random_solid, random_turn, scene_of, shown_of, still
 from tools.scene_judge import Motion, Recorded, gyrated, hand_distance, judge, own_hand_of, separation
 

@@ -20,8 +20,8 @@ from hhsim.result.reader import Result, load_result
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.claim import HOLDS, NOT_JUDGED, Claim
 from hhsim.verify.free_object_checks import FreeMotion, free_claims, free_complementarity_claim, free_hand_claim
+from hhsim.verify.judged_body import object_motion_claims, seen_by_referee
 from hhsim.verify.metric_checks import metric_claims
-from hhsim.verify.object_frame import object_motion_claims, seen_by_referee
 from hhsim.verify.tick_data import JudgedTicks
 
 TICK = 200

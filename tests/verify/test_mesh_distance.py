@@ -11,9 +11,8 @@ from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import RESOLUTION, mesh_clearance
-from hhsim.verify.coal_distance import coal_distance, triangle_shapes
+from hhsim.verify.coal_distance import HandReferee, coal_distance, triangle_shapes
 from hhsim.verify.contacts import PALM
-from hhsim.verify.mesh_distance import HandReferee
 
 pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
 

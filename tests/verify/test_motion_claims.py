@@ -21,8 +21,8 @@ from hhsim.solver.options import SolverOptions
 from hhsim.verify.again import again_claims
 from hhsim.verify.claim import FAILS, HOLDS, NOT_JUDGED, Claim
 from hhsim.verify.file_checks import file_claims
-from hhsim.verify.input_hand_check import CORRECTION, DEPTH, input_hand_claims, motion_claim
-from hhsim.verify.object_frame import object_motion_claims
+from hhsim.verify.judged_body import object_motion_claims
+from hhsim.verify.metric_checks import CORRECTION, DEPTH, input_hand_claims, motion_claim
 from hhsim.verify.tick_data import JudgedTicks
 
 AIR = 155

@@ -35,7 +35,7 @@ from hhsim.result.reader import Result, load_result
 from hhsim.result.safety import Safety
 from hhsim.verify import finger_command_checks as verify_command
 from hhsim.verify import session_checks as verify_session
-from hhsim.verify import session_rows as verify_rows
+from hhsim.verify import tick_data as verify_rows
 from hhsim.verify.claim import HOLDS, NOT_JUDGED
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.verify import verify

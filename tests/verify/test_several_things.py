@@ -20,9 +20,8 @@ from hhsim.solver.options import SolverOptions
 from hhsim.verify.claim import HOLDS, NOT_JUDGED, Claim
 from hhsim.verify.depth_checks import depth_claims
 from hhsim.verify.free_object_checks import FreeMotion, free_claims, free_complementarity_claim, free_hand_claim
-from hhsim.verify.input_hand_check import CORRECTION, FIGURES, input_hand_claims
-from hhsim.verify.metric_checks import metric_claims
-from hhsim.verify.object_frame import seen_by_referee
+from hhsim.verify.judged_body import seen_by_referee
+from hhsim.verify.metric_checks import CORRECTION, INPUT_HAND, input_hand_claims, metric_claims
 from hhsim.verify.tick_data import JudgedTicks
 
 TICKS, AT_REST, HELD = 1600, 300, 1590
@@ -141,7 +140,7 @@ def test_figures_that_results_of_several_things_once_lacked_are_not_judged(hones
         return {claim.name: claim for claim in input_hand_claims(JudgedTicks(result, np.array([HELD])))}
 
     assert verdicts({})["correction"].verdict == HOLDS
-    lacking = verdicts(dict.fromkeys(FIGURES, np.nan))
+    lacking = verdicts(dict.fromkeys(INPUT_HAND, np.nan))
     assert {claim.verdict for claim in lacking.values()} == {NOT_JUDGED}
     assert all("has no such figures" in claim.note for claim in lacking.values())
     # A result of today has the depth at least, and each figure.
@@ -149,7 +148,7 @@ def test_figures_that_results_of_several_things_once_lacked_are_not_judged(hones
     with_none = tmp_path / "none.h5"
     shutil.copy(honest.path, with_none)
     with changed(with_none) as file:
-        for name in FIGURES:
+        for name in INPUT_HAND:
             del file["summary"].attrs[name]
     result = load_result(with_none)
     assert {claim.name for claim in metric_claims(result) if claim.failed} == {"summary"}

@@ -25,8 +25,7 @@ from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_LINEARISATIONS
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.scene import make_scene
-from hhsim.solver.backend_programs import drive_tick
-from hhsim.solver.contact_qp import coupled_problem, finger_problem, palm_problem
+from hhsim.solver.backend_programs import coupled_problem, drive_tick, finger_problem, palm_problem
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import QpProblem, QpSolution

@@ -26,8 +26,8 @@ from hhsim.kernels.contact.self_pairs import (
     write_row,
 )
 from hhsim.kernels.hand.pose import HAND_POSE
+from hhsim.verify.contacts import meetings, parts_that_may_meet
 from hhsim.verify.kinematics import OwnHand, pose
-from hhsim.verify.own_parts import meetings, parts_that_may_meet
 
 MARGIN = 1e-3
 STEP = 1e-6

@@ -20,7 +20,7 @@ from hhsim.kernels.tick.curvature import curvature_product
 from hhsim.kernels.tick.second_order import STRETCH
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.mesh.features import mesh_features
-from hhsim.solver.contact_qp import coupled_problem, finger_problem, palm_problem
+from hhsim.solver.backend_programs import coupled_problem, finger_problem, palm_problem
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNLIMITED, SolverOptions, Stiffness
 from hhsim.solver.qp import QpProblem, solve

@@ -30,7 +30,7 @@ from hhsim.scene.free_object import CLEARANCE, FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.free_object_checks import free_claims
-from hhsim.verify.object_frame import object_motion_claims
+from hhsim.verify.judged_body import object_motion_claims
 from tools.shapes.generators import sphere
 
 MILLISECOND = 1_000_000
