@@ -193,7 +193,7 @@ def test_files_and_folders(folder: Path, tmp_path: Path) -> None:
 
 
 def test_the_command(run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.scene.recorded_grasp_pose.TURNS", 4)
+    monkeypatch.setattr("hhsim.scene.demonstration.TURNS", 4)
     where = ("bench", "recorded", "recordings", "--object", "cup", "--ticks", "60", "--out", "t.h5")
     answer = run(*where)
     assert answer.code == 0, answer.err

@@ -49,6 +49,7 @@ def pushed(**changed: Any) -> RunTicks:
         "contact/normal_force": np.array([PUSH]),
         "contact/friction_force": np.zeros((1, 3)),
         "contact/torsional_moment": np.zeros(1),
+        "force/total": np.outer([0.0, -PUSH, 0.0], along),
     }
     columns.update(changed)
     properties = {"mass": MASS, "gravity": (-9.81, 0.0, 0.0), "center": (0.0,) * 3, "inertia": np.eye(3)}
@@ -75,6 +76,9 @@ def test_what_turns_is_counted_and_what_no_one_knows_is_not() -> None:
     assert (energy_gains(run) - energy_gains(pushed()))[1:] == pytest.approx([0.125, 0.0], abs=1e-9)
     lost = replace(run, breaks=np.array([False, True, False]))
     assert np.isnan(energy_gains(lost)).tolist() == [True, True, False]
+    # In the second tick another hand pushes this one, too.
+    pushed_back = pushed(**{"force/total": np.outer([0.0, 1e-3 - PUSH, 0.0], [1.0, 0.0, 0.0])})
+    assert np.isnan(energy_gains(pushed_back)).tolist() == [True, True, False]
     # Nothing is known of a user whose hand is no number.
     unknown = pushed(**{"haptic/position": np.full((3, 3), np.nan)})
     assert run_figure("energy_gained", unknown) == 0.0
