@@ -43,7 +43,7 @@ NO_EDGES = Edges(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2
 BELOW = 1e-6
 """Largest depth [m] of an object in the table at the start: rounding."""
 HEAVY = 1e6
-"""Mass [kg] and moment of inertia [kg·m²] of a driven thing: 100 N move it by 10 nm in a tick of 1 ms."""
+"""Mass [kg] and moment of inertia [kg·m²] of a driven thing: 100 N move it by 0.1 nm in a tick of 1 ms."""
 
 
 def require_free(options: SolverOptions) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_NO_PLACE, STATUS_STUCK
 from hhsim.metrics.run_metric import Judged, RunMetric, placed
+from hhsim.metrics.run_ticks import RunTicks
 
 MOST_STUCK = 0.5
 """Largest share of stuck ticks of a run whose hand follows."""
@@ -18,7 +19,10 @@ def is_mostly_stuck(stuck: float, ticks: int) -> bool:
 
 def _flagged(name: str, label: str, flag: int, **more: Any) -> RunMetric:
     """Figure of the number of ticks whose status has a flag."""
-    compute = lambda run: float(np.count_nonzero(run["status"] & flag))  # noqa: E731
+
+    def compute(run: RunTicks) -> float:
+        return float(np.count_nonzero(run["status"] & flag))
+
     return RunMetric(name, label, needs=("status",), compute=compute, **more)
 
 

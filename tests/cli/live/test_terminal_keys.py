@@ -111,7 +111,8 @@ def test_keys_come_at_once_and_arrows_are_no_escape(terminal: Terminal) -> None:
     terminal.type(b"\x1b[A\x1b[1;5Ca\x1bOP")
     terminal.until("'a'")
     terminal.type("ü".encode())
-    terminal.until("'ü'")
+    assert "stopped by" not in terminal.until("'ü'")
+    assert terminal.process.poll() is None
 
 
 def test_a_terminal_that_is_gone_is_noticed(terminal: Terminal) -> None:
