@@ -46,6 +46,8 @@ EXACT = 1e-4
 """Least distances below this are no bounds [m]."""
 LASTS = 5e-4
 """Pairs up to this much farther are measured with them [m], so that bounds last for ticks."""
+STILL = 1e-12
+"""Motion below what a program may leave a row broken by [m]: distances are as they were."""
 WHOLE_PALM = -1
 """In place of a palm sphere in a row of two phalanges."""
 
@@ -196,8 +198,9 @@ def _measure_pairs(pairs: SelfPairs, hand: HandArrays, pose: Record, exact: floa
         own.abducted[f] = pose.abduction[f] - own.abduction[f]
         for k in range(PHALANX_COUNT):
             own.flexed[6 + PHALANX_COUNT * f + k] = pose.flexion[f, k] - own.posture[6 + PHALANX_COUNT * f + k]
-    own.least = own.floor - _finger_motions(hand, own.flexed, own.abducted, own.moved)
-    if not own.least >= exact:
+    nearer = _finger_motions(hand, own.flexed, own.abducted, own.moved)
+    own.least = own.floor - nearer
+    if not (own.least >= exact or (nearer <= STILL and own.least >= 0.0)):
         _update_bounds(pairs, hand, pose, exact + LASTS, own)
 
 
@@ -372,7 +375,7 @@ def _add_rows(pairs: SelfPairs, hand: HandArrays, within: float, options: Any, s
     own, motion = state.self_contact, state.self_contact.motion
     nearer = _finger_motions(hand, state.step.delta, state.problem.abduction_step, motion)
     added, most = False, within if within != BROKEN else nearer + options.offset
-    if own.least >= most:
+    if own.least >= most - STILL:
         return added
     if own.least != own.floor:
         _measure_pairs(pairs, hand, state.pose, most, own)
