@@ -9,6 +9,7 @@ from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.catalogue import load_object
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
+from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.script import Script, parse_script
 from hhsim.solver.options import SolverOptions
@@ -35,6 +36,11 @@ def shortened(script: Script, duration: float) -> Script:
     """A script whose phases all take the same share less, so that it lasts so long [s]."""
     share = duration / script.duration
     return replace(script, phases=tuple(replace(phase, duration=share * phase.duration) for phase in script.phases))
+
+
+def hurried(motion: str, duration: float) -> Script:
+    """A script of the catalogue that lasts so long [s]; the other name says that it is not the catalogue's own."""
+    return replace(shortened(load_script(motion), duration), name="hurried")
 
 
 @cache

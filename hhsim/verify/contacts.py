@@ -1,10 +1,9 @@
-"""Distances of the hand to spheres, triangles and hands: near pairs, contact points and signed distances, by bisection.
+"""Distances of the hand to spheres, triangles and hands: near pairs, contact points and signed distances.
 
 A phalanx is a round cone, the union of balls with centre x(s) and radius r(s) along its axis. Its distance to a
-sphere's centre c is the minimum of |x(s) − c| − r(s), which is convex in s, and so is that to a triangle.
-
-The distance of two round cones, of one hand or two, is convex in the places on both axes: for each place on the one,
-bisection finds the nearest on the other, and bisection over the first finds the least of these.
+sphere's centre c is the minimum of |x(s) − c| − r(s), in closed form; that to a triangle is convex in s, too, and is
+found by bisection. So is the distance of two round cones, of one hand or two: the least over places on the one axis
+of the closed form of the other.
 """
 
 import itertools
@@ -25,8 +24,9 @@ CHUNK = 64
 """Ticks searched at once, to bound the memory."""
 FARTHEST = 1e9
 """Coordinate of a hand that is far from everything [m]."""
-HALVINGS = 56
-"""Bisection steps: as many as a double has digits."""
+FEW, HALVINGS = 7, 56
+"""Bisection steps after which distant pairs are left out, and all of them: as many as a double has digits."""
+TINY = 1e-30
 SAMPLES = 5
 """Points of each axis whose distances tell which pairs can be near."""
 WORTH_A_LOOK = 1e-3
@@ -166,23 +166,22 @@ def axis_places(
 
     Ends, centres and points have shape (N, 3), radii (N,).
     """
-    axis, drop = b - a, radius_b - radius_a
-    share, long = np.zeros(len(a)), axis.any(axis=1)
-    start, along, falling = (a - center)[long], axis[long], drop[long]
-
-    def falls(share: FloatArray) -> BoolArray:
-        away = start + share[:, None] * along
-        length = np.sqrt(np.einsum("ni,ni->n", away, away))
-        return np.asarray(np.einsum("ni,ni->n", away, along) < falling * length)
-
-    share[long] = lowest_places(len(start), falls)
+    axis, drop, away = b - a, radius_b - radius_a, center - a
+    length = np.linalg.norm(axis, axis=1)
+    size = np.where(length > 0.0, length, 1.0)
+    unit, slope = axis / size[:, None], drop / size
+    along = np.einsum("ni,ni->n", away, unit)
+    # The normal of a cone leans by its slope; where one end's ball holds the other's it is the nearest.
+    lean = slope / np.sqrt(np.maximum(1.0 - slope**2, TINY))
+    along += lean * np.linalg.norm(away - along[:, None] * unit, axis=1)
+    share = np.where(length > 0.0, np.clip(along / size, 0.0, 1.0), 0.0)
     return a + share[:, None] * axis, radius_a + share * drop
 
 
-def lowest_places(count: int, falls: Callable[[FloatArray], BoolArray]) -> FloatArray:
+def lowest_places(count: int, falls: Callable[[FloatArray], BoolArray], halvings: int = HALVINGS) -> FloatArray:
     """Shares [0 to 1] of some axes where a convex distance is least, by where it `falls`, shape (count,)."""
     low, high = np.zeros(count), np.ones(count)
-    for _ in range(HALVINGS):
+    for _ in range(halvings):
         share = 0.5 * (low + high)
         down = falls(share)
         low, high = np.where(down, share, low), np.where(down, high, share)
@@ -294,17 +293,23 @@ def near_triangle_pairs(
         a, b, radius_a, radius_b, thick = _searched(hand, some, places, fingers, near)
         row, face = near_rows(a, b, thick, places, near)
         row, face = _not_apart(a, b, thick + near, triangles, row, face)
-        axis, drop = (b - a)[row], (radius_b - radius_a)[row]
-        long = axis.any(axis=1)
-        some_drop, ready = drop[long], triangles.at(face[long])
-        start, along = np.ascontiguousarray(a[row][long].T), np.ascontiguousarray(axis[long].T)
+        for halvings in (FEW, HALVINGS):
+            axis, drop = (b - a)[row], (radius_b - radius_a)[row]
+            long = axis.any(axis=1)
+            some_drop, ready = drop[long], triangles.at(face[long])
+            start, along = np.ascontiguousarray(a[row][long].T), np.ascontiguousarray(axis[long].T)
 
-        def falls(share: FloatArray) -> BoolArray:
-            away = away_from_triangles(ready, start + share * along)
-            return np.asarray((away * along).sum(axis=0) < some_drop * np.sqrt((away * away).sum(axis=0)))
+            def falls(share: FloatArray, of: Any = (ready, start, along, some_drop)) -> BoolArray:
+                away = away_from_triangles(of[0], of[1] + share * of[2])
+                return np.asarray((away * of[2]).sum(axis=0) < of[3] * np.sqrt((away * away).sum(axis=0)))
 
-        share = np.zeros(len(row))
-        share[long] = lowest_places(len(some_drop), falls)
+            share = np.zeros(len(row))
+            share[long] = lowest_places(len(some_drop), falls, halvings)
+            place, size = a[row] + share[:, None] * axis, radius_a[row] + share * drop
+            distance = np.linalg.norm(away_from_triangles(triangles.at(face), place.T), axis=0) - size
+            # The nearest place is within one last interval, and the distance falls by no more on the way there.
+            kept = distance <= near + 0.5**halvings * (np.linalg.norm(axis, axis=1) + np.abs(drop))
+            row, face, share, axis, drop, long = row[kept], face[kept], share[kept], axis[kept], drop[kept], long[kept]
         ends = [np.flatnonzero(long & (share != end)) for end in (0.0, 1.0)]
         rows = np.concatenate([np.arange(len(row)), *ends])
         at = np.concatenate([share, *(np.full(len(found), end) for end, found in enumerate(ends))])
