@@ -13,6 +13,7 @@ from hhsim.kernels.free.columns import (
     States,
     coefficient,
     displacement,
+    is_one,
     other_of,
     pair_count,
     relative_turn,
@@ -23,7 +24,7 @@ from hhsim.kernels.free.columns import (
 from hhsim.kernels.free.joints import JOINT_KEYS, PAIR_KIND, PAIR_ROWS, free_value
 from hhsim.kernels.free.rows import DIRECTIONS, TABLE_KEYS
 from hhsim.kernels.hand.kinematics import BODY_COUNT
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_noinline, jit_once
 from hhsim.kernels.rotation import turned, turned_back
 from hhsim.kernels.tick.block import record_object
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
@@ -120,22 +121,27 @@ def _bear(states: States, problem: Record, of: int, force: float, p: Array, m: t
     active.count += 1
 
 
-@jit
-def _bear_joint(states: States, bodies: Record, problem: Record, row: int, force: float, borne: Record) -> None:
-    # Add the load of a row of a joint of two free bodies to the wrenches on both.
-    number = JOINT_KEYS - problem.key[row]
-    k, r = number // PAIR_ROWS, number % PAIR_ROWS
-    pair = bodies[k].pair
-    value = free_value(bodies[k]) if r // 2 == OBJECT_DOF else r // 2
-    thing, pose, p, e = problem.thing[pair], states[pair].pose, bodies[k].joint_origin, bodies[k].joint_axes[value % 3]
-    size = force if r % 2 == 0 else -force
-    along = size if value < 3 else 0.0
-    center, place, turn, m = bodies[thing].center, pose.position, pose.rotation, (e[0], e[1], e[2])
-    away = (p[0] - center[0], p[1] - center[1], p[2] - center[2])
-    _push(away, m, -along, along - size, m, borne.thing_wrench[thing])
-    m = turned_back(turn, e[0], e[1], e[2])
-    away = turned_back(turn, p[0] - place[0], p[1] - place[1], p[2] - place[2])
-    _push(away, m, along, size - along, m, borne.thing_wrench[k])
+@jit_noinline
+def _bear_joints(states: States, bodies: Record, problem: Record, loaded: Record, borne: Record) -> None:
+    """Add the loads of rows of joints of two free bodies to the wrenches on both."""
+    for i in range(loaded.count):
+        row, force = loaded.row[i], loaded.multiplier[i]
+        if problem.kind[row] != PAIR_KIND:
+            continue
+        number = JOINT_KEYS - problem.key[row]
+        k, r = number // PAIR_ROWS, number % PAIR_ROWS
+        pair = bodies[k].pair
+        value = free_value(bodies[k]) if r // 2 == OBJECT_DOF else r // 2
+        thing, pose, p = problem.thing[pair], states[pair].pose, bodies[k].joint_origin
+        e = bodies[k].joint_axes[value % 3]
+        size = force if r % 2 == 0 else -force
+        along = size if value < 3 else 0.0
+        center, place, turn, m = bodies[thing].center, pose.position, pose.rotation, (e[0], e[1], e[2])
+        away = (p[0] - center[0], p[1] - center[1], p[2] - center[2])
+        _push(away, m, -along, along - size, m, borne.thing_wrench[thing])
+        m = turned_back(turn, e[0], e[1], e[2])
+        away = turned_back(turn, p[0] - place[0], p[1] - place[1], p[2] - place[2])
+        _push(away, m, along, size - along, m, borne.thing_wrench[k])
 
 
 @jit_once
@@ -149,12 +155,12 @@ def find_borne(
     count = as_int64(0)
     for p in range(pair_count(problem)):
         states[p].warm.count = 0
+    if not is_one(problem):
+        _bear_joints(states, bodies, problem, loaded, borne)
     for i in range(loaded.count):
         row = loaded.row[i]
         force = loaded.multiplier[i]
         owner, kind = problem.owner[row], problem.kind[row]
-        if kind == PAIR_KIND:
-            _bear_joint(states, bodies, problem, row, force, borne)
         if TABLE_KEYS < problem.key[row] < 0 or force <= 0.0:
             continue
         contact = owner if owner >= 0 else -1 - row
