@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.arrays import BoolArray
-from hhsim.bench.robustness.local_optimality import stuck_with_way_out
-from hhsim.bench.robustness.pieces import Pieces
+from hhsim.bench.robustness.local_optimality import Pieces, stuck_with_way_out
 from hhsim.bench.run_errors import placed_of
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence

@@ -8,8 +8,7 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite
-from hhsim.bench.robustness.local_optimality import stuck_with_way_out
-from hhsim.bench.robustness.pieces import Pieces
+from hhsim.bench.robustness.local_optimality import Pieces, stuck_with_way_out
 from hhsim.bench.table import figure, metric, totals_of
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel

@@ -24,7 +24,7 @@ from hhsim.bench.robustness.failure import (
     make_trial,
     recorded_penetration,
 )
-from hhsim.bench.robustness.pieces import Pieces, pieces_of
+from hhsim.bench.robustness.local_optimality import Pieces, pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.bench.robustness.safety import BLOCK, SafetyFigures, SafetyMeasure
 from hhsim.bench.table import columns_of, cpu_times, figure, totals_of
