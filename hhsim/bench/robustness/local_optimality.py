@@ -24,6 +24,17 @@ from hhsim.verify import contacts
 from hhsim.verify.contacts import PALM, Pairs
 from hhsim.verify.kinematics import OwnHand, Posed, pose
 
+Pose = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+
+WORTH = 0.01
+"""A step must lower the coupling energy by this share of what the same step lowers it in free space."""
+SHARES = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
+"""Shares of the program's step that are tried."""
+ARRIVED = 1e-9
+"""A hand this near to the haptic one [m] has arrived."""
+MOST_CHECKS = 40
+"""Different stuck ticks of a run, or of a block of it, that are examined; those beyond count as having a way out."""
+
 
 class Pieces(NamedTuple):
     """Pieces of an object's surface, world; `triangles` is None for leaf spheres."""
@@ -49,18 +60,6 @@ def pieces_of(surface: str, mesh: Mesh | None, tree: SphereTree | None) -> Piece
     if surface == "mesh" and mesh is not None:
         return Pieces(contacts.triangle_places(mesh.triangles), contacts.ready_triangles(mesh.triangles))
     raise InputError(f"this object has no {surface}")
-
-
-Pose = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
-
-WORTH = 0.01
-"""A step must lower the coupling energy by this share of what the same step lowers it in free space."""
-SHARES = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
-"""Shares of the program's step that are tried."""
-ARRIVED = 1e-9
-"""A hand this near to the haptic one [m] has arrived."""
-MOST_CHECKS = 40
-"""Different stuck ticks of a run, or of a block of it, that are examined; those beyond count as having a way out."""
 
 
 def stuck_with_way_out(
