@@ -22,8 +22,7 @@ def run_session(setups: "Sequence[LiveSetup]", heading: str, *, quiet: bool) -> 
     """
     from hhsim.errors import HhsimError
     from hhsim.live.pose.keyboard import HELP, PalmKeys, write_keyboard_pose
-    from hhsim.live.session.stop_signals import stop_signals
-    from hhsim.live.session.supervisor import Supervisor
+    from hhsim.live.session.supervisor import Supervisor, stop_signals
     from hhsim.live.session.two_gloves import TwoGloves
 
     setup = setups[0]
