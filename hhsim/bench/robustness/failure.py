@@ -23,8 +23,8 @@ from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import Penetration, penetration
+from hhsim.motion.analytic_motion import hold_readings, replayed, trajectory_of
 from hhsim.motion.file import save_trajectory
-from hhsim.motion.tick_motion import hold_readings, replayed, trajectory_of
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 

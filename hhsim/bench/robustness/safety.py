@@ -14,7 +14,7 @@ from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
-from hhsim.motion.tick_motion import hold_readings
+from hhsim.motion.analytic_motion import hold_readings
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
 from hhsim.system.log_histogram import CpuTimes

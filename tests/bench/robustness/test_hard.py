@@ -23,8 +23,7 @@ from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK
-from hhsim.motion.analytic_motion import still
-from hhsim.motion.tick_motion import hold_readings, sound_samples
+from hhsim.motion.analytic_motion import hold_readings, sound_samples, still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 
