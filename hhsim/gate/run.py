@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.gate.metrics import RunFigures, cpu_p50, run_figures
 from hhsim.gate.suite import GateScene
-from hhsim.gate.time_comparison import base_first
+from hhsim.gate.verdict import base_first
 from hhsim.kernels.machine_calibration import ROWS, SPHERES, time_reference
 from hhsim.result.reader import Result, load_result
 from hhsim.system.deferred_sigint import interruptible_between

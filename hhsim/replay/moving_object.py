@@ -11,7 +11,7 @@ from hhsim.hand.quaternion import quaternion_product
 from hhsim.kernels.free.record import STICKS, ObjectRecord, ThingsRecord
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
-from hhsim.result.object_frame import in_the_world
+from hhsim.result.reader import in_the_world
 from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS, THINGS
 
 if TYPE_CHECKING:

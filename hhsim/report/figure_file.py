@@ -13,7 +13,7 @@ from hhsim.report.figure import ReportFigure, new_figure
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.labels import result_labels
 from hhsim.report.pictures import overview_picture
-from hhsim.report.posed_result import posed_result
+from hhsim.report.run import posed_result
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
 from hhsim.result.reader import Result, hand_paths, load_result
