@@ -19,7 +19,7 @@ from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase, phase_
 from hhsim.result import schema
 from hhsim.system.environment import UNKNOWN
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5, read_numbers
-from hhsim.system.media_kind import media_kind_of
+from hhsim.system.input_file import media_kind_of
 from hhsim.system.output_path import check_output_path
 
 TURNS = {column.name: column.turns for column in schema.TICK_COLUMNS if column.turns}
