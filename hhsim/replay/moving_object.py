@@ -111,10 +111,7 @@ def thing_rows(parts: MovingParts, record: ThingsRecord, ticks: slice) -> dict[s
         rows[f"{THINGS}/{parts.name}/{name}"] = {
             "position": thing.shift,
             "orientation": thing.turn,
-            "velocity": thing.velocity,
-            "angular_velocity": thing.angular_velocity,
-            "hand_wrench": thing.hand_wrench,
-            "table_wrench": thing.table_wrench,
+            **{name: getattr(thing, name) for name in ("velocity", "angular_velocity", "hand_wrench", "table_wrench")},
             "thing_wrench": wrench,
         }
         if name in parts.driven:
