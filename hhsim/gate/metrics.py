@@ -79,7 +79,7 @@ class RunFigures:
     suspicions: tuple[str, ...] = ()  # probable mistakes of a submission, a line each
     mishap: str = ""  # end of a session out of order, else its first fault; "" for none
     stopped: str = ""  # reason and time of a session's end before its duration; "" for none
-    digest: str = ""  # of poses and forces, `hhsim.result.digest.tick_digest`; "" where a baseline has none
+    digest: str = ""  # of poses and forces, `hhsim.gate.input_hash.tick_digest`; "" where a baseline has none
 
 
 def run_figures(result: Result) -> RunFigures:
