@@ -34,9 +34,8 @@ def command(folders: tuple[Path, ...], outputs: tuple[Path, ...], whole: bool, p
       hhsim board results/first /media/other/first --out board.html --out board.csv
     """
     from hhsim.board.entry import collect
-    from hhsim.board.shown import entry_table, standing_table
     from hhsim.board.standings import standings
-    from hhsim.board.table_file import check_board_path, content_of, run_table
+    from hhsim.board.table_file import check_board_path, content_of, entry_table, run_table, standing_table
     from hhsim.system.atomic_write import write_atomically
 
     for path in outputs:

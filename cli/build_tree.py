@@ -136,8 +136,7 @@ def command(
     from hhsim.system.thread_pool import usual_threads
     from hhsim.trees.cache import cache_path, kept_sphere_tree
     from hhsim.trees.file import load_tree, save_tree
-    from hhsim.trees.foreign_tree import import_tree
-    from hhsim.trees.sph_format import load_sph, save_sph
+    from hhsim.trees.foreign_tree import import_tree, load_sph, save_sph
 
     source.check()
     mesh, usual_level = mesh_file.read(object_)

@@ -194,8 +194,7 @@ def _write(report: "GateReport", markdown: Path | None, summary: Path | None, ju
 
 def _print(report: "GateReport", written: Path | None, output: GateOutput) -> None:
     from hhsim.gate.report import COLUMNS, headline, left_out, not_judged, reasons, worth_showing
-    from hhsim.gate.time_comparison import NOT_COMPARABLE
-    from hhsim.gate.verdict import REFUSED
+    from hhsim.gate.verdict import NOT_COMPARABLE, REFUSED
 
     print_notes(report.refused, prefix="error")
     if output.as_json:

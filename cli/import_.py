@@ -242,11 +242,10 @@ def command(
     from hhsim.hand.model import HandModel
     from hhsim.motion.file import check_trajectory_path, save_trajectory
     from hhsim.motion.trajectory import UNCHECKED
-    from hhsim.recordings.cleaning import clean_recording
+    from hhsim.recordings.cleaning import FINDING_COLUMNS, FIT_COLUMNS, clean_recording, fit_rows, import_document
     from hhsim.recordings.dexmo_regression import format_calibration
     from hhsim.recordings.fitted_hand import check_hand_path, fitted_hand
     from hhsim.recordings.formats.dexmo import calibration_of
-    from hhsim.recordings.import_report import COLUMNS, FIT_COLUMNS, fit_rows, import_document
     from hhsim.recordings.registry import read_recording
     from hhsim.system.atomic_write import write_atomically
     from hhsim.system.output_path import check_output_path, check_picture
@@ -293,7 +292,7 @@ def command(
         long = f" of {1e3 * length:.0f} mm" if length is not None else ""
         title = f"{file.name}, {recording.form}: {side}{long}"
         if cleaned.findings:
-            print_table(Table(COLUMNS, cleaned.findings, title))
+            print_table(Table(FINDING_COLUMNS, cleaned.findings, title))
         else:
             print(f"{title}; nothing was found")
         if recording.bones is not None:

@@ -31,6 +31,14 @@ def norm(vectors: ArrayLike) -> FloatArray:
     return np.asarray(np.linalg.norm(np.asarray(vectors, np.float64), axis=-1))
 
 
+def across(direction: FloatArray) -> FloatArray:
+    """Return two unit vectors across a unit direction and each other, shape (2, 3)."""
+    least = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    first = np.cross(direction, least)
+    first /= norm(first)
+    return np.stack([first, np.cross(direction, first)])
+
+
 def sine_and_cosine(angle: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return sines and cosines of angles [rad], of their shape."""
     from hhsim.kernels.elementary import sines_and_cosines

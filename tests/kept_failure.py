@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.bench.robustness.failure import MADE_BY, Provenance, Solver, Trace, failure_of, make_trial
-from hhsim.bench.robustness.pieces import pieces_of
+from hhsim.bench.robustness.local_optimality import pieces_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh

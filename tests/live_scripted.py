@@ -19,8 +19,8 @@ from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop.driver import GloveDriver
 from hhsim.live.loop.loop import LiveLoop, MissAccounts, deadline_record
-from hhsim.live.pose.fixed import FixedPose
 from hhsim.live.pose.registry import PoseConfig, PoseSource
+from hhsim.live.pose.sources import FixedPose
 from hhsim.live.shared_memory import RingReader
 from hhsim.solver.options import SolverOptions
 from hhsim.system.cpu_accounts import CpuAccounts

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from sphere_scenes import bumpy_ball, cloud
 
 from hhsim.bench.robustness.failure import failure_of, recorded_penetration
-from hhsim.bench.robustness.pieces import pieces_of
+from hhsim.bench.robustness.local_optimality import pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object

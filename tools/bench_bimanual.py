@@ -33,9 +33,8 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.bench.peers import capsule_hand
-from hhsim.engines.installed import lack_of
 from hhsim.engines.mujoco import SOFT, MuJoCo, Tuning
-from hhsim.engines.rigid_hand import RigidHand
+from hhsim.engines.rigid_hand import RigidHand, lack_of
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.fingers import FINGERS

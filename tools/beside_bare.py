@@ -27,11 +27,10 @@ from numpy.typing import NDArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.live.devices.registry import GloveConfig, Hand, configure
+from hhsim.live.doctor import measure_wakeups
 from hhsim.live.real_time import RealTimeWishes, described
-from hhsim.live.session.stop_signals import stop_signals
-from hhsim.live.session.supervisor import SessionOutcome, Supervisor
+from hhsim.live.session.supervisor import SessionOutcome, Supervisor, stop_signals
 from hhsim.live.session.two_gloves import TwoGloves
-from hhsim.live.wakeups import measure_wakeups
 from hhsim.replay.repeat import run_again
 from hhsim.replay.stored_scene import stored_hand, stored_options, stored_surface
 from hhsim.result.miss_cause import CAUSES, MissCause, by_name

@@ -21,7 +21,7 @@ import numpy as np
 from hhsim.errors import HhsimError, InputError
 from hhsim.gate.run import Side, find_side, process_times, this_python
 from hhsim.gate.suite import GateScene, default_suite
-from hhsim.gate.time_comparison import BETTER, WORSE, TimeComparison, compare_times
+from hhsim.gate.verdict import BETTER, WORSE, TimeComparison, compare_times
 
 BLOCK = "hhsim.kernels.tick.block"
 OVERLAY = """\

@@ -26,8 +26,7 @@ from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes, described
 from hhsim.live.session.scene import make_live_scene
-from hhsim.live.session.stop_signals import stop_signals
-from hhsim.live.session.supervisor import SessionOutcome, Supervisor
+from hhsim.live.session.supervisor import SessionOutcome, Supervisor, stop_signals
 from hhsim.mesh.catalogue import load_object
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result

@@ -20,7 +20,7 @@ from typing import Any
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.gate.run import MAIN, run_python, this_python
-from hhsim.gate.time_comparison import base_first
+from hhsim.gate.verdict import base_first
 
 RATES = (1000.0, 3334.0)
 """Of the default runs [Hz]: 3,000 and 10,000 ticks of the grasp."""

@@ -1,7 +1,6 @@
 """`hhsim bench manipulation`."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
 from typing import Any
 
 import click
@@ -50,7 +49,7 @@ def command(settings: ManipulationSettings, output: Output) -> int:
     from hhsim.bench.manipulation.answers import COLUMNS, QUICK, ManipulationOptions, measure, missed, remarks
 
     run = quick_or_whole(ManipulationOptions, QUICK, settings)
-    table = SuiteTable(output, "manipulation", COLUMNS, asdict(run))
+    table = SuiteTable(output, "manipulation", COLUMNS, run)
     with progress(quiet=output.quiet) as report:
         rows = measure(run, report)
     table.write(rows)

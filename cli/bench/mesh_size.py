@@ -1,7 +1,5 @@
 """`hhsim bench mesh-size`."""
 
-from dataclasses import asdict
-
 import click
 
 from hhsim.table.table import Table, number, words
@@ -39,7 +37,7 @@ def command(settings: MeshSizeSettings, output: Output) -> None:
     from hhsim.bench.mesh_size import COLUMNS, MeshSizeOptions, measure
 
     run = MeshSizeOptions(**settings.given())
-    table = SuiteTable(output, "mesh-size", COLUMNS, asdict(run))
+    table = SuiteTable(output, "mesh-size", COLUMNS, run)
     with progress(quiet=output.quiet) as report:
         rows = measure(run, report)
     table.write(rows)

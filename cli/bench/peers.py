@@ -1,6 +1,5 @@
 """`hhsim bench peers`."""
 
-from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -55,7 +54,7 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
     from hhsim.system.output_path import picture_beside
 
     run = quick_or_whole(PeersOptions, QUICK, settings)
-    table = SuiteTable(output, "peers", COLUMNS, asdict(run))
+    table = SuiteTable(output, "peers", COLUMNS, run)
     picture = table.picture = picture_beside(table.path, plot)
     with progress(quiet=output.quiet, lines=True) as report:
         runs = measure(run, report)

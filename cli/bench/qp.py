@@ -48,8 +48,6 @@ def command(settings: QpSettings, programs: Path | None, seed: int, output: opti
       hhsim bench qp --problems 2000 --object bunny --out qp.h5
       hhsim bench qp --problems 2000 --programs ticks.parquet
     """
-    from dataclasses import asdict
-
     from hhsim.bench.qp.bench import COLUMNS, bench_qp, missed_programs
     from hhsim.bench.qp.qpbenchmark_export import check_program_file, qpbenchmark_commands
     from hhsim.bench.qp.recorded_problems import QpBenchOptions
@@ -57,7 +55,7 @@ def command(settings: QpSettings, programs: Path | None, seed: int, output: opti
     chosen = QpBenchOptions(**settings.given(), seed=seed)
     if programs is not None:
         check_program_file(programs)
-    table = SuiteTable(output, "qp", COLUMNS, asdict(chosen))
+    table = SuiteTable(output, "qp", COLUMNS, chosen)
     with progress(quiet=output.quiet) as report:
         rows = bench_qp(chosen, programs, report)
     table.write(rows)

@@ -1,7 +1,6 @@
 """`hhsim bench speed-error`."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +73,7 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
     from hhsim.system.output_path import picture_beside
 
     run = quick_or_whole(SpeedErrorOptions, QUICK, configurations)
-    table = SuiteTable(output, "speed-error", COLUMNS, asdict(run))
+    table = SuiteTable(output, "speed-error", COLUMNS, run)
     picture = table.picture = picture_beside(table.path, plot)
     others = [] if peers is None else rows_of(peers, "peers")
     with progress(quiet=output.quiet) as report:

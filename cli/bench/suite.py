@@ -1,6 +1,7 @@
 """Shared parts of the commands of `hhsim bench`: methods and surfaces, progress, the table."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,14 +48,18 @@ def quick_or_whole(options: Any, quick: dict[str, Any], settings: OptionGroup) -
 
 
 class SuiteTable:
-    """Table of a suite at the output's path, with a picture, if any, set later; OutputError if it cannot be written."""
+    """Table of a suite at the output's path, with a picture, if any, set later; OutputError if it cannot be written.
+
+    Its `options` are a dataclass, or plain values by name.
+    """
 
     picture: Path | None = None
 
-    def __init__(self, output: Output, suite: str, columns: "Sequence[Column]", options: dict[str, Any]) -> None:
+    def __init__(self, output: Output, suite: str, columns: "Sequence[Column]", options: Any) -> None:
         from hhsim.bench.table import check_table_path
 
-        self.path, self.suite, self.columns, self.options = output.path(f"bench-{suite}"), suite, columns, options
+        self.path, self.suite, self.columns = output.path(f"bench-{suite}"), suite, columns
+        self.options: dict[str, Any] = options if isinstance(options, dict) else asdict(options)
         self._output = output
         check_table_path(self.path)
 

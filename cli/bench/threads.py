@@ -1,7 +1,5 @@
 """`hhsim bench threads`."""
 
-from dataclasses import asdict
-
 import click
 
 from hhsim.table.table import Table, number, words
@@ -41,7 +39,7 @@ def command(settings: ThreadsSettings, output: Output) -> None:
     from hhsim.bench.paper.threads import COLUMNS, ThreadsOptions, best_speedup, measure, remarks
 
     run = ThreadsOptions(**settings.given())
-    table = SuiteTable(output, "threads", COLUMNS, asdict(run))
+    table = SuiteTable(output, "threads", COLUMNS, run)
     with progress(quiet=output.quiet) as report:
         rows = measure(run, report)
     table.write(rows)

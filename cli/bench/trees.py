@@ -1,6 +1,5 @@
 """`hhsim bench trees`."""
 
-from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -54,7 +53,7 @@ def command(settings: TreesSettings, size: float, time_limits: bool, plot: Path 
     from hhsim.system.output_path import picture_beside
 
     run = TreesOptions(size=1e-3 * size, **settings.given())
-    table = SuiteTable(output, "trees", COLUMNS, asdict(run))
+    table = SuiteTable(output, "trees", COLUMNS, run)
     picture = table.picture = picture_beside(table.path, plot)
     with progress(quiet=output.quiet) as report:
         rows = measure(run, report)

@@ -1,18 +1,207 @@
-"""A live session in the terminal: its status, its keys, and its end."""
+"""A live session in the terminal: its status, its keys, and its end.
 
+The status is a panel in a terminal, a plain line now and then elsewhere.
+"""
+
+import math
+import os
+import re
+import select
+import sys
 import time
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any
 
-from .status_line import LiveStatus
-from .terminal_keys import terminal_keys
+from hhsim.system.counted import counted
+
+from ..arguments.options import HANDS
 
 if TYPE_CHECKING:
     from hhsim.live.ipc.config import LiveSetup
+    from hhsim.live.pose.keyboard import PalmKeys
+    from hhsim.live.session.statistics import LiveTally
     from hhsim.live.session.supervisor import SessionOutcome
+
+PANEL_SECONDS = 0.25
+LINE_SECONDS = 5.0
+NONE = "—"
+
+Rows = list[tuple[str, str]]
 
 POLL = 0.02
 """Period at which the session is polled [s]."""
+
+
+class LiveStatus:
+    """Display of a running session; `keys` are names and effects of keys, `quiet` shows warnings and faults only."""
+
+    def __init__(self, heading: str, keys: Sequence[tuple[str, str]] = (), *, quiet: bool = False) -> None:
+        self.heading = heading
+        self.keys = keys
+        self.quiet = quiet
+        self.panel = not quiet and sys.stderr.isatty()
+        self._live: Any = None
+        self._began = time.monotonic()
+        self._shown = -math.inf
+
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        """Show the panel while the block runs."""
+        if not self.panel:
+            self._shown = time.monotonic()
+            yield
+            return
+        from rich.console import Console
+        from rich.live import Live
+
+        with Live(console=Console(stderr=True, highlight=False), auto_refresh=False, transient=True) as live:
+            self._live = live
+            try:
+                yield
+            finally:
+                self._live = None
+
+    def say(self, text: str, level: int = 0) -> None:
+        """Print a line of the log: level 0 for information, 1 a warning, 2 a fault."""
+        if self.quiet and level == 0:
+            return
+        line = f"hhsim: {('', 'warning: ', 'fault: ')[min(level, 2)]}{text}"
+        if self._live is not None:
+            from rich.text import Text
+
+            self._live.console.print(Text(line, style=("", "yellow", "bold red")[min(level, 2)]), soft_wrap=True)
+        else:
+            print(line, file=sys.stderr, flush=True)
+
+    def update(self, hands: "Sequence[tuple[Any, LiveTally]]", recording: str, palm: "PalmKeys | None" = None) -> None:
+        """Update the display if its interval has passed, by each hand's record of `LIVE_STATUS` and figures.
+
+        `recording` is a path, or "" for none; `palm` is one that keys move.
+        """
+        now = time.monotonic()
+        if self.quiet or now - self._shown < (PANEL_SECONDS if self.panel else LINE_SECONDS):
+            return
+        self._shown = now
+        rows = []
+        for side, (status, tally) in zip(HANDS if len(hands) > 1 else ("",), hands):
+            shown = status_rows(status, tally, recording, time.monotonic_ns())
+            rows += [(f"{side} {name}".strip(), value) for name, value in shown]
+        if self._live is None:
+            text = "; ".join(f"{name}: {value}" for name, value in rows)
+            print(f"hhsim: {now - self._began:,.0f} s: {text}", file=sys.stderr, flush=True)
+            return
+        if palm is not None:
+            x, y, z = 1e3 * palm.position
+            rows.append(("palm", f"{x:.1f}, {y:.1f}, {z:.1f} mm; a stroke is {1e3 * palm.step:g} mm"))
+        rows.append(("keys", " · ".join(f"{keys} {what}" for keys, what in self.keys)))
+        self._live.update(self._table(rows, now - self._began), refresh=True)
+
+    def _table(self, rows: Rows, seconds: float) -> Any:
+        from rich import box
+        from rich.table import Table
+        from rich.text import Text
+
+        table = Table(box=box.ROUNDED, show_header=False, title_justify="left")
+        table.title = Text(f"{self.heading}   {seconds // 60:.0f}:{seconds % 60:04.1f}", style="bold")
+        table.add_column(style="cyan", no_wrap=True)
+        table.add_column(overflow="fold")
+        for name, value in rows:
+            alarm = name.endswith("fingers") and value.startswith("free")
+            table.add_row(Text(name), Text(value, style="bold yellow" if alarm else ""))
+        return table
+
+
+def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) -> Rows:
+    """Return names and texts of the display; arguments as of `LiveStatus.update`, and CLOCK_MONOTONIC [ns]."""
+    from hhsim.hand.fingers import FINGERS
+    from hhsim.result.safety import why_free
+
+    if status["ticks"] == 0:
+        return [("starting", "making the loop ready, and reaching for the glove")]
+    forces = "  ".join(f"{name} {value:.2f}" for name, value in zip(FINGERS, status["force"], strict=True))
+    stiff = [f"{name} {k:.2f}" for name, k in zip(FINGERS, status["command_stiffness"], strict=True) if k > 0.0]
+    free = why_free(int(status["safety"]))
+    battery = int(status["battery"])
+    sample = int(status["sample_ns"])
+    done, missed = int(status["ticks"]), int(status["missed"])
+    rows = [
+        ("rate", f"{tally.rate:,.0f} Hz, {missed:,} of {done + missed:,} ticks missed"),
+        ("wake-up", _two(tally.wakeup)),
+        ("latency", _two(tally.latency)),
+        ("contacts", f"{int(status['contacts']):,}"),
+        ("force [N]", forces),
+        ("fingers", f"free: {free}" if free else f"resisting: {', '.join(stiff)}" if stiff else "nothing to resist"),
+        ("glove", f"battery {f'{battery} %' if battery >= 0 else NONE}, {_last_sample(sample, now_ns)}"),
+    ]
+    if recording:
+        lost = int(status["recorder_lost"])
+        state = ", FAILED" if status["recorder_failed"] else f", {lost:,} lost" if lost else ""
+        rows.append(("recording", f"{recording}, {counted(int(status['recorder_ticks']), 'tick')}{state}"))
+    return rows
+
+
+def _two(values: Any) -> str:
+    if values.count == 0:
+        return NONE
+    return f"p50 {1e-3 * values.percentile(50):,.0f} µs, p99 {1e-3 * values.percentile(99):,.0f} µs"
+
+
+def _last_sample(sample_ns: int, now_ns: int) -> str:
+    if sample_ns <= 0:
+        return "no sample yet"
+    # The loop runs meanwhile: a sample may be newer than the reading of the clock.
+    age = 1e-6 * max(0, now_ns - sample_ns)
+    return f"last sample {f'{age:,.0f} ms' if age < 1e4 else f'{1e-3 * age:,.0f} s'} ago"
+
+
+@contextmanager
+def terminal_keys() -> Iterator[Callable[[], str | None] | None]:
+    """Read each key of stdin at once, without echo; yields None if stdin is not our terminal.
+
+    What it yields returns the keys pressed since the last call, "" for none; None if the terminal is gone. Ctrl-C,
+    Ctrl-Z and Ctrl-backslash stay signals. The settings are restored when the block is left, by whatever error or exit.
+    """
+    found = _terminal()
+    if found is None:
+        yield None
+        return
+    import termios
+    import tty
+
+    descriptor, before = found
+    try:
+        tty.setcbreak(descriptor, termios.TCSANOW)
+        yield lambda: _keys(descriptor)
+    finally:
+        # A terminal that is gone cannot be restored.
+        with suppress(termios.error, OSError):
+            termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+def _terminal() -> "tuple[int, list[int | list[bytes | int]]] | None":
+    """Return descriptor and settings of stdin if it is a terminal and we are in its foreground."""
+    with suppress(ImportError, OSError, ValueError):
+        import termios
+
+        descriptor = sys.stdin.fileno()
+        if os.isatty(descriptor) and os.tcgetpgrp(descriptor) == os.getpgrp():
+            with suppress(termios.error):
+                return descriptor, termios.tcgetattr(descriptor)
+    return None
+
+
+def _keys(descriptor: int) -> str | None:
+    found = b""
+    try:
+        while select.select([descriptor], [], [], 0.0)[0]:
+            found += (more := os.read(descriptor, 256))
+            if not more:
+                return None
+    except OSError:
+        return None
+    # Without the sequences of arrow and function keys, which begin with Escape.
+    return re.sub(r"\x1b[\[O][^@-~]*[@-~]?", "", found.decode("utf-8", "replace"))
 
 
 def run_session(setups: "Sequence[LiveSetup]", heading: str, *, quiet: bool) -> "tuple[list[SessionOutcome], str]":
@@ -22,8 +211,7 @@ def run_session(setups: "Sequence[LiveSetup]", heading: str, *, quiet: bool) -> 
     """
     from hhsim.errors import HhsimError
     from hhsim.live.pose.keyboard import HELP, PalmKeys, write_keyboard_pose
-    from hhsim.live.session.stop_signals import stop_signals
-    from hhsim.live.session.supervisor import Supervisor
+    from hhsim.live.session.supervisor import Supervisor, stop_signals
     from hhsim.live.session.two_gloves import TwoGloves
 
     setup = setups[0]

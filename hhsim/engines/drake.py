@@ -8,8 +8,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.engines.convex_parts import COARSE, FINE, Ball, Box, convex_parts
-from hhsim.engines.installed import lack_of, object_mesh
-from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, earlier, speed_between
+from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, earlier, lack_of, object_mesh, speed_between
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS, PHALANGES
 from hhsim.mesh.mesh import Mesh

@@ -4,8 +4,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hhsim.engines.installed import lack_of
 from hhsim.engines.mujoco import Contacts, MuJoCo
+from hhsim.engines.rigid_hand import lack_of
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.solver.outside_method import MethodScene

@@ -9,8 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.engines.installed import lack_of, object_mesh
-from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, earlier, speed_between
+from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, earlier, lack_of, object_mesh, speed_between
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS, PHALANGES
 from hhsim.solver.outside_method import MethodScene, TickAnswer

@@ -8,23 +8,42 @@ everything: the free hand returns to the user's as exp(-t/τ), critically damped
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.util import find_spec
 from typing import NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
+from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import as_argument
 from hhsim.kernels.rotation import rotation_vector_between
+from hhsim.mesh.mesh import Mesh
 from hhsim.solver.options import Stiffness
+from hhsim.solver.outside_method import MethodScene
 
 PALM = PALM_BODY
 """Number of the palm among the bodies; phalanx k of finger f is 3 f + k."""
 PHALANX_MASS = 1e-3
 """Mass of a phalanx itself [kg]: engines need some; its resistance is the virtual inertia of its joint."""
+
+
+def lack_of(extra: str, *modules: str) -> str:
+    """Return a line about the first module that is not installed, with the extra of hhsim that brings it; else ""."""
+    for module in modules:
+        if find_spec(module) is None:
+            return f"needs {module}, which is not installed: pip install 'hhsim[{extra}]'"
+    return ""
+
+
+def object_mesh(method: str, scene: MethodScene) -> Mesh:
+    """Return the mesh of a scene's object; InputError if it is spheres alone."""
+    if scene.mesh is None:
+        raise InputError(f"method {method} needs the object's mesh, and it is spheres alone")
+    return scene.mesh
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,12 +5,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from hhsim.gate.input_hash import RunInputs, differences, new_options, run_inputs
-from hhsim.gate.time_comparison import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
+from hhsim.gate.input_hash import RunInputs, differences, new_options, run_inputs, tick_digest
+from hhsim.gate.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import SummaryRow
-from hhsim.result.digest import tick_digest
 from hhsim.result.reader import Result
 from hhsim.result.wording import commit, object_name, option_value
 

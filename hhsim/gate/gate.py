@@ -21,8 +21,7 @@ from hhsim.gate.input_hash import RunInputs, differences
 from hhsim.gate.metrics import COUNTERS, SESSION_DEFAULTS, RunFigures, run_figures, without_times
 from hhsim.gate.run import RunFailed, Side, Step, process_times
 from hhsim.gate.suite import REPLAY, SESSION, SUBMISSION, GateScene, GateSuite, default_suite, usual_limits
-from hhsim.gate.time_comparison import NOT_COMPARABLE
-from hhsim.gate.verdict import GateRow, inputs_row
+from hhsim.gate.verdict import NOT_COMPARABLE, GateRow, inputs_row
 from hhsim.kernels.machine_calibration import REFERENCE_VERSION
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.replay.summary_table import default_limits, stored_promises

@@ -1,9 +1,10 @@
-"""Inputs of a run, in a form that compares runs of different machines.
+"""Inputs of a run, in a form that compares runs of different machines, and a digest of its poses and forces.
 
 Meshes are compared by hash. Trees, hands and motions come from optimisations whose last bits, and the order of equal
 sibling spheres, differ between processors: they are compared by sums with a tolerance, of trees in any order.
 """
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -27,6 +28,14 @@ INPUT_OPTIONS = ("level", "max_error", "unit", "size_mm", "thickness_mm", *OF_TH
 """Options of a replay that choose the input; names of files do not."""
 OF_THE_MESH = ("center", "inertia")
 """Properties of a free object that follow from mesh and mass; a zero among them differs in all its digits."""
+
+OF_THE_HAND = (
+    *("graphic/position", "graphic/orientation", "graphic/flexion", "graphic/abduction"),
+    *("force/palm_wrench", "force/phalanx", "force/total"),
+)
+OF_A_FREE_OBJECT = ("object/position", "object/orientation")
+DIGITS = 16
+"""Hexadecimal digits of a digest."""
 
 
 @dataclass(frozen=True)
@@ -123,3 +132,14 @@ def _alike(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
 def _plain(value: Any) -> Any:
     """Value of an option for comparison: a baseline keeps fewer digits than a result."""
     return plain_json(value, lambda number: float(f"{number:.{OPTION_DIGITS}g}"))
+
+
+def tick_digest(result: Result) -> str:
+    """Compute a digest of the shown hand's poses, its forces, and the poses of a free object, of all ticks.
+
+    It is the same for the same bits, whatever else the file holds.
+    """
+    found = hashlib.sha256()
+    for name in (*OF_THE_HAND, *(OF_A_FREE_OBJECT if result.free else ())):
+        found.update(np.ascontiguousarray(result[name], np.float64).tobytes())
+    return found.hexdigest()[:DIGITS]

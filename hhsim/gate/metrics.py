@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hhsim.arrays import AnyArray
-from hhsim.gate.input_hash import RunInputs, run_inputs
+from hhsim.gate.input_hash import RunInputs, run_inputs, tick_digest
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.metrics import metrics, session_faults
 from hhsim.metrics.run.registry import judged_metrics, known_figures, run_metrics, tick_figures
@@ -18,7 +18,6 @@ from hhsim.metrics.run_metric import Figure
 from hhsim.metrics.run_ticks import PLACED, result_ticks, touched_object
 from hhsim.metrics.session_faults import SESSION_FAULTS, SESSION_TIMES
 from hhsim.replay.summary_table import default_limits, stored_promises
-from hhsim.result.digest import tick_digest
 from hhsim.result.reader import Result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.method import EVERYTHING, WORK
@@ -80,7 +79,7 @@ class RunFigures:
     suspicions: tuple[str, ...] = ()  # probable mistakes of a submission, a line each
     mishap: str = ""  # end of a session out of order, else its first fault; "" for none
     stopped: str = ""  # reason and time of a session's end before its duration; "" for none
-    digest: str = ""  # of poses and forces, `hhsim.result.digest.tick_digest`; "" where a baseline has none
+    digest: str = ""  # of poses and forces, `hhsim.gate.input_hash.tick_digest`; "" where a baseline has none
 
 
 def run_figures(result: Result) -> RunFigures:

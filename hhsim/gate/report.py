@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 from hhsim.gate.gate import GateReport
-from hhsim.gate.time_comparison import NOT_COMPARABLE, SAME, WORSE
-from hhsim.gate.verdict import UNJUDGED, WORSE_WITHIN, GateRow
+from hhsim.gate.verdict import NOT_COMPARABLE, SAME, UNJUDGED, WORSE, WORSE_WITHIN, GateRow
 from hhsim.table.table import Table, markdown_text, number, shown, unit_size, words
 
 OK, MISSED = "ok", "MISSED"

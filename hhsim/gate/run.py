@@ -5,7 +5,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.gate.metrics import RunFigures, cpu_p50, run_figures
 from hhsim.gate.suite import GateScene
-from hhsim.gate.time_comparison import base_first
+from hhsim.gate.verdict import base_first
 from hhsim.kernels.machine_calibration import ROWS, SPHERES, time_reference
 from hhsim.result.reader import Result, load_result
 from hhsim.system.deferred_sigint import interruptible_between
@@ -102,9 +102,7 @@ def find_side(name: str, python: Path, folder: Path | None = None) -> Side:
     return Side(name, python, str(version), str(package), folder)
 
 
-def run_python(
-    python: Path, code: str, arguments: Sequence[str], folder: Path, environment: Mapping[str, str] | None = None
-) -> subprocess.CompletedProcess[str]:
+def run_python(python: Path, code: str, arguments: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
     """Run code in another python; modules do not come from the current folder (-P)."""
     return subprocess.run(
         [str(python), "-P", "-c", code, *arguments],
@@ -114,7 +112,7 @@ def run_python(
         errors="replace",
         stdin=subprocess.DEVNULL,
         check=False,
-        env={**os.environ, "NO_COLOR": "1"} if environment is None else dict(environment),
+        env={**os.environ, "NO_COLOR": "1"},
     )
 
 

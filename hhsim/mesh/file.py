@@ -8,8 +8,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
-from hhsim.system.input_file import check_ordinary
-from hhsim.system.media_kind import media_kind_of
+from hhsim.system.input_file import check_ordinary, media_kind_of
 
 ENCODING_GUESSER = "charset_normalizer"
 """Package that trimesh asks for the encoding of a text that is not UTF-8."""

@@ -19,8 +19,7 @@ from hhsim.motion.trajectory import RigidMotion
 from hhsim.result.reader import Result
 from hhsim.result.schema import DRIVEN_COLUMNS
 from hhsim.result.stored_hand import sphere_tree_of
-from hhsim.trees.contact_surface import ContactSurface, contact_surface
-from hhsim.trees.jointed_surface import jointed_surface
+from hhsim.trees.contact_surface import ContactSurface, contact_surface, jointed_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 

@@ -5,7 +5,7 @@ What is not safe to mend raises one line: what is wrong, where, and what would b
 """
 
 from dataclasses import dataclass, field, fields
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,9 +20,11 @@ from hhsim.motion.validation import MIN_QUATERNION_NORM, continuous_orientation
 from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.finger_ik import finger_axes, finger_joints, usual_fingers
 from hhsim.recordings.outliers import clean_glitches
+from hhsim.recordings.recorded_bones import RecordedBones
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.timestamp_cleaning import clean_stamps
 from hhsim.recordings.unit_detection import clean_units, in_units
+from hhsim.table.table import number, words
 
 NORM_TOLERANCE = 1e-3
 """Deviation from unit length of a quaternion that was only rounded."""
@@ -34,6 +36,19 @@ LIMIT_TOLERANCE = 1e-6
 """Excess over a joint limit that is rounding [rad]."""
 OFTEN = 0.3
 """Share of samples beyond a limit above which the joint's zero is probably elsewhere."""
+
+FINDING_COLUMNS = (
+    words("finding", lambda finding: finding.kind.replace("_", " ")),
+    number("samples", lambda finding: finding.samples or ""),
+    number("first at", "first_time", "s", 3, missing=""),
+    words("what, and what was done", "text"),
+)
+FIT_COLUMNS = (
+    words("finger", 0),
+    number("fit, rms", 1, "mm", 2),
+    number("fit, max", 2, "mm", 2),
+    *(number(f"bone {i}", 2 + i, "mm", 1) for i in (1, 2, 3)),
+)
 
 
 class JointLimits(NamedTuple):
@@ -284,3 +299,31 @@ def _trajectory(recording: Recording) -> Trajectory:
     )
     given = {field.name: getattr(recording, field.name) for field in fields(Trajectory)}
     return Trajectory(**{key: value for key, value in given.items() if value is not None} | {"phases": phases})
+
+
+def fit_rows(fit: RecordedBones) -> list[tuple[Any, ...]]:
+    """Return rows of finger, RMS and largest error of the fit [m], and its bones [m], for `FIT_COLUMNS`."""
+    return list(zip(FINGERS, fit.rms, fit.largest, *fit.length.T))
+
+
+def import_document(recording: Recording, cleaned: CleanedRecording) -> dict[str, Any]:
+    """Return format, samples, times [s], rate [Hz], hand, findings and flags of an import as a document, SI units."""
+    motion = cleaned.trajectory
+    flags = motion.flags if motion.flags is not None else np.zeros(motion.sample_count, dtype=np.uint32)
+    counts = {flag: count for flag in SampleFlag if (count := int(marked(flags, flag).sum()))}
+    return {
+        "format": recording.form,
+        "samples_in": recording.sample_count,
+        "samples_out": motion.sample_count,
+        "duration": motion.duration,
+        "mean_rate": motion.mean_rate,
+        "longest_step": float(np.diff(motion.time).max(initial=0.0)),
+        "hand": motion.hand,
+        "hand_length": cleaned.hand_length,
+        "mended": cleaned.mended,
+        "flags": {flag.word: count for flag, count in counts.items()},
+        "checksums": motion.checksums,
+        "fit": None if recording.bones is None else recording.bones.to_json(),
+        "flag_meanings": {flag.word: flag.meaning for flag in counts},
+        "findings": [vars(finding) for finding in cleaned.findings],
+    }

@@ -23,8 +23,7 @@ from hhsim.recordings.dexmo_regression import DexmoRegression, Poses
 from hhsim.recordings.frames import axes_matrix
 from hhsim.recordings.recording import HandMotion, Recording
 from hhsim.system.atomic_write import write_atomically
-from hhsim.system.input_file import open_input, read_input
-from hhsim.system.media_kind import media_kind
+from hhsim.system.input_file import media_kind, open_input, read_input
 
 FORMATS_PACKAGE = "hhsim.recordings.formats"
 """Package that is imported by name, because the formats depend on this package."""

@@ -11,7 +11,7 @@ from hhsim.hand.quaternion import quaternion_product
 from hhsim.kernels.free.record import STICKS, ObjectRecord, ThingsRecord
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
-from hhsim.result.object_frame import in_the_world
+from hhsim.result.reader import in_the_world
 from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS, THINGS
 
 if TYPE_CHECKING:
@@ -111,10 +111,7 @@ def thing_rows(parts: MovingParts, record: ThingsRecord, ticks: slice) -> dict[s
         rows[f"{THINGS}/{parts.name}/{name}"] = {
             "position": thing.shift,
             "orientation": thing.turn,
-            "velocity": thing.velocity,
-            "angular_velocity": thing.angular_velocity,
-            "hand_wrench": thing.hand_wrench,
-            "table_wrench": thing.table_wrench,
+            **{name: getattr(thing, name) for name in ("velocity", "angular_velocity", "hand_wrench", "table_wrench")},
             "thing_wrench": wrench,
         }
         if name in parts.driven:

@@ -253,7 +253,10 @@ def replay_two_hands(
     with ExitStack() as stack:
         for run, own in zip(runs, parts):
             stack.enter_context(run.writer(own, command))
-        solver = _together(runs, free) if free is not None else _side_by_side(runs, stack)
+        # Each hand on a thread of its own where they cannot meet.
+        threads = stack.enter_context(ThreadPoolExecutor(len(runs)))
+        alone = [run.solver for run in runs]
+        solver = SideBySideSolver(alone, threads) if free is None else _together(runs, free)
         check_interrupt = stack.enter_context(interruptible_between())
         for part in runs[0].blocks():
             progress("ticks", part.start, runs[0].total)
@@ -278,11 +281,6 @@ def replay_two_hands(
     haptic_distance, graphic_distance = (float(np.min(values)) for values in distances)
     both = (hands[0], hands[1]), p50, p99, haptic_distance, graphic_distance
     return TwoHandedReplay(path, *both, together=free is not None, keeps_apart=keeps_apart)
-
-
-def _side_by_side(runs: Sequence[Replay], stack: ExitStack) -> SideBySideSolver:
-    """Return what runs the next ticks of both hands, each on a thread of its own where they cannot meet."""
-    return SideBySideSolver([run.solver for run in runs], stack.enter_context(ThreadPoolExecutor(len(runs))))
 
 
 def _together(runs: Sequence[Replay], free: FreeObject) -> TwoHandedSolver:

@@ -81,18 +81,17 @@ def part_tables(parts: MovingParts) -> dict[str, tuple[Column, ...]]:
 
 def part_arrays(parts: MovingParts | None) -> dict[str, dict[str, AnyArray]]:
     """Return the arrays of `PART_STATIC_COLUMNS` of each part, by its group; none for one object."""
-    return (
-        {}
-        if parts is None
-        else {
-            group: {
-                "vertices": mesh.vertices,
-                "faces": mesh.faces,
-                **{f"tree/{name}": getattr(tree, name) for name in TREE_ARRAYS},
-            }
-            for group, mesh, tree in zip(part_tables(parts), parts.meshes, parts.trees)
+    if parts is None:
+        return {}
+    bodies = zip(part_tables(parts), parts.meshes, parts.trees)
+    return {
+        group: {
+            "vertices": mesh.vertices,
+            "faces": mesh.faces,
+            **{f"tree/{name}": getattr(tree, name) for name in TREE_ARRAYS},
         }
-    )
+        for group, mesh, tree in bodies
+    }
 
 
 def describe_scene(

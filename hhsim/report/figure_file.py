@@ -11,9 +11,8 @@ from hhsim.report.bench_chart import bench_figure
 from hhsim.report.bench_trade_off import TRADE_OFFS
 from hhsim.report.figure import ReportFigure, new_figure
 from hhsim.report.histogram import histogram_figure
-from hhsim.report.labels import result_labels
 from hhsim.report.pictures import overview_picture
-from hhsim.report.posed_result import posed_result
+from hhsim.report.run import posed_result, result_labels
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
 from hhsim.result.reader import Result, hand_paths, load_result

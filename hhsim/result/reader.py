@@ -17,11 +17,13 @@ from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameE
 from hhsim.hand.fingers import BODIES
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase, phase_names
 from hhsim.result import schema
-from hhsim.result.object_frame import TURNS, as_object_sees
 from hhsim.system.environment import UNKNOWN
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5, read_numbers
-from hhsim.system.media_kind import media_kind_of
+from hhsim.system.input_file import media_kind_of
 from hhsim.system.output_path import check_output_path
+
+TURNS = {column.name: column.turns for column in schema.TICK_COLUMNS if column.turns}
+"""Kind of transformation (`Column.turns`) by dataset."""
 
 View: TypeAlias = Callable[[str, AnyArray, ObjectMotion, ObjectMotion], AnyArray]
 """Transform rows of a /tick dataset: its name, world values, the object's poses at these ticks and the first."""
@@ -43,6 +45,30 @@ _TOGETHER = (
 
 CHUNK_TICKS = 512
 """Ticks in a chunk of the file, and the best size of a block."""
+
+_STORED = {"f": "fiu", "i": "iu", "u": "iu", "S": "SO"}
+"""Kinds of values accepted in a file, by the kind of the column."""
+
+
+def as_object_sees(name: str, values: AnyArray, moved: RigidMotion) -> AnyArray:
+    """Transform rows (T, ...) of a /tick dataset to the object's frame, which is the world's at the first tick."""
+    transforms = {"point": moved.seen_points, "vector": moved.seen_vectors, "orientation": moved.seen_orientations}
+    return _transformed(name, values, transforms)
+
+
+def in_the_world(columns: Mapping[str, AnyArray], moved: RigidMotion) -> dict[str, AnyArray]:
+    """Transform datasets by name from the object's frame to the world."""
+    transforms = {"point": moved.points, "vector": moved.vectors, "orientation": moved.orientations}
+    return {name: _transformed(name, values, transforms) for name, values in columns.items()}
+
+
+def _transformed(name: str, values: AnyArray, transforms: Mapping[str, Any]) -> AnyArray:
+    kind = TURNS.get(name, "")
+    if not kind:
+        return values
+    shape = values.shape
+    whole = values if kind == "orientation" else values.reshape(*shape[:-1], -1, 3)
+    return np.ascontiguousarray(transforms[kind](whole).reshape(shape))
 
 
 @dataclass(frozen=True, repr=False)
@@ -464,10 +490,6 @@ def _check_format(file: h5py.File, path: Path) -> None:
         raise InputError(f"{path} holds two hands: name one of them, {path}/right or {path}/left")
     if version not in schema.SCHEMA_VERSIONS:
         raise InputError(f"{path} {schema.wrong_schema(version)}")
-
-
-_STORED = {"f": "fiu", "i": "iu", "u": "iu", "S": "SO"}
-"""Kinds of values accepted in a file, by the kind of the column."""
 
 
 def _check_dataset(group: Mapping[str, Any], column: schema.Column, shape: tuple[int, ...], path: Path) -> None:

@@ -23,7 +23,7 @@ from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.metrics.metrics import distance_of_hands
-from hhsim.reproducible import dot, matmul, norm, sine_and_cosine
+from hhsim.reproducible import across, dot, matmul, norm, sine_and_cosine
 from hhsim.scene.finger_closure import OPEN_SHARE, Closer, FingerClosure, body_distances, make_work
 from hhsim.scene.kept_closures import kept_closure
 from hhsim.scene.script import Script, ScriptPhase
@@ -147,11 +147,10 @@ def _orientations() -> tuple[FloatArray, ...]:
         if triple == (0.0, 0.0, 0.0):
             continue
         z = np.array(triple) / norm(triple)
-        across = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
-        across /= norm(across)
+        first, second = across(z)
         for roll in range(ROLLS):
             sine, cosine = sine_and_cosine(2.0 * math.pi * roll / ROLLS)
-            y = cosine * across + sine * np.cross(z, across)
+            y = cosine * first + sine * second
             found.append(np.column_stack([np.cross(y, z), y, z]))
     return tuple(found)
 

@@ -40,7 +40,7 @@ from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PHALANX_COUNT
 from hhsim.motion.file import load_trajectory
 from hhsim.motion.trajectory import HandSide, Trajectory
-from hhsim.reproducible import dot, matmul, norm, principal_axes
+from hhsim.reproducible import across, dot, matmul, norm, principal_axes
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.system.settings_file import Settings, one_of, parse_settings
 from hhsim.trees.sphere_tree import SphereTree
@@ -212,11 +212,3 @@ def _search(
             if best is None or score > best.score + 1e-12:
                 best = Candidate(turn, shift, score)
     return best
-
-
-def across(direction: FloatArray) -> FloatArray:
-    """Return two unit vectors across a direction and each other, shape (2, 3)."""
-    least = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    first = np.cross(direction, least)
-    first /= norm(first)
-    return np.stack([first, np.cross(direction, first)])

@@ -19,7 +19,7 @@ from hhsim.motion.sample_flags import MENDED, marked
 from hhsim.motion.trajectory import UNCHECKED, HandSide, Trajectory
 from hhsim.scene.demonstration import Demonstration, is_demonstration, parse_demonstration
 from hhsim.scene.script import Script, parse_script
-from hhsim.system.media_kind import media_kind_of
+from hhsim.system.input_file import media_kind_of
 from hhsim.system.settings_file import parse_toml, read_toml_text
 
 if TYPE_CHECKING:

@@ -22,8 +22,8 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.motion.trajectory import Trajectory
-from hhsim.reproducible import matmul, norm
-from hhsim.scene.demonstration import START_GAP, Candidate, across, placed_by, upright_turn, upright_turns
+from hhsim.reproducible import across, matmul, norm
+from hhsim.scene.demonstration import START_GAP, Candidate, placed_by, upright_turn, upright_turns
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.trees.sphere_tree import SphereTree
 

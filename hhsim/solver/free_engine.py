@@ -26,7 +26,7 @@ from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_blo
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.reproducible import matmul, norm, principal_axes
+from hhsim.reproducible import across, matmul, principal_axes
 from hhsim.scene.free_object import FreeObject, Hinge, Slider
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import surface_of
@@ -121,9 +121,7 @@ def _edges_of(surface: Any, center: FloatArray) -> Edges:
 
 def _about(axis: FloatArray) -> FloatArray:
     """Return two directions across a unit axis and the axis, as right-handed rows (3, 3)."""
-    across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    across /= norm(across)
-    return np.array([across, np.cross(axis, across), axis])
+    return np.vstack([across(axis), axis])
 
 
 class FreeEngine:

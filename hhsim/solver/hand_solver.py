@@ -37,8 +37,7 @@ from hhsim.solver.linearising_engine import JointedEngine, LinearisingEngine
 from hhsim.solver.method import Engine
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record
-from hhsim.trees.contact_surface import ContactSurface, contact_surface
-from hhsim.trees.jointed_surface import jointed_surface
+from hhsim.trees.contact_surface import ContactSurface, contact_surface, jointed_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 START_LINEARISATIONS = 4000

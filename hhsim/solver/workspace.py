@@ -33,8 +33,7 @@ from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import SURFACES, surface_of
 from hhsim.system.posix import thread_clock
-from hhsim.trees.contact_surface import ContactSurface
-from hhsim.trees.jointed_surface import begun
+from hhsim.trees.contact_surface import ContactSurface, begun
 
 FORCE_MODELS = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
 RELAXATION = 100.0

@@ -21,8 +21,7 @@ import msgspec
 from msgspec import inspect
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.system.input_file import read_input_text
-from hhsim.system.media_kind import media_kind_of
+from hhsim.system.input_file import media_kind_of, read_input_text
 
 MOST_BYTES = 1 << 24
 """Size of the largest document [byte]."""

@@ -1,8 +1,18 @@
-"""Contact surface of an object: the leaf spheres of its tree, or the triangles of its mesh."""
+"""Contact surface of an object or several parts: the leaf spheres of its tree, or the triangles of its mesh."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
+from hhsim.kernels.mesh.features import FaceSpheres, MeshFeatures
+from hhsim.kernels.parts.surface import MESH_COLUMNS, TREE_COLUMNS, JointedSurface, part_dtype
+from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.surfaces.mesh import SURFACE as MESH
+from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
 from hhsim.mesh.features import mesh_features
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import is_closed, merged_vertices
@@ -45,3 +55,57 @@ def contact_surface(name: str, mesh: Mesh | None, tree: SphereTree | None) -> Co
     if not closed:
         notes.append("the triangles enclose nothing: both sides can be touched, and no hand begins inside")
     return ContactSurface(features, tuple(notes), mesh, tree)
+
+
+def jointed_surface(parts: Sequence[Any], path: FloatArray) -> JointedSurface:
+    """Put the surfaces of parts, each in its part's frame, together, with the parts where they are at the first tick.
+
+    `path` has position [m] and orientation (w, x, y, z) of each part in the thing's frame at each tick, (T, P, 7).
+    Raises InputError for parts of different surfaces.
+    """
+    kinds = {type(arrays) for arrays in parts}
+    joined: tuple[Any, Any]
+    if kinds == {TreeArrays}:
+        joined, candidates = _joined_trees(parts), SPHERES.candidates
+    elif kinds == {MeshFeatures}:
+        joined, candidates = _joined_meshes(parts), MESH.candidates
+    else:
+        raise InputError(f"parts of {', '.join(sorted(kind.__name__ for kind in kinds))}; expected one kind of surface")
+    path = np.ascontiguousarray(path, np.float64)
+    surface = JointedSurface(joined[0], joined[1], path, np.zeros(1, np.int64), np.empty(0, part_dtype(candidates)))
+    return begun(surface)
+
+
+def begun(surface: JointedSurface) -> JointedSurface:
+    """Return a surface with lists of its own, its parts where they are at the first tick."""
+    memory = np.empty(len(surface.start) - 1, surface.part.dtype)
+    # Written, so that the system allocates the pages now and not in the ticks that are timed.
+    memory.view(np.uint8)[:] = 0
+    part = memory.view(np.recarray)
+    for p in range(len(part)):
+        part[p].position[:], part[p].orientation[:] = surface.path[0, p, :3], surface.path[0, p, 3:]
+        rotation = np.empty((3, 3))
+        quaternion_to_matrix(np.array(part[p].orientation), rotation)
+        part[p].rotation[:] = rotation
+    return surface._replace(tick=np.zeros(1, np.int64), part=part)
+
+
+def _starts(counts: list[list[int]], columns: int) -> Any:
+    return np.concatenate([np.zeros((1, columns), np.int64), np.cumsum(counts, axis=0, dtype=np.int64)])
+
+
+def _joined_trees(parts: Sequence[TreeArrays]) -> tuple[TreeArrays, Any]:
+    start = _starts([[len(tree.x), 0] for tree in parts], TREE_COLUMNS)
+    start[:-1, 1] = [tree.leaf_start for tree in parts]
+    fields = TreeArrays._fields[:-1]
+    joined: list[Any] = [np.concatenate([getattr(tree, name) for tree in parts]) for name in fields]
+    joined.append(parts[0].leaf_start)
+    return TreeArrays(*joined), start
+
+
+def _joined_meshes(parts: Sequence[MeshFeatures]) -> tuple[MeshFeatures, Any]:
+    counted = ("face", "edge", "wing_start", "wing", "vertex", "spoke_start", "spoke", "multiplicity", "pseudonormal")
+    counts = [[len(mesh.spheres.child), *(len(getattr(mesh, name)) for name in counted)] for mesh in parts]
+    spheres = FaceSpheres(*(np.concatenate(arrays) for arrays in zip(*(mesh.spheres for mesh in parts))))
+    rest: list[Any] = [np.concatenate([getattr(mesh, name) for mesh in parts]) for name in MeshFeatures._fields[1:]]
+    return MeshFeatures(spheres, *rest), _starts(counts, MESH_COLUMNS)

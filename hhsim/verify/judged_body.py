@@ -14,8 +14,7 @@ from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import ObjectMotion
 from hhsim.replay.stored_scene import stored_mesh
-from hhsim.result.object_frame import TURNS
-from hhsim.result.reader import Result
+from hhsim.result.reader import TURNS, Result
 from hhsim.scene.synthesis import carried
 from hhsim.verify.claim import Claim, judged
 from hhsim.verify.contacts import Pairs, Places, ReadyTriangles, ball_places, ready_triangles, triangle_places

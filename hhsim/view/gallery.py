@@ -19,8 +19,7 @@ from hhsim.render.triangle_soup import PIECES, STONE, mesh_surface, piece_poses,
 from hhsim.result.reader import Result, hand_paths, load_result
 from hhsim.result.schema import SIDES, is_one_of_two
 from hhsim.system.hdf5_input import SIGNATURE, hdf5_format
-from hhsim.system.input_file import open_input
-from hhsim.system.media_kind import media_kind_of
+from hhsim.system.input_file import media_kind_of, open_input
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.file import load_tree
 from hhsim.view.blueprint import scene_view, whole_blueprint

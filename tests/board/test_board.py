@@ -14,9 +14,8 @@ from sealed_change import changed
 from short_grasp import short_result
 
 from hhsim.board.entry import FAILED, Board, Entry, collect, entry_of_result, merged, option_words
-from hhsim.board.shown import entry_table, standing_table
 from hhsim.board.standings import standings
-from hhsim.board.table_file import content_of, parquet_bytes
+from hhsim.board.table_file import content_of, entry_table, parquet_bytes, standing_table
 from hhsim.errors import InputError
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.verdict import OK, UNTOUCHED

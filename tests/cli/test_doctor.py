@@ -7,9 +7,9 @@ import pytest
 from conftest import Run
 
 from hhsim.live import doctor
+from hhsim.live.doctor import Wakeups
 from hhsim.live.ipc.config import RATE_RANGE
 from hhsim.live.real_time import RealTimeWishes
-from hhsim.live.wakeups import Wakeups
 from hhsim.result.miss_cause import CAUSES, MissCause
 
 

@@ -17,7 +17,7 @@ from conftest import Run
 import hhsim
 from hhsim.errors import InputError
 from hhsim.trees.file import load_tree
-from hhsim.trees.sph_format import load_sph
+from hhsim.trees.foreign_tree import load_sph
 
 (POINT,) = importlib.metadata.entry_points(group="console_scripts", name="hhsim")
 entry = importlib.import_module(POINT.module)

@@ -9,7 +9,7 @@ from short_grasp import short_grasp_text
 
 from hhsim.result.reader import load_result
 from hhsim.trees.file import load_tree
-from hhsim.trees.sph_format import save_sph
+from hhsim.trees.foreign_tree import save_sph
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 from conftest import Run
 
 from hhsim.bench.peers import capsule_hand
-from hhsim.engines.installed import lack_of
+from hhsim.engines.rigid_hand import lack_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.catalogue import load_object

@@ -14,7 +14,7 @@ from sealed_change import changed
 from short_grasp import short_result
 
 from hhsim.gate.compare import Comparison, compare, compared
-from hhsim.gate.time_comparison import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
+from hhsim.gate.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.result.reader import Result, load_result

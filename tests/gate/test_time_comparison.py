@@ -13,7 +13,7 @@ from scipy import integrate, stats
 
 from hhsim.errors import InputError
 from hhsim.gate import run as gate_reference
-from hhsim.gate.time_comparison import base_first, compare_times
+from hhsim.gate.verdict import base_first, compare_times
 from hhsim.kernels import machine_calibration as reference_work
 
 LIMIT = 0.05

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from hhsim.live import doctor
-from hhsim.live.doctor import HOST_ADVICE, NOBODY_ADVICE, OTHERS_ADVICE, Diagnosis, quick_warning
+from hhsim.live.doctor import HOST_ADVICE, NOBODY_ADVICE, OTHERS_ADVICE, Diagnosis, Wakeups, quick_warning
 from hhsim.live.real_time import RealTimeWishes
-from hhsim.live.wakeups import Wakeups
 from hhsim.result.miss_cause import CAUSES, MissCause
 from hhsim.system.scheduling_facts import SchedulingFact
 

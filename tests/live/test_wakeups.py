@@ -8,9 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 from hhsim.kernels.live.deadlines import PASSED
-from hhsim.live import wakeups
+from hhsim.live import doctor
+from hhsim.live.doctor import measure_wakeups
 from hhsim.live.real_time import RealTimeWishes, timer_slack
-from hhsim.live.wakeups import measure_wakeups
 from hhsim.result.miss_cause import MissCause
 
 MS = 1_000_000
@@ -59,8 +59,8 @@ def scripted(monkeypatch: pytest.MonkeyPatch, readings: list[tuple[int, int]], o
             late_out[3 : 3 + gone] = PASSED
         return gone
 
-    monkeypatch.setattr(wakeups, "wait_periods", wait)
-    monkeypatch.setattr(wakeups, "CpuAccounts", lambda cpu: Accounts(readings))
+    monkeypatch.setattr(doctor, "wait_periods", wait)
+    monkeypatch.setattr(doctor, "CpuAccounts", lambda cpu: Accounts(readings))
 
 
 def test_each_miss_is_named_by_the_accounts_of_its_block(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -89,8 +89,8 @@ def test_deadlines_that_went_by_before_it_could_sleep_are_missed_too(monkeypatch
         late_out[:3] = PASSED
         return 3
 
-    monkeypatch.setattr(wakeups, "wait_periods", wait)
-    monkeypatch.setattr(wakeups, "CpuAccounts", lambda cpu: Accounts([(0, 0), (0, 3 * MS)]))
+    monkeypatch.setattr(doctor, "wait_periods", wait)
+    monkeypatch.setattr(doctor, "CpuAccounts", lambda cpu: Accounts([(0, 0), (0, 3 * MS)]))
     measured = measure_wakeups(1000.0, 0.05, RealTimeWishes.none())
     assert (measured.missed, measured.streak, measured.causes[MissCause.HOST]) == (3, 3, 3)
     assert len(measured.late) == measured.periods - measured.missed
@@ -100,7 +100,7 @@ def test_what_goes_wrong_in_the_thread_is_raised(monkeypatch: pytest.MonkeyPatch
     def fail(*_: object) -> int:
         raise OSError("no clock")
 
-    monkeypatch.setattr(wakeups, "wait_periods", fail)
+    monkeypatch.setattr(doctor, "wait_periods", fail)
     with pytest.raises(OSError, match="no clock"):
         measure_wakeups(1000.0, 0.1, RealTimeWishes.none())
 

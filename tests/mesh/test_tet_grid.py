@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhsim.mesh.tet_grid import TetGrid
+from hhsim.mesh.isosurface import TetGrid
 from hhsim.mesh.topology import is_closed, signed_volume, undirected_edges
 
 

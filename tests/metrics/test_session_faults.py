@@ -12,10 +12,9 @@ from hhsim.errors import DamagedFileError
 from hhsim.live.device import COUNTERS, DeviceCounters
 from hhsim.live.ipc.session_memory import EVENT
 from hhsim.live.loop.loop import loop_options
-from hhsim.live.session.recorder import LOOP_DIED
+from hhsim.live.session.recorder import LOOP_DIED, SessionWriter
 from hhsim.live.session.statistics import LiveTally
 from hhsim.live.session.supervisor import SessionOutcome
-from hhsim.live.session.writer import SessionWriter
 from hhsim.metrics.session_faults import FaultCounts, broken_off, ended_before_its_time, first_mishap, recorded_faults
 from hhsim.result.reader import Result, load_result
 from hhsim.result.safety import Safety

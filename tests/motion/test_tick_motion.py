@@ -12,8 +12,8 @@ from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
+from hhsim.motion.analytic_motion import hold_readings, replayed, trajectory_of
 from hhsim.motion.file import load_trajectory, save_trajectory
-from hhsim.motion.tick_motion import hold_readings, replayed, trajectory_of
 from hhsim.motion.trajectory import ResampleMode
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions

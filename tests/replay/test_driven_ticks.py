@@ -26,10 +26,9 @@ from hhsim.motion.file import save_trajectory
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
-from hhsim.report.posed_result import posed_result
+from hhsim.report.run import posed_result
 from hhsim.result.motion import load_result_motion
-from hhsim.result.object_frame import TURNS
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import TURNS, Result, load_result
 from hhsim.result.schema import OBJECT_COLUMNS, TICK_COLUMNS
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from short_grasp import short_result
 
-from hhsim.report.labels import letter, option_words, result_labels
+from hhsim.report.run import letter, option_words, result_labels
 from hhsim.result.reader import Result
 
 

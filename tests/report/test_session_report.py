@@ -15,8 +15,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.live.device import COUNTERS
 from hhsim.live.ipc.session_memory import EVENT
 from hhsim.live.loop.loop import loop_options
-from hhsim.live.session.recorder import LOOP_DIED
-from hhsim.live.session.writer import SessionWriter
+from hhsim.live.session.recorder import LOOP_DIED, SessionWriter
 from hhsim.metrics.session_faults import recorded_faults
 from hhsim.report.figure import ReportFigure
 from hhsim.report.report import make_report

@@ -21,8 +21,7 @@ from hhsim.scene.scene import Scene, open_scene
 from hhsim.scene.script import Script
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.contact_surface import contact_surface
-from hhsim.trees.jointed_surface import jointed_surface
+from hhsim.trees.contact_surface import contact_surface, jointed_surface
 from hhsim.trees.triangle_tree import triangle_tree
 from hhsim.verify.coal_distance import HandReferee
 

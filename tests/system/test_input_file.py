@@ -16,8 +16,7 @@ from hhsim.mesh.file import read_triangles
 from hhsim.recordings.registry import read_recording
 from hhsim.result.reader import load_result
 from hhsim.scene.motion_catalogue import resolve_trajectory
-from hhsim.system.input_file import check_ordinary, open_input, read_input, read_input_text
-from hhsim.system.media_kind import media_kind
+from hhsim.system.input_file import check_ordinary, media_kind, open_input, read_input, read_input_text
 from hhsim.system.settings_file import read_toml_text
 from hhsim.view.gallery import file_kind
 

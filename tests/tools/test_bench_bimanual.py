@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 
 from hhsim.bench.manipulation.stage import block
 from hhsim.bench.peers import capsule_hand
-from hhsim.engines.installed import lack_of
+from hhsim.engines.rigid_hand import lack_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.quaternion import quaternion

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hhsim.errors import InputError
+from hhsim.trees.foreign_tree import load_sph, save_sph
 from hhsim.trees.hierarchy import build_hierarchy
-from hhsim.trees.sph_format import load_sph, save_sph
 
 
 @settings(max_examples=30)

@@ -26,8 +26,7 @@ from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop import story
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.session import recorder
-from hhsim.live.session.recorder import Recorder
-from hhsim.live.session.writer import SessionWriter
+from hhsim.live.session.recorder import Recorder, SessionWriter
 from hhsim.live.shared_memory import RingReader
 from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.miss_cause import by_name

@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.arrays import BoolArray
-from hhsim.bench.robustness.local_optimality import stuck_with_way_out
-from hhsim.bench.robustness.pieces import Pieces
+from hhsim.bench.robustness.local_optimality import Pieces, stuck_with_way_out
 from hhsim.bench.run_errors import placed_of
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
@@ -24,8 +23,8 @@ from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import Penetration, penetration
+from hhsim.motion.analytic_motion import hold_readings, replayed, trajectory_of
 from hhsim.motion.file import save_trajectory
-from hhsim.motion.tick_motion import hold_readings, replayed, trajectory_of
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 

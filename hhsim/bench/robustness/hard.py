@@ -15,7 +15,7 @@ from hhsim.bench.robustness.contact_cases import CONTACT_CASES
 from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.input_cases import INPUT_CASES
 from hhsim.bench.robustness.invariance_cases import INVARIANCE_CASES, endurance_case
-from hhsim.bench.robustness.pieces import pieces_of
+from hhsim.bench.robustness.local_optimality import pieces_of
 from hhsim.bench.robustness.safety import SafetyFigures, SafetyMeasure
 from hhsim.bench.robustness.triangle_cases import TRIANGLE_CASES
 from hhsim.bench.table import totals_of
@@ -23,7 +23,7 @@ from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.motion.tick_motion import hold_readings
+from hhsim.motion.analytic_motion import hold_readings
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions

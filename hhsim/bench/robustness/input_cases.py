@@ -14,8 +14,7 @@ from hhsim.bench.run_errors import hand_clearance, placed_of
 from hhsim.hand.configuration import sequence
 from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
-from hhsim.motion.analytic_motion import UPRIGHT, still
-from hhsim.motion.tick_motion import hold_readings, sound_samples
+from hhsim.motion.analytic_motion import UPRIGHT, hold_readings, sound_samples, still
 
 TOUCHING = 1e-5
 """A hand this near [m] touches."""

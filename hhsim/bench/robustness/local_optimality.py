@@ -4,19 +4,25 @@ It shares nothing with a tick but the QP solver: kinematics and distances to lea
 `hhsim verify`, and a step is free if the distances at its end say so.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.robustness.pieces import Pieces
+from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.kernels.rotation import rotate_quaternion, rotation_vector_between
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK
+from hhsim.mesh.mesh import Mesh
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import QpProblem, QpStatus, solve
+from hhsim.trees.sphere_tree import SphereTree
+from hhsim.verify import contacts
 from hhsim.verify.contacts import PALM, Pairs
-from hhsim.verify.kinematics import Posed
+from hhsim.verify.kinematics import OwnHand, Posed, pose
 
 Pose = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
@@ -28,6 +34,32 @@ ARRIVED = 1e-9
 """A hand this near to the haptic one [m] has arrived."""
 MOST_CHECKS = 40
 """Different stuck ticks of a run, or of a block of it, that are examined; those beyond count as having a way out."""
+
+
+class Pieces(NamedTuple):
+    """Pieces of an object's surface, world; `triangles` is None for leaf spheres."""
+
+    places: contacts.Places
+    triangles: contacts.ReadyTriangles | None
+
+    def near(self, hand: HandModel, at: HandConfiguration, limit: float) -> tuple[contacts.Pairs, Posed]:
+        """Return all pairs of a body of a hand and a piece no more than `limit` [m] apart, and the posed hand."""
+        palm = hand.palm_tree
+        sizes = (getattr(hand, name) for name in OwnHand._fields[:7])
+        own = OwnHand._make([*sizes, palm.leaf_center, palm.leaf_radius, hand.abduction_sign])
+        posed, fingers = pose(own, at), np.ones(len(FINGERS), bool)
+        if self.triangles is None:
+            return contacts.near_pairs(own, posed, self.places, fingers, limit), posed
+        return contacts.near_triangle_pairs(own, posed, self.triangles, self.places, fingers, limit), posed
+
+
+def pieces_of(surface: str, mesh: Mesh | None, tree: SphereTree | None) -> Pieces:
+    """Return the pieces of a surface by its name, in the frame of mesh and tree; InputError if there is no such one."""
+    if surface == "spheres" and tree is not None:
+        return Pieces(contacts.ball_places(np.asarray(tree.leaf_center), np.asarray(tree.leaf_radius)), None)
+    if surface == "mesh" and mesh is not None:
+        return Pieces(contacts.triangle_places(mesh.triangles), contacts.ready_triangles(mesh.triangles))
+    raise InputError(f"this object has no {surface}")
 
 
 def stuck_with_way_out(

@@ -12,7 +12,7 @@ import numpy as np
 
 from hhsim.arrays import AnyArray
 from hhsim.bench.robustness.failure import recorded_penetration
-from hhsim.bench.robustness.pieces import pieces_of
+from hhsim.bench.robustness.local_optimality import pieces_of
 from hhsim.bench.robustness.safety import BLOCK, NAN, SafetyFigures, SafetyMeasure, deepest, largest
 from hhsim.bench.run_errors import placed_of
 from hhsim.bench.table import columns_of, cpu_times, figure, mean, metric, totals_of

@@ -8,14 +8,13 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite
-from hhsim.bench.robustness.local_optimality import stuck_with_way_out
-from hhsim.bench.robustness.pieces import Pieces
+from hhsim.bench.robustness.local_optimality import Pieces, stuck_with_way_out
 from hhsim.bench.table import figure, metric, totals_of
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
-from hhsim.motion.tick_motion import hold_readings
+from hhsim.motion.analytic_motion import hold_readings
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
 from hhsim.system.log_histogram import CpuTimes

@@ -24,7 +24,7 @@ from hhsim.bench.robustness.failure import (
     make_trial,
     recorded_penetration,
 )
-from hhsim.bench.robustness.pieces import Pieces, pieces_of
+from hhsim.bench.robustness.local_optimality import Pieces, pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.bench.robustness.safety import BLOCK, SafetyFigures, SafetyMeasure
 from hhsim.bench.table import columns_of, cpu_times, figure, totals_of
@@ -35,7 +35,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import Penetration
-from hhsim.motion.tick_motion import replayed
+from hhsim.motion.analytic_motion import replayed
 from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between

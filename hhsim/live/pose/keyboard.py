@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
-from hhsim.live.pose.fixed import checked_pose
+from hhsim.live.pose.sources import checked_pose
 from hhsim.live.shared_memory import SharedBlock
 
 MOVES: dict[str, tuple[float, float, float]] = {

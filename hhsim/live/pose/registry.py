@@ -30,12 +30,12 @@ class Pose:
 
 POSES = {
     # Its user comes to the object.
-    "keyboard": Pose("moved with keys", "hhsim.live.pose.fixed:FixedPose", placed=True, back=0.06),
-    "fixed": Pose("at one place", "hhsim.live.pose.fixed:FixedPose", placed=True),
-    "replay": Pose("as in --trajectory", "hhsim.live.pose.replay:ReplayPose", plays=True),
+    "keyboard": Pose("moved with keys", "hhsim.live.pose.sources:FixedPose", placed=True, back=0.06),
+    "fixed": Pose("at one place", "hhsim.live.pose.sources:FixedPose", placed=True),
+    "replay": Pose("as in --trajectory", "hhsim.live.pose.sources:ReplayPose", plays=True),
     "udp": Pose("by packets of a tracker", "hhsim.live.pose.udp_tracker:UdpPose"),
     "glove": Pose(
-        "as a glove says that knows it", "hhsim.live.pose.glove:GlovePose", placed=True, back=0.06, by_glove=True
+        "as a glove says that knows it", "hhsim.live.pose.sources:GlovePose", placed=True, back=0.06, by_glove=True
     ),
 }
 """Sources by name, each imported when it is made: a loop without a tracker needs no sockets."""

@@ -25,7 +25,7 @@ from hhsim.bench.robustness.failure import (
     make_trial,
     recorded_penetration,
 )
-from hhsim.bench.robustness.pieces import pieces_of
+from hhsim.bench.robustness.local_optimality import pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration

@@ -14,8 +14,7 @@ from conftest import Run
 from hhsim.bench.robustness import hard as suite
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun
 from hhsim.bench.robustness.hard import CaseResult, bench_hard, judge_case, missed, run_scene, table_rows
-from hhsim.bench.robustness.local_optimality import stuck_with_way_out
-from hhsim.bench.robustness.pieces import pieces_of
+from hhsim.bench.robustness.local_optimality import pieces_of, stuck_with_way_out
 from hhsim.bench.robustness.postures import HALF
 from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, right_hand, tree_of
 from hhsim.bench.robustness.triangle_objects import ball_mesh
@@ -24,8 +23,7 @@ from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK
-from hhsim.motion.analytic_motion import still
-from hhsim.motion.tick_motion import hold_readings, sound_samples
+from hhsim.motion.analytic_motion import hold_readings, sound_samples, still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 

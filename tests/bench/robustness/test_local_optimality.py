@@ -9,8 +9,7 @@ from sampled import sampled
 from sphere_scenes import bumpy_ball, sphere_tree
 
 from hhsim.arrays import FloatArray
-from hhsim.bench.robustness.local_optimality import _moved, distance_rows, way_out
-from hhsim.bench.robustness.pieces import Pieces, pieces_of
+from hhsim.bench.robustness.local_optimality import Pieces, _moved, distance_rows, pieces_of, way_out
 from hhsim.bench.robustness.postures import INDEX, POINTING
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.bench.robustness.triangle_objects import joined_mesh, roof_mesh, sheet_mesh, strips_mesh

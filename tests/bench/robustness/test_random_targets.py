@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
-from hhsim.motion.tick_motion import hold_readings
+from hhsim.motion.analytic_motion import hold_readings
 
 HAND = HandModel.default()
 JUMPS = StressOptions(hold=1, bound="none")

@@ -20,8 +20,8 @@ from hhsim.live.ipc.config import OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop.driver import GloveDriver
 from hhsim.live.loop.loop import LiveLoop, loop_options
-from hhsim.live.pose.fixed import FixedPose
 from hhsim.live.pose.registry import PoseConfig
+from hhsim.live.pose.sources import FixedPose
 from hhsim.live.shared_memory import RingReader
 from hhsim.solver.hand_solver import HandSolver
 

@@ -8,8 +8,8 @@ from live_scripted import FIST, FakeClock, Moment, ScriptedGlove
 from hhsim.live.device import Capability, GloveInfo, PalmReading
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop.driver import GloveDriver, device_facts, glove_info
-from hhsim.live.pose.fixed import FixedPose
 from hhsim.live.pose.registry import PoseConfig, make_pose_source
+from hhsim.live.pose.sources import FixedPose
 
 OLDEST = 20_000_000
 

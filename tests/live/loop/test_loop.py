@@ -15,8 +15,8 @@ from hhsim.live.device import Capability, DeviceError
 from hhsim.live.ipc.config import SafetyLimits
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.story import BEGINS_INSIDE
-from hhsim.live.pose.fixed import FixedPose
 from hhsim.live.pose.registry import PoseConfig, PoseSource
+from hhsim.live.pose.sources import FixedPose
 from hhsim.live.shared_memory import RingReader
 from hhsim.result.safety import Safety
 

@@ -23,8 +23,8 @@ from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import LIVE_TICK, SessionMemory
 from hhsim.live.ipc.status import Stage
+from hhsim.live.session.recorder import SessionWriter
 from hhsim.live.session.viewer import LiveViewer
-from hhsim.live.session.writer import SessionWriter
 from hhsim.live.shared_memory import RingReader
 from hhsim.render.triangle_soup import piece_poses
 from hhsim.result.reader import load_result

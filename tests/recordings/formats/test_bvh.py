@@ -10,9 +10,8 @@ from recording_samples import read_as, smooth_recording
 
 from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.recordings.bvh_parser import read_bvh
 from hhsim.recordings.cleaning import clean_recording
-from hhsim.recordings.formats.bvh import finger_of, side_of
+from hhsim.recordings.formats.bvh import finger_of, read_bvh, side_of
 from hhsim.recordings.recording import turn
 
 CLEAN = smooth_recording(25, jitter=0.0).changed(abduction=np.zeros((25, 5)))
