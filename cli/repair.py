@@ -22,7 +22,10 @@ ALWAYS, OF_MANY = ("recording", "out", "as_json", "quiet"), ("jobs", "scheduler"
 class ObjectSettings(OptionGroup, heading="Object"):
     """Object of the recording, and its poses; `size` in [mm]."""
 
-    object: str | None = option(metavar="OBJECT|MESH", help="Name of the catalogue (hhsim objects), or a mesh file.")
+    object: str | None = option(
+        metavar="OBJECT|MESH",
+        help="Name of the catalogue (hhsim objects), or a mesh file; of hhsim repair also a thing of parts, or TOML.",
+    )
     unit: str | None = option(type=UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
     size: float | None = ranged("size", "MM", "Scale a mesh file to this longest extent [mm], whatever its unit.", 1e-3)
     object_poses: Path | None = file(

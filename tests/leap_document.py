@@ -15,6 +15,16 @@ FINGER_KEYS = ["handId", "type", *JOINT_KEYS]
 FRAME = ["id", "timestamp", {"hands": [HAND_KEYS]}, {"pointables": [FINGER_KEYS]}]
 
 
+def leap_hand(hand: HandModel, pose: Any) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Fields of a hand in a frame, and of each of its fingers."""
+    back = world_matrix("y").T
+    joints, palm = 1e3 * hand.joints(*pose) @ back.T, back @ rotation_matrix(pose[1])
+    wrist = 1e3 * back @ pose[0] - 42.0 * palm[:, 1]
+    words = {"direction": palm[:, 1], "palmNormal": -palm[:, 2], "wrist": wrist}
+    fingers = [{key: joints[f, k].tolist() for k, key in enumerate(JOINT_KEYS)} for f in range(5)]
+    return {name: value.tolist() for name, value in words.items()}, fingers
+
+
 def document(side: Literal["right", "left"] = "right", count: int = 30) -> dict[str, Any]:
     """What Leap would have written of the clean recording: y up, millimetres, microseconds."""
     hand = HandModel.default(side)

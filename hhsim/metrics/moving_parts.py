@@ -52,7 +52,7 @@ class MovingParts:
         rows = slice(None) if self.free else held_rows(joints)
         return np.ascontiguousarray(np.stack(seen, axis=1)[rows])
 
-    def at(self, ticks: slice) -> "MovingParts":
+    def at(self, ticks: slice | IntArray) -> "MovingParts":
         """Return the parts at some ticks."""
         values = {name: values[ticks] for name, values in self.values.items()}
         carried = None if self.carried is None else self.carried.at(ticks)

@@ -51,7 +51,7 @@ def deepest_frames(depth: FloatArray, count: int = FRAMES) -> list[int]:
 
 
 def draw_before_after(
-    mesh: Mesh,
+    mesh: Mesh | Sequence[Mesh],
     before: FloatArray,
     after: FloatArray,
     faces: IntArray,
@@ -63,7 +63,7 @@ def draw_before_after(
     """Draw frames of a hand before and after, a row each: both whole, then both from close by at the deepest point.
 
     Args:
-        mesh: Closed object [m], in its own frame.
+        mesh: Closed object [m], in its own frame; or as it is in each frame.
         before, after: Vertices of the hand's skin at each frame [m], in the object's frame, shape (T, V, 3).
         faces: Triangles of the skin, shape (F, 3).
         path: File of the picture; its ending says which kind.
@@ -78,15 +78,16 @@ def draw_before_after(
     check_output_path(path)
     if before.shape != after.shape or before.ndim != 3 or not len(before) or faces.max() >= before.shape[1]:
         raise InputError(f"hands of shapes {before.shape} and {after.shape}: expected the same (T, V, 3), and faces")
-    bvh = object_bvh(mesh)
-
-    frames = frames or deepest_frames(np.array([-mesh_signed_distance(bvh, skin).min() for skin in before]))
+    shapes = [mesh] * len(before) if isinstance(mesh, Mesh) else mesh
+    frames = frames or deepest_frames(
+        np.array([-mesh_signed_distance(object_bvh(of), skin).min() for of, skin in zip(shapes, before)])
+    )
     width, height = 4 * SIDE, len(frames) * (SIDE + TITLE)
     figure = new_figure(width / 100, height / 100)
     for row, at in enumerate(frames):
-        hands = before[at], after[at]
+        hands, shape, bvh = (before[at], after[at]), shapes[at], object_bvh(shapes[at])
         skins = [mesh_surface(Mesh(hand, faces), SKIN) for hand in hands]
-        body = mesh_surface(near_hands(mesh, np.concatenate(hands)), STONE)
+        body = mesh_surface(near_hands(shape, np.concatenate(hands)), STONE)
         distance = [mesh_signed_distance(bvh, hand) for hand in hands]
         deepest = hands[0][int(distance[0].argmin())]
         rotation = _view(skins[0], bvh, deepest)

@@ -16,12 +16,12 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
+from hhsim.metrics.moving_parts import MovingParts
 from hhsim.repair.hand_change import change_between, finite_frames
 from hhsim.repair.projection import Projection
-from hhsim.repair.tracks import FrameFollower, HandJudge, farthest, put
+from hhsim.repair.tracks import FrameFollower, GivenObject, HandJudge, farthest, put
 from hhsim.repair.written_hand import WrittenHand
 from hhsim.system.progress import Progress, silent
-from hhsim.trees.contact_surface import ContactSurface
 
 USUAL_CORRECTION = 2e-3
 """A correction up to this plus 1.5 times the depth is that of a hand on its own side of the object [m]."""
@@ -41,14 +41,14 @@ MOST_DEARER = 30
 
 def repair_frames(
     hand: HandModel,
-    surface: ContactSurface,
+    given: GivenObject,
     frames: HandConfiguration,
     max_correction: float = 0.015,
     progress: Progress = silent,
 ) -> HandConfiguration:
     """Compute hands without penetration near the recorded ones; a frame for which none is found keeps its own.
 
-    The closed mesh is in the frame of the hands; those that are not finite are returned. Beyond a move of a joint by
+    The object is in the frame of the hands; those that are not finite are returned. Beyond a move of a joint by
     `max_correction` [m] another way out is looked for. `progress` gets the stage, the frames done and their number.
     """
     posture = frames.copy()
@@ -56,12 +56,12 @@ def repair_frames(
     if known.size:
         own = frames.at(known)
         own.orientation[:] /= np.linalg.norm(own.orientation, axis=1, keepdims=True)
-        search = _Search(_with_recorded_angles(hand, own), surface, own, max_correction, progress)
+        given = given.at(known) if isinstance(given, MovingParts) else given
+        search = _Search(_with_recorded_angles(hand, own), given, own, max_correction, progress)
         search.restart()
         found = search.result()
         changed = (change_between(own, found) != 0.0).any(axis=1)
-        for values, repaired in zip(posture, found, strict=True):
-            values[known[changed]] = repaired[changed]
+        put(posture, known[changed], found.at(np.flatnonzero(changed)))
     return posture
 
 
@@ -91,16 +91,11 @@ class _Search:
     """Tracks of one recording and what was measured of them."""
 
     def __init__(
-        self,
-        hand: HandModel,
-        surface: ContactSurface,
-        frames: HandConfiguration,
-        max_correction: float,
-        progress: Progress,
+        self, hand: HandModel, given: GivenObject, frames: HandConfiguration, max_correction: float, progress: Progress
     ) -> None:
         self.frames, self.max_correction, self.progress = frames, max_correction, progress
-        self.judge = HandJudge(hand, surface)
-        self.follower = FrameFollower(hand, surface, frames)
+        self.judge = HandJudge(hand, given)
+        self.follower = FrameFollower(hand, given, frames, self.judge)
         self.points = self.judge.points(frames)
         self.written = WrittenHand(np.roll(self.points, 1, axis=1), hand, frames, tip_on_surface=False)
         self.projection = Projection(self.written, self.judge)
@@ -119,7 +114,7 @@ class _Search:
             return
         part = slice(int(there[0]), int(there[-1]) + 1)
         own = hands.at(part)
-        off, valid = self.judge.points(own) - self.points[part], self.judge.clearance(own) >= 0.0
+        off, valid = self.judge.points(own) - self.points[part], self.judge.at(part).clearance(own) >= 0.0
         self.tracks.append(_Track(part.start, own, off, valid))
         square = np.where(valid, (off**2).sum(axis=-1).mean(axis=-1), np.inf)
         move = np.where(valid, np.linalg.norm(off, axis=-1).max(axis=-1), np.inf)
@@ -134,8 +129,7 @@ class _Search:
         found = self.frames.copy()
         for k in np.unique(choice).tolist():
             frames = np.flatnonzero(choice == k)
-            for values, own in zip(found, self.tracks[k].hands, strict=True):
-                values[frames] = own[frames - first[k]]
+            put(found, frames, self.tracks[k].hands.at(frames - first[k]))
         return found
 
     def restart(self) -> None:
@@ -150,9 +144,8 @@ class _Search:
                 break
             self.progress("restarts", int((~open_frames).sum()), self.frames.ticks)
             open_frames[max(0, worst - RESTART_SPACING) : worst + RESTART_SPACING + 1] = False
-            one = self.written.at(worst)
-            seed = self.projection.free_near(one, one.fitted)
-            for start in self.follower.starts(self.judge, worst, seed)[:TRACKS_A_RESTART]:
+            seed = self.projection.at(worst).free_near(self.frames.part(worst, worst + 1))
+            for start in self.follower.starts(worst, seed)[:TRACKS_A_RESTART]:
                 if start.correction**2 < self.nearest[worst] - SAME_HAND**2:
                     self._add(self._followed_on(worst, start.reached))
 
@@ -161,13 +154,12 @@ class _Search:
         track = HandConfiguration(*(np.full_like(values, np.nan) for values in self.frames))
         put(track, frame, reached)
         for step, last in ((1, self.frames.ticks), (-1, -1)):
-            self.follower.place(reached)
+            self.follower.place(reached, frame)
             dearer = 0
             for t in range(frame + step, last, step):
-                origin, goal = self.frames.part(t - step, t - step + 1), self.frames.part(t, t + 1)
                 at: HandConfiguration | None = None
                 with suppress(HhsimError):
-                    at = self.follower.arrive(origin, goal)
+                    at = self.follower.arrive(t - step, t)
                 if at is None:
                     break
                 put(track, t, at)

@@ -8,22 +8,23 @@ bones linearised. A step is shortened where it turns back, since the surface ben
 """
 
 from collections.abc import Iterator
+from copy import copy
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
+from hhsim.metrics.field.hands import ON_SURFACE
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.correction import BONES, Correction
 from hhsim.repair.hand_change import NUMBERS, change_between, changed_hand, finite_frames, mean_acceleration
 from hhsim.repair.steady_program import FrameProgram, steady_step
-from hhsim.repair.tracks import CLEAR, HandJudge, farthest, put
+from hhsim.repair.tracks import CLEAR, GivenObject, HandJudge, farthest, put
 from hhsim.repair.written_hand import JOINTS, TIPS, WrittenHand
 from hhsim.solver.options import Stiffness
 from hhsim.solver.qp import QpProblem, QpStatus, solve_active_set
 from hhsim.system.progress import Progress, silent
-from hhsim.trees.contact_surface import ContactSurface
 
 LONGEST_STEP = 5e-3
 """Largest move of a ball in one program [m], and the distance from the surface up to which balls have rows."""
@@ -83,7 +84,7 @@ class FrameHand:
         self.wanted = wanted[JOINTS]
         self.touch = np.full(5, np.inf)
         if goal is None:
-            tip = (judge.distances(wanted[TIPS.ravel()])[0].reshape(TIPS.shape) - radii[TIPS]).min(axis=1)
+            tip = (judge.bodies.slopes(wanted[TIPS.ravel()])[0].reshape(TIPS.shape) - radii[TIPS]).min(axis=1)
             self.touch[tip <= TOUCHES] = np.maximum(TOUCH, tip[tip <= TOUCHES]) - CLOSER
         self.posed = written.posed(start)
         self.points, self.radii, self.motion = written.samples(self.posed)
@@ -97,10 +98,10 @@ class FrameHand:
         touching = np.flatnonzero(np.isfinite(self.touch))
         asked = self.nearest < self.range
         asked[TIPS[touching]] = True
-        distance, normal = self.judge.distances(self.points[asked])
+        distance, normal = self.judge.bodies.slopes(self.points[asked])
         self.nearest[asked] = value = distance - self.radii[asked]
         slopes = np.einsum("ni,nij->nj", normal, self.motion[asked])
-        near = (value < self.range) & (np.abs(distance) > 1e-9)
+        near = (value < self.range) & (np.abs(distance) > ON_SURFACE)
         tips = TIPS[touching, self.nearest[TIPS[touching]].argmin(axis=1)]
         wishes, slack = slopes[(np.cumsum(asked) - 1)[tips]], np.eye(len(tips))
         along = np.concatenate([self.motion[JOINTS].reshape(-1, NUMBERS), ORIGIN])
@@ -144,7 +145,7 @@ def correct(
     hand: HandModel,
     fitted: HandConfiguration,
     posture: HandConfiguration,
-    surface: ContactSurface,
+    given: GivenObject,
     *,
     tip_on_surface: bool,
     object_moved: RigidMotion | None = None,
@@ -157,7 +158,7 @@ def correct(
         joints: Recorded joints in the order of `KEYPOINTS`, in the object's frame [m], shape (T, 21, 3), NaN where
             missing.
         fitted, posture: Our hand as recorded and as repaired, in the object's frame; NaN in frames without a hand.
-        surface: Object's surface.
+        given: Object, of parts that move with their poses in each frame.
         tip_on_surface: True if recorded tips are points of the skin; False if they are centres of the fingertips.
         object_moved: Motion of the object's frame in the world, in which accelerations are measured; None: it stands
             still.
@@ -175,7 +176,7 @@ def correct(
     changed, inside = np.zeros((2, count), bool)
     if known.size:
         written = WrittenHand(joints[known], hand, fitted.at(known), tip_on_surface)
-        projection = Projection(written, HandJudge(hand, surface))
+        projection = Projection(written, HandJudge(hand, given).at(known))
         recorded = projection.clearance(written.fitted)
         if object_moved is not None:
             object_moved = RigidMotion(object_moved.turn[known], object_moved.shift[known])
@@ -185,8 +186,7 @@ def correct(
         changed[known] = touched
         rotation[known[touched]] = written.rotation(found)[touched]
         moved[known[touched]] = written.moved(joints[known], found)[touched]
-        for values, own in zip(corrected, found, strict=True):
-            values[known] = own
+        put(corrected, known, found)
         inside[known] = np.where(touched, projection.clearance(found), recorded) < 0.0
     gone = np.where(np.isfinite(moved - joints), moved - joints, 0.0)
     marked = inside | (farthest(gone, np.zeros_like(gone)) > max_correction)
@@ -194,11 +194,17 @@ def correct(
 
 
 class Projection:
-    """Nearest hands whose written joints are outside of one closed object."""
+    """Nearest hands whose written joints are outside of one closed object; hands and judge are of the same frames."""
 
     def __init__(self, written: WrittenHand, judge: HandJudge) -> None:
         self.written, self.judge = written, judge
         self.recorded = written.moved(written.axes, written.fitted)
+
+    def at(self, t: int) -> "Projection":
+        """Return that of a single frame."""
+        one = copy(self)
+        one.written, one.judge, one.recorded = self.written.at(t), self.judge.at(t), self.recorded[t : t + 1]
+        return one
 
     def clearance(self, posture: HandConfiguration) -> FloatArray:
         """Return the least signed distance of the written hands [m], at most `CLEAR`, shape (T,)."""
@@ -237,35 +243,33 @@ class Projection:
 
     def _near(self, posture: HandConfiguration, needed: BoolArray, progress: Progress) -> HandConfiguration:
         """Return the nearest hand found of each frame in need, from its own and from its neighbours' corrections."""
-        written, near = self.written, self.written.fitted.copy()
-        frames = np.flatnonzero(needed)
-        for values, own in zip(near, posture, strict=True):
-            values[frames] = own[frames]
+        near, frames = self.written.fitted.copy(), np.flatnonzero(needed)
+        put(near, frames, posture.at(frames))
         off = np.full(len(needed), np.inf)
         for done, (t, before) in enumerate(_forward_and_back(frames.tolist())):
             progress("nearest hands", done, 2 * len(frames))
-            one, start = written.at(t), near.part(t, t + 1)
+            one, start = self.at(t), near.part(t, t + 1)
             taken = None if before is None else self._taken(one, near, before)
-            if taken is not None and self._off(one, t, taken) < self._off(one, t, start) - SETTLED:
+            if taken is not None and one.off(taken) < one.off(start) - SETTLED:
                 start = taken
             elif np.isfinite(off[t]):
                 continue
-            found = self.nearest(one, start) or self.free_near(one, start)
-            if found is not None and self._off(one, t, found) < off[t]:
-                off[t] = self._off(one, t, found)
+            found = one.nearest(start) or one.free_near(start)
+            if found is not None and one.off(found) < off[t]:
+                off[t] = one.off(found)
                 put(near, t, found)
         return near
 
-    def _off(self, one: WrittenHand, t: int, hand: HandConfiguration) -> float:
-        """Return the root mean square displacement of the joints from the recorded ones [m]."""
-        gone = one.moved(one.axes, hand)[0] - self.recorded[t]
+    def off(self, hand: HandConfiguration) -> float:
+        """Return the root mean square displacement of a single frame's joints from the recorded ones [m]."""
+        gone = self.written.moved(self.written.axes, hand)[0] - self.recorded[0]
         return float(np.sqrt((gone**2).sum(axis=1).mean()))
 
-    def _taken(self, one: WrittenHand, near: HandConfiguration, before: int) -> HandConfiguration | None:
+    def _taken(self, one: "Projection", near: HandConfiguration, before: int) -> HandConfiguration | None:
         """Return a frame's hand with the correction of another frame; None if it is deep inside."""
         change = change_between(self.written.fitted.part(before, before + 1), near.part(before, before + 1))
-        taken = changed_hand(one.fitted, change)
-        return taken if self.judge.placed_clearance(one.placed(taken))[0] > -DEEPEST_START else None
+        taken = changed_hand(one.written.fitted, change)
+        return taken if one.clearance(taken)[0] > -DEEPEST_START else None
 
     def _steady(
         self, start: HandConfiguration, may_change: BoolArray, steadiness: float, progress: Progress
@@ -275,7 +279,8 @@ class Projection:
         Each hand of `start` is on the side of the object on which it stays; frames of `may_change` (T,) may change.
         """
         found, frames = start.copy(), np.flatnonzero(may_change).tolist()
-        hands = [FrameHand(self.judge, self.written.at(t), start.part(t, t + 1), frame=t) for t in frames]
+        ones = [self.at(t) for t in frames]
+        hands = [FrameHand(one.judge, one.written, start.part(t, t + 1), frame=t) for one, t in zip(ones, frames)]
         moving = hands
         for number in range(STEADY_PROGRAMS):
             progress("programs", number, STEADY_PROGRAMS)
@@ -293,15 +298,13 @@ class Projection:
                 break
         for hand in moving:
             if not hand.is_free():
-                free = (
-                    hand.found or self.free_near(hand.written, hand.posture) or start.part(hand.frame, hand.frame + 1)
-                )
-                put(found, hand.frame, free)
+                free = hand.found or self.at(hand.frame).free_near(hand.posture)
+                put(found, hand.frame, free or start.part(hand.frame, hand.frame + 1))
         return found
 
-    def nearest(self, written: WrittenHand, start: HandConfiguration) -> HandConfiguration | None:
-        """Return the free hand nearest to a recorded one, T = 1, on the side of a start; None if there is none."""
-        hand = FrameHand(self.judge, written, start)
+    def nearest(self, start: HandConfiguration) -> HandConfiguration | None:
+        """Return the free hand nearest to a single recorded one, on the side of a start; None if there is none."""
+        hand = FrameHand(self.judge, self.written, start)
         for _ in range(PROGRAMS):
             change = _step(hand)
             if change is None or (hand.moved(change) < SETTLED and hand.is_free()):
@@ -309,12 +312,12 @@ class Projection:
         hand.is_free()
         return hand.found
 
-    def free_near(self, written: WrittenHand, goal: HandConfiguration) -> HandConfiguration | None:
-        """Return the first free hand that is found near a goal, T = 1; None if there is none.
+    def free_near(self, goal: HandConfiguration) -> HandConfiguration | None:
+        """Return the first free hand that is found near a goal of a single frame; None if there is none.
 
         The programs lead to it, or the least shift along 26 directions does.
         """
-        hand = FrameHand(self.judge, written, goal, goal)
+        hand = FrameHand(self.judge, self.written, goal, goal)
         for _ in range(PROGRAMS):
             change = _step(hand)
             if change is None:
@@ -333,7 +336,7 @@ class Projection:
             while shift < best:
                 change[0, :3] = shift * unit
                 moved = changed_hand(goal, change)
-                clearance = float(self.judge.placed_clearance(written.placed(moved))[0])
+                clearance = float(self.clearance(moved)[0])
                 if clearance >= CLEAR:
                     best, found = shift, moved
                     break

@@ -3,7 +3,9 @@
 A frame of the recording is a tick of the scene. Nothing is resampled: the frames that come out are those that went in.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,13 +16,15 @@ from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.field.hands import FieldHands
+from hhsim.metrics.field.hands import Bodies, FieldHands
+from hhsim.metrics.moving_parts import placed_mesh
 from hhsim.motion.trajectory import RigidMotion, TickInput, Trajectory
 from hhsim.recordings.correction import BONES, Correction, moved_joints
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording
 from hhsim.repair.skin import Skin
 from hhsim.repair.written_hand import WrittenHand
+from hhsim.scene.parts_of_thing import ThingParts
 from hhsim.scene.scene import Scene
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -43,7 +47,7 @@ class RecordedScene:
     def in_the_world(self, seen: Correction, recording: Recording) -> Correction:
         """Transform the correction of the frames, as the object sees them, to the whole recording in the world."""
         count, part, changed = recording.sample_count, self.frames, seen.changed
-        given = HandConfiguration(recording.position, recording.orientation, recording.flexion, recording.abduction)
+        given = HandConfiguration.of(recording)
         posture, rotation = seen.posture, seen.rotation
         if self.moved is not None:
             position, orientation = self.moved.points(posture.position), self.moved.orientations(posture.orientation)
@@ -91,20 +95,38 @@ class RecordedScene:
 
         All are as the object sees them, joints [m] in the order of `KEYPOINTS`, shape (F, 21, 3).
         """
-        hand, mesh, time = self.scene.hand, self.scene.mesh, self.scene.ticks.time
+        hand, time = self.scene.hand, self.scene.ticks.time
         world = joints if self.moved is None else self.moved.points(joints)
         down = np.tile([0.0, 0.0, -1.0], (len(time), 1))
         down = down if self.moved is None else self.moved.seen_vectors(down)
-        if skin is not None:
-            return FieldHands(time, joints, mesh, skin=skin.vertices, faces=skin.faces, world=world, down=down)
-        placed = WrittenHand(joints, hand, posture, self.tip_on_surface).placed(posture)
-        return FieldHands(time, joints, mesh, shape=hand_shape(hand), placed=placed, world=world, down=down)
+        given: dict[str, Any] = {"world": world, "down": down, "parts": self.scene.parts}
+        if skin is None:
+            placed = WrittenHand(joints, hand, posture, self.tip_on_surface).placed(posture)
+            given |= {"shape": hand_shape(hand), "placed": placed}
+        else:
+            given |= {"skin": skin.vertices, "faces": skin.faces}
+        return FieldHands(time, joints, self.scene.mesh, **given)
+
+    def mesh_at(self, frame: int) -> Mesh:
+        """Return the object, or all of its parts, as they are in a frame of `frames` [m], as the object sees them."""
+        if self.scene.parts is None:
+            return self.scene.mesh
+        bodies = Bodies.of(self.scene.parts).at(frame)
+        return placed_mesh(bodies.meshes, bodies.motions)
 
 
-def recorded_scene(recording: Recording, mesh: Mesh, tree: SphereTree, hand: HandModel, name: str) -> RecordedScene:
+def recorded_scene(
+    recording: Recording,
+    object_: Mesh | ThingParts,
+    trees: Sequence[SphereTree],
+    hand: HandModel,
+    name: str,
+    began: float,
+) -> RecordedScene:
     """Put a recording, in our units, beside its object, which is in the world's origin if no pose of it is recorded.
 
-    Raises TrajectoryError where fewer than two frames have a whole hand and an object, or stamps do not increase.
+    `trees` has that of the mesh, or of each part; joints are at 0 s at the stamp `began` of the file [s]. Raises
+    TrajectoryError where fewer than two frames have a whole hand and an object, or stamps do not increase.
     """
     objects = recording.object_motion
     known = np.isfinite(recording.time) & np.isfinite(recording.angles).all(axis=1)
@@ -121,9 +143,7 @@ def recorded_scene(recording: Recording, mesh: Mesh, tree: SphereTree, hand: Han
     if late.size:
         raise TrajectoryError(f"the stamps do not increase at sample {part[late[0] + 1]}; expected one after the other")
     orientation = recording.orientation[part] / np.linalg.norm(recording.orientation[part], axis=1, keepdims=True)
-    hand_frames = HandConfiguration(
-        recording.position[part], orientation, recording.flexion[part], recording.abduction[part]
-    )
+    hand_frames = HandConfiguration.of(recording).at(part)._replace(orientation=orientation)
     motion = None if objects is None else objects.at(part)
     trajectory = Trajectory(time, *hand_frames, name=name, hand=recording.hand, object_motion=motion)
     pose = trajectory.object_position, trajectory.object_orientation
@@ -137,7 +157,12 @@ def recorded_scene(recording: Recording, mesh: Mesh, tree: SphereTree, hand: Han
         rate=1.0 / float(np.median(np.diff(time))),
         object_motion=motion,
     )
-    rotation = rotation_matrix(pose[1])
+    rotation, parts = rotation_matrix(pose[1]), None
+    if isinstance(object_, Mesh):
+        mesh, tree = object_, trees[0]
+    else:
+        object_ = object_.begun(float(time[0]) + recording.first_stamp - began)
+        mesh, tree, parts = object_.mesh, object_.tree(trees), object_.moving(trees, given, trajectory)
     scene = Scene(
         mesh=mesh.transformed(rotation, pose[0]),
         tree=tree.transformed(rotation, pose[0]),
@@ -145,6 +170,7 @@ def recorded_scene(recording: Recording, mesh: Mesh, tree: SphereTree, hand: Han
         trajectory=trajectory,
         ticks=given.seen_from_object(),
         driven=None if motion is None else given,
+        parts=parts,
     )
     if recording.joints is None:
         joints = model_joints(hand, HandConfiguration.of(scene.ticks))

@@ -13,11 +13,13 @@ from hhsim.errors import InputError, MeshError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel, Side
-from hhsim.mesh.catalogue import resolve_object
+from hhsim.mesh.catalogue import MESH_LEVEL, names_a_thing, resolve_object
+from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.field_table import field_rows, field_table
 from hhsim.metrics.field.field_verdict import field_verdict
 from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.metrics.metrics import distance_of_hands
+from hhsim.metrics.moving_parts import MovingParts
 from hhsim.recordings.correction import Correction
 from hhsim.recordings.fitted_hand import fitted_hand
 from hhsim.recordings.mano_model import read_mano_model
@@ -36,6 +38,7 @@ from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairR
 from hhsim.repair.skin import Skin, mano_skin, moved_skin, read_skin
 from hhsim.repair.skin_depth import push_out
 from hhsim.repair.skin_hull import hand_with_skin, with_palm
+from hhsim.repair.tracks import LINEARISATIONS, GivenObject, put_at, solver_beside
 from hhsim.repair.written_hand import WrittenHand
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.stored_scene import stored_hand
@@ -44,8 +47,9 @@ from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import SIDES, TWO_HANDED
 from hhsim.result.two_handed_file import BETWEEN_COLUMNS, join_hands
 from hhsim.result.writer import add_skin
+from hhsim.scene.parts_of_thing import ThingParts, load_thing
 from hhsim.scene.scene import Scene
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.scene.things import names_things
 from hhsim.solver.known_methods import SUBMITTED, known_for_now
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.submissions.pose_file import Submission
@@ -53,13 +57,11 @@ from hhsim.submissions.score import submitted_method
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
-from hhsim.trees.contact_surface import ContactSurface, contact_surface, encloses
+from hhsim.trees.contact_surface import contact_surface, encloses
 from hhsim.trees.triangle_tree import tree_of_any
 
 METHOD = "hhsim repair"
 """Name of the method in the result of a repair."""
-LINEARISATIONS = 100
-"""Most linearisations after which the forces of a frame are taken."""
 ROUNDING = 2e-6
 """Distance of written joints from corrected ones that numbers of a file make [m]."""
 
@@ -77,12 +79,15 @@ def repair_recording(
     given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
     read = ReadOptions(**given)
     recording = _in_our_units(request.recording, read)
-    mesh, level = resolve_object(request.object, request.unit, request.size)
-    if not encloses(mesh):
-        raise MeshError(f"{request.object} encloses nothing, so that no hand is inside; expected a closed mesh")
-    recording = recording.found(*map(note, (*mesh.repairs, *mesh.warnings)))
+    object_, level = _object(request)
+    meshes = (object_,) if isinstance(object_, Mesh) else object_.meshes
+    for mesh in meshes:
+        if not encloses(mesh):
+            what = request.object if mesh is object_ else f"part '{mesh.name}' of {request.object}"
+            raise MeshError(f"{what} encloses nothing, so that no hand is inside; expected a closed mesh")
+        recording = recording.found(*map(note, (*mesh.repairs, *mesh.warnings)))
     progress("tree", 0, 1)
-    tree = tree_of_any(mesh, level)
+    trees = [tree_of_any(mesh, level) for mesh in meshes]
     if request.object_poses is not None:
         recording = with_object_poses(recording, request.object_poses, read)
     with named(request.recording):
@@ -91,14 +96,15 @@ def repair_recording(
     if skin is None:
         hand = with_palm(hand, request.palm)
     else:
-        hand, fit = hand_with_skin(hand, skin, _posture(recording), request.palm)
+        hand, fit = hand_with_skin(hand, skin, HandConfiguration.of(recording), request.palm)
         text = (
             f"hand fitted to the skin: {100.0 * fit.contained:.1f} % of its vertices are contained, the others are "
             f"{1e3 * fit.excess_mean:.3f} mm outside in the mean of all, {1e3 * fit.excess_max:.2f} mm at most"
         )
         recording = recording.found(note(text))
     with named(request.recording):
-        recorded = recorded_scene(recording, mesh, tree, hand, request.recording.stem)
+        began = _begins(recording, request, read) if isinstance(object_, ThingParts) else 0.0
+        recorded = recorded_scene(recording, object_, trees, hand, request.recording.stem, began)
     recording = suspect_joints(recording)
     gone = recording.sample_count - len(recorded.frames)
     if gone:
@@ -106,10 +112,11 @@ def repair_recording(
         recording = recording.found(note(text))
     scene = recorded.scene
     began = perf_counter()
-    surface = contact_surface("mesh", scene.mesh, scene.tree)
-    recording = recording.found(*map(note, surface.notes))
+    touched = scene.parts or contact_surface("mesh", scene.mesh, scene.tree)
+    notes = touched.surface("mesh").notes if isinstance(touched, MovingParts) else touched.notes
+    recording = recording.found(*map(note, notes))
     seen_skin = None if skin is None else recorded.seen_skin(skin)
-    seen, marked = _corrected(request, recorded, surface, seen_skin, progress)
+    seen, marked = _corrected(request, recorded, touched, seen_skin, progress)
     took = perf_counter() - began
     correction = recorded.in_the_world(seen, recording)
     off = write_recording(request.recording, read, recording, correction, paths["recording"])
@@ -121,7 +128,8 @@ def repair_recording(
     after_skin = None
     if skin is not None:
         after_skin = _skin(paths["recording"], None, written, hand, read)
-        after_skin = after_skin or replace(skin, vertices=moved_skin(skin, _joints(recording), correction))
+        assert recording.joints is not None
+        after_skin = after_skin or replace(skin, vertices=moved_skin(skin, recording.joints, correction))
     said: dict[str, Any] = {
         "object": request.object,
         "trajectory": str(request.source),
@@ -129,7 +137,7 @@ def repair_recording(
         "marked": recorded.frames[marked].tolist(),
         **({} if request.of_both is None else {TWO_HANDED: True}),
     }
-    write_result(scene, surface, seen.posture, paths["result"], description=said, command=command, progress=progress)
+    write_result(scene, touched, seen.posture, paths["result"], description=said, command=command, progress=progress)
     if after_skin is not None:
         add_skin(paths["result"], after_skin.vertices[recorded.frames], after_skin.faces)
     force = np.linalg.norm(load_result(paths["result"])["force/phalanx"].sum(axis=2), axis=2)
@@ -159,29 +167,45 @@ def repair_recording(
 
 
 def _corrected(
-    request: RepairRequest, recorded: RecordedScene, surface: ContactSurface, skin: Skin | None, progress: Progress
+    request: RepairRequest, recorded: RecordedScene, given: GivenObject, skin: Skin | None, progress: Progress
 ) -> tuple[Correction, BoolArray]:
     """Return the correction as the object sees it, and a mask of the frames to be marked, shape (F,)."""
     hand, haptic, limit = recorded.scene.hand, recorded.haptic, request.max_correction
-    free = repair_frames(hand, surface, haptic, limit, progress)
+    free = repair_frames(hand, given, haptic, limit, progress)
     on_surface = recorded.tip_on_surface
     first, marked = correct(
-        recorded.joints, hand, haptic, free, surface, tip_on_surface=on_surface, object_moved=recorded.moved,
+        recorded.joints, hand, haptic, free, given, tip_on_surface=on_surface, object_moved=recorded.moved,
         max_correction=limit, progress=progress,
     )  # fmt: skip
     if skin is None:
         return first, marked
     progress("skin", 0, 1)
-    pushed = push_out(recorded.scene.mesh, hand, skin, recorded.joints, haptic, first.posture)
-    moved = ~np.logical_and.reduce(
-        [np.equal(a, b).reshape(len(a), -1).all(axis=1) for a, b in zip(first.posture, pushed.posture, strict=True)]
-    )
-    posture = pushed.posture
+    pushed = push_out(recorded.scene.parts or recorded.scene.mesh, hand, skin, recorded.joints, haptic, first.posture)
+    moved, posture = pushed.is_freed & (pushed.depth > 0.0), pushed.posture
     last = WrittenHand(recorded.joints, hand, haptic, on_surface)
     rotation, joints, fitted = first.rotation.copy(), first.joints.copy(), first.fitted
     rotation[moved], joints[moved] = last.rotation(posture)[moved], last.moved(recorded.joints, posture)[moved]
     far = np.linalg.norm(joints - recorded.joints, axis=2).max(axis=1) > limit
     return Correction(fitted, posture, rotation, joints, first.changed | moved), far | ~pushed.is_freed
+
+
+def _object(request: RepairRequest) -> tuple[Mesh | ThingParts, int]:
+    """Return the object of a request, or the thing that it means, and the usual level of a tree."""
+    word = request.object
+    if not names_a_thing(word):
+        return resolve_object(word, request.unit, request.size)
+    if request.unit is not None or request.size is not None:
+        raise InputError(f"unit and size are for mesh files; {word} has its size")
+    if names_things(word):
+        raise InputError(f"{word} has several things that move by themselves; expected one, of parts ([[part]])")
+    return load_thing(word), MESH_LEVEL
+
+
+def _begins(recording: Recording, request: RepairRequest, read: ReadOptions) -> float:
+    """Return the first stamp of the hand, or of both that are repaired [s]: joints of the object are at 0 s there."""
+    both = [] if request.of_both is None else [replace(read, hand=side) for side in SIDES]
+    hands = [_in_our_units(request.source, options) for options in both] or [recording]
+    return min(float(np.nanmin(hand.time)) + hand.first_stamp for hand in hands)
 
 
 def _in_our_units(path: Path, read: ReadOptions, original: Path | None = None) -> Recording:
@@ -190,21 +214,12 @@ def _in_our_units(path: Path, read: ReadOptions, original: Path | None = None) -
         return clean_units(recording)
 
 
-def _joints(recording: Recording) -> FloatArray:
-    assert recording.joints is not None
-    return recording.joints
-
-
-def _posture(recording: Recording) -> HandConfiguration:
-    return HandConfiguration(recording.position, recording.orientation, recording.flexion, recording.abduction)
-
-
 def _skin(path: Path, skin: Path | None, recording: Recording, hand: HandModel, read: ReadOptions) -> Skin | None:
     """Return the skin of a file, or of the MANO model that moves in a recording; None without any."""
     if skin is not None:
         if recording.joints is None:
             raise InputError("--skin needs the centres of the joints, and this recording holds angles alone")
-        return read_skin(skin, recording, hand, _posture(recording))
+        return read_skin(skin, recording, hand, HandConfiguration.of(recording))
     content = Content.of_recording(path)
     mano = format_of(content, read).mano
     if mano is None or read.mano_model is None:
@@ -225,7 +240,8 @@ def _draw(recorded: RecordedScene, seen: Correction, before: FieldHands, after: 
         shown, faces = [np.stack([one.points for one in frames]) for frames in hands], hands[0][0].faces
     numbers, rows = recorded.frames[chosen].tolist(), range(len(chosen))
     time = recorded.scene.ticks.time[chosen]
-    draw_before_after(recorded.scene.mesh, shown[0], shown[1], faces, path, rows, time, numbers)
+    shapes = [recorded.mesh_at(frame) for frame in chosen]
+    draw_before_after(shapes, shown[0], shown[1], faces, path, rows, time, numbers)
 
 
 def _paths(request: RepairRequest) -> dict[str, Path]:
@@ -333,7 +349,7 @@ def _files(outcome: RepairOutcome, recording: Path, joined: Path | None, side: s
 
 def write_result(
     scene: Scene,
-    surface: ContactSurface,
+    given: GivenObject,
     posture: HandConfiguration,
     path: Path,
     *,
@@ -343,32 +359,31 @@ def write_result(
 ) -> ReplaySummary:
     """Write the result file of repaired frames, as the object sees them; OutputError if it cannot be written.
 
-    Ticks of the scene are the frames; `surface` bears the forces.
+    Ticks of the scene are the frames; `given`, its object, bears the forces.
     """
-    forces = equilibrium_forces(scene, surface, posture)
+    forces = equilibrium_forces(scene, given, posture)
     submission = Submission(METHOD, "", scene.ticks.time, posture, *forces)
     name = f"{SUBMITTED}{METHOD}"
     # The hand of the written recording is outside; ours is inside by what the fit left.
-    method = replace(submitted_method(name, submission), never_penetrates=False)
+    method = replace(submitted_method(name, submission), never_penetrates=False, beside_parts=True)
     with known_for_now(name, method):
         options = SolverOptions(method=name, surface="mesh")
         more: dict[str, Any] = {"description": description, "command": command, "progress": progress}
         return replay_scene(scene, options, path, **more)
 
 
-def equilibrium_forces(
-    scene: Scene, surface: ContactSurface, posture: HandConfiguration
-) -> tuple[FloatArray, FloatArray]:
+def equilibrium_forces(scene: Scene, given: GivenObject, posture: HandConfiguration) -> tuple[FloatArray, FloatArray]:
     """Compute the contact forces that balance the coupling where a hand comes to rest from a posture [N].
 
     They are on the phalanges, shape (T, 5, 3, 3), and on the palm, shape (T, 3), as the object sees them.
     """
     options = SolverOptions(surface="mesh", linearisations=LINEARISATIONS, budget=UNLIMITED)
-    solver = HandSolver(scene.hand, surface, options)
+    solver = solver_beside(given, scene.hand, options)
     haptic = HandConfiguration.of(scene.ticks)
     phalanx, palm = np.zeros((posture.ticks, 5, 3, 3)), np.zeros((posture.ticks, 3))
     for frame in range(posture.ticks):
         shown = posture.part(frame, frame + 1)
+        put_at(solver, given, frame)
         solver.place(*shown.at(0))
         # The shown abduction is held: it has no force.
         record = solver.run(*haptic.part(frame, frame + 1)._replace(abduction=shown.abduction))

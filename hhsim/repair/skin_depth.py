@@ -16,9 +16,10 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, quaternion_product
-from hhsim.kernels.mesh.bvh import MeshBvh, closest_points, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.field.hands import object_bvh
+from hhsim.metrics.field.hands import ON_SURFACE, Bodies, object_bvh
+from hhsim.metrics.moving_parts import MovingParts
 from hhsim.repair.least_distance import nearest_to_origin
 from hhsim.repair.skin import BLOCK_FRAMES, Skin, carried
 from hhsim.repair.written_hand import bone_frames
@@ -28,8 +29,6 @@ CLEARANCE = 1e-5
 """Distance of freed vertices to the object that the program asks for [m]."""
 REACH = 5e-3
 """Vertices up to this far outside give a row [m]; no step moves a vertex by more than half of it to first order."""
-ON_SURFACE = 1e-9
-"""Distance up to which a vertex lies on the surface [m]."""
 STEPS = 60
 """Most steps of a frame."""
 LEAST_SHARE = 1e-3
@@ -40,21 +39,20 @@ DOF = 26
 """Palm translation [m] 0 to 2, palm rotation [rad] 3 to 5, flexion 6 + 3 finger + joint, abduction 21 + finger."""
 
 
-def skin_depth(mesh: Mesh, vertices: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Compute how deep the deepest vertex of each frame lies inside a watertight mesh [m], shape (T,), 0 outside.
+def skin_depth(given: Mesh | MovingParts, vertices: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Compute how deep the deepest vertex of each frame lies inside a watertight mesh or parts [m], (T,), 0 outside.
 
     Vertices [m] have shape (T, V, 3); NaN counts as outside. Returns also the deepest vertex, (T,), -1 for none inside.
     """
-    bvh = object_bvh(mesh)
+    bodies = Bodies.of(given)
     depth, deepest = np.zeros(len(vertices)), np.full(len(vertices), -1)
-    low, high = mesh.bounds
     for first in range(0, len(vertices), BLOCK_FRAMES):
-        points = vertices[first : first + BLOCK_FRAMES]
-        # A vertex beyond the mesh's box is outside.
-        near = ((points >= low) & (points <= high)).all(axis=2)
-        inside = np.zeros(near.shape)
-        inside[near] = -mesh_signed_distance(bvh, points[near])
-        block = slice(first, first + len(points))
+        block = slice(first, min(first + BLOCK_FRAMES, len(vertices)))
+        inside = np.zeros(vertices[block].shape[:2])
+        for mesh, points in zip(bodies.meshes, bodies.at(block).seen(vertices[block])):
+            # A vertex beyond the mesh's box is outside.
+            near = ((points >= mesh.bounds[0]) & (points <= mesh.bounds[1])).all(axis=2)
+            inside[near] = np.maximum(inside[near], -mesh_signed_distance(object_bvh(mesh), points[near]))
         depth[block] = np.maximum(inside.max(axis=1, initial=0.0), 0.0)
         deepest[block] = np.where(depth[block] > 0.0, inside.argmax(axis=1), -1)
     return depth, deepest
@@ -71,25 +69,30 @@ class PushedOut(NamedTuple):
 
 
 def push_out(
-    mesh: Mesh, hand: HandModel, skin: Skin, joints: FloatArray, fitted: HandConfiguration, posture: HandConfiguration
+    given: Mesh | MovingParts,
+    hand: HandModel,
+    skin: Skin,
+    joints: FloatArray,
+    fitted: HandConfiguration,
+    posture: HandConfiguration,
 ) -> PushedOut:
     """Free the skin of a recorded hand by the least change of its corrected posture, frame by frame.
 
-    The hand's own round cones play no part; its limits are kept, or not exceeded further. Mesh, watertight and wound
-    outward, skin, recorded joints as of `hhsim.repair.skin.moved_skin`, and both configurations are in one frame. A
-    frame with NaN counts as outside.
+    The hand's own round cones play no part; its limits are kept, or not exceeded further. Mesh or parts, watertight and
+    wound outward, skin, recorded joints as of `hhsim.repair.skin.moved_skin`, and both configurations are in one frame.
+    A frame with NaN counts as outside.
     """
     found, vertices = posture.copy(), np.empty_like(skin.vertices)
     for first in range(0, len(vertices), BLOCK_FRAMES):
         some = slice(first, first + BLOCK_FRAMES)
         pair = fitted.at(some), posture.at(some)
         vertices[some] = _posed(hand, replace(skin, vertices=skin.vertices[some]), joints[some], *pair)
-    depth = skin_depth(mesh, vertices)[0]
-    bvh, after = object_bvh(mesh), depth.copy()
+    depth = skin_depth(given, vertices)[0]
+    bodies, after = Bodies.of(given), depth.copy()
     for frame in np.flatnonzero(depth > 0.0):
         one = slice(frame, frame + 1)
         own = replace(skin, vertices=skin.vertices[one])
-        solver = SkinFrame(bvh, hand, own, joints[one], fitted.at(one), posture.at(one))
+        solver = SkinFrame(bodies.at(one), hand, own, joints[one], fitted.at(one), posture.at(one))
         freed = solver.freed()
         if freed is not None:
             after[frame] = max(0.0, -float(solver.distance.min()))
@@ -111,14 +114,14 @@ class SkinFrame:
 
     def __init__(
         self,
-        bvh: MeshBvh,
+        bodies: Bodies,
         hand: HandModel,
         skin: Skin,
         joints: FloatArray,
         fitted: HandConfiguration,
         posture: HandConfiguration,
     ) -> None:
-        self.bvh, self.hand, self.skin, self.joints = bvh, hand, skin, joints
+        self.bodies, self.hand, self.skin, self.joints = bodies, hand, skin, joints
         self.fitted, self.start = fitted, posture
         stiffness = Stiffness()
         self.scale = np.sqrt(np.append(stiffness.diagonal(), np.full(5, stiffness.flexion)))
@@ -136,8 +139,7 @@ class SkinFrame:
         """Compute vertices and their distances to the object after a change of the given posture, shape (26,)."""
         self.change = change
         self.vertices = _posed(self.hand, self.skin, self.joints, self.fitted, self.posture())[0]
-        self.closest, self.distance = np.empty_like(self.vertices), np.empty(len(self.vertices))
-        closest_points(self.bvh, np.ascontiguousarray(self.vertices), self.closest, self.distance)
+        self.distance, self.slope = self.bodies.slopes(self.vertices)
 
     def is_free(self) -> bool:
         """Return True if all vertices are outside, by more than a file's rounding of the posture."""
@@ -188,9 +190,8 @@ class SkinFrame:
         """Compute the step to the posture nearest to the given one that satisfies all rows; None if there is none."""
         # A vertex on the surface itself has no direction.
         near = np.flatnonzero((self.distance < REACH) & (np.abs(self.distance) > ON_SURFACE))
-        normal = (self.vertices[near] - self.closest[near]) / self.distance[near, None]
         motion = self.motion()
-        rows = np.einsum("vi,vij->vj", normal, motion[near])
+        rows = np.einsum("vi,vij->vj", self.slope[near], motion[near])
         limits, ends = self._limits()
         bounds = np.append(CLEARANCE - self.distance[near] + rows @ self.change, ends)
         goal = nearest_to_origin(np.vstack([rows, limits]) / self.scale, bounds)

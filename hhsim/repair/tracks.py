@@ -5,24 +5,25 @@ other tracks; which one a frame takes is chosen later. The clearance of hands is
 """
 
 from contextlib import suppress
+from copy import copy
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.mesh.bvh import closest_points
 from hhsim.kernels.tick.block import HapticBlock
-from hhsim.metrics.field.hands import object_bvh
-from hhsim.metrics.mesh_penetration import mesh_clearance
+from hhsim.metrics.field.hands import Bodies
+from hhsim.metrics.moving_parts import MovingParts
+from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.system.progress import Progress, silent
-from hhsim.trees.contact_surface import ContactSurface
+from hhsim.trees.contact_surface import ContactSurface, put_parts
 
 CLEAR = 2e-6
 """Clearance that a hand needs which the solver did not make [m]: above the error of the measure."""
@@ -41,14 +42,26 @@ LONGEST_RETREAT = 0.3
 """Farthest shift at which a free start is looked for [m]."""
 STANDOFF = 1e-3
 """Clearance of a free start [m]."""
+GivenObject: TypeAlias = ContactSurface | MovingParts
+"""Object of a recording: the surface of a closed mesh, or parts with their poses in each frame."""
 
 
 class HandJudge:
-    """Clearance of hands from a closed mesh by closest points, with nothing of the solver."""
+    """Clearance of hands from closed meshes by closest points, with nothing of the solver.
 
-    def __init__(self, hand: HandModel, surface: ContactSurface) -> None:
-        assert surface.mesh is not None
-        self.hand, self.shape, self.bvh = hand, hand_shape(hand), object_bvh(surface.mesh)
+    Hands are those of all frames of parts that move, or of the frames that `at` takes.
+    """
+
+    def __init__(self, hand: HandModel, given: GivenObject) -> None:
+        mesh = given if isinstance(given, MovingParts) else given.mesh
+        assert mesh is not None
+        self.hand, self.shape, self.bodies = hand, hand_shape(hand), Bodies.of(mesh)
+
+    def at(self, frames: int | slice | IntArray) -> "HandJudge":
+        """Return the judge of some frames, or of a single one."""
+        judge = copy(self)
+        judge.bodies = self.bodies.at(frames)
+        return judge
 
     def clearance(self, frames: HandConfiguration, limit: float = CLEAR) -> FloatArray:
         """Return the least signed distance of each hand [m], shape (T,), at most `limit`; NaN for a hand of NaN."""
@@ -56,15 +69,7 @@ class HandJudge:
 
     def placed_clearance(self, placed: PlacedHand, limit: float = CLEAR) -> FloatArray:
         """Return the same for any joints and palms."""
-        return mesh_clearance(self.bvh, self.shape, placed, limit)
-
-    def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return signed distances of points from the closed mesh [m], shape (n,), and their gradients, (n, 3)."""
-        closest, distance = np.empty_like(points), np.empty(len(points))
-        closest_points(self.bvh, points, closest, distance)
-        # On the surface no direction is known.
-        known = (np.abs(distance) > 1e-9)[:, None]
-        return distance, np.where(known, points - closest, 0.0) / np.where(known, distance[:, None], 1.0)
+        return self.bodies.clearance(self.shape, placed, limit)
 
     def points(self, frames: HandConfiguration) -> FloatArray:
         """Return joints, tips and palm origin of each hand [m], shape (T, 21, 3)."""
@@ -83,15 +88,28 @@ class Start(NamedTuple):
     correction: float  # root mean square displacement of the points from the frame's [m]
 
 
-class FrameFollower:
-    """Follows the recorded frames of one hand, finite, on a closed mesh."""
+def solver_beside(given: GivenObject, hand: HandModel, options: SolverOptions, frame: int = 0) -> HandSolver:
+    """Return a solver beside an object, whose parts are where they are in a frame."""
+    solver = HandSolver(hand, given.surface("mesh") if isinstance(given, MovingParts) else given, options)
+    put_at(solver, given, frame)
+    return solver
 
-    def __init__(self, hand: HandModel, surface: ContactSurface, frames: HandConfiguration) -> None:
-        self.hand, self.surface, self.frames = hand, surface, frames
+
+def put_at(solver: HandSolver, given: GivenObject, frame: int) -> None:
+    """Put the parts beside which a solver is where they are in a frame; its hand is to be placed then."""
+    if isinstance(given, MovingParts):
+        put_parts(solver.workspace.surface, given.path[frame])
+
+
+class FrameFollower:
+    """Follows the recorded frames of one hand, finite, on a closed mesh, or on parts that move from frame to frame."""
+
+    def __init__(self, hand: HandModel, given: GivenObject, frames: HandConfiguration, judge: HandJudge) -> None:
+        self.hand, self.given, self.frames, self.judge = hand, given, frames, judge
         self.options = SolverOptions(
             surface="mesh", linearisations=LINEARISATIONS, budget=UNLIMITED, step_tolerance=STEP_TOLERANCE
         )
-        self.solver = HandSolver(hand, surface, self.options)
+        self.solver = solver_beside(given, hand, self.options)
 
     def follow(self, order: range, progress: Progress = silent) -> HandConfiguration:
         """Return the track through all frames in an order; NaN where the solver holds too few pairs."""
@@ -99,28 +117,38 @@ class FrameFollower:
         begun = False
         for done, (before, frame) in enumerate(zip([order[0], *order], order)):
             progress("frames", done, len(order))
-            goal = self.frames.part(frame, frame + 1)
             with suppress(HhsimError):
                 if not begun:
-                    self.begin(goal)
+                    self.begin(frame)
                 begun = False
-                put(track, frame, self.arrive(self.frames.part(before, before + 1), goal))
+                put(track, frame, self.arrive(before, frame))
                 begun = True
         return track
 
-    def begin(self, goal: HandConfiguration) -> None:
+    def begin(self, frame: int) -> None:
         """Place the graphic hand at a frame, or, where that is inside, as near to it as a free place nearby leads."""
-        self.solver = HandSolver(self.hand, self.surface, self.options)
-        self.solver.begin(HapticBlock(*goal))
+        self.solver = solver_beside(self.given, self.hand, self.options, frame)
+        self.solver.begin(HapticBlock(*self.frames.part(frame, frame + 1)))
 
-    def place(self, start: HandConfiguration) -> None:
-        """Place the graphic hand at a free configuration, T = 1."""
+    def place(self, start: HandConfiguration, frame: int) -> None:
+        """Place the graphic hand at a free configuration beside the object of a frame, T = 1."""
+        put_at(self.solver, self.given, frame)
         self.solver.place(*start.at(0))
 
-    def arrive(self, origin: HandConfiguration, goal: HandConfiguration) -> HandConfiguration:
-        """Return the graphic hand at rest after a move from origin to goal, T = 1; HhsimError if pairs are too many."""
-        moved = float(farthest(*(forward_kinematics(self.hand, *frames).points for frames in (origin, goal)))[0])
+    def arrive(self, before: int, frame: int, start: HandConfiguration | None = None) -> HandConfiguration:
+        """Return the graphic hand at rest after a move from frame to frame, T = 1; HhsimError if pairs are too many.
+
+        `start` is a hand in place of that of the frame before.
+        """
+        goal = self.frames.part(frame, frame + 1)
+        origin = self.frames.part(before, before + 1) if start is None else start
+        way = (before, origin), (frame, goal)
+        seen = zip(*(self.judge.bodies.at(at).seen(self.judge.points(hand)) for at, hand in way))
+        moved = max(float(farthest(*points)[0]) for points in seen)
         steps = min(MOST_SUBSTEPS, int(np.ceil(moved / SUBSTEP)))
+        if isinstance(self.given, MovingParts):
+            workspace, path = self.solver.workspace, parts_between(self.given.path[[before, frame]], max(steps, 1))
+            workspace.surface = workspace.surface._replace(path=path, tick=np.zeros(1, np.int64))
         if steps > 1:
             self.solver.run(*origin.line(goal, steps - 1).part(1))
         joints = np.full((5, 4, 3), np.inf)
@@ -132,7 +160,7 @@ class FrameFollower:
             joints = record.joints[0]
         return HandConfiguration.of(record).copy()
 
-    def starts(self, judge: HandJudge, frame: int, seed: HandConfiguration | None) -> list[Start]:
+    def starts(self, frame: int, seed: HandConfiguration | None) -> list[Start]:
         """Return where free starts around a frame lead, each from its own side, the nearest to the recorded hand first.
 
         They are a given seed, and the recorded hand, and the one with stretched fingers, shifted out in 14 directions
@@ -144,16 +172,25 @@ class FrameFollower:
         directions = cube[np.isin(np.abs(cube).sum(axis=1), (0.0, 1.0, 3.0))]
         directions /= np.maximum(1.0, np.linalg.norm(directions, axis=1, keepdims=True))
         postures = recorded._replace(flexion=straight), recorded
+        judge = self.judge.at(frame)
         free = [seed, *(_moved_out(judge, posture, d) for posture in postures for d in directions)]
         found: list[Start] = []
         for start in free:
             if start is not None:
                 with suppress(HhsimError):
-                    self.place(start)
-                    reached = self.arrive(start, recorded)
+                    self.place(start, frame)
+                    reached = self.arrive(frame, frame, start)
                     off = judge.points(reached) - judge.points(recorded)
                     found.append(Start(reached, float(np.sqrt((off**2).sum(axis=-1).mean()))))
         return sorted(found, key=lambda start: start.correction)
+
+
+def parts_between(poses: FloatArray, steps: int) -> FloatArray:
+    """Return poses of parts on their way from one frame to another, (2, P, 7), which is the last one, (steps, P, 7)."""
+    ends, share, ways = np.array([0.0, 1.0]), np.arange(1, steps + 1) / steps, poses.swapaxes(0, 1)
+    places = np.stack([interpolate_monotone(ends, way[:, :3], share) for way in ways], axis=1)
+    turns = np.stack([interpolate_orientation(ends, way[:, 3:], share) for way in ways], axis=1)
+    return np.concatenate([places, turns], axis=2)
 
 
 def _moved_out(judge: HandJudge, posture: HandConfiguration, direction: FloatArray) -> HandConfiguration | None:
@@ -170,7 +207,7 @@ def _moved_out(judge: HandJudge, posture: HandConfiguration, direction: FloatArr
     return None
 
 
-def put(track: HandConfiguration, frame: int, hand: HandConfiguration) -> None:
-    """Write a hand, T = 1, to a frame of a track."""
-    for values, own in zip(track, hand, strict=True):
-        values[frame] = own[0]
+def put(track: HandConfiguration, frames: int | IntArray, hands: HandConfiguration) -> None:
+    """Write hands to frames of a track, or one, T = 1, to a frame."""
+    for values, own in zip(track, hands, strict=True):
+        values[frames] = own

@@ -36,6 +36,7 @@ from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
 from hhsim.solver.free_engine import Thing
 from hhsim.solver.hand_solver import HandSolver, warm_up
+from hhsim.solver.known_methods import find_method
 from hhsim.solver.linearising_engine import require_jointed
 from hhsim.solver.method import METHODS, Method
 from hhsim.solver.options import SolverOptions
@@ -100,7 +101,7 @@ class Replay:
         self._options, free, parts = options.at_rate(scene.ticks.rate), scene.free, scene.parts
         kind = self._options.surface
         jointed = parts if not scene.others else None
-        if jointed is not None:
+        if jointed is not None and not find_method(self._options.method).beside_parts:
             require_jointed(self._options)
         moved_alone = free if alone else None
         kinds: dict[str, Any] = {"jointed": jointed is not None, "others": len(scene.others)}

@@ -77,6 +77,12 @@ class ThingParts:
         tree = build_hierarchy(np.concatenate(centers), radii, level, BRANCHING)
         return replace(tree, mesh_sha256=self.mesh.sha256, options={"thing": self.name, **covers})
 
+    def begun(self, time: float) -> "ThingParts":
+        """Return the thing as it moves from a time [s] on, which becomes 0 s."""
+        joints = {part.name: part.joint.motion or () for part in self.thing.part if part.joint}
+        moved = {name: [(at - time, value) for at, value in motion] for name, motion in joints.items()}
+        return replace(self, thing=self.thing.moved(moved))
+
     def require_apart(self) -> None:
         """Raise InputError for parts that begin inside each other."""
         joined = {frozenset((part.name, part.parent)) for part in self.thing.part if part.parent}

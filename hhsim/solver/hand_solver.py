@@ -78,7 +78,7 @@ class HandSolver:
         self.engine: Engine = (
             self.method.engine(self.workspace) if free is None else FreeEngine(self.workspace, free, others=others)
         )
-        if isinstance(self.workspace.surface, JointedSurface):
+        if isinstance(self.workspace.surface, JointedSurface) and not self.method.beside_parts:
             self.engine = JointedEngine(self.workspace, self.engine)
         self._started = False
 

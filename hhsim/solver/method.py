@@ -51,6 +51,7 @@ class Method:
     defaults: Mapping[str, Any] = field(default_factory=lambda: USUAL)  # defaults of the options named in `USUAL`
     gives: frozenset[str] = EVERYTHING  # subset of `EVERYTHING`; what is missing has no row in a table
     compiled: bool = True  # True if its ticks run in hhsim's own compiled blocks
+    beside_parts: bool = False  # from outside, and says where a hand is beside parts that move
     missing: str = ""  # what has to be installed first, in one line; "" if it can run
     source: str = ""  # SHA-256 of the file of a class from outside; "" for hhsim's own, and without a file
 

@@ -12,6 +12,7 @@ from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.metrics.mesh_penetration import mesh_clearance, ticks_looked_at
 from hhsim.metrics.metrics import hand_clearance
@@ -33,7 +34,7 @@ from hhsim.submissions.scene_file import NOT_SCORED, load_scene, named_scene, sc
 from hhsim.submissions.scene_folder import SCENE_FILE
 from hhsim.submissions.suspicions import require_scene, suspicions
 from hhsim.system.progress import Progress, silent
-from hhsim.trees.contact_surface import contact_surface, encloses
+from hhsim.trees.contact_surface import contact_surface, encloses, put_parts
 
 NEAR = 1e-3
 """Distance of the user's hand from the mesh [m] below which a tick counts for the least-energy pose."""
@@ -199,6 +200,12 @@ class _SubmittedEngine(OutsideEngine):
         forces = submission.phalanx_force is not None
         super().__init__(partial(MethodHere, name, made, forces), forces, workspace)
         self.duration = submission.duration
+
+    def _tick(self, sample: HandConfiguration, i: int, record: TickRecord) -> None:
+        surface = self.workspace.surface
+        if isinstance(surface, JointedSurface):
+            put_parts(surface, surface.path[self.runner.ticks])
+        super()._tick(sample, i, record)
 
     def run(self, haptic: HapticBlock, record: TickRecord) -> int:
         first = self.runner.ticks

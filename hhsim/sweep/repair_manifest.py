@@ -7,7 +7,7 @@ Keys, the same in both; the first two are required::
     mano_model = "MANO_RIGHT.pkl"
     [[recording]]
     recording = "seqs/{object}_*.npz"       # {object} matches as * does, and is known by that name to the other keys
-    object = "meshes/{object}.obj"          # a mesh file, or a name of the catalogue
+    object = "meshes/{object}.obj"          # a mesh file, a name of the catalogue, or a thing's TOML
     poses = "poses/{stem}.npy"              # {stem}: name of the recording's file without suffix; {folder}: its folder
     name = "{folder}-{stem}"                # of the folder of what is written; default: {stem}
     hand = "right"
@@ -35,7 +35,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, field
 
 from hhsim.errors import InputError, UnknownNameError, check_known
-from hhsim.mesh.catalogue import names_a_file
+from hhsim.mesh.catalogue import names_a_file, names_a_thing
 from hhsim.recordings.column_map import read_column_map
 from hhsim.recordings.formats.mano import READINGS
 from hhsim.repair.request import RepairRequest
@@ -215,7 +215,8 @@ def _planned(where: str, row: ManifestRow, folder: Path, output: Path) -> Planne
         raise InputError(f"{where}: name: '{name}' is none for a folder: expected at most 100 letters, no / in them")
     if recording.name.casefold() in OF_THE_ROW:
         raise InputError(f"{where}: recording: {recording.name} is the name of a file beside it: rename the recording")
-    shape = checked_object(f"{where}: object", folder, SweptObject(row.object, unit=row.unit, size_mm=row.size_mm))
+    if names_a_file(row.object) or not names_a_thing(row.object):
+        checked_object(f"{where}: object", folder, SweptObject(row.object, unit=row.unit, size_mm=row.size_mm))
 
     def file(key: str) -> Path | None:
         word: str | None = getattr(row, key)
@@ -234,7 +235,7 @@ def _planned(where: str, row: ManifestRow, folder: Path, output: Path) -> Planne
     stated |= {"profile": file("profile"), "columns": None if columns is None else read_column_map(columns)}
     request = RepairRequest(
         recording=recording,
-        object=str(folder / shape.word) if names_a_file(shape.word) else shape.word,
+        object=str(folder / row.object) if names_a_file(row.object) else row.object,
         out=output / name / recording.name,
         object_poses=file("poses"),
         mano_model=file("mano_model"),

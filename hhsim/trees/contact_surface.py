@@ -81,13 +81,18 @@ def begun(surface: JointedSurface) -> JointedSurface:
     memory = np.empty(len(surface.start) - 1, surface.part.dtype)
     # Written, so that the system allocates the pages now and not in the ticks that are timed.
     memory.view(np.uint8)[:] = 0
-    part = memory.view(np.recarray)
-    for p in range(len(part)):
-        part[p].position[:], part[p].orientation[:] = surface.path[0, p, :3], surface.path[0, p, 3:]
+    surface = surface._replace(tick=np.zeros(1, np.int64), part=memory.view(np.recarray))
+    put_parts(surface, surface.path[0])
+    return surface
+
+
+def put_parts(surface: JointedSurface, poses: FloatArray) -> None:
+    """Put the parts to poses, as of a tick of `JointedSurface.path`, (P, 7)."""
+    for part, pose in zip(surface.part, poses):
+        part.position[:], part.orientation[:] = pose[:3], pose[3:]
         rotation = np.empty((3, 3))
-        quaternion_to_matrix(np.array(part[p].orientation), rotation)
-        part[p].rotation[:] = rotation
-    return surface._replace(tick=np.zeros(1, np.int64), part=part)
+        quaternion_to_matrix(np.array(part.orientation), rotation)
+        part.rotation[:] = rotation
 
 
 def _starts(counts: list[list[int]], columns: int) -> Any:

@@ -7,14 +7,13 @@ from typing import Any
 import pytest
 from conftest import Run
 from drawings_alone import leave_pictures_white
+from leap_document import leap_hand
 from repair_scenes import HAND
 from short_grasp import shortened
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.catalogue import load_object
-from hhsim.recordings.frames import world_matrix
 from hhsim.result.reader import hand_paths, load_result
 from hhsim.scene.described_scene import SceneWords, two_handed_scenes
 from hhsim.scene.motion_catalogue import load_script
@@ -37,21 +36,11 @@ def document() -> dict[str, Any]:
     for i in range(0, ticks[0].ticks, 250):
         hands, pointables = [], []
         for number, (hand, side) in enumerate(zip(HANDS, ("right", "left"))):
-            seen, joints = _seen(hand, ticks[number].at(i))
-            hands.append({"id": 7 + number, "type": side, **seen, "confidence": 0.9})
+            shown, joints = leap_hand(hand, ticks[number].at(i))
+            hands.append({"id": 7 + number, "type": side, **shown, "confidence": 0.9})
             pointables += [{"handId": 7 + number, "type": f, **joints[f]} for f in range(5)]
         frames.append({"id": i, "timestamp": 1000 * i, "hands": hands, "pointables": pointables})
     return {"metadata": {"formatVersion": 1, "frames": len(frames), "generatedBy": "LeapJS"}, "frames": frames}
-
-
-def _seen(hand: HandModel, pose: Any) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    back = world_matrix("y").T
-    joints, palm = 1e3 * hand.joints(*pose) @ back.T, back @ rotation_matrix(pose[1])
-    keys = ("mcpPosition", "pipPosition", "dipPosition", "btipPosition")
-    wrist = 1e3 * back @ pose[0] - 42.0 * palm[:, 1]
-    words = {"direction": palm[:, 1], "palmNormal": -palm[:, 2], "wrist": wrist}
-    fingers = [{key: joints[f, k].tolist() for k, key in enumerate(keys)} for f in range(5)]
-    return {name: value.tolist() for name, value in words.items()}, fingers
 
 
 def test_one_command_frees_both_hands_in_one_file(

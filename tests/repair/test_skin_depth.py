@@ -13,8 +13,8 @@ from skin_samples import SkinSample, correction_to, shaken, skin_sample
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_vector
-from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.field.hands import Bodies
 from hhsim.repair.skin import moved_skin
 from hhsim.repair.skin_depth import DOF, PushedOut, SkinFrame, push_out, skin_depth
 from hhsim.solver.options import Stiffness
@@ -88,7 +88,7 @@ def test_vertices_move_with_the_posture_as_their_derivative_says() -> None:
     sample, frame = skin_sample(), slice(3, 4)
     mesh = mesh_of(trimesh.creation.icosphere(subdivisions=1, radius=0.01), np.array([1.0, 0.0, 0.0]))
     of_frame = SkinFrame(
-        build_mesh_bvh(mesh.vertices, mesh.faces),
+        Bodies((mesh,)),
         sample.hand,
         replace(sample.skin, vertices=sample.skin.vertices[frame]),
         sample.joints[frame],

@@ -98,6 +98,14 @@ def test_a_table_has_a_row_each(folder: Path) -> None:
         assert second.request.object_poses == folder / "poses/cup_pour_1.npy"
 
 
+def test_an_object_may_be_a_thing_of_parts(folder: Path) -> None:
+    (folder / "hinge.toml").write_text('[[part]]\nname = "a"\nbox = [0.1, 0.1, 0.1]\n')
+    named, _ = load(folder, CSV.replace(",cube,", ",laptop,"), "m.csv")
+    assert named.request.object == "laptop"
+    given, _ = load(folder, CSV.replace(",cube,", ",hinge.toml,"), "m.csv")
+    assert given.request.object == str(folder / "hinge.toml")
+
+
 def test_what_was_written_is_no_recording_of_the_next_run(folder: Path) -> None:
     text = 'version = 1\n[[recording]]\nrecording = "**/mug*.npz"\nobject = "cube"\n'
     assert len(load(folder, text)) == 1

@@ -14,8 +14,8 @@ CONTACT = 0.003
 
 
 def contact_deviation(hands: FieldHands) -> float:
-    """Compute the contact deviation [m]; NaN without a true skin, a skin, or a contact."""
-    if hands.truth is None or hands.skin is None:
+    """Compute the contact deviation [m]; NaN without a true skin, a skin, or a contact, and of parts that move."""
+    if hands.truth is None or hands.skin is None or hands.parts is not None:
         return float("nan")
     from scipy.spatial import cKDTree
 

@@ -47,7 +47,7 @@ DECOMPOSITION = {
 def simulation_displacements(hands: FieldHands, frames: tuple[int, ...]) -> FloatArray:
     """Compute the displacement of the object's centre at some frames [m], NaN without a hand there.
 
-    Raises InputError without PyBullet, or for a frame that does not exist, or a hand without skin and cones.
+    Raises InputError without PyBullet, or for a frame that does not exist, a hand without skin and cones, or parts.
     """
     outside = [frame for frame in frames if not 0 <= frame < len(hands.time)]
     if outside:
@@ -58,8 +58,8 @@ def simulation_displacements(hands: FieldHands, frames: tuple[int, ...]) -> Floa
     except ImportError:
         raise InputError("the simulation displacement needs PyBullet: pip install 'hhsim[pybullet]'") from None
     solids_of = hand_solids(hands, margin=np.inf)
-    if solids_of is None:
-        raise InputError("the simulation displacement needs a hand with a skin or with cones")
+    if solids_of is None or hands.parts is not None:
+        raise InputError("the simulation displacement needs a hand with a skin or with cones, and a rigid object")
     from manifold3d import Manifold, OpType
 
     down = np.tile([0.0, 0.0, -1.0], (len(hands.time), 1)) if hands.down is None else hands.down

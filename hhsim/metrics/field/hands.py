@@ -11,18 +11,72 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.hand.hand_shape import HandShape
-from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, closest_points, mesh_signed_distance
 from hhsim.mesh.features import mesh_features
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.mesh_penetration import mesh_clearance
+from hhsim.metrics.mesh_penetration import FAR, mesh_clearance
+from hhsim.metrics.moving_parts import MovingParts
 from hhsim.metrics.run_metric import Figure
+from hhsim.motion.trajectory import RigidMotion
 
 TIPS = (4, 8, 12, 16, 20)
 """Places of the fingertips among `hhsim.recordings.joint_names.KEYPOINTS`."""
 BONES = tuple((0 if joint % 4 == 1 else joint - 1, joint) for joint in range(1, 21))
 """Joints at both ends of each bone, thumb to little finger; every fourth one ends in a fingertip."""
+ON_SURFACE = 1e-9
+"""Distance up to which a point lies on the surface [m]."""
 BeforeAfter = tuple[float, float]
 """Figure of the recorded hand and of the repaired one, NaN where it is undefined."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """Closed meshes that a hand stays out of: an object, or its parts with their motion in the object's frame."""
+
+    meshes: tuple[Mesh, ...]
+    motions: tuple[RigidMotion, ...] = ()  # from each part's frame to the object's at T frames; none for one object
+
+    @classmethod
+    def of(cls, given: Mesh | MovingParts) -> "Bodies":
+        """Return an object's mesh, or the parts of a thing."""
+        if isinstance(given, Mesh):
+            return cls((given,))
+        return cls(given.meshes, tuple(given.motion(p) for p in range(len(given.meshes))))
+
+    def at(self, frames: int | slice | IntArray) -> "Bodies":
+        """Return the bodies at some frames, or at a single one, T = 1."""
+        frames = slice(frames, frames + 1) if isinstance(frames, int) else frames
+        return replace(self, motions=tuple(motion.at(frames) for motion in self.motions))
+
+    def seen(self, points: FloatArray) -> list[FloatArray]:
+        """Return points of the object's frame [m], shape (T, ..., 3), in the frame of each body."""
+        return [motion.seen_points(points) for motion in self.motions] or [points]
+
+    def clearance(self, shape: HandShape, placed: PlacedHand, limit: float = FAR) -> FloatArray:
+        """Compute the least signed distance of each hand to the bodies [m], (T,), as `mesh_clearance`."""
+        hands = [motion.seen_hand(placed) for motion in self.motions] or [placed]
+        found = [mesh_clearance(object_bvh(mesh), shape, hand, limit) for mesh, hand in zip(self.meshes, hands)]
+        return np.asarray(np.min(found, axis=0))
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Compute signed distances of points [m], shape (T, ..., 3), to the bodies [m], shape (T, ...)."""
+        rows = [np.ascontiguousarray(at.reshape(-1, 3)) for at in self.seen(points)]
+        found = [mesh_signed_distance(object_bvh(mesh), at) for mesh, at in zip(self.meshes, rows)]
+        return np.asarray(np.min(found, axis=0).reshape(points.shape[:-1]))
+
+    def slopes(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Compute signed distances of points of one frame [m], shape (n,), and their gradients, shape (n, 3)."""
+        distance, slope = np.full(len(points), np.inf), np.zeros(points.shape)
+        for p, (mesh, seen) in enumerate(zip(self.meshes, self.seen(points[None]))):
+            at, closest, own = np.ascontiguousarray(seen[0]), np.empty(points.shape), np.empty(len(points))
+            closest_points(object_bvh(mesh), at, closest, own)
+            # On the surface no direction is known.
+            known = (np.abs(own) > ON_SURFACE)[:, None]
+            away = np.where(known, at - closest, 0.0) / np.where(known, own[:, None], 1.0)
+            nearer = own < distance
+            distance[nearer] = own[nearer]
+            slope[nearer] = (self.motions[p].vectors(away[None])[0] if self.motions else away)[nearer]
+        return distance, slope
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +98,7 @@ class FieldHands:
     # Joint centres in the world [m], shape (T, 21, 3); None for an object that stands still.
     world: FloatArray | None = None
     down: FloatArray | None = None  # direction of gravity in the object's frame, shape (T, 3); None for -z
+    parts: MovingParts | None = None  # parts in place of the mesh, which is all of them at the first frame
 
     def __post_init__(self) -> None:
         frames = len(self.time)
@@ -56,6 +111,11 @@ class FieldHands:
                 raise InputError(f"{name} of the judged hand has shape {given.shape}; expected {shape}")
         if (self.shape is None) != (self.placed is None) or (self.skin is None) != (self.faces is None):
             raise InputError("a judged hand needs shape and placed together, and skin and faces together")
+
+    @cached_property
+    def bodies(self) -> Bodies:
+        """The object, or its parts."""
+        return Bodies.of(self.parts or self.mesh)
 
     @cached_property
     def known(self) -> BoolArray:
@@ -82,7 +142,7 @@ class FieldHands:
         """Least signed distance of the cones and palm spheres to the object [m], shape (T,); None without cones."""
         if self.shape is None or self.placed is None:
             return None
-        return np.where(self.known, mesh_clearance(object_bvh(self.mesh), self.shape, self.placed), np.nan)
+        return np.where(self.known, self.bodies.clearance(self.shape, self.placed), np.nan)
 
     @cached_property
     def distance(self) -> FloatArray:
@@ -108,8 +168,7 @@ class FieldHands:
     def _distance(self, points: FloatArray) -> FloatArray:
         distance = np.full(points.shape[:2], np.nan)
         known = self.known & np.isfinite(points).all(axis=(1, 2))
-        seen = np.ascontiguousarray(points[known].reshape(-1, 3))
-        distance[known] = mesh_signed_distance(object_bvh(self.mesh), seen).reshape(-1, points.shape[1])
+        distance[known] = self.bodies.at(np.flatnonzero(known)).distance(points[known])
         return distance
 
     def _distal_cone_distance(self, finger: int) -> FloatArray:
@@ -120,8 +179,7 @@ class FieldHands:
         radius = np.full((5, 4), self.shape.phalanx_radius[finger, 3])
         radius[0, 0] = self.shape.phalanx_radius[finger, 2]
         shape = HandShape(radius, np.zeros((0, 3)), np.zeros(0))
-        distance = mesh_clearance(object_bvh(self.mesh), shape, self.placed._replace(joints=joints))
-        return np.where(self.known, distance, np.nan)
+        return np.where(self.known, self.bodies.clearance(shape, self.placed._replace(joints=joints)), np.nan)
 
     @cached_property
     def _bone_of_vertex(self) -> IntArray:
@@ -172,7 +230,7 @@ class FieldPair:
         return self.recorded.known & self.repaired.known
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=8)
 def object_bvh(mesh: Mesh) -> MeshBvh:
     """Return the hierarchy over the triangles of a closed mesh, whose sign holds also where they cross."""
     features, _ = mesh_features(mesh.vertices, mesh.faces, closed=True)

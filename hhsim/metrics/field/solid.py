@@ -10,9 +10,8 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.palm_mesh import RoundCones
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.field.hands import FieldHands, object_bvh
+from hhsim.metrics.field.hands import FieldHands
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -64,7 +63,7 @@ def cones_near(hands: FieldHands, frame: int, margin: float) -> RoundCones:
     b = np.concatenate([chains[:, 1:].reshape(-1, 3), palm])
     radius_a = np.concatenate([shape.phalanx_radius[:, :3].ravel(), shape.palm_radius])
     radius_b = np.concatenate([shape.phalanx_radius[:, 1:].ravel(), shape.palm_radius])
-    ends = mesh_signed_distance(object_bvh(hands.mesh), np.concatenate([a, b])).reshape(2, -1).min(axis=0)
+    ends = hands.bodies.at(frame).distance(np.stack([a, b])[None])[0].min(axis=0)
     # No point of an axis is farther from its nearer end than half its length.
     near = ends - 0.5 * np.linalg.norm(b - a, axis=1) < np.maximum(radius_a, radius_b) + margin
     return RoundCones(a[near], b[near], radius_a[near], radius_b[near])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.mesh import Mesh
@@ -42,7 +43,8 @@ def surface_voxels(mesh: Mesh, pitch: float) -> FloatArray:
 def volumes(hands: FieldHands, pitch: float) -> FloatArray:
     """Compute three intersection volumes of each frame [m³], shape (T, 3): exact, solid voxels, surface voxels.
 
-    NaN in missing frames and without skin and cones, and where the skin is no closed surface.
+    NaN in missing frames and without skin and cones, and where the skin is no closed surface. Of parts that move the
+    voxels are none of the object: NaN.
     """
     found = np.full((len(hands.time), 3), np.nan)
     solids_of = hand_solids(hands)
@@ -50,15 +52,24 @@ def volumes(hands: FieldHands, pitch: float) -> FloatArray:
         return found
     from manifold3d import Manifold, OpType
 
-    target = manifold_of(hands.mesh.vertices, hands.mesh.faces)
-    voxels = solid_voxels(hands.mesh, pitch), surface_voxels(hands.mesh, pitch)
+    bodies = hands.bodies
+    solids_of_bodies = [manifold_of(mesh.vertices, mesh.faces) for mesh in bodies.meshes]
+    targets = [solid for solid in solids_of_bodies if solid is not None]
+    voxels = () if bodies.motions else (solid_voxels(hands.mesh, pitch), surface_voxels(hands.mesh, pitch))
     for frame in np.flatnonzero(hands.known).tolist():
         solids = solids_of(frame)
         if solids is None:
             continue
-        if target is not None:
+        if len(targets) == len(bodies.meshes):
             # Pieces are smaller than the hand, and their union is faster.
-            found[frame, 0] = Manifold.batch_boolean([solid ^ target for solid in solids], OpType.Add).volume()
+            there = [
+                target.transform(np.column_stack([rotation_matrix(motion.turn[frame]), motion.shift[frame]]))
+                for target, motion in zip(targets, bodies.motions)
+            ]
+            pieces = [solid ^ target for target in there or targets for solid in solids]
+            found[frame, 0] = Manifold.batch_boolean(pieces, OpType.Add).volume()
+        if not voxels:
+            continue
         if hands.skin is None:
             # A voxel that the surface touches has its centre within a pitch of it.
             cones = cones_near(hands, frame, margin=pitch)

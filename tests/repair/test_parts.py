@@ -1,0 +1,445 @@
+"""Repair beside a thing whose parts move as recorded: every part, in every frame, where it is in that frame.
+
+The referee is coal, with a lid that is turned about its hinge in closed form.
+"""
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from coal_clearance import coal_clearance
+from conftest import Run
+from drawings_alone import leave_pictures_white
+from joint_samples import arrays_npz
+from leap_document import leap_hand
+from repair_scenes import HAND, held
+from skin_samples import skin_sample
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
+from hhsim.hand.model import HandModel, Side
+from hhsim.hand.quaternion import quaternion
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.field.field_table import field_rows
+from hhsim.metrics.field.hands import Bodies, FieldHands, FieldPair
+from hhsim.metrics.moving_parts import MovingParts, result_parts
+from hhsim.motion.trajectory import RigidMotion
+from hhsim.recordings.registry import ReadOptions, read_recording
+from hhsim.repair.offline import repair_frames
+from hhsim.repair.projection import correct
+from hhsim.repair.recorded_scene import model_joints
+from hhsim.repair.repair import repair_recording
+from hhsim.repair.request import RESULT, RepairOutcome, RepairRequest
+from hhsim.repair.skin_depth import push_out, skin_depth
+from hhsim.repair.tracks import HandJudge, parts_between, solver_beside
+from hhsim.result.reader import Result, hand_paths, load_result
+from hhsim.result.stored_hand import result_hand
+from hhsim.scene.described_scene import SceneWords, two_handed_scenes
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.parts_of_thing import box_mesh, load_thing
+from hhsim.scene.scene import Scene
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
+from hhsim.verify.coal_distance import HandReferee
+
+HANDS = HAND, HandModel.default("left")
+TICKS = np.array([*range(0, 450, 50), 900, 1300, 1600, 1800, 1900, 2000, 2100, 2200, 2300])
+"""Ticks of the script that are recorded: the hand comes, grasps the base, and the lid shuts on it."""
+HINGE = np.array([0.0, 0.105, 0.007])
+DEPTH = 2e-6
+"""Depth of the written hand [m] that rounding may leave."""
+OPTIONS = {"usual_up": "z", "length_unit": "m"}
+LAPTOP = """
+[[part]]
+name = "base"
+box = [0.3, 0.21, 0.014]
+position = [0.0, 0.0, -0.007]
+
+[[part]]
+name = "lid"
+box = [0.3, 0.21, 0.006]
+position = [0.0, 0.0, 0.01]
+parent = "base"
+joint.type = "hinge"
+joint.axis = [-1.0, 0.0, 0.0]
+joint.origin = [0.0, 0.105, 0.007]
+joint.limits = [0.0, 2.4]
+joint.recording = { file = "lid.csv", column = "angle", time = "t" }
+"""
+
+
+@cache
+def scenes() -> tuple[Scene, Scene]:
+    """Both hands at a laptop that is shut."""
+    script = load_script("close")
+    thing = load_thing("laptop", script)
+    trees = thing.trees(lambda mesh: cached_sphere_tree(mesh, TreeOptions(level=1)))
+    words = SceneWords(object="laptop", trajectory="close")
+    motions = script.of_two(), script.of_two()
+    placed = two_handed_scenes(words, thing.mesh, thing.tree(trees), HANDS, motions, thing=(thing, trees))
+    return placed[0].scene, placed[1].scene
+
+
+def time_and_angles() -> tuple[FloatArray, FloatArray]:
+    parts = scenes()[0].parts
+    assert parts is not None
+    return np.asarray(0.1 * np.arange(len(TICKS))), parts.values["lid"][TICKS]
+
+
+def write_laptop(folder: Path, late: float = 0.0) -> str:
+    """Write the laptop whose lid moves as recorded, `late` s after the hand's first frame."""
+    (folder / "laptop.toml").write_text(LAPTOP)
+    time, angle = time_and_angles()
+    rows = [f"{t + late!r},{a!r}" for t, a in zip(time.tolist(), angle.tolist())]
+    (folder / "lid.csv").write_text("\n".join(["t,angle", *rows]) + "\n")
+    return str(folder / "laptop.toml")
+
+
+def hand_at(side: int) -> HandConfiguration:
+    return HandConfiguration.of(scenes()[side].ticks).at(TICKS)
+
+
+def clearances(hand: HandModel, placed: PlacedHand, angle: FloatArray) -> FloatArray:
+    """Distances of a hand beside the laptop at these angles [m], of base and lid, (2, T)."""
+    still = RigidMotion(np.tile([1.0, 0.0, 0.0, 0.0], (len(angle), 1)), np.tile([0.0, 0.0, -0.007], (len(angle), 1)))
+    turn = quaternion(angle[:, None] * [-1.0, 0.0, 0.0])
+    # The lid's middle is 4 mm above the base's frame when it is shut, and turns with it about the hinge.
+    arm = np.array([0.0, 0.0, 0.01]) - HINGE
+    cos, sin = np.cos(-angle), np.sin(-angle)
+    turned = np.stack([0.0 * angle, cos * arm[1] - sin * arm[2], sin * arm[1] + cos * arm[2]], axis=1)
+    lid = RigidMotion(turn, turned + HINGE + [0.0, 0.0, -0.007])
+    sizes = (0.3, 0.21, 0.014), (0.3, 0.21, 0.006)
+    found = [
+        HandReferee(box_mesh(size), open_too=True).clearances(hand_shape(hand), moved.seen_hand(placed), np.inf)
+        for size, moved in zip(sizes, (still, lid))
+    ]
+    return np.asarray(np.array(found).min(axis=2))
+
+
+def written_clearances(result: Result, joints: FloatArray, angle: FloatArray, whose: str = "graphic") -> FloatArray:
+    """The same of the hand that a file holds, whose tips are points of the skin, with the palm of its result."""
+    hand = result_hand(result)
+    chains = joints[:, 1:].reshape(-1, 5, 4, 3).copy()
+    last = chains[:, :, 3] - chains[:, :, 2]
+    chains[:, :, 3] -= hand.radius[:, 3:] * last / np.linalg.norm(last, axis=2, keepdims=True)
+    palm = np.asarray(result[f"{whose}/position"]), np.asarray(result[f"{whose}/orientation"])
+    return clearances(hand, PlacedHand(chains, *palm), angle)
+
+
+@pytest.fixture
+def no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    leave_pictures_white(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def freed(tmp_path_factory: pytest.TempPathFactory) -> tuple[RepairRequest, RepairOutcome]:
+    """The repair of the right hand, recorded as keypoints."""
+    folder = tmp_path_factory.mktemp("freed")
+    path = folder / "hand.npz"
+    path.write_bytes(arrays_npz(keypoints=model_joints(HAND, hand_at(0)), t=time_and_angles()[0]))
+    request = RepairRequest(
+        path, write_laptop(folder), folder / "free.npz", hand="right", max_correction=0.1, options=OPTIONS
+    )
+    return request, repair_recording(request)
+
+
+def joints_of(path: Path, side: Side = "right") -> FloatArray:
+    read = read_recording(path, ReadOptions(hand=side, usual_up="z")).joints
+    assert read is not None
+    return read
+
+
+def test_no_part_is_entered_in_any_frame(freed: tuple[RepairRequest, RepairOutcome]) -> None:
+    request, outcome = freed
+    angle = time_and_angles()[1]
+    assert np.ptp(angle) > 0.5
+    result = load_result(request.beside(RESULT))
+    before = written_clearances(result, joints_of(request.recording), angle, "haptic")
+    after = written_clearances(result, joints_of(request.out), angle)
+    # Fingers are in the lid in some frames, in the base in others.
+    assert before.min(axis=1).max() < -1e-3
+    assert after.min() >= -DEPTH
+    assert not outcome.marked
+    assert outcome.figures["depth_cones_max_after"] == outcome.figures["volume_exact_max_after"] == 0.0
+
+
+def test_a_frame_without_a_need_stays_as_it_was(freed: tuple[RepairRequest, RepairOutcome]) -> None:
+    request, _ = freed
+    with np.load(request.recording) as before, np.load(request.out) as after:
+        moved = (before["keypoints"] != after["keypoints"]).any(axis=(1, 2))
+        assert before["t"].tobytes() == after["t"].tobytes()
+    # Six frames beside those in need may change, for a steady motion.
+    assert not moved[:3].any()
+    assert moved[-4:].all()
+
+
+def test_the_result_shows_the_parts_where_they_are(freed: tuple[RepairRequest, RepairOutcome], run: Run) -> None:
+    request, _ = freed
+    result = load_result(request.beside(RESULT))
+    parts, angle = result_parts(result), time_and_angles()[1]
+    assert parts is not None
+    assert (parts.name, parts.names) == ("laptop", ("base", "lid"))
+    np.testing.assert_allclose(parts.values["lid"], angle, atol=1e-12)
+    np.testing.assert_allclose(parts.world[:, 1, 3:], quaternion(angle[:, None] * [-1.0, 0.0, 0.0]), atol=1e-12)
+    assert run("verify", str(request.beside(RESULT)), "--quiet").code == 0
+
+
+def test_voxels_of_parts_that_move_are_no_figure(freed: tuple[RepairRequest, RepairOutcome]) -> None:
+    names = {name for name in freed[1].figures if name.startswith("volume")}
+    assert names == {f"volume_exact_{kind}_{when}" for kind in ("mean", "max") for when in ("before", "after")}
+
+
+@pytest.mark.usefixtures("no_picture")
+def test_a_thing_that_is_carried_gives_the_same_correction(
+    freed: tuple[RepairRequest, RepairOutcome], tmp_path: Path
+) -> None:
+    request, outcome = freed
+    with np.load(request.recording) as given:
+        joints, time = given["keypoints"], given["t"]
+    shift = np.linspace(0.0, 0.3, len(time))[:, None] * [1.0, 0.5, 0.2]
+    pose = {"object_pos": shift, "object_quat_wxyz": np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))}
+    (tmp_path / "hand.npz").write_bytes(arrays_npz(keypoints=joints + shift[:, None], t=time, **pose))
+    carried = replace(
+        request, recording=tmp_path / "hand.npz", object=write_laptop(tmp_path), out=tmp_path / "free.npz"
+    )
+    found = repair_recording(carried)
+    name = "depth_cones_max_before"
+    assert found.figures[name] == pytest.approx(outcome.figures[name], abs=1e-8)
+    with np.load(request.out) as still, np.load(carried.out) as moved:
+        np.testing.assert_allclose(moved["keypoints"] - shift[:, None], still["keypoints"], atol=2e-5)
+
+
+def write_two_hands(folder: Path, frames: int, late: int = 0) -> None:
+    """Write what a Leap Motion would have seen of both hands, of the left one from a later frame on."""
+    shown = []
+    for i, stamp in enumerate((1e6 * time_and_angles()[0][:frames]).round().astype(int).tolist()):
+        hands, pointables = [], []
+        for number, side in enumerate(("right", "left") if i >= late else ("right",)):
+            fields, joints = leap_hand(HANDS[number], hand_at(number).at(i))
+            hands.append({"id": 7 + number, "type": side, **fields, "confidence": 0.9})
+            pointables += [{"handId": 7 + number, "type": f, **joints[f]} for f in range(5)]
+        shown.append({"id": i, "timestamp": stamp, "hands": hands, "pointables": pointables})
+    document = {"metadata": {"formatVersion": 1, "frames": frames, "generatedBy": "LeapJS"}, "frames": shown}
+    (folder / "two.json").write_text(json.dumps(document))
+    write_laptop(folder)
+
+
+BOTH = ("--object", "laptop.toml", "--hands", "both", "--max-correction", "150", "--out", "free.json", "--json")
+SIDES: tuple[Side, Side] = ("right", "left")
+
+
+def test_both_hands_are_freed_by_one_command(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    leave_pictures_white(monkeypatch)
+    angle = time_and_angles()[1]
+    write_two_hands(tmp_path, len(angle))
+    answer = run("repair", "two.json", *BOTH)
+    assert answer.code in (0, 1)
+    for side, path in zip(SIDES, hand_paths(tmp_path / "free-result.h5"), strict=True):
+        result = load_result(path)
+        before = written_clearances(result, joints_of(tmp_path / "two.json", side), angle, "haptic")
+        after = written_clearances(result, joints_of(tmp_path / "free.json", side), angle)
+        assert before.min() < -1e-3, side
+        assert after.min() >= -DEPTH, side
+        parts = result_parts(result)
+        assert parts is not None
+        np.testing.assert_allclose(parts.values["lid"], angle, atol=1e-9)
+
+
+@pytest.mark.usefixtures("no_picture")
+def test_joints_begin_with_the_first_of_both_hands(run: Run, tmp_path: Path) -> None:
+    write_two_hands(tmp_path, 5, late=2)
+    (tmp_path / "lid.csv").write_text("t,angle\n0.0,1.0\n1.0,2.0\n")
+    found = json.loads(run("repair", "two.json", *BOTH).out)
+    for side, first in zip(SIDES, (0.0, 0.2)):
+        parts = result_parts(load_result(Path(found["hands"][side]["result"])))
+        assert parts is not None
+        np.testing.assert_allclose(parts.values["lid"], 1.0 + np.arange(first, 0.45, 0.1), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("word", "expected"),
+    [
+        ("door", "door has several things that move by themselves; expected one, of parts"),
+        ("blocks", "blocks has several things"),
+        ("none.toml", "none.toml"),
+        ("open.toml", "open.toml: part 'sheet': sheet.stl: an open surface"),
+    ],
+)
+def test_a_scene_that_cannot_be_taken_is_refused_in_one_line(
+    run: Run, tmp_path: Path, word: str, expected: str
+) -> None:
+    (tmp_path / "hand.npz").write_bytes(arrays_npz(keypoints=model_joints(HAND, hand_at(0)), t=time_and_angles()[0]))
+    trimesh.Trimesh(np.eye(3), [[0, 1, 2]]).export(tmp_path / "sheet.stl")
+    (tmp_path / "open.toml").write_text('[[part]]\nname = "sheet"\nmesh = "sheet.stl"\n')
+    answer = run("repair", "hand.npz", "--object", word, "--hand", "right", "--out", "free.npz")
+    assert answer.code == 2
+    last = answer.err.strip().splitlines()[-1]
+    assert expected in last
+    assert not (tmp_path / "free.npz").exists()
+
+
+def test_a_size_is_of_a_mesh_file(tmp_path: Path) -> None:
+    (tmp_path / "hand.npz").write_bytes(arrays_npz(keypoints=model_joints(HAND, hand_at(0)), t=time_and_angles()[0]))
+    request = RepairRequest(
+        tmp_path / "hand.npz", "laptop", tmp_path / "free.npz", hand="right", unit="mm", options=OPTIONS
+    )
+    with pytest.raises(InputError, match="laptop has its size"):
+        repair_recording(request)
+
+
+def parts_of_two(frames: int = 4) -> MovingParts:
+    """Two boxes: one that stands, and one that turns and rises."""
+    share = np.linspace(0.0, 1.0, frames)
+    still = np.tile([0.0, 0.0, -0.05, 1.0, 0.0, 0.0, 0.0], (frames, 1))
+    moved = np.concatenate(
+        [
+            np.stack([0.02 * share, 0.0 * share, 0.04 + 0.01 * share], axis=1),
+            quaternion(share[:, None] * [0.2, 0.1, 1.0]),
+        ],
+        axis=1,
+    )
+    meshes = box_mesh((0.2, 0.2, 0.05), "low"), box_mesh((0.05, 0.08, 0.03), "high")
+    trees = tuple(cached_sphere_tree(mesh, TreeOptions(level=1)) for mesh in meshes)
+    return MovingParts("two", ("low", "high"), meshes, trees, np.stack([still, moved], axis=1), {})
+
+
+def depth_in(shells: list[trimesh.Trimesh], points: FloatArray) -> FloatArray:
+    """How deep points are in the deepest of some shells, by trimesh."""
+    depth: Any = trimesh.proximity.signed_distance
+    return np.asarray(np.max([depth(shell, points) for shell in shells], axis=0))
+
+
+def shells(parts: MovingParts, frame: int) -> list[trimesh.Trimesh]:
+    """Each part as it stands in a frame."""
+    one = slice(frame, frame + 1)
+    return [
+        trimesh.Trimesh(parts.motion(p, one).points(mesh.vertices[None])[0], mesh.faces, process=False)
+        for p, mesh in enumerate(parts.meshes)
+    ]
+
+
+def test_distances_are_those_of_the_nearest_part_in_its_place() -> None:
+    parts = parts_of_two()
+    points = np.random.default_rng(2).uniform(-0.1, 0.1, (4, 60, 3))
+    judge = HandJudge(HAND, parts)
+    found = Bodies.of(parts).distance(points)
+    for frame in range(4):
+        expected = -depth_in(shells(parts, frame), points[frame])
+        np.testing.assert_allclose(found[frame], expected, atol=1e-9)
+        one = judge.at(slice(frame, frame + 1))
+        distance, slope = one.bodies.slopes(points[frame])
+        np.testing.assert_allclose(distance, expected, atol=1e-9)
+        ends = [one.bodies.slopes(points[frame] + sign * 1e-6 * slope)[0] for sign in (1.0, -1.0)]
+        np.testing.assert_allclose((ends[0] - ends[1]) / 2e-6, 1.0, atol=1e-4)
+
+
+def test_figures_are_those_of_each_frame_by_itself() -> None:
+    parts = parts_of_two()
+    random = np.random.default_rng(5)
+    center = np.array([0.02, 0.0, 0.05])
+    low = center + random.uniform(-0.02, 0.0, (4, 3))
+    boxes = [trimesh.creation.box(bounds=[at, at + 0.03]) for at in low]
+    skin, faces = np.array([box.vertices for box in boxes]), np.array(boxes[0].faces)
+    joints = center + random.uniform(-0.03, 0.03, (4, 21, 3))
+    hands = FieldHands(np.arange(4.0), joints, parts.meshes[0], skin=skin, faces=faces, parts=parts)
+    rows = {row.name: row for row in field_rows(FieldPair(hands, hands))}
+    depth, volume = [], []
+    for frame in range(4):
+        both = shells(parts, frame)
+        inside = depth_in(both, skin[frame])
+        depth.append(max(0.0, inside.max()))
+        volume.append(trimesh.boolean.intersection([boxes[frame], both[1]]).volume)
+    assert min(volume) > 0.0
+    assert rows["depth_skin_max"].before == pytest.approx(max(depth), abs=1e-9)
+    assert rows["depth_skin_mean"].before == pytest.approx(np.mean(depth), abs=1e-9)
+    assert rows["volume_exact_mean"].before == pytest.approx(np.mean(volume), rel=1e-6)
+    assert not {"volume_voxels_mean", "volume_trimesh_mean", "contact_deviation"} & set(rows)
+
+
+def test_missing_frames_leave_the_others_beside_their_own_parts() -> None:
+    parts, frames = parts_of_two(6), held(6, 0.07, 0.3)
+    frames.position[1] = np.nan
+    free = repair_frames(HAND, parts, frames, 0.1)
+    joints = model_joints(HAND, frames)
+    found, marked = correct(joints, HAND, frames, free, parts, tip_on_surface=False, max_correction=0.2)
+    assert np.isnan(free.position[1]).all()
+    assert not marked.any()
+    for frame in (0, 2, 3, 4, 5):
+        meshes = [Mesh(shell.vertices, shell.faces) for shell in shells(parts, frame)]
+        nearest = [
+            min(coal_clearance(HAND, mesh, forward_kinematics(HAND, *hands.part(frame, frame + 1))) for mesh in meshes)
+            for hands in (frames, free, found.posture)
+        ]
+        assert nearest[0] < -1e-3
+        assert min(nearest[1:]) >= -DEPTH
+
+
+def test_parts_that_leave_no_place_have_the_frame_marked() -> None:
+    meshes = box_mesh((2.0, 2.0, 1.0), "low"), box_mesh((2.0, 2.0, 1.0), "high")
+    trees = (cached_sphere_tree(meshes[0], TreeOptions(level=1)),) * 2
+    # A gap of 0.3 m between the blocks, which has gone in the second frame.
+    poses = np.zeros((2, 2, 7))
+    poses[:, :, 3] = 1.0
+    poses[:, 0, 2], poses[:, 1, 2] = -0.65, (0.65, 0.35)
+    parts, frames = MovingParts("press", ("low", "high"), meshes, trees, poses, {}), held(2)
+    free = repair_frames(HAND, parts, frames, 0.1)
+    joints = model_joints(HAND, frames)
+    found, marked = correct(joints, HAND, frames, free, parts, tip_on_surface=False, max_correction=0.1)
+    assert marked.tolist() == [False, True]
+    assert np.array_equal(found.joints[0], joints[0])
+
+
+def test_a_skin_is_freed_from_parts_that_move(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hhsim.repair.skin_depth.BLOCK_FRAMES", 5)
+    sample = skin_sample()
+    middle = sample.joints[:, 10] + [0.0, 0.02, 0.02]
+    turn = quaternion(np.linspace(0.0, 1.0, len(middle))[:, None] * [0.0, 0.0, 1.0])
+    poses = [np.concatenate([middle + aside, turn], axis=1) for aside in ([0.0, 0.0, 0.0], [0.0, 0.0, 0.06])]
+    meshes = box_mesh((0.05, 0.05, 0.05), "a"), box_mesh((0.05, 0.05, 0.05), "b")
+    trees = (cached_sphere_tree(meshes[0], TreeOptions(level=1)),) * 2
+    parts = MovingParts("two", ("a", "b"), meshes, trees, np.stack(poses, axis=1), {})
+    found = push_out(parts, sample.hand, sample.skin, sample.joints, sample.fitted, sample.fitted)
+    depth, deepest = skin_depth(parts, sample.skin.vertices)
+    for frame in range(12):
+        inside = depth_in(shells(parts, frame), sample.skin.vertices[frame])
+        assert depth[frame] == pytest.approx(max(0.0, inside.max()), abs=1e-9)
+        assert inside[deepest[frame]] == pytest.approx(depth[frame], abs=1e-9)
+    assert depth.max() > 1e-3
+    assert found.is_freed.all()
+    assert not found.depth_after.any()
+
+
+def test_a_solver_begins_beside_the_parts_of_its_frame() -> None:
+    parts = parts_of_two()
+    options = SolverOptions(surface="mesh")
+    solver = solver_beside(parts, HAND, options, 2)
+    for part, pose in zip(solver.workspace.surface.part, parts.path[2]):
+        assert np.array_equal(part.position, pose[:3])
+        assert np.array_equal(part.orientation, pose[3:])
+        turned = RigidMotion(pose[None, 3:], np.zeros((1, 3))).points(np.eye(3)[None])[0]
+        np.testing.assert_allclose(part.rotation, turned.T, atol=1e-12)
+
+
+def test_parts_go_the_short_way_and_end_in_their_place() -> None:
+    turn = quaternion(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.4]]))
+    before, after = np.zeros((1, 7)), np.full((1, 7), 0.1)
+    before[0, 3:], after[0, 3:] = turn[0], -turn[1]
+    path = parts_between(np.stack([before, after]), 4)
+    assert path.shape == (4, 1, 7)
+    assert np.array_equal(path[-1], after)
+    np.testing.assert_allclose(np.linalg.norm(path[:, 0, 3:], axis=1), 1.0, atol=1e-12)
+    np.testing.assert_allclose(np.abs(path[1, 0, 3:] @ quaternion(np.array([[0.0, 0.0, 0.2]]))[0]), 1.0, atol=1e-4)
+
+
+def test_a_thing_begins_at_a_later_time() -> None:
+    thing = load_thing("laptop", load_script("close"))
+    time = np.linspace(0.0, 2.0, 5)
+    np.testing.assert_allclose(thing.begun(0.9).path(time), thing.path(time + 0.9), atol=1e-12)
