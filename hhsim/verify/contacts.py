@@ -295,7 +295,7 @@ def near_triangle_pairs(
         row, face = _not_apart(a, b, thick + near, triangles, row, face)
         for halvings in (FEW, HALVINGS):
             axis, drop = (b - a)[row], (radius_b - radius_a)[row]
-            long = axis.any(axis=1)
+            long = np.asarray(axis.any(axis=1))
             some_drop, ready = drop[long], triangles.at(face[long])
             start, along = np.ascontiguousarray(a[row][long].T), np.ascontiguousarray(axis[long].T)
 
@@ -308,7 +308,7 @@ def near_triangle_pairs(
             place, size = a[row] + share[:, None] * axis, radius_a[row] + share * drop
             distance = np.linalg.norm(away_from_triangles(triangles.at(face), place.T), axis=0) - size
             # The nearest place is within one last interval, and the distance falls by no more on the way there.
-            kept = distance <= near + 0.5**halvings * (np.linalg.norm(axis, axis=1) + np.abs(drop))
+            kept = np.flatnonzero(distance <= near + 0.5**halvings * (np.linalg.norm(axis, axis=1) + np.abs(drop)))
             row, face, share, axis, drop, long = row[kept], face[kept], share[kept], axis[kept], drop[kept], long[kept]
         ends = [np.flatnonzero(long & (share != end)) for end in (0.0, 1.0)]
         rows = np.concatenate([np.arange(len(row)), *ends])
