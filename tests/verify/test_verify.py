@@ -409,6 +409,21 @@ def test_a_place_on_the_axis_is_the_nearest(seed: int) -> None:
     assert np.allclose(found, round_cone_distance(points, a, b, big, small), atol=1e-12)
 
 
+@given(st.integers(0, 2**32 - 1), st.floats(1e-3, 0.3), st.floats(0.01, 0.4), st.floats(0.01, 0.4))
+def test_no_place_on_the_axis_is_nearer(seed: int, length: float, first: float, last: float) -> None:
+    """Also where the ball at one end holds that at the other."""
+    rng = np.random.default_rng(seed)
+    a, way = rng.normal(size=(2, 3))
+    axis, count = length * way / np.linalg.norm(way), 20
+    points = a + rng.normal(size=(count, 3)) * rng.uniform(0.01, 1.0)
+    ends = np.tile(a, (count, 1)), np.tile(a + axis, (count, 1))
+    place, radius = axis_places(*ends, np.full(count, first), np.full(count, last), points)
+    share = np.linspace(0.0, 1.0, 1001)
+    balls = np.linalg.norm(a + share[:, None] * axis - points[:, None], axis=2) - (first + share * (last - first))
+    found = np.linalg.norm(place - points, axis=1) - radius
+    assert np.all(found <= balls.min(axis=1) + 1e-12) and np.all(found >= balls.min(axis=1) - 1e-3 * (length + 0.4))
+
+
 def test_own_kinematics_are_those_of_the_hand_for_any_angles(honest: Result) -> None:
     rng = np.random.default_rng(3)
     orientation = rng.normal(size=(50, 4))
