@@ -487,18 +487,25 @@ def _stopped(scene: Recorded, own: OwnHand, h: int) -> Iterator[tuple[int, str]]
     before = False
     for end, way in zip(ends.tolist(), moved):
         stopped = late[end] - late[end - WINDOW] == WINDOW and way < STOPPED
+        # Beside a thing that flies past, a hand that is where the user's is may be late by a nanometre in each tick.
+        stopped = stopped and _off(scene, own, h, end) > ARRIVED
         if stopped and not before:
             yield end, "a hand has stopped"
         before = bool(stopped)
     if scene.released:
-        last = np.array([scene.ticks - 1])
-        there, here = (pose(own, of[h].at(last)).joints for of in (scene.haptic, scene.shown))
-        if np.linalg.norm(there - here, axis=3).max() > ARRIVED:
-            was = pose(own, scene.shown[h].at(last - WINDOW)).joints
-            goes = np.linalg.norm(here - was, axis=3).max() > ON_ITS_WAY
+        last = scene.ticks - 1
+        if _off(scene, own, h, last) > ARRIVED:
+            was, here = pose(own, scene.shown[h].at(np.array([last - WINDOW, last]))).joints
+            goes = np.linalg.norm(here - was, axis=2).max() > ON_ITS_WAY
             # The parts are open again: there is a place.
             has_none = bool(scene.status[h, -1] & STATUS_NO_PLACE)
             yield scene.ticks - 1, OPEN if has_none else "" if goes else "a hand was left behind"
+
+
+def _off(scene: Recorded, own: OwnHand, h: int, tick: int) -> float:
+    """Return how far a shown hand's farthest joint is from the user's at a tick [m]."""
+    there, here = (pose(own, of[h].at(np.array([tick]))).joints for of in (scene.haptic, scene.shown))
+    return float(np.linalg.norm(there - here, axis=3).max())
 
 
 def unborne(scene: Recorded, owns: Sequence[OwnHand], h: int, tick: int) -> float:

@@ -94,6 +94,8 @@ def free_problem_dtype(hands: int, things: int) -> "np.dtype[Any]":
             ("common", np.float64, (common if hands == 1 else dof, rows)),
             ("block", np.float64, (PHALANX_COUNT, rows)),  # columns of the row's own finger, scaled
             ("rhs", np.float64, (rows,)),  # [m] for contacts, [rad] for limits
+            ("share", np.float64),  # share of a free distance that a step may use up
+            ("is_fresh", np.int64),  # 1 while the rows of contacts are as they were written
             ("key", np.int64, (rows,)),  # names the same row at every tick
             ("owner", np.int64, (rows,)),  # its place in the contacts with friction, or -1
             ("kind", np.int64, (rows,)),  # 0 normal, 1 to 3 for e_1 to e_3, 4 to 6 for their opposites
@@ -356,7 +358,10 @@ def touches(states: States, problem: Record, hand: int, finger: int) -> bool:
 def friction_rows(
     states: States, bodies: Record, offset: float, relaxed: bool, problem: Record, friction: Record
 ) -> None:
-    """Write the rows of friction and of the table, and the groups of all rows."""
+    """Write the rows of friction, of the table, of joints and of hands that meet, and the groups of all rows.
+
+    The rows of contacts, which are there, are changed once: those with friction stand back, and all have their share.
+    """
     pairs, hands = pair_count(problem), hand_count(problem)
     # Hands that meet may bend any finger to its limit.
     meets = as_bool(hands > 1 and states[0].meeting.count > 0)
@@ -374,6 +379,7 @@ def friction_rows(
                 start = limits + 2 * PHALANX_COUNT * f
                 _add_group(problem, start, start + 2 * PHALANX_COUNT, fingers + PHALANX_COUNT * f)
     row = problem.last[pairs - 1] + (LIMIT_ROWS if pairs == hands else 0)
+    changed = 0 if problem.is_fresh == 1 else row
     for p in range(pairs):
         fingers = first_finger(problem, problem.hand[p])
         for owner in range(FINGER_COUNT + 1 if problem.other[p] < 0 else 1):
@@ -399,16 +405,21 @@ def friction_rows(
         row += 1
         if friction.has_friction[i] == 1:
             row = contact_rows(states, bodies, offset, relaxed, i, row, problem, friction)
+    joints = row
     row = joint_rows(states, bodies, relaxed, row, problem)
     _add_group(problem, table, row, -1)
+    meetings = row
     if hand_count(problem) > 1:
-        first, row = row, meeting_rows(states, offset, row, problem)
-        _add_group(problem, first, row, -1)
+        row = meeting_rows(states, offset, row, problem)
+        _add_group(problem, meetings, row, -1)
     problem.rows = row
-    for i in range(friction.of_hand):
-        row = friction.contact[i]
-        problem.owner[row] = i
-        problem.rhs[row] -= STANDS_BACK * offset
+    for i in range(friction.of_hand if problem.is_fresh == 1 else 0):
+        problem.owner[friction.contact[i]] = i
+        problem.rhs[friction.contact[i]] -= STANDS_BACK * offset
+    problem.is_fresh = 0
+    for i in range(changed if problem.share < 1.0 else row, row):
+        if problem.rhs[i] < 0.0 and (i >= meetings or (i < joints and problem.kind[i] == 0)):
+            problem.rhs[i] *= problem.share
 
 
 @jit

@@ -92,7 +92,7 @@ from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.restoration import TRUST_DECAY, only_restores, take_back
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_LAG, WORK_LINEARISATIONS, WORK_TOUCHING
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
-from hhsim.kernels.tick.step_length import WHOLE_TARGET, allowed_fraction
+from hhsim.kernels.tick.step_length import LEAST_SHARE, WHOLE_TARGET, allowed_fraction
 from hhsim.kernels.tick.tick import MOST_FAILED_STEPS, accept, begin_tick, converge, tick_status, update_reach
 
 CLOSE = 20.0
@@ -249,6 +249,7 @@ def _write_contacts(method: Free, state: Record) -> None:
     """Write the rows of all contacts and joint limits, but for the things' columns."""
     problem, relaxed, offset = state.free_problem, state.program.is_relaxed, method.options.offset
     build_rows(method.movers[0], state.pose, state.contacts, offset, relaxed, problem)
+    problem.is_fresh, problem.share = 1, 1.0
     for p in range(1, pair_count(problem)):
         each, first, last, palm = method.states[p], problem.first[p], problem.last[p], 12 * problem.hand[p]
         own = each.problem
@@ -423,8 +424,8 @@ def _allowed(method: Free, state: Record) -> tuple[float, float]:
 
 
 @jit_once
-def _clip_target(method: Free, only_restore: bool, state: Record) -> float:
-    """Bring a far target nearer, see `kernels.tick.step_length.clip_target`.
+def _clip_target(method: Free, only_restore: bool, state: Record) -> tuple[float, float]:
+    """Bring a far target nearer, see `kernels.tick.step_length.clip_target`, which returns the same.
 
     The motions of hands and things are shortened alike: a hand that was short of its motion past the object alone would
     be carried along by it, for no force, and its springs drawn out by nobody. The targets are moved by what is taken
@@ -435,7 +436,7 @@ def _clip_target(method: Free, only_restore: bool, state: Record) -> float:
     if only_restore:
         fraction = 0.0
     elif fraction >= 0.5:
-        return WHOLE_TARGET
+        return WHOLE_TARGET, 1.0
     off = 1.0 - fraction
     for h in range(hand_count(problem)):
         fingers = first_finger(problem, h)
@@ -450,13 +451,19 @@ def _clip_target(method: Free, only_restore: bool, state: Record) -> float:
             problem.body_target[OBJECT_DOF * k + j] -= body.clipped[j]
     for f in range(FINGER_COUNT * hand_count(problem)):
         problem.abduction_step[f] *= fraction
-    _write_contacts(method, state)
-    if pair_count(problem) > hand_count(problem):
-        # What this writes anew has not been turned to the frame of the first thing.
-        object_columns(method.states, state.bodies, state.contacts, problem)
+    _write_anew(method, state)
     scale_target(state.bodies, problem)
     clip_shifts(fraction, state.friction)
-    return longest
+    return longest, fraction
+
+
+@jit
+def _write_anew(method: Free, state: Record) -> None:
+    """Write the rows of contacts and limits once more."""
+    _write_contacts(method, state)
+    if pair_count(state.free_problem) > hand_count(state.free_problem):
+        # What this writes anew has not been turned to the frame of the first thing.
+        object_columns(method.states, state.bodies, state.contacts, state.free_problem)
 
 
 @solve_linearisation.of(Free)
@@ -469,9 +476,15 @@ def _solve_linearisation(
         return as_int64(OVERFLOW), full_motion
     status = _solve(method, count, as_bool(False), state, qp)
     if status == OPTIMAL and (count > 0 or (hand_count(state.free_problem) > 1 and state.meeting.count > 0)):
-        full_motion = _clip_target(method, only_restores(method.options, state, done), state)
+        full_motion, share = _clip_target(method, only_restores(method.options, state, done), state)
         if full_motion != WHOLE_TARGET:
             status = _solve(method, count, as_bool(True), state, qp)
+            if status == OPTIMAL and _allowed(method, state)[0] < LEAST_SHARE:
+                # A contact that is reached with the whole step has no load on a part of the way: what it bore would
+                # draw the hand all the way there, and a small share of that mends no clearance.
+                _write_anew(method, state)
+                state.free_problem.share = share
+                status = _solve(method, count, as_bool(True), state, qp)
     return status, full_motion
 
 
