@@ -479,7 +479,8 @@ def _solve_linearisation(
         full_motion, share = _clip_target(method, only_restores(method.options, state, done), state)
         if full_motion != WHOLE_TARGET:
             status = _solve(method, count, as_bool(True), state, qp)
-            if status == OPTIMAL and _allowed(method, state)[0] < LEAST_SHARE:
+            two = hand_count(state.free_problem) > 1
+            if status == OPTIMAL and two and _allowed(method, state)[0] < LEAST_SHARE:
                 # A contact that is reached with the whole step has no load on a part of the way: what it bore would
                 # draw the hand all the way there, and a small share of that mends no clearance.
                 _write_anew(method, state)
