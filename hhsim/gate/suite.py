@@ -1,5 +1,6 @@
 """Suite of a gate: scenes and limits, in a TOML file that a project commits (`hhsim-gate.toml`, see docs/gate.md)."""
 
+import math
 from collections import Counter
 from collections.abc import Mapping
 from importlib.resources import files
@@ -9,7 +10,15 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, field, structs
 
 from hhsim.errors import InputError, UnknownNameError, check_known
-from hhsim.gate.metrics import COUNTERS, OF_SESSIONS, OF_SUBMISSIONS, OUTSIDE_DEFAULTS, SESSION_DEFAULTS, limitable
+from hhsim.gate.metrics import (
+    COUNTERS,
+    OF_SESSIONS,
+    OF_SUBMISSIONS,
+    OUTSIDE_DEFAULTS,
+    SESSION_DEFAULTS,
+    held_to_base,
+    limitable,
+)
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.solver.method import METHODS
 from hhsim.solver.method_names import ISOLATED, method_names
@@ -35,6 +44,8 @@ BOTH = "both"
 SCENES = "[[scene]] tables, each with a name, and object and trajectory, submission, or session"
 Share = Annotated[float, between(0.0, 1.0)]
 Word = Annotated[str, Meta(pattern="^[^-]", description="text that is no option: options go to arguments")]
+SLACK = 0.005
+"""Growth of a counter that is no miss, as a share, where a suite has none."""
 DEFAULT_SUITE = "default-suite.toml"
 """File beside this module with the default suite, without the limits that the figures themselves state."""
 
@@ -53,7 +64,9 @@ class _Judged(Settings, frozen=True, kw_only=True, rename={"slack": "counters"})
     def on_top_of(self, limits: Mapping[str, float], slack: Mapping[str, float]) -> dict[str, Any]:
         """Return limits and slack, overridden by its own; false removes a limit."""
         every = {name: self.slack.get("slack", share) for name, share in slack.items()}
-        kept = {name: limit for name, limit in {**limits, **self.limits}.items() if limit is not False}
+        # An infinite limit takes one away that follows from the base, too.
+        own = {name: math.inf if limit is False else limit for name, limit in self.limits.items()}
+        kept = {n: limit for n, limit in {**limits, **own}.items() if limit < math.inf or n in held_to_base()}
         return {"limits": kept, "slack": {name: self.slack.get(name, share) for name, share in every.items()}}
 
 
@@ -171,7 +184,7 @@ def default_suite_text() -> str:
 def parse_suite(text: str, folder: Path, source: str) -> GateSuite:
     """Parse a suite's TOML, with paths relative to `folder`; `source` is for messages. InputError as `load_suite`."""
     table = parse_settings(text, _SuiteTable, source)
-    usual = table.on_top_of(SESSION_DEFAULTS, dict.fromkeys(COUNTERS, 0.0))
+    usual = table.on_top_of(SESSION_DEFAULTS, dict.fromkeys(COUNTERS, SLACK))
     scenes = tuple(_completed(scene, table, **usual) for scene in table.scenes)
     return GateSuite(**{**structs.asdict(table), **usual, "scenes": scenes}, folder=folder, source=source)
 
