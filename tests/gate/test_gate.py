@@ -121,7 +121,7 @@ def test_an_error_in_a_single_tick_is_caught(result: Path, dataset: str, value: 
 
 
 def sunk(stored: Path, name: str, more: float, last: int = 200) -> Path:
-    """A copy whose palm is 9.459 mm deep from tick 150 on, and whose index is `more` [m] deeper than none until `last`."""
+    """A copy whose palm is 9.459 mm deep from tick 150 on, and whose index is `more` [m] deep from there to `last`."""
     path = Path(shutil.copy(stored, stored.with_name(name)))
     with changed(path) as file:
         palm, finger = file["tick/penetration_palm"][...], file["tick/penetration_finger"][...]
