@@ -67,11 +67,6 @@ def compared_metrics() -> dict[str, RunMetric]:
     return {**judged_metrics(), **PART_DEPTHS}
 
 
-def held_to_base() -> set[str]:
-    """Return the names of the figures whose limit is the base's value where a suite gives none."""
-    return {name for name, metric in compared_metrics().items() if metric.judged and metric.judged.growth >= 0.0}
-
-
 def without_times(limits: Mapping[str, float]) -> dict[str, float]:
     """Return the limits without those of times, which depend on the machine."""
     times = {name for name, metric in run_metrics().items() if metric.noise} | {time.name for time in SESSION_TIMES}
@@ -110,7 +105,7 @@ def run_figures(result: Result) -> RunFigures:
     told = known_figures(gives) if result.live is None else known_figures(gives) | OF_SESSIONS
     ticks, judged = result_ticks(result, _ComputedAnew(result)), compared_metrics()
     computed = tick_figures(ticks) | {
-        name: metric.compute(ticks) for name, metric in PART_DEPTHS.items() if metric.compute
+        name: depth.compute(ticks) for name, depth in PART_DEPTHS.items() if depth.compute
     }
     told |= PART_DEPTHS.keys()
     stored = {name: float(result.summary.get(name, np.nan)) for name in told if name not in computed}

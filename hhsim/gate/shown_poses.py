@@ -9,23 +9,19 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.result.reader import Result
 
 ShownPoses = Mapping[str, FloatArray]
-"""Places [m], turns (unit quaternions) and the total force [N] by name, world, each (T, 3) or (T, 4)."""
-
+"""Places [m], and the total force [N], by name, world, each (T, 3)."""
 KEPT = 16
 """Ticks that a baseline keeps of each run."""
-FORCE, TURN = "total force", "turn of the "
-ROUNDING = {"mm": 1e-6, "mrad": 1e-5, "N": 1e-6}
-"""Differences that are rounding, by their unit; a baseline keeps whole nanometres."""
+FORCE = "total force"
+ROUNDING = {"m": 1e-9, "N": 1e-6}
+"""Differences of ticks that are rounding; a baseline keeps whole nanometres."""
 
 
 def shown_poses(result: Result) -> dict[str, FloatArray]:
-    """Return the shown hand, the total force, and a free object's pose at each tick, world."""
-    joints = result["graphic/joints"]
-    found = {"palm": result["graphic/position"], f"{TURN}palm": result["graphic/orientation"]}
-    found |= {f"tip of the {name}": joints[:, finger, -1] for finger, name in enumerate(FINGERS)}
-    if result.free:
-        found |= {"object": result["object/position"], f"{TURN}object": result["object/orientation"]}
-    return {**found, FORCE: result["force/total"]}
+    """Return the shown palm and fingertips, the place of a free object and the total force at each tick."""
+    tips = {f"tip of the {name}": result["graphic/joints"][:, finger, -1] for finger, name in enumerate(FINGERS)}
+    free = {"object": result["object/position"]} if result.free else {}
+    return {"palm": result["graphic/position"], **tips, **free, FORCE: result["force/total"]}
 
 
 def kept_ticks(ticks: int) -> IntArray:
@@ -38,29 +34,17 @@ def told_difference(head: ShownPoses, base: ShownPoses) -> tuple[str, bool]:
 
     Where one side is a baseline's, the ticks that it keeps are compared.
     """
-    largest: dict[str, tuple[float, str]] = {}
-    both = [name for name in head if name in base]
-    whole = all(len(head[name]) == len(base[name]) for name in both)
-    for name in both:
-        one, other = (
-            values if whole or len(values) <= KEPT else values[kept_ticks(len(values))]
-            for values in (head[name], base[name])
-        )
-        unit = "N" if name == FORCE else "mrad" if name.startswith(TURN) else "mm"
-        between = np.linalg.norm(one - other, axis=1)
-        if unit == "mrad":  # each turn is two unit quaternions, and the angle between turns twice that between these
-            between = np.minimum(between, np.linalg.norm(one + other, axis=1))
-        apart = {"N": 1.0, "mrad": 2e3, "mm": 1e3}[unit] * float(np.nan_to_num(between, nan=np.inf).max(initial=0.0))
-        largest[unit] = max(largest.get(unit, (0.0, "")), (apart, name))
-    where = "" if whole else f" at the {KEPT} ticks that the baseline keeps"
-    beyond = [
-        f"{name} by up to {apart:.3g} {unit}" for unit, (apart, name) in largest.items() if apart > ROUNDING[unit]
-    ]
-    if not largest:
+    apart: dict[str, float] = {}
+    where = "" if len(head[FORCE]) == len(base.get(FORCE, ())) else f" at the {KEPT} ticks that the baseline keeps"
+    for name in (name for name in head if name in base):
+        one, other = (values[kept_ticks(len(values))] if where else values for values in (head[name], base[name]))
+        apart[name] = float(np.nan_to_num(np.linalg.norm(one - other, axis=1), nan=np.inf).max(initial=0.0))
+    if not apart:
         return "by how much is not known, since the baseline keeps no poses", False
-    if beyond:
-        return ", ".join(beyond) + where, False
-    # What differs may be elsewhere: in a knuckle, in the force of a phalanx, or between the kept ticks.
-    if not whole or not any(apart for apart, _ in largest.values()):
-        return f"palm, fingertips and total force are the same{where}", False
-    return "by rounding alone", True
+    force, place = apart.pop(FORCE, 0.0), max(apart, key=lambda name: apart[name])
+    told = [f"{place} by up to {1e3 * apart[place]:.3g} mm"] if apart[place] > ROUNDING["m"] else []
+    told += [f"{FORCE} by up to {force:.3g} N"] if force > ROUNDING["N"] else []
+    # Else it may be elsewhere: in a turn, in a knuckle, in the force of a phalanx, or between the kept ticks.
+    rounding = not told and not where and apart[place] > 0.0
+    same = "by rounding alone" if rounding else f"palm, fingertips and {FORCE} are the same"
+    return f"{', '.join(told) or same}{where}", rounding

@@ -1,6 +1,5 @@
 """Suite of a gate: scenes and limits, in a TOML file that a project commits (`hhsim-gate.toml`, see docs/gate.md)."""
 
-import math
 from collections import Counter
 from collections.abc import Mapping
 from importlib.resources import files
@@ -10,15 +9,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, field, structs
 
 from hhsim.errors import InputError, UnknownNameError, check_known
-from hhsim.gate.metrics import (
-    COUNTERS,
-    OF_SESSIONS,
-    OF_SUBMISSIONS,
-    OUTSIDE_DEFAULTS,
-    SESSION_DEFAULTS,
-    held_to_base,
-    limitable,
-)
+from hhsim.gate.metrics import COUNTERS, OF_SESSIONS, OF_SUBMISSIONS, OUTSIDE_DEFAULTS, SESSION_DEFAULTS, limitable
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.solver.method import METHODS
 from hhsim.solver.method_names import ISOLATED, method_names
@@ -62,12 +53,12 @@ class _Judged(Settings, frozen=True, kw_only=True, rename={"slack": "counters"})
         check_known("key in counters", self.slack, ("slack", *COUNTERS))
 
     def on_top_of(self, limits: Mapping[str, float], slack: Mapping[str, float]) -> dict[str, Any]:
-        """Return limits and slack, overridden by its own; false removes a limit."""
+        """Return limits and slack, overridden by its own; false is no limit, nor one that follows from the base."""
         every = {name: self.slack.get("slack", share) for name, share in slack.items()}
-        # An infinite limit takes one away that follows from the base, too.
-        own = {name: math.inf if limit is False else limit for name, limit in self.limits.items()}
-        kept = {n: limit for n, limit in {**limits, **own}.items() if limit < math.inf or n in held_to_base()}
-        return {"limits": kept, "slack": {name: self.slack.get(name, share) for name, share in every.items()}}
+        return {
+            "limits": {**limits, **self.limits},
+            "slack": {name: self.slack.get(name, share) for name, share in every.items()},
+        }
 
 
 class GateScene(_Judged, frozen=True, kw_only=True, rename={"slack": "counters", "may_change": "motion_may_change"}):

@@ -110,9 +110,8 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
         before = math.nan if base is None else base.errors.get(name, math.nan)
         growth = metric.judged.growth if metric.judged else math.nan
         limit = limits.get(name, before + growth)
-        limited = name in limits
-        if math.isinf(limit):
-            limit, limited = math.nan, False
+        limited = name in limits and limit is not False
+        limit = math.nan if limit is False else limit
         lost = name not in head.errors and not math.isnan(before)
         nothing = math.isnan(value) or (value == 0.0 and math.isnan(before))
         if nothing and not limited and not lost:
@@ -145,9 +144,9 @@ def judge_others(scene: str, head: RunFigures, limits: Mapping[str, float]) -> l
     """Judge figures that only the suite limits, and suspicions about a submission."""
     rows = []
     for name, figure in limitable().items():
-        if name not in limits or name in compared_metrics():
+        value, limit = head.others.get(name, math.nan), limits.get(name, False)
+        if limit is False or name in compared_metrics():
             continue
-        value, limit = head.others.get(name, math.nan), limits[name]
         passed = math.isnan(value) or value <= limit
         reason = "" if passed else OVER
         if math.isnan(value):
