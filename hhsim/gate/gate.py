@@ -59,8 +59,7 @@ class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=F
         """Return the scene of a run, without times."""
         errors = {name: value if math.isfinite(value) else None for name, value in figures.errors.items()}
         few = {name: values[kept_ticks(len(values))].round(PLACES).tolist() for name, values in figures.shown.items()}
-        of_run = {"inputs": figures.inputs, "digest": figures.digest, "errors": errors, "counters": figures.counters}
-        return cls(**of_run, shown=few)
+        return cls(inputs=figures.inputs, digest=figures.digest, errors=errors, counters=figures.counters, shown=few)
 
     def check(self) -> None:
         """Check that there is a time of the reference workload for each time."""
