@@ -1,9 +1,9 @@
 # Both commands need Python 3.11 to 3.13 with pip; everything else goes into .venv, once.
 #   make replay     the first result: a five-finger grasp of the Stanford bunny
 #   make test       style, types, tests, and the gate on errors and work
-#   make wheel      a wheel with its kernels compiled, in dist/; five minutes
+#   make wheel      a wheel with its kernels compiled, in dist/
 #   make sdist      the sources as a distribution, in dist/;  make check-dist  checks what lies there
-#   make soak       tests that repeat at length what make test has shown; half an hour
+#   make soak       tests that repeat at length what make test has shown
 # Another interpreter: make test PYTHON=python3.12
 
 PYTHON ?= python3

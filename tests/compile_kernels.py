@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.mesh.catalogue import load_object
-from hhsim.motion.analytic_motion import still
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
 
@@ -66,21 +65,6 @@ def free() -> None:
     sessions(mesh=mesh, free=block, options=options)
 
 
-def distances() -> None:
-    """What tests measure by brute force."""
-    import numpy as np
-    from sphere_scenes import brute_clearance, brute_pairs, bumpy_ball
-
-    from hhsim.hand.model import HandModel
-
-    hand, ball, motion = HandModel.default(), bumpy_ball(8), still(np.zeros(3))
-    leaves, palm = (ball.leaf_center, ball.leaf_radius), hand.palm_tree
-    brute_pairs(hand, *leaves, motion)
-    joints = hand.joints(*motion.at(0))[None]
-    sizes = hand.radius, palm.leaf_center, palm.leaf_radius
-    brute_clearance(*leaves, *sizes, joints, motion.position, motion.orientation)
-
-
 def phases() -> None:
     """A tick of either method phase by phase, its programs taken out and solved."""
     from hhsim.bench.qp.bench import bench_qp
@@ -114,10 +98,9 @@ def first() -> None:
 
 
 def second() -> None:
-    """What ticks run on triangles, beside a fixed object and a free one, and what tests measure by."""
+    """What ticks run on triangles, beside a fixed object and a free one."""
     triangles()
     free()
-    distances()
 
 
 PARTS = {"first": first, "second": second}

@@ -1,6 +1,7 @@
 """What the documentation says is what the code does: names, defaults, figures that stand twice, answers of the FAQ."""
 
 import ast
+import contextlib
 import inspect
 import re
 import shutil
@@ -12,9 +13,15 @@ import pytest
 from markdown_pages import Page, documented_faults
 from short_grasp import short_scene
 
+from hhsim.bench.robustness.hard import hard_cases
+from hhsim.errors import InputError
+from hhsim.gate.gate import load_baseline
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick import state as tick_state
+from hhsim.mesh.catalogue import object_names
 from hhsim.metrics import metrics
+from hhsim.metrics.run.registry import run_metrics
+from hhsim.recordings.registry import recording_formats
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ONSET, TREMOR, ReplaySummary
 from hhsim.replay.summary_table import short_table, whole_table
@@ -22,9 +29,11 @@ from hhsim.replay.verdict import OK
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.script import parse_script
+from hhsim.solver.free_engine import require_free
 from hhsim.solver.method import METHODS, USUAL
 from hhsim.solver.options import TOUCH, SolverOptions, Stiffness
 from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_STEP_TOLERANCE
+from hhsim.solver.two_hands import keeps_hands_apart
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 README = Page.read(DOCS.parent / "README.md")
@@ -76,6 +85,61 @@ def test_the_first_result_of_the_readme_has_these_lines(short: tuple[ReplaySumma
     assert [re.split(r" {2,}", line)[0] for line in shown] == [row.label for row in short_table(short[0].rows)]
     assert f"\n{OK}. The shown hand stays out" in block
     assert f"{len(shown)} of {len(whole_table(short[0].rows))} figures" in block
+
+
+def test_the_first_result_of_the_readme_is_what_the_gate_holds_and_its_limits_those_of_the_table() -> None:
+    errors = load_baseline(DOCS.parent / "tests" / "gate-baseline.json").scenes["bunny-grasp"].figures.errors
+    block = next(block for block in README.blocks("console") if "penetration, max" in block)
+    lines = {
+        cells[0]: cells[1:] for cells in (re.split(r" {2,}", line) for line in block.splitlines()) if len(cells) > 1
+    }
+    held = [metric for name, metric in run_metrics().items() if metric.label in lines and name in errors]
+    assert len(held) == 6
+    for metric in held:
+        assert lines[metric.label][0] == metric.shown(errors[metric.name]), metric.label
+        limit = None if metric.judged is None else metric.judged.limit
+        assert limit is None or f"{limit / metric.scale:g}" in lines[metric.label][1:], metric.label
+
+
+def test_counts_are_those_of_the_registries() -> None:
+    changelog = " ".join((DOCS.parent / "CHANGELOG.md").read_text(encoding="utf-8").split())
+    # A trajectory of its own is no format of others.
+    assert f"`hhsim import` reads {WORDS[len(recording_formats()) - 1]} formats" in changelog
+    assert f"A catalogue of {WORDS[len(object_names())]} objects" in changelog
+    assert f"In {len(hard_cases())} hard cases and" in README.text
+    assert f"pass all {len(hard_cases())} cases" in Page.read(DOCS / "measurements.md").text
+
+
+WORDS = dict(enumerate(("ten", "eleven", "twelve", "thirteen", "fourteen", "fifteen", "sixteen"), 10))
+
+
+def test_what_is_said_not_to_be_there_is_refused_and_what_is_there_is_not_denied() -> None:
+    not_for = README.text.split("**Not for:**")[1].split("\n\n")[0].replace("\n> ", " ")
+    assert "a free object with another method than `coupled`" in not_for
+    for name in METHODS:
+        with contextlib.nullcontext() if name == "coupled" else pytest.raises(InputError, match="has no free objects"):
+            require_free(SolverOptions(method=name))
+    assert "Fingers keep out of each other with `--self-contact on`, but not at a free object" in " ".join(
+        FAQ.text.split()
+    )
+    with pytest.raises(InputError, match="leave out self-contact"):
+        require_free(SolverOptions(self_contact=True))
+    through = [name for name in METHODS if not keeps_hands_apart(SolverOptions(method=name))]
+    names = " and ".join(f"`{name}`" for name in through)
+    assert (
+        f"Two hands still go through each other with {names}, with another QP solver" in METHODS_PAGE.text
+        and not keeps_hands_apart(SolverOptions(qp="clarabel"))
+    )
+    # Hands at a free object, and beside parts, are kept apart: tests/solver/test_hands_apart.py.
+    others = [README, FAQ, *(Page.read(DOCS / name) for name in ("manipulation.md", "recordings.md"))]
+    denied = r"(hands|objects|fingers)[^.]* (do not keep out of|still go through|that touch) each other"
+    assert [found[0] for page in others for found in re.finditer(denied, page.text)] == []
+
+
+def test_no_duration_of_a_machine_nobody_knows_stands_beside_a_command() -> None:
+    for name in ("README.md", "Makefile", "CONTRIBUTING.md", "docs/gate.md"):
+        text = (DOCS.parent / name).read_text(encoding="utf-8")
+        assert not re.search(r"\b(an?|half an|one|two|five|ten|\d+) (minutes?|hours?)\b", text), name
 
 
 def test_every_measure_and_dataset_is_documented() -> None:

@@ -247,7 +247,8 @@ def command(
     OBJECT is a name (hhsim objects) or a mesh file. A finger that touches nothing is free. All fingers are freed, at
     once, when the input is old or no number, when the solver fails or is late again and again, and when the session
     ends, by whatever cause, a killed process included. Ctrl-C, q, the space bar or --duration end it. The exit code is
-    2 where the glove could not be reached, the loop died, or the recording is not whole.
+    2 where the glove could not be reached, the loop died, or the recording is not whole, and 1 where the end had a
+    fault: the glove could not be told to free the fingers, or a process had to be killed.
 
     In a terminal, keys move the palm: a d, s w, f r along the axes of the world, i k, u o, j l about those of the palm,
     - and + for the size of a step, h back to where it began.
@@ -365,4 +366,4 @@ def command(
                 print_summary(outcome, f"{whose}{heading}: {outcome.seconds:,.1f} s, {outcome.reason}")
     if error:
         print(f"hhsim: error: {error}", file=sys.stderr)
-    return 2 if error else 0
+    return 2 if error else int(any(outcome.fault_at_end for outcome in outcomes))

@@ -144,6 +144,7 @@ def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
         "session": str(outcome.record) if outcome.record is not None else None,
         "reason": outcome.reason,
         "error": error or None,
+        "fault_at_end": outcome.fault_at_end or None,
         "seconds": outcome.seconds,
         **outcome.tally.to_json(),
         "loop_ticks": outcome.ticks,

@@ -12,18 +12,19 @@ from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
+import numpy as np
 from msgspec import structs
 
 from hhsim import __version__
 from hhsim.errors import InputError
 from hhsim.gate import verdict as verdicts
 from hhsim.gate.input_hash import RunInputs, differences
-from hhsim.gate.metrics import COUNTERS, SESSION_DEFAULTS, RunFigures, run_figures, without_times
+from hhsim.gate.metrics import COUNTERS, SESSION_DEFAULTS, RunFigures, compared_metrics, run_figures, without_times
 from hhsim.gate.run import RunFailed, Side, Step, process_times
+from hhsim.gate.shown_poses import kept_ticks
 from hhsim.gate.suite import REPLAY, SESSION, SUBMISSION, GateScene, GateSuite, default_suite, usual_limits
 from hhsim.gate.verdict import NOT_COMPARABLE, GateRow, inputs_row
 from hhsim.kernels.machine_calibration import REFERENCE_VERSION
-from hhsim.metrics.run.registry import judged_metrics
 from hhsim.replay.summary_table import default_limits, stored_promises
 from hhsim.result.reader import Result
 from hhsim.system import environment as info
@@ -37,6 +38,8 @@ FORMAT = "hhsim-gate-baseline"
 BASELINE_VERSION = 1
 DIGITS = 15
 """Significant digits of sums in the file; the tolerance of a comparison is far above."""
+PLACES = 9
+"""Decimal places of the kept poses [m] and forces [N]."""
 
 
 class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=False, omit_defaults=True):
@@ -44,6 +47,8 @@ class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=F
 
     inputs: RunInputs
     digest: str = ""  # of poses and forces
+    # Poses and forces at the ticks of `hhsim.gate.shown_poses.kept_ticks`.
+    shown: dict[str, list[list[float]]] = msgspec.field(default_factory=dict)
     errors: dict[str, float | None]  # figures that the gate judges; None where undefined
     counters: dict[str, int]
     times: tuple[float, ...] = ()  # median of each timed process [s]; empty where none was timed
@@ -53,7 +58,8 @@ class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=F
     def of(cls, figures: RunFigures) -> "RecordedScene":
         """Return the scene of a run, without times."""
         errors = {name: value if math.isfinite(value) else None for name, value in figures.errors.items()}
-        return cls(inputs=figures.inputs, digest=figures.digest, errors=errors, counters=figures.counters)
+        few = {name: values[kept_ticks(len(values))].round(PLACES).tolist() for name, values in figures.shown.items()}
+        return cls(inputs=figures.inputs, digest=figures.digest, errors=errors, counters=figures.counters, shown=few)
 
     def check(self) -> None:
         """Check that there is a time of the reference workload for each time."""
@@ -63,10 +69,11 @@ class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=F
     @property
     def figures(self) -> RunFigures:
         """Figures of the run, NaN for those that are undefined or not in the file, `cpu_p50` too."""
-        found = {name: self.errors.get(name) for name in judged_metrics()}
+        found = {name: self.errors.get(name) for name in compared_metrics()}
         errors = {name: math.nan if value is None else value for name, value in found.items()}
         counters = {name: self.counters[name] for name in COUNTERS if name in self.counters}
-        return RunFigures(self.inputs, errors, counters, math.nan, digest=self.digest)
+        shown = {name: np.array(values) for name, values in self.shown.items()}
+        return RunFigures(self.inputs, errors, counters, math.nan, digest=self.digest, shown=shown)
 
 
 class Baseline(Settings, frozen=True, forbid_unknown_fields=False):

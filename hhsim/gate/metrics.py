@@ -5,16 +5,21 @@ Errors that need no solver are computed anew from the stored poses and forces, s
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from hhsim.arrays import AnyArray
 from hhsim.gate.input_hash import RunInputs, run_inputs, tick_digest
+from hhsim.gate.part_depths import PART_DEPTHS
+from hhsim.gate.shown_poses import ShownPoses, shown_poses
+from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.metrics import metrics, session_faults
+from hhsim.metrics.metrics import Penetration
 from hhsim.metrics.run.registry import judged_metrics, known_figures, run_metrics, tick_figures
 from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
-from hhsim.metrics.run_metric import Figure
+from hhsim.metrics.run_metric import Figure, RunMetric
 from hhsim.metrics.run_ticks import PLACED, result_ticks, touched_object
 from hhsim.metrics.session_faults import SESSION_FAULTS, SESSION_TIMES
 from hhsim.replay.summary_table import default_limits, stored_promises
@@ -54,7 +59,12 @@ OUTSIDE_DEFAULTS = {"free_off_max": default_limits(("follows_input",))["free_off
 def limitable() -> dict[str, Figure]:
     """Return every figure that can have a limit, by name."""
     more = (*SESSION_TIMES, *SESSION_FAULTS, MESH_DEPTH, OFF_BEST, OFF_BEST_MAX)
-    return {**run_metrics(), **{figure.name: figure for figure in more}}
+    return {**run_metrics(), **PART_DEPTHS, **{figure.name: figure for figure in more}}
+
+
+def compared_metrics() -> dict[str, RunMetric]:
+    """Return every figure that has a verdict against the base, by name."""
+    return {**judged_metrics(), **PART_DEPTHS}
 
 
 def without_times(limits: Mapping[str, float]) -> dict[str, float]:
@@ -68,7 +78,7 @@ class RunFigures:
     """Figures of one run."""
 
     inputs: RunInputs  # inputs of the run
-    # figures of `hhsim.metrics.run.registry.judged_metrics` that its method gives; NaN where undefined
+    # figures of `compared_metrics` that its method gives; NaN where undefined
     errors: dict[str, float]
     counters: dict[str, int]  # figures of `COUNTERS` that its method gives
     cpu_p50: float  # median CPU time of its ticks in contact, of all ticks without contact [s]
@@ -80,18 +90,24 @@ class RunFigures:
     mishap: str = ""  # end of a session out of order, else its first fault; "" for none
     stopped: str = ""  # reason and time of a session's end before its duration; "" for none
     digest: str = ""  # of poses and forces, `hhsim.gate.input_hash.tick_digest`; "" where a baseline has none
+    shown: ShownPoses = field(default_factory=dict)  # poses and forces of all ticks, or those that a baseline keeps
 
 
 def run_figures(result: Result) -> RunFigures:
     """Compute a result's figures from its ticks; InputError for an invalid tree, or a dataset not in its schema."""
-    inputs, digest, result = run_inputs(result), tick_digest(result), result.seen_from_object
+    inputs, digest, shown = run_inputs(result), tick_digest(result), shown_poses(result)
+    result = result.seen_from_object
     gives = {what for what in EVERYTHING if result.gives(what)}
     known = {column.name for column in TICK_COLUMNS if column.known_by in ("", *gives)}
     # The number of near pairs follows from the pose; it is work only for hhsim's methods.
     own = known if WORK in gives else known.intersection((UNITS_OF_WORK,))
     counters = {name: int(np.sum(result[dataset])) for name, (dataset, _) in COUNTERS.items() if dataset in own}
     told = known_figures(gives) if result.live is None else known_figures(gives) | OF_SESSIONS
-    computed, judged = tick_figures(result_ticks(result, _ComputedAnew(result))), judged_metrics()
+    ticks, judged = result_ticks(result, _ComputedAnew(result)), compared_metrics()
+    computed = tick_figures(ticks) | {
+        name: depth.compute(ticks) for name, depth in PART_DEPTHS.items() if depth.compute
+    }
+    told |= PART_DEPTHS.keys()
     stored = {name: float(result.summary.get(name, np.nan)) for name in told if name not in computed}
     found = stored | {name: value for name, value in computed.items() if name in told}
     lost = {name for name in NEVER_UNDEFINED if name in known and not np.isfinite(result[name]).all()}
@@ -110,7 +126,8 @@ def run_figures(result: Result) -> RunFigures:
     stuck = is_mostly_stuck(errors.get("stuck_ticks", 0.0), result.ticks)
     suspicions = tuple(map(str, result.scene.get("submission", {}).get("suspicions", ())))
     promises = stored_promises(result.scene)
-    return RunFigures(inputs, errors, counters, cpu_p50(result), others, stuck, promises, suspicions, *ended, digest)
+    of_run = inputs, errors, counters, cpu_p50(result), others, stuck, promises, suspicions, *ended
+    return RunFigures(*of_run, digest=digest, shown=shown)
 
 
 def cpu_p50(result: Result) -> float:
@@ -130,13 +147,15 @@ class _ComputedAnew:
         stored = self._result[name]
         if name == "force_variation_rate":
             return metrics.force_variation_rate(self._result["force/total"])
-        if name == "penetration_depth":
-            deepest = np.maximum(stored, _depth(self._result))
-            # A pose that is not finite does not pass as free.
-            return np.where(np.isnan(deepest), np.inf, deepest)
-        return stored
+        part = name.removeprefix("penetration_")
+        if part == name:
+            return stored
+        deepest = np.maximum(stored, getattr(self._depths, part))
+        # A pose that is not finite does not pass as free; a finger that is not modelled has no depth.
+        counts = [finger in self._result.fingers for finger in FINGERS] if part == "finger" else True
+        return np.where(np.isnan(deepest) & counts, np.inf, deepest)
 
-
-def _depth(result: Result) -> AnyArray:
-    """Penetration [m] of the stored graphic hand in the surface that it touched, shape (T,)."""
-    return touched_object(result).penetration(PlacedHand(*(result[name] for name in PLACED))).depth
+    @cached_property
+    def _depths(self) -> Penetration:
+        """Depths [m] of the stored graphic hand in the surface that it touched."""
+        return touched_object(self._result).penetration(PlacedHand(*(self._result[name] for name in PLACED)))

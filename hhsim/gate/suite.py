@@ -35,6 +35,8 @@ BOTH = "both"
 SCENES = "[[scene]] tables, each with a name, and object and trajectory, submission, or session"
 Share = Annotated[float, between(0.0, 1.0)]
 Word = Annotated[str, Meta(pattern="^[^-]", description="text that is no option: options go to arguments")]
+SLACK = 0.005
+"""Growth of a counter that is no miss, as a share, where a suite has none."""
 DEFAULT_SUITE = "default-suite.toml"
 """File beside this module with the default suite, without the limits that the figures themselves state."""
 
@@ -51,10 +53,12 @@ class _Judged(Settings, frozen=True, kw_only=True, rename={"slack": "counters"})
         check_known("key in counters", self.slack, ("slack", *COUNTERS))
 
     def on_top_of(self, limits: Mapping[str, float], slack: Mapping[str, float]) -> dict[str, Any]:
-        """Return limits and slack, overridden by its own; false removes a limit."""
+        """Return limits and slack, overridden by its own; false is no limit, nor one that follows from the base."""
         every = {name: self.slack.get("slack", share) for name, share in slack.items()}
-        kept = {name: limit for name, limit in {**limits, **self.limits}.items() if limit is not False}
-        return {"limits": kept, "slack": {name: self.slack.get(name, share) for name, share in every.items()}}
+        return {
+            "limits": {**limits, **self.limits},
+            "slack": {name: self.slack.get(name, share) for name, share in every.items()},
+        }
 
 
 class GateScene(_Judged, frozen=True, kw_only=True, rename={"slack": "counters", "may_change": "motion_may_change"}):
@@ -171,7 +175,7 @@ def default_suite_text() -> str:
 def parse_suite(text: str, folder: Path, source: str) -> GateSuite:
     """Parse a suite's TOML, with paths relative to `folder`; `source` is for messages. InputError as `load_suite`."""
     table = parse_settings(text, _SuiteTable, source)
-    usual = table.on_top_of(SESSION_DEFAULTS, dict.fromkeys(COUNTERS, 0.0))
+    usual = table.on_top_of(SESSION_DEFAULTS, dict.fromkeys(COUNTERS, SLACK))
     scenes = tuple(_completed(scene, table, **usual) for scene in table.scenes)
     return GateSuite(**{**structs.asdict(table), **usual, "scenes": scenes}, folder=folder, source=source)
 

@@ -9,15 +9,16 @@ import numpy as np
 
 from hhsim.errors import InputError
 from hhsim.gate.input_hash import differences, new_options
-from hhsim.gate.metrics import COUNTERS, OF_MISHAPS, RunFigures, limitable
+from hhsim.gate.metrics import COUNTERS, OF_MISHAPS, RunFigures, compared_metrics, limitable
+from hhsim.gate.shown_poses import told_difference
 from hhsim.metrics.run.force import TREMBLING
-from hhsim.metrics.run.registry import judged_metrics
 from hhsim.metrics.run_metric import Figure
 from hhsim.replay.summary_table import promised
 
 LEAST_PROCESSES = 3
 """Minimum number of processes of each side: a median of fewer follows every outlier."""
 BETTER, SAME, WITHIN, WORSE, NOT_COMPARABLE = "better", "same", "within noise", "worse", "not comparable"
+CHANGED = "changed"
 """Verdicts."""
 ROUNDING = 1e-9
 """Relative difference up to which errors are the same."""
@@ -97,19 +98,23 @@ class GateRow:
 
 
 def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: Mapping[str, float]) -> list[GateRow]:
-    """Judge errors by absolute limits; the base's value is shown beside them.
+    """Judge errors by absolute limits, or by the base's value and `Judged.growth` where there is none.
 
     Undefined figures, such as the force of a missing hold, are not judged, unless the base has them.
     """
     rows = []
     method = str(head.inputs.solver.get("method", ""))
     trembling = math.isfinite(head.errors.get(TREMBLING, math.nan))
-    for name, metric in judged_metrics().items():
+    for name, metric in compared_metrics().items():
         value = head.errors.get(name, math.nan)
         before = math.nan if base is None else base.errors.get(name, math.nan)
-        limit, limited = limits.get(name, math.nan), name in limits
+        growth = metric.judged.growth if metric.judged else math.nan
+        limit = limits.get(name, before + growth)
+        limited = name in limits and limit is not False
+        limit = math.nan if limit is False else limit
         lost = name not in head.errors and not math.isnan(before)
-        if math.isnan(value) and not limited and not lost:
+        nothing = math.isnan(value) or (value == 0.0 and math.isnan(before))
+        if nothing and not limited and not lost:
             continue
         passed, reason = True, ""
         if lost:
@@ -121,6 +126,8 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
         elif limited and not value <= limit:
             passed = False
             reason = OVER if math.isfinite(value) else "not finite"
+        elif not limited and value > limit:
+            passed, reason = False, f"more than {growth / metric.scale:g} {metric.unit} above the base"
         elif name == "stuck_ticks" and head.mostly_stuck:
             passed, reason = False, "more than half of the ticks"
         elif not limited and not promised(name, head.promises):
@@ -137,9 +144,9 @@ def judge_others(scene: str, head: RunFigures, limits: Mapping[str, float]) -> l
     """Judge figures that only the suite limits, and suspicions about a submission."""
     rows = []
     for name, figure in limitable().items():
-        if name not in limits or name in judged_metrics():
+        value, limit = head.others.get(name, math.nan), limits.get(name, False)
+        if limit is False or name in compared_metrics():
             continue
-        value, limit = head.others.get(name, math.nan), limits[name]
         passed = math.isnan(value) or value <= limit
         reason = "" if passed else OVER
         if math.isnan(value):
@@ -185,13 +192,12 @@ def judge_inputs(scene: str, head: RunFigures, base: RunFigures, motion_may_chan
 
 
 def judge_bits(scene: str, head: RunFigures, base: RunFigures) -> list[GateRow]:
-    """Tell whether poses and forces are those of the base to the last bit, where the base has their digest."""
+    """Tell by how much poses and forces differ from the base's, where the base has their digest."""
     if not base.digest:
         return []
-    same = head.digest == base.digest
-    reason = "" if same else f"other bits than the base's: {head.digest} and {base.digest}"
-    label = "poses and forces"
-    return [GateRow(scene, "bits", "digest", label, verdict=SAME if same else WITHIN, reason=reason)]
+    told, rounding = ("", False) if head.digest == base.digest else told_difference(head.shown, base.shown)
+    word, reason = (WITHIN if rounding else CHANGED, f"other than the base's: {told}") if told else (SAME, "")
+    return [GateRow(scene, "bits", "digest", "poses and forces", verdict=word, reason=reason)]
 
 
 def judge_time(
@@ -232,9 +238,9 @@ def overall(rows: Sequence[GateRow]) -> tuple[str, int]:
     if any(row.kind == "error" and row.verdict == WORSE for row in rows):
         return WORSE_WITHIN, EXIT_OK
     # A counter or a time that is worse within its limit is noise.
-    for word in (BETTER, WORSE, WITHIN):
+    for word in (BETTER, CHANGED, WORSE, WITHIN):
         if word in words:
-            return (BETTER if word == BETTER else WITHIN), EXIT_OK
+            return (WITHIN if word == WORSE else word), EXIT_OK
     return (SAME if words else ""), EXIT_OK
 
 

@@ -1,6 +1,7 @@
 """Figures of a run: name, display, judgement and computation."""
 
 import importlib
+import math
 import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -47,6 +48,7 @@ class Judged:
 
     rounding: float = 0.0  # difference up to which values are the same [SI, or %]
     limit: float | None = None  # largest value by default [SI, or %], the same for every method; None for no limit
+    growth: float = math.nan  # largest excess over the base's value where there is no limit; NaN for any
     # attribute of `hhsim.solver.method.Method` without which a method is exempt from the limit; "" for none
     promise: str = ""
 

@@ -19,7 +19,7 @@ from sealed_change import changed
 from hhsim.errors import InputError
 from hhsim.gate.gate import GateReport, RecordedScene, gate_result, load_baseline, write_baseline
 from hhsim.gate.input_hash import TOLERANCE, differences
-from hhsim.gate.metrics import RunFigures, run_figures
+from hhsim.gate.metrics import COUNTERS, RunFigures, compared_metrics, run_figures
 from hhsim.gate.report import cells, headline, junit, markdown, number_text
 from hhsim.gate.run import RunFailed, Side
 from hhsim.gate.suite import (
@@ -118,6 +118,65 @@ def test_an_error_in_a_single_tick_is_caught(result: Path, dataset: str, value: 
     report = gate_result(load_result(result), TINY, None)
     assert (missed(report), report.exit_code) == ([name], 1)
     assert not math.isnan(value) or report.missed[0].reason == "not finite"
+
+
+def sunk(stored: Path, name: str, more: float, last: int = 200) -> Path:
+    """A copy whose palm is 9.459 mm deep from tick 150 on, and whose index is `more` [m] deep from there to `last`."""
+    path = Path(shutil.copy(stored, stored.with_name(name)))
+    with changed(path) as file:
+        palm, finger = file["tick/penetration_palm"][...], file["tick/penetration_finger"][...]
+        palm[150:], finger[150:last, 1] = 9.459e-3, more
+        for column, values in (("palm", palm), ("finger", finger), ("depth", np.maximum(palm, finger.max(axis=1)))):
+            file[f"tick/penetration_{column}"][...] = values
+        joints = file["tick/graphic/joints"][...]
+        joints[150:last, 1, -1, 2] -= more
+        file["tick/graphic/joints"][...] = joints
+        flexion = file["tick/graphic/flexion"][...]
+        flexion[150:last, 1] += more
+        file["tick/graphic/flexion"][...] = flexion
+    return path
+
+
+@pytest.mark.parametrize("recorded", [False, True])
+def test_a_finger_that_sinks_beside_a_deeper_palm_is_caught(stored: Path, recorded: bool) -> None:
+    deep = parse_suite(SUITE.replace("penetration_max = 1e-6", "penetration_max = 1e-2"), Path(), "deep")
+    before, after, brief = (load_result(sunk(stored, f"{more}-{last}.h5", more, last)) for more, last in SUNK)
+    base = load_result_of(run_figures(before), stored) if recorded else before
+    assert gate_result(before, deep, base).verdict == "same"
+    report = gate_result(after, deep, base)
+    assert (missed(report), report.exit_code) == (["penetration_index_max", "penetration_index_mean"], 1)
+    assert [row.head for row in report.missed] == pytest.approx([0.4e-3, 0.1e-3])
+    # A finger that is as deep for longer is deeper in the mean.
+    (row,) = gate_result(after, deep, brief).missed
+    assert row.name == "penetration_index_mean" and row.reason == "more than 1 µm above the base"
+    wanted = "penetration_max = 1e-2\npenetration_index_max = 5e-4\npenetration_index_mean = false"
+    report = gate_result(after, parse_suite(SUITE.replace("penetration_max = 1e-6", wanted), Path(), "own"), base)
+    assert (report.verdict, report.exit_code) == ("worse within limits", 0)
+
+
+SUNK = ((0.0, 200), (0.4e-3, 200), (0.4e-3, 151))
+
+
+@pytest.mark.parametrize(
+    ("more", "word", "whole", "kept"),
+    [
+        (4e-3, "changed", "tip of the index by up to 4 mm", "tip of the index by up to 4 mm at the 16 ticks that"),
+        (1e-12, "within noise", "by rounding alone", "palm, fingertips and total force are the same at the 16 ticks"),
+    ],
+)
+def test_it_is_told_by_how_much_poses_differ(stored: Path, more: float, word: str, whole: str, kept: str) -> None:
+    before, after = load_result(sunk(stored, "before.h5", 0.0)), load_result(sunk(stored, "after.h5", more))
+    for base, told in ((before, whole), (load_result_of(run_figures(before), stored), kept)):
+        (row,) = (row for row in gate_result(after, TINY, base).rows if row.kind == "bits")
+        # Between the ticks that a baseline keeps it may be more than rounding.
+        assert row.verdict == (word if base is before else "changed") and f"other than the base's: {told}" in row.reason
+    assert overall([GateRow("s", "bits", "digest", "", verdict="changed")]) == ("changed", 0)
+
+
+def test_a_suite_that_names_no_slack_has_half_a_percent(repository: Path) -> None:
+    suite = parse_suite(SUITE.replace("[counters]\nslack = 0.005\n", ""), Path(), "without")
+    assert suite.slack == suite.scenes[0].slack == default_suite().slack == dict.fromkeys(COUNTERS, 0.005)
+    assert "`slack`, 0.5 % by default" in (repository / "docs" / "gate.md").read_text(encoding="utf-8")
 
 
 def test_a_run_that_was_stopped_is_judged_and_said_to_be(result: Path) -> None:
@@ -371,7 +430,8 @@ def test_a_figure_has_one_limit_for_all_methods_or_is_not_promised() -> None:
 def test_limits_and_slack_of_a_scene_come_before_the_usual_ones() -> None:
     limits = "[scene.limits]\nstuck_ticks = false\nlag_max = 1e-3\n[scene.counters]\nslack = 0.02\npair_tests = 0\n"
     (scene,) = parse_suite(SUITE + limits, Path(), "suite").scenes
-    assert set(scene.limits) == {"penetration_max", "lag_ticks", "tracking_excess", "lag_max"}
+    limited = {name for name, limit in scene.limits.items() if limit is not False}
+    assert limited == {"penetration_max", "lag_ticks", "tracking_excess", "lag_max"}
     assert (scene.slack["pair_tests"], scene.slack["node_tests"]) == (0.0, 0.02)
     assert scene.command() == ["replay", "cube", "short.toml", "--method", "coupled"]
 
@@ -403,7 +463,7 @@ def test_figures_of_a_session_are_limited_beside_those_of_scenes(result: Path) -
     assert not of_sessions & suite.scenes[0].limits.keys()
     replayed = load_result(result)
     assert not of_sessions & {row.name for row in gate_result(replayed, suite).rows}
-    limits = usual_limits("session", suite.limits)
+    limits = {name: limit for name, limit in usual_limits("session", suite.limits).items() if limit is not False}
     assert limits.keys() & of_sessions == of_sessions - {"ended_early"} and limits["freed_share"] == 5.0
     assert "mesh_depth_max" not in limits and "mesh_depth_max" in usual_limits("submission", suite.limits)
 
@@ -453,7 +513,7 @@ def test_the_docs_show_the_suites_own_names(repository: Path) -> None:
     text = page.split("```toml\n")[1].split("```")[0]
     (scene,) = parse_suite(text, Path(), "docs/gate.md").scenes
     assert scene.timed
-    assert all(f"`{name}`" in page for name in judged_metrics())
+    assert all(f"`{name}`" in page for name in compared_metrics())
     assert parse_suite(default_suite_text(), Path(), "default").time.limit == 0.05
 
 

@@ -120,6 +120,7 @@ class SessionOutcome:
     watchdog_restarts: int = 0
     watchdog_releases: int = 0  # number of times that the watchdog freed the fingers
     loop_failed: str = ""  # failure that ended the loop early; "" if there was none
+    fault_at_end: str = ""  # first fault reported while the session ended, fingers not freed for one; "" for none
 
 
 class Supervisor:
@@ -146,7 +147,7 @@ class Supervisor:
             beside._watched += self._watched
         self._children: dict[str, ChildProcess] = {}
         self._notices: list[tuple[float, int, str]] = []
-        self._reason = self._loop_failed = self._record_failed = ""
+        self._reason = self._loop_failed = self._record_failed = self._fault_at_end = ""
         self._watchdog_restarts = 0
         self._began = time.monotonic()
         self._never_ran = self._loop_hangs = False
@@ -359,6 +360,8 @@ class Supervisor:
 
     def _notice(self, text: str, level: int, *, silent: bool = False) -> None:
         self._notices.append((time.monotonic() - self._began, level, text))
+        if level == FAULT and self.stage >= Stage.ENDING:
+            self._fault_at_end = self._fault_at_end or text
         if silent:
             return
         try:
@@ -389,4 +392,5 @@ class Supervisor:
             watchdog_restarts=self._watchdog_restarts,
             watchdog_releases=int(status["watchdog_releases"]),
             loop_failed=self._loop_failed,
+            fault_at_end=self._fault_at_end,
         )

@@ -5,6 +5,9 @@ import numpy as np
 from hhsim.metrics.run_metric import Judged, RunMetric
 from hhsim.metrics.run_ticks import PLACED
 
+NO_DEPTH = 1e-6
+"""Depth up to which nothing penetrates, or penetrates deeper than before [m]."""
+
 METRICS = (
     RunMetric(
         *("candidates_max", "candidate pairs, most"),
@@ -29,7 +32,7 @@ METRICS = (
         # A hand that is not finite has no depth, and hides none.
         compute=lambda run: np.fmax.reduce(run["penetration_depth"], initial=0.0),
         short="depth",
-        judged=Judged(rounding=1e-9, limit=1e-6, promise="never_penetrates"),
+        judged=Judged(rounding=1e-9, limit=NO_DEPTH, growth=NO_DEPTH, promise="never_penetrates"),
     ),
     RunMetric(
         *("contact_error_max", "contacts off the mesh, max", 3, "mm"),

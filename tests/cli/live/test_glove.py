@@ -116,6 +116,19 @@ def test_a_session_of_a_simulated_glove_and_the_hand_in_a_file_is_one_document_a
     assert (hand.side, hand.hand_length, hand.length[1].tolist()) == ("left", 0.17, [0.040, 0.024, 0.012])
 
 
+def test_a_session_whose_glove_could_not_be_told_to_free_the_fingers_ends_with_1(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deaf = "from hhsim.live.drivers.sim import SimGlove\nSimGlove.release = lambda self, timeout=0.05: False\n"
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site" / "sitecustomize.py").write_text(deaf)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "site"))
+    answer = run("live", "glove", "cube", "--level", "2", "--duration", "0.1", "--no-record", "--no-realtime", "--json")
+    fault = "the glove could not be told to free the fingers"
+    assert (answer.code, json.loads(answer.out)["fault_at_end"]) == (1, fault)
+    assert f"hhsim: fault: {fault}" in answer.err
+
+
 def test_two_simulated_gloves_are_one_document_and_one_file(run: Run, tmp_path: Path) -> None:
     answer = run(
         *("live", "glove", "cube", "--device", "left=sim[trajectory=pinch],right=sim", "--duration", "0.4"),
