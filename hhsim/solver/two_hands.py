@@ -186,9 +186,11 @@ class TwoHandedSolver:
         if not self._started:
             begun = [hand.begin(given) for hand, given in zip(self.hands, (right, left))]
             spaces = [hand.workspace for hand in self.hands]
-            if _part(spaces, self.engine.states[0].meeting):
+            parted = _part(spaces, self.engine.states[0].meeting)
+            if parted:
                 begun = [start | STATUS_START_INSIDE for start in begun]
-            if any(begun) and spaces[0].beside:
+            # Beside one thing alone each hand has come as near as it can.
+            if parted or (any(begun) and spaces[0].beside):
                 self.engine.approach(START_LINEARISATIONS)
             else:
                 self.engine.begin()

@@ -510,7 +510,7 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
     settled = judge.status[judge.chosen] & (STUCK | LAG | CAPACITY_EXCEEDED) == 0
     places, ticks = np.flatnonzero(settled), judge.chosen[settled]
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
-    stored = judge.stored_forces(ticks).reshape(len(ticks), -1)
+    stored = judge.stored_forces(ticks).reshape(len(ticks), 3 * (PALM + 1))
     near = _near_others(judge, motion, places[~motion.alone[ticks]])
     # A wrench on a thing is that of both hands.
     known = [] if result.scene.get(TWO_HANDED) else others
