@@ -46,6 +46,9 @@ class _Thing:
         # What is deeper than the clearance is as far within the bounds.
         low, high = self.bounds + [[CLEAR], [-CLEAR]]
         for t, (rotation, place) in enumerate(zip(turn, shift)):
+            if t and np.array_equal(place, shift[t - 1]) and np.array_equal(rotation, turn[t - 1]):
+                depth[t] = depth[t - 1]
+                continue
             seen, answer = other.points @ rotation.T + place, coal.CollisionResult()
             near = np.flatnonzero(((seen > low) & (seen < high)).all(axis=1))
             # A point that has moved by less than it was away from the surface is still outside.
@@ -62,22 +65,18 @@ class _Thing:
 
 def _pierced(corners: FloatArray, other: FloatArray) -> FloatArray:
     """Compute the least shift that takes each edge of other triangles out of a triangle [m], (K, 3, 3) each, (K, 3)."""
-    found, across = [], np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    for k in range(3):
-        p, q = other[:, k], other[:, (k + 1) % 3]
-        heights = [_height(across, end - corners[:, 0]) for end in (p, q)]
-        least = np.minimum(np.maximum(*heights), -np.minimum(*heights))
-        for i in range(3):
-            a, b, c = (corners[:, (i + j) % 3] for j in range(3))
-            beside = np.cross(b - a, q - p)
-            least = np.minimum(least, np.sign((beside * (c - a)).sum(axis=1)) * _height(beside, p - a))
-        found.append(least)
-    return np.stack(found, axis=1)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None]
+    ends = [_height(across, place - corners[:, :1]) for place in (other, np.roll(other, -1, axis=1))]
+    # Of each edge and each side of the triangle.
+    a, b, c = (np.roll(corners, -i, axis=1)[:, None] for i in range(3))
+    beside = np.cross(b - a, (np.roll(other, -1, axis=1) - other)[:, :, None])
+    sides = np.sign((beside * (c - a)).sum(axis=-1)) * _height(beside, other[:, :, None] - a)
+    return np.minimum(sides.min(axis=2), np.minimum(np.maximum(*ends), -np.minimum(*ends)))
 
 
 def _height(normal: FloatArray, vector: FloatArray) -> FloatArray:
-    size = np.linalg.norm(normal, axis=1)
-    return np.asarray((normal * vector).sum(axis=1) / np.where(size > 0.0, size, np.inf))
+    size = np.linalg.norm(normal, axis=-1)
+    return np.asarray((normal * vector).sum(axis=-1) / np.where(size > 0.0, size, np.inf))
 
 
 def things_apart_claim(result: Result, pairs: Sequence[tuple[int, int]]) -> Claim:
