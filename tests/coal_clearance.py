@@ -20,6 +20,6 @@ def coal_clearance(hand: HandModel, mesh: Mesh, placed: PlacedHand) -> float:
 def things_clearance(hand: HandModel, meshes: Sequence[Mesh], record: Any, things: Sequence[Any]) -> float:
     """The same of several things, by their records; the hand's record is as the first thing sees it."""
     moved = [RigidMotion(thing.turn, thing.shift) for thing in things]
-    points = [moved[0].points(values) for values in (record.joints, record.position)]
-    world = PlacedHand(*points, moved[0].orientations(record.orientation))
+    joints, position = (moved[0].points(values) for values in (record.joints, record.position))
+    world = PlacedHand(joints, position, moved[0].orientations(record.orientation))
     return min(coal_clearance(hand, mesh, own.seen_hand(world)) for mesh, own in zip(meshes, moved))

@@ -221,8 +221,8 @@ def free_claims(result: Result) -> list[Claim]:
     if len(things) > 1:
         claims += [_first_thing(motion, things[0]), _between_things(things), _hands_on_things(things)]
         joined, still = [{thing.name, on} for thing, on in joints], [thing.fixed or thing.driven for thing in things]
-        pairs = itertools.permutations(range(len(things)), 2)
-        apart = [(i, j) for i, j in pairs if {things[i].name, things[j].name} not in joined]
+        ways = itertools.permutations(range(len(things)), 2)
+        apart = [(i, j) for i, j in ways if {things[i].name, things[j].name} not in joined]
         claims.append(things_apart_claim(result, [(i, j) for i, j in apart if not (still[i] and still[j])]))
     return claims
 

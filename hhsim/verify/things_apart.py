@@ -71,7 +71,7 @@ def _pierced(corners: FloatArray, other: FloatArray) -> FloatArray:
     a, b, c = (np.roll(corners, -i, axis=1)[:, None] for i in range(3))
     beside = np.cross(b - a, (np.roll(other, -1, axis=1) - other)[:, :, None])
     sides = np.sign((beside * (c - a)).sum(axis=-1)) * _height(beside, other[:, :, None] - a)
-    return np.minimum(sides.min(axis=2), np.minimum(np.maximum(*ends), -np.minimum(*ends)))
+    return np.asarray(np.minimum(sides.min(axis=2), np.minimum(np.maximum(*ends), -np.minimum(*ends))))
 
 
 def _height(normal: FloatArray, vector: FloatArray) -> FloatArray:

@@ -52,7 +52,7 @@ def shift_of_boxes(one: Mesh, two: Mesh) -> float:
 def turned_boxes(rng: np.random.Generator) -> tuple[Mesh, Mesh]:
     """Two boxes anywhere near each other."""
     one, two = (
-        box_mesh(rng.uniform(0.002, 0.1, 3)).transformed(
+        box_mesh(rng.uniform(0.002, 0.1, 3).tolist()).transformed(
             Rotation.random(random_state=rng).as_matrix(), 0.02 * rng.normal(size=3)
         )
         for _ in range(2)
@@ -63,7 +63,8 @@ def turned_boxes(rng: np.random.Generator) -> tuple[Mesh, Mesh]:
 def boxes_of_a_grid(rng: np.random.Generator) -> tuple[Mesh, Mesh]:
     """Two boxes whose faces and edges lie in each other's, or coincide."""
     one, two = (
-        box_mesh(0.01 * rng.integers(1, 6, 3)).transformed(np.eye(3), 0.005 * rng.integers(-3, 4, 3)) for _ in range(2)
+        box_mesh((0.01 * rng.integers(1, 6, 3)).tolist()).transformed(np.eye(3), 0.005 * rng.integers(-3, 4, 3))
+        for _ in range(2)
     )
     return one, two
 

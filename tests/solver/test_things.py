@@ -242,7 +242,7 @@ def test_a_hand_that_begins_in_any_of_several_things_is_freed_of_all_of_them(ins
     places = [np.array([0.0600011 * k, 0.0, 0.0]) for k in range(3)]
     bodies = [block(place, (0.06, 0.06, 0.06), **NOTHING) for place in places]
     solver = solver_of(*bodies, fixed=[2])
-    record, ticks = run(solver, 1, places[inside] - (0.0, 0.05, 0.0))
+    record, ticks = run(solver, 1, (places[inside] - (0.0, 0.05, 0.0)).tolist())
     assert record.status[0] == STATUS_START_INSIDE
     # So near, and not where it was freed.
     assert 0.0 <= things_clearance(HandModel.default(), [mesh for mesh, _ in bodies], record, ticks.things) < 2e-6
