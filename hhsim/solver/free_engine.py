@@ -312,7 +312,7 @@ class FreeEngine:
         for state, thing, other in zip(self.states, problem.thing, problem.other):
             depth = -float(state.candidates.nearest[PALM_BODY])
             if other >= 0 and depth > 0.0:
-                one, two = self.things[other].name, self.things[thing].name
+                one, two = (self.things[k].name or "the first thing" for k in (other, thing))
                 raise InputError(f"{one} begins {1e3 * depth:.3g} mm inside {two}; expected things beside each other")
 
     def approach(self, linearisations: int) -> None:
