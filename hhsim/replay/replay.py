@@ -183,7 +183,8 @@ class Replay:
         """Compute the table, write it, and complete the file."""
         shown = of_the_paper(self._described)
         kept = self._series, self._prepared, self._kept
-        summary = summarise(self.scene, self._surface, self._options, *kept, of_paper=shown)
+        apart = bool(self._described.get(HANDS_APART))
+        summary = summarise(self.scene, self._surface, self._options, *kept, of_paper=shown, hands_apart=apart)
         path = self._writer.finish(summary.attributes())
         return replace(summary, path=path)
 

@@ -170,10 +170,12 @@ def summarise(
     free: Datasets | None = None,
     *,
     of_paper: bool = False,
+    hands_apart: bool = False,
 ) -> ReplaySummary:
     """Compute the table of a run that has just ended, of datasets of /tick as the object sees them.
 
-    Of a free object `free` has those of /tick and /contact, world. `of_paper` shows the paper's figures.
+    Of a free object `free` has those of /tick and /contact, world. `of_paper` shows the paper's figures; `hands_apart`
+    is True of one of two hands that keep out of each other.
     """
     ticks, motion, parts = scene.ticks, scene.trajectory, scene.parts
     fingers = np.array([finger in options.fingers for finger in FINGERS])
@@ -205,7 +207,7 @@ def summarise(
     return ReplaySummary(
         rows=summary_rows(figures, ticks.rate, of_paper=of_paper),
         notes=(
-            *_notes(scene, options, series["status"]),
+            *_notes(scene, options, hands_apart, series["status"]),
             *surface.notes,
             *_floating(scene, figures),
             *(() if free_run is None else filter(None, [free_run.left_behind(ticks.phases, ticks.position)])),
@@ -271,11 +273,13 @@ def _held_off(parts: MovingParts, first: RigidMotion) -> Iterator[str]:
             yield f"{name} is kept from where it is recorded in {ticks}, by up to {1e3 * off.max():.3g} mm"
 
 
-def _notes(scene: Scene, options: SolverOptions, status: AnyArray) -> tuple[str, ...]:
+def _notes(scene: Scene, options: SolverOptions, hands_apart: bool, status: AnyArray) -> tuple[str, ...]:
     notes = [*scene.mesh.repairs, *scene.mesh.warnings]
     if np.any(status & STATUS_START_INSIDE):
-        where = "the object, or in itself" if options.self_contact else "the object"
-        notes.append(f"the haptic hand begins inside {where}: the graphic hand began at the nearest free place")
+        where = "one of the things" if scene.others else "the object"
+        where += ", or in the other hand" if hands_apart else ""
+        where += ", or in itself" if options.self_contact else ""
+        notes.append(f"the haptic hand begins inside {where}: the graphic hand began at a free place near it")
     squeezed = int(np.sum(status & STATUS_NO_PLACE > 0))
     if squeezed:
         notes.append(

@@ -4,27 +4,24 @@ from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.resources import files
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known, named
-from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.catalogue import THINGS, names_a_file, object_names, resolve_object, thing_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts, held_rows, placed_mesh
 from hhsim.motion.trajectory import RigidMotion, TickInput, Trajectory
-from hhsim.reproducible import norm
 from hhsim.scene.jointed_thing import JointedThing, Keyframe, Shape, read_jointed_thing
-from hhsim.trees.contact_surface import encloses
+from hhsim.scene.overlap import Solid, overlap
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.sphere_tree import SphereTree
 
 MOST_OVERLAP, MOST_JOINED_OVERLAP = 1e-4, 1e-3
 """Largest depth [m] of a part in another at the first tick, and in one that it hangs on: hinges are drawn roughly."""
-SPACING, MOST_PIECES = 4e-3, 64
-"""Distance [m] of the points of an edge that are looked for in another part, and most pieces of it."""
 BRANCHING = 8
 _CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 _SIDES = np.array(
@@ -116,32 +113,15 @@ class ThingParts:
 
 def require_apart(names: Sequence[str], meshes: Sequence[Mesh], joined: Container[frozenset[str]] = ()) -> None:
     """Raise InputError for meshes in the world that begin inside each other; `joined` has those that share a joint."""
-    shells = [build_mesh_bvh(mesh.vertices, mesh.faces) if encloses(mesh) else None for mesh in meshes]
-    points = [points_on(mesh) for mesh in meshes]
-    for i, (one, shell) in enumerate(zip(names, shells)):
-        for j, other in enumerate(names):
-            if i == j or shell is None:
-                continue
-            hinged = frozenset((one, other)) in joined
-            most = MOST_JOINED_OVERLAP if hinged else MOST_OVERLAP
-            depth = -float(mesh_signed_distance(shell, points[j]).min())
-            if depth > most:
-                raise InputError(
-                    f"part '{other}' begins {1e3 * depth:.3g} mm inside part '{one}'; expected at most "
-                    f"{1e3 * most:g} mm of parts that {'share a joint' if hinged else 'share no joint'}"
-                )
-
-
-def points_on(mesh: Mesh) -> FloatArray:
-    """Return points on the triangles, at most `SPACING` apart where an edge has no more than `MOST_PIECES`, (n, 3)."""
-    found = []
-    for a, b, c in mesh.triangles:
-        longest = max(norm(b - a), norm(c - a), norm(c - b))
-        pieces = int(np.clip(np.ceil(longest / SPACING), 1, MOST_PIECES)) if len(mesh.faces) < 1000 else 1
-        i, j = np.mgrid[: pieces + 1, : pieces + 1]
-        u, v = i[i + j <= pieces] / pieces, j[i + j <= pieces] / pieces
-        found.append(a + u[:, None] * (b - a) + v[:, None] * (c - a))
-    return np.concatenate(found)
+    solids = [Solid(mesh) for mesh in meshes]
+    for (one, solid), (other, its) in combinations(zip(names, solids), 2):
+        hinged = frozenset((one, other)) in joined
+        most, depth = MOST_JOINED_OVERLAP if hinged else MOST_OVERLAP, overlap(solid, its)
+        if depth > most:
+            raise InputError(
+                f"part '{other}' begins {1e3 * depth:.3g} mm inside part '{one}'; expected at most "
+                f"{1e3 * most:g} mm of parts that {'share a joint' if hinged else 'share no joint'}"
+            )
 
 
 def load_thing(word: str | Path, motion: object = None, *, solid: bool = True) -> ThingParts:

@@ -19,18 +19,20 @@ from hhsim.kernels.free.rows import SLACKS, friction_count
 from hhsim.kernels.free.state import MOST_HANDS, MOST_THINGS, free_state_dtype
 from hhsim.kernels.free.tick import Free, rebuild, run_many
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
+from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.reproducible import across, matmul, principal_axes
 from hhsim.scene.free_object import FreeObject, Hinge, Slider
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.surface import surface_of
-from hhsim.solver.workspace import TickWorkspace, fresh_state
+from hhsim.solver.workspace import TickWorkspace, fresh_state, tick_record
 from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.hierarchy import build_hierarchy
 
@@ -140,6 +142,8 @@ class FreeEngine:
         self.things = (Thing(first, free, name=free.name), *others)
         self.hands = (workspace,) if second is None else (workspace, second)
         surfaces = [thing.surface.arrays for thing in self.things]
+        for hand in self.hands:
+            hand.beside = tuple(surfaces[1:])
         hands, things = len(self.hands), len(self.things)
         if things > MOST_THINGS:
             raise InputError(f"{things} things; expected up to {MOST_THINGS}")
@@ -308,8 +312,32 @@ class FreeEngine:
         for state, thing, other in zip(self.states, problem.thing, problem.other):
             depth = -float(state.candidates.nearest[PALM_BODY])
             if other >= 0 and depth > 0.0:
-                one, two = self.things[other].name, self.things[thing].name
+                one, two = (self.things[k].name or "the first thing" for k in (other, thing))
                 raise InputError(f"{one} begins {1e3 * depth:.3g} mm inside {two}; expected things beside each other")
+
+    def approach(self, linearisations: int) -> None:
+        """Bring the hands from free places as near to the user's as so many linearisations of one tick can.
+
+        It is beside things that stand still and do not rub. Raises HhsimError where more pairs were near than fit.
+        """
+        first = self.states[0]
+        bodies, problem, total = first.bodies, first.free_problem, first.body_safe_total.copy()
+        kept, slacks = bodies.copy(), int(problem.slacks)
+        for name in ("is_free", "is_driven", "inverse_root", "joint", "pair_joint", "has_table", "friction", "torsion"):
+            bodies[name] = 0
+        problem.slacks = 0
+        self.begin()
+        options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED)
+        goals = [hand.states[0].haptic for hand in self.hands]
+        haptic = [HapticBlock(*(np.array(goal[name])[None] for name in HapticBlock._fields)) for goal in goals]
+        records = [tick_record(1) for _ in self.hands]
+        self._run(self.method._replace(options=options), haptic, records, np.zeros((len(self.things), 1, 7)))
+        if records[0].status[0] & STATUS_CAPACITY_EXCEEDED:
+            raise self.workspace.full()
+        for state, hand in zip(self.states, self.hands):
+            copy_configuration(state.pose, hand.states[0].pose)
+        bodies[:], problem.slacks, first.body_safe_total[:] = kept, slacks, total
+        self.begin()
 
     def run(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord | None = None) -> int:
         """See `Engine.run`; the object's record goes to `ticks`, or to new arrays."""
@@ -320,16 +348,22 @@ class FreeEngine:
 
     def run_many(self, haptic: tuple[HapticBlock, ...], record: tuple[TickRecord, ...]) -> int:
         """Run the ticks of all hands and things, whose program is one; return those done."""
+        things = len(self.things)
+        done, own = self._run(self.method, haptic, record, self._driven(len(haptic[0].position)))
+        self.all_ticks = own._replace(things=own.things[:things]) if things > 1 else None
+        self.ticks = of_first(own) if things > 1 else own.things[0]
+        return done
+
+    def _run(
+        self, method: Free, haptic: Sequence[HapticBlock], record: Sequence[TickRecord], driven: FloatArray
+    ) -> tuple[int, ThingsRecord]:
+        """Run ticks by a method; return those done, and the record of the things."""
         count, things = len(haptic[0].position), len(self.things)
         rows, points = np.zeros(count * ACTIVE_CAPACITY, np.int64), np.zeros((count * ACTIVE_CAPACITY, 3))
         of_each = [object_record(count), *(object_record(count, 0) for _ in range(1, things))]
         own = ThingsRecord(filled(of_each, MOST_THINGS), rows, points, np.zeros((things, count, 6)))
-        given = self.method, self.states, self.qp
         read_written = filled(haptic, MOST_HANDS), filled(record, MOST_HANDS), own
-        done = int(run_many(*given, *read_written, self._driven(count)))
-        self.all_ticks = own._replace(things=own.things[:things]) if things > 1 else None
-        self.ticks = of_first(own) if things > 1 else own.things[0]
-        return done
+        return int(run_many(method, self.states, self.qp, *read_written, driven)), own
 
     def seen_by(self, hand: int) -> ObjectRecord:
         """Return the record of the object as that of the first or the second hand: its own bodies come first."""

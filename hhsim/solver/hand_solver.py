@@ -55,7 +55,7 @@ class HandSolver:
         options: Method, stiffness and lengths.
         free: Physical properties of a free object. `surface` is then its place at the start; ticks are given in the
             world and returned as seen from the object, whose own motion is in `object_ticks`.
-        others: Further things beside a free object.
+        others: Further things beside a free object. A hand that begins in one of them is freed of it, too.
 
     Raises:
         InputError: A method that lacks what it needs, arrays of another surface than the options name, or options that
@@ -121,9 +121,10 @@ class HandSolver:
     def begin(self, haptic: HapticBlock) -> int:
         """Place the graphic hand at the first finite haptic configuration; the first tick does it if nobody has.
 
-        Where that is inside the object, or its own parts are in each other, start at a free place nearby and come as
-        near as possible. The first tick must be given the same input. Returns STATUS_START_INSIDE or 0; raises
-        HhsimError where more pairs were near than the arrays hold.
+        Where that is inside the object or a thing beside it, or its own parts are in each other, start at a free place
+        nearby and come as near as possible; a hand whose program is that of others, too, waits there for them. The
+        first tick must be given the same input. Returns STATUS_START_INSIDE or 0; raises HhsimError where more pairs
+        were near than the arrays hold.
         """
         self._started = True
         workspace = self.workspace
@@ -145,6 +146,10 @@ class HandSolver:
         if not inside:
             return 0
         engine = self.engine
+        if workspace.beside:
+            if isinstance(engine, FreeEngine):
+                engine.approach(START_LINEARISATIONS)
+            return STATUS_START_INSIDE
         if not isinstance(engine, LinearisingEngine):
             # The start is no part of the method: every method begins from the same place.
             engine = LinearisingEngine(workspace, Coupled(workspace.tick_options))
@@ -232,16 +237,23 @@ def warm_up(
 
 
 def clearance(workspace: TickWorkspace) -> float:
-    """Signed distance [m] of the graphic hand to the surface, also deep inside, up to ten times the margin."""
+    """Signed distance [m] of the graphic hand to all surfaces, also deep inside, up to ten times the margin."""
+    return min(_clearances(workspace))
+
+
+def _clearances(workspace: TickWorkspace) -> list[float]:
+    """Signed distance to the object, and to each thing beside it."""
     pose, options = workspace.states[0].pose, workspace.options
     joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
     rotation = np.empty((3, 3))
     quaternion_to_matrix(np.array(pose.orientation), rotation)
     palm, finger, shape = np.empty(1), np.empty((1, FINGER_COUNT)), hand_shape(workspace.model)
     placed = StoredHands(shape, np.ascontiguousarray(joints)[None], np.array(pose.position)[None], rotation[None])
-    clearances(workspace.surface, placed, 10.0 * options.margin, palm, finger)
-    used = options.modelled()[:PALM_BODY:PHALANX_COUNT]
-    return float(min(palm[0], finger[0, used].min(initial=np.inf)))
+    used, found = options.modelled()[:PALM_BODY:PHALANX_COUNT], []
+    for surface in (workspace.surface, *workspace.beside):
+        clearances(surface, placed, 10.0 * options.margin, palm, finger)
+        found.append(float(min(palm[0], finger[0, used].min(initial=np.inf))))
+    return found
 
 
 def part_fingers(workspace: TickWorkspace) -> bool:
@@ -259,10 +271,10 @@ def part_fingers(workspace: TickWorkspace) -> bool:
 
 
 def retreat(workspace: TickWorkspace) -> None:
-    """Shift the hand by the least distance that frees it, over 26 directions and the one away from the object."""
-    pose = workspace.states[0].pose
+    """Shift the hand by the least distance that frees it, over 26 directions and away from what it is deepest in."""
+    pose, deepest = workspace.states[0].pose, int(np.argmin(_clearances(workspace)))
     joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
-    away = joints.reshape(-1, 3).mean(axis=0) - workspace.center()
+    away = joints.reshape(-1, 3).mean(axis=0) - workspace.center(deepest)
     shift_until([pose.position], away, lambda: clearance(workspace), workspace.options.margin)
 
 

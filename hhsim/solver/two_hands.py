@@ -185,9 +185,15 @@ class TwoHandedSolver:
         begun = [0, 0]
         if not self._started:
             begun = [hand.begin(given) for hand, given in zip(self.hands, (right, left))]
-            if _part([hand.workspace for hand in self.hands], self.engine.states[0].meeting):
+            spaces = [hand.workspace for hand in self.hands]
+            parted = _part(spaces, self.engine.states[0].meeting)
+            if parted:
                 begun = [start | STATUS_START_INSIDE for start in begun]
-            self.engine.begin()
+            # Beside one thing alone each hand has come as near as it can.
+            if parted or (any(begun) and spaces[0].beside):
+                self.engine.approach(START_LINEARISATIONS)
+            else:
+                self.engine.begin()
             self._started = True
         done = self.engine.run_many((right, left), records)
         for record, start in zip(records, begun):

@@ -75,6 +75,7 @@ class TickWorkspace:
         arrays = made_of.arrays
         surface = begun(arrays) if isinstance(arrays, JointedSurface) else arrays
         self.surface: Any = surface
+        self.beside: tuple[Any, ...] = ()  # surfaces of further things, whose own ticks are not made here
         self.model = model
         self.mesh, self.tree = made_of.mesh, made_of.tree
         self.hand = model.arrays()
@@ -105,9 +106,10 @@ class TickWorkspace:
             f"{SURFACES[self.options.surface].coarser}"
         )
 
-    def center(self) -> FloatArray:
-        """Return a point that a hand inside the object moves away from [m], world, shape (3,)."""
-        return surface_of(self.surface).center(getattr(self.surface, "pieces", self.surface))
+    def center(self, thing: int = 0) -> FloatArray:
+        """Return a point that a hand in the object, or in a thing beside it, moves away from [m], world, shape (3,)."""
+        surface = (self.surface, *self.beside)[thing]
+        return surface_of(surface).center(getattr(surface, "pieces", surface))
 
     def run_block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> int:
         """Run one tick of a compiled method for each row of the haptic input; return the ticks done."""

@@ -12,19 +12,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import HANDS_APART, SIDES, TWO_HANDED, is_one_of_two
-from hhsim.scene.parts_of_thing import points_on
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
-from hhsim.verify.coal_distance import TrueSurface
 from hhsim.verify.contacts import PALM, Pairs, joined
 from hhsim.verify.file_checks import follows
 from hhsim.verify.force_checks import FORCE, WHY_FORCE, WHY_SLACK, force_slack
 from hhsim.verify.forces import AT_LIMIT, limit_rows, pushes, residual
 from hhsim.verify.judged_body import JudgedBody
 from hhsim.verify.kinematics import Posed, configurations, own_hand, phalanx_axes, pose, rotations
+from hhsim.verify.things_apart import CLEAR, things_apart_claim
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_OTHER, STUCK, JudgedTicks
 
 if TYPE_CHECKING:
@@ -33,8 +31,6 @@ if TYPE_CHECKING:
 
 MOVES = 1e-6
 """Speed beyond which a joint moves, and its friction is against that [rad/s, m/s]."""
-LOOKED_AT, TOGETHER = 1000, 32
-"""Ticks in which the things are looked for in each other, and how many at once, to bound the memory."""
 ON_TABLE = -1
 UNIT = 1e-9
 EARTH = (0.0, 0.0, -9.81)
@@ -45,8 +41,6 @@ STICKS = 1e-9
 """Largest slip of a contact that sticks, in one tick [m]."""
 RADIUS = 0.02
 """Shortest radius at which a contact turns [m]: that of a phalanx."""
-CLEAR = 5e-7
-"""Error of a contact's slip from its clearance [m]."""
 AGAINST = np.cos(np.radians(45.0)) - 1e-6
 """Cosine of the friction's error: four directions approximate the circle, to 45°."""
 
@@ -226,7 +220,10 @@ def free_claims(result: Result) -> list[Claim]:
     ]
     if len(things) > 1:
         claims += [_first_thing(motion, things[0]), _between_things(things), _hands_on_things(things)]
-        claims.append(_things_apart(things))
+        joined, still = [{thing.name, on} for thing, on in joints], [thing.fixed or thing.driven for thing in things]
+        ways = itertools.permutations(range(len(things)), 2)
+        apart = [(i, j) for i, j in ways if {things[i].name, things[j].name} not in joined]
+        claims.append(things_apart_claim(result, [(i, j) for i, j in apart if not (still[i] and still[j])]))
     return claims
 
 
@@ -510,7 +507,7 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
     settled = judge.status[judge.chosen] & (STUCK | LAG | CAPACITY_EXCEEDED) == 0
     places, ticks = np.flatnonzero(settled), judge.chosen[settled]
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
-    stored = judge.stored_forces(ticks).reshape(len(ticks), -1)
+    stored = judge.stored_forces(ticks).reshape(len(ticks), 3 * (PALM + 1))
     near = _near_others(judge, motion, places[~motion.alone[ticks]])
     # A wrench on a thing is that of both hands.
     known = [] if result.scene.get(TWO_HANDED) else others
@@ -738,33 +735,3 @@ def _hands_on_things(things: Sequence[FreeThing]) -> Claim:
     forces += [np.asarray(hand["force/total"])[ticks] for hand in hands]
     off, size = np.abs(np.sum(forces, axis=0)).max(axis=1), 1.0 + np.abs(forces).sum(axis=(0, 2))
     return judged(name, says, off, FORCE * size, "N", WHY_FORCE, ticks=ticks)
-
-
-def _things_apart(things: Sequence[FreeThing]) -> Claim:
-    """Look for points of each thing's triangles and edges in each other one, by winding and nearest triangle."""
-    result = things[0].result
-    ticks = np.unique(np.linspace(0, result.ticks - 1, LOOKED_AT).astype(int))
-    meshes = [Mesh(result[f"{part}/vertices"], result[f"{part}/faces"]) for part in result.parts]
-    shells, points = [TrueSurface(mesh) for mesh in meshes], [points_on(mesh) for mesh in meshes]
-    moved = [(rotations(of.turn[ticks])[0].as_matrix(), of.shift[ticks]) for of in result.meshes_moved()]
-    depth, names = np.zeros(len(ticks)), result.scene["thing"]["parts"]
-    joined_by = [{name, joint["on"]} for name, joint in zip(names, map(_joint, things)) if joint]
-    for (i, shell), j in itertools.product(enumerate(shells), range(len(shells))):
-        if i == j or {names[i], names[j]} in joined_by or all(things[k].fixed or things[k].driven for k in (i, j)):
-            continue
-        # What is deeper than the clearance is as far within the bounds.
-        low, high = meshes[i].bounds + [[CLEAR], [-CLEAR]]
-        (here, at), (there, place) = moved[i], moved[j]
-        turn, shift = there.swapaxes(1, 2) @ here, (place - at)[:, None] @ here
-        last, room = np.zeros_like(points[j]), np.zeros(len(points[j]))
-        for rows in np.array_split(np.arange(len(ticks)), range(TOGETHER, len(ticks), TOGETHER)):
-            seen = points[j] @ turn[rows] + shift[rows]
-            inside = np.logical_and.reduce([(seen[..., k] > low[k]) & (seen[..., k] < high[k]) for k in range(3)])
-            for t in np.flatnonzero(inside.any(axis=1)):
-                # A point that has moved by less than it was away from the surface is still outside.
-                near = np.flatnonzero(inside[t])
-                near = near[np.linalg.norm(seen[t, near] - last[near], axis=1) >= room[near]]
-                last[near], room[near] = seen[t, near], shell.signed_distance(seen[t, near])
-                depth[rows[t]] = max(depth[rows[t]], -room[near].min(initial=0.0))
-    says = f"no thing is in another one, by points of its triangles in {len(ticks)} ticks"
-    return judged("things apart", says, depth, CLEAR, "m", "the clearance", ticks=ticks)

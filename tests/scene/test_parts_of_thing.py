@@ -33,7 +33,7 @@ FAULTS = {
     "crossing": (
         # No corner of one is in the other.
         BOOK.format(height=0.0).replace("[0.1, 0.1, 0.01]", "[0.3, 0.01, 0.01]", 1),
-        "begins 5 mm inside part",
+        "begins 10 mm inside part",
     ),
     "no shape": (BOOK.format(height=0.01).replace("box = [0.1, 0.1, 0.01]\n", "", 1), "no mesh and no box"),
     "two shapes": (BOOK.format(height=0.01).replace("box =", 'mesh = "cube"\nbox =', 1), "both a mesh and a box"),

@@ -151,7 +151,7 @@ def test_hands_that_begin_in_each_other_begin_beside(threads: Any, free: FreeObj
     motions = right, mirrored(right)
     assert apart(motions).max() < -5e-3
     one, two = run(threads, motions, free=free)
-    assert one.status[0] & two.status[0] & STATUS_START_INSIDE
+    assert one.status[0] == two.status[0] == STATUS_START_INSIDE, "they have come near, and have nothing left to go"
     distance = apart((one, two))
     assert distance.min() >= 0.0 and distance[-1] <= 1e-6
     np.testing.assert_array_equal(one.total, -two.total)

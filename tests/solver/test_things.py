@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from coal_clearance import things_clearance
 from coulomb_program import last_program, solve_coulomb
 from numpy.typing import ArrayLike
 
@@ -12,6 +13,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
+from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.free_object import FreeObject
 from hhsim.scene.parts_of_thing import box_mesh
@@ -232,6 +234,18 @@ def test_things_that_fly_about_never_enter_each_other_hand_or_table(seed: int) -
         wanted = force[1:] + [0.0, 0.0, -free.mass * G]
         scale = np.abs(force[1:]).max() + free.mass * G
         assert np.abs(gained - wanted)[settled].max() <= 1e-6 * scale, "Newton's equation"
+
+
+@pytest.mark.parametrize("inside", [0, 1, 2])
+def test_a_hand_that_begins_in_any_of_several_things_is_freed_of_all_of_them(inside: int) -> None:
+    # Side by side: the way out of one must not lead into the next.
+    places = [np.array([0.0600011 * k, 0.0, 0.0]) for k in range(3)]
+    bodies = [block(place, (0.06, 0.06, 0.06), **NOTHING) for place in places]
+    solver = solver_of(*bodies, fixed=[2])
+    record, ticks = run(solver, 1, (places[inside] - (0.0, 0.05, 0.0)).tolist())
+    assert record.status[0] == STATUS_START_INSIDE
+    # So near, and not where it was freed.
+    assert 0.0 <= things_clearance(HandModel.default(), [mesh for mesh, _ in bodies], record, ticks.things) < 2e-6
 
 
 def test_things_that_begin_inside_each_other_are_told() -> None:

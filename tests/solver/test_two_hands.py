@@ -5,13 +5,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from coal_clearance import things_clearance
 from free_scenes import TIP, box, far_hand, gripped, tongs, tongs_at
 
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE
+from hhsim.metrics.metrics import distance_of_hands
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.free_engine import FreeEngine, Thing
 from hhsim.solver.hand_solver import HandSolver
@@ -190,6 +194,27 @@ def test_mirrored_hands_bear_mirrored_forces() -> None:
     np.testing.assert_allclose(two.total * flip, one.total, atol=1e-9)
     np.testing.assert_allclose(two.palm_wrench[:, :3] * flip, one.palm_wrench[:, :3], atol=1e-9)
     np.testing.assert_allclose(two.joints * flip, one.joints, atol=1e-12)
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_hands_that_begin_in_a_second_thing_and_in_each_other_are_freed_of_all(both: bool) -> None:
+    edge, hands = 0.06, (HandModel.default("right"), HandModel.default("left"))
+    meshes = [box([edge] * 3, np.array([k * (edge + 1.1e-6), 0.0, 0.0])) for k in range(2)]
+    free = [FreeObject.of_mesh(mesh, mass=MASS, friction=FRICTION, gravity=(0.0, 0.0, 0.0)) for mesh in meshes]
+    things = [Thing(contact_surface("mesh", mesh, None), its) for mesh, its in zip(meshes, free)]
+    solver = two_handed(meshes[0], free[0], hands, things[1:])
+    begin = np.array([edge, -0.05, 0.0])
+    other = begin + (0.01, 0.0, 0.01) if both else np.array([-0.3, 0.3, 0.3])
+    posture = np.array([[1.0, 0.0, 0.0, 0.0]]), np.full((1, 5, 3), 0.3), np.zeros((1, 5))
+    records = solver.run(*(HandConfiguration(at[None], *posture) for at in (other, begin)))
+    # Hands that pull on things from both sides may be on their way in the first tick.
+    assert [int(each.status[0]) & ~STATUS_LAG for each in records] == [both * STATUS_START_INSIDE, STATUS_START_INSIDE]
+    ticks = solver.engine.all_ticks
+    assert ticks is not None
+    away = [things_clearance(hand, meshes, record, ticks.things) for hand, record in zip(hands, records)]
+    placed = [PlacedHand(record.joints, record.position, record.orientation) for record in records]
+    away.append(float(distance_of_hands(hands, placed).min()))
+    assert 0.0 <= min(away) < 2e-6, "out of all, and as near as they come"
 
 
 def test_what_has_no_free_objects_says_so() -> None:

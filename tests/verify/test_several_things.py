@@ -22,7 +22,7 @@ from hhsim.verify.depth_checks import depth_claims
 from hhsim.verify.free_object_checks import FreeMotion, free_claims, free_complementarity_claim, free_hand_claim
 from hhsim.verify.judged_body import seen_by_referee
 from hhsim.verify.metric_checks import CORRECTION, INPUT_HAND, input_hand_claims, metric_claims
-from hhsim.verify.tick_data import JudgedTicks
+from hhsim.verify.tick_data import LAG, STUCK, JudgedTicks
 
 TICKS, AT_REST, HELD = 1600, 300, 1590
 """Ticks of the run, one in which no hand is near, and one in which the hand bears on both things."""
@@ -125,6 +125,7 @@ FAULTS: dict[Fault, str] = {
     into_the_hand: "non-penetration",
     with_name("deep_in_the_hand", lambda file: into_the_hand(file)): "depth",
     of_second("overlapping", "position", AT_REST, lambda x: x - (1e-5, 0.0, 0.0)): "things apart",
+    of_second("in one place", "position", AT_REST, lambda x: x - (0.02, 0.0, 0.0)): "things apart",
 }
 
 
@@ -140,6 +141,16 @@ def test_a_planted_fault_is_found_by_name(
 ) -> None:
     assert FAULTS[fault] not in found_in_honest
     assert FAULTS[fault] in failing(planted(honest, tmp_path, fault))
+
+
+@pytest.mark.parametrize("status", [STUCK, LAG])
+def test_a_result_without_a_settled_tick_has_a_verdict(honest: Result, tmp_path: Path, status: int) -> None:
+    def settles_never(file: h5py.File) -> None:
+        file["tick/status"][:] = status
+
+    found = claims(planted(honest, tmp_path, settles_never), np.arange(0, TICKS, 400))
+    assert found["hand's balance"].verdict == NOT_JUDGED and found["hand's balance"].checked == 0
+    assert found["things apart"].verdict == HOLDS
 
 
 def test_figures_that_results_of_several_things_once_lacked_are_not_judged(honest: Result, tmp_path: Path) -> None:

@@ -1,0 +1,93 @@
+"""Claim that no thing is in another one, at the poses of the file.
+
+An edge that pierces a triangle is out of it after the least shift to a face of the prism that both span. A point inside
+of one thing is out of another one after its depths in both, also where their surfaces coincide, or do not meet.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.mesh.mesh import Mesh
+from hhsim.result.reader import Result
+from hhsim.verify.claim import Claim, judged
+from hhsim.verify.coal_distance import TrueSurface
+from hhsim.verify.kinematics import rotations
+
+LOOKED_AT, MOST_PAIRS = 1000, 100_000
+"""Ticks in which the things are looked for in each other, and most pairs of triangles that are asked for in one."""
+CLEAR = 5e-7
+"""Clearance of contacts [m]."""
+BEHIND, MOST_FACES = 0.5 ** np.arange(1, 13)[:, None, None], 100
+"""Points inside are so far behind a face, in lengths of the thing, and about so many faces have some."""
+
+
+class _Thing:
+    """Mesh of a thing, its surface, and points on it and in it with their depths [m], in its frame at the start."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.bounds, self.shell = mesh.bounds, TrueSurface(mesh, open_too=True)
+        self.triangles = self.shell.triangles
+        middle, step = self.triangles.mean(axis=1), max(1, len(self.triangles) // MOST_FACES)
+        inner = middle[::step] - float(mesh.extent.max()) * BEHIND * self.shell.normal[::step]
+        on, inner = np.concatenate([mesh.vertices[np.unique(mesh.faces)], middle]), inner.reshape(-1, 3)
+        depth = -self.shell.signed_distance(inner)
+        self.points, self.depth = np.vstack([on, inner[depth > 0.0]]), np.append(np.zeros(len(on)), depth[depth > 0.0])
+
+    def depths_of(self, other: "_Thing", turn: FloatArray, shift: FloatArray) -> FloatArray:
+        """Depth of another thing [m], by its points and edges, at poses in this one's frame, (T, 3, 3) and (T, 3)."""
+        import coal
+
+        request, still = coal.CollisionRequest(), coal.Transform3s()
+        request.num_max_contacts = MOST_PAIRS
+        depth, last, room = np.zeros(len(turn)), np.zeros_like(other.points), np.zeros(len(other.points))
+        # What is deeper than the clearance is as far within the bounds.
+        low, high = self.bounds + [[CLEAR], [-CLEAR]]
+        for t, (rotation, place) in enumerate(zip(turn, shift)):
+            if t and np.array_equal(place, shift[t - 1]) and np.array_equal(rotation, turn[t - 1]):
+                depth[t] = depth[t - 1]
+                continue
+            seen, answer = other.points @ rotation.T + place, coal.CollisionResult()
+            near = np.flatnonzero(((seen > low) & (seen < high)).all(axis=1))
+            # A point that has moved by less than it was away from the surface is still outside.
+            near = near[np.linalg.norm(seen[near] - last[near], axis=1) >= room[near]]
+            last[near], room[near] = seen[near], self.shell.signed_distance(seen[near])
+            near = near[room[near] < 0.0]
+            there: Any = coal.Transform3s(rotation, place)
+            coal.collide(self.shell.model, still, other.shell.model, there, request, answer)
+            pairs = np.array([(met.b1, met.b2) for met in answer.getContacts()], int).reshape(-1, 2).T
+            pierced = _pierced(self.triangles[pairs[0]], other.triangles[pairs[1]] @ rotation.T + place)
+            depth[t] = max((other.depth[near] - room[near]).max(initial=0.0), pierced.max(initial=0.0))
+        return depth
+
+
+def _pierced(corners: FloatArray, other: FloatArray) -> FloatArray:
+    """Compute the least shift that takes each edge of other triangles out of a triangle [m], (K, 3, 3) each, (K, 3)."""
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None]
+    ends = [_height(across, place - corners[:, :1]) for place in (other, np.roll(other, -1, axis=1))]
+    # Of each edge and each side of the triangle.
+    a, b, c = (np.roll(corners, -i, axis=1)[:, None] for i in range(3))
+    beside = np.cross(b - a, (np.roll(other, -1, axis=1) - other)[:, :, None])
+    sides = np.sign((beside * (c - a)).sum(axis=-1)) * _height(beside, other[:, :, None] - a)
+    return np.asarray(np.minimum(sides.min(axis=2), np.minimum(np.maximum(*ends), -np.minimum(*ends))))
+
+
+def _height(normal: FloatArray, vector: FloatArray) -> FloatArray:
+    size = np.linalg.norm(normal, axis=-1)
+    return np.asarray((normal * vector).sum(axis=-1) / np.where(size > 0.0, size, np.inf))
+
+
+def things_apart_claim(result: Result, pairs: Sequence[tuple[int, int]]) -> Claim:
+    """Judge that one thing is not in another one, by pairs of their numbers in both orders."""
+    ticks = np.unique(np.linspace(0, result.ticks - 1, LOOKED_AT).astype(int))
+    things = [_Thing(Mesh(result[f"{part}/vertices"], result[f"{part}/faces"])) for part in result.parts]
+    moved = [(rotations(of.turn[ticks])[0].as_matrix(), of.shift[ticks]) for of in result.meshes_moved()]
+    depth = np.zeros(len(ticks))
+    for one, other in pairs:
+        back, ((_, at), (turn, place)) = moved[one][0].swapaxes(1, 2), (moved[one], moved[other])
+        shift = (back @ (place - at)[:, :, None])[:, :, 0]
+        depth = np.maximum(depth, things[one].depths_of(things[other], back @ turn, shift))
+    says = f"no thing is in another one, by edges and points of both in {len(ticks)} ticks"
+    return judged("things apart", says, depth, CLEAR, "m", "the clearance", ticks=ticks)
