@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hhsim.metrics.run_ticks import FreeRun, body_name
+from hhsim.metrics.run.registry import run_figure
+from hhsim.metrics.run_ticks import FreeRun, RunTicks, body_name
 from hhsim.motion.trajectory import ObjectMotion, TickPhase
 
 TICKS = 10
@@ -51,6 +52,26 @@ def test_friction_is_told_as_a_share_of_what_can_be_borne() -> None:
     free.properties.update(torsion=0.01)  # type: ignore[attr-defined]
     # What the table bears is left out; of tick 5 it is the contact nearest to its limit.
     assert free.friction_share == pytest.approx([0.0] * 4 + [0.6, 1.0] + [0.0] * 4)
+
+
+def test_the_grip_is_what_the_hands_contacts_press_and_rub_whichever_way() -> None:
+    free = run(1.0)
+    free.datasets.update({  # type: ignore[attr-defined]
+        "contact/normal": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]),
+        "contact/normal_force": np.array([9.0, 3.0, 2.0, 2.0]),
+        "contact/friction_force": np.array([[9.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0] * 3, [0.0] * 3]),
+    })  # fmt: skip
+    # The table's is none, and two contacts that oppose each other leave no total.
+    assert free.grip.tolist() == [0.0] * 4 + [5.0, 4.0] + [0.0] * 4
+
+
+def test_creep_is_the_slip_of_contacts_in_a_hold_and_no_swing() -> None:
+    free = run(1.0)
+    free.datasets.update({"object/hand_wrench": np.ones((TICKS, 6))})  # type: ignore[attr-defined]
+    ticks = RunTicks({}, TICKS, (TickPhase("hold", 0, 9),), 1000.0, 5, free=free)
+    # The palm slips most in the hold's second half; the object goes 10 mm a tick with the hand.
+    assert run_figure("object_creep", ticks) == pytest.approx(3e-6 * 1000.0 / 5)
+    assert run_figure("object_slip", ticks) == pytest.approx(3e-6)
 
 
 def test_weight_friction_and_way_are_those_of_the_object() -> None:
