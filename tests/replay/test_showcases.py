@@ -8,7 +8,7 @@ from conftest import REPOSITORY, Run
 from markdown_pages import Page
 from sampled import sampled
 
-from hhsim.replay.verdict import OK, UNTOUCHED
+from hhsim.replay.verdict import NOT_JUDGED, OK, UNTOUCHED
 from hhsim.scene.motion_catalogue import describe, trajectory_names
 
 README = [line for line in Page.read(REPOSITORY / "README.md").command_lines() if line.startswith("hhsim replay ")]
@@ -20,10 +20,12 @@ SHOWN = dict.fromkeys(
 MADE = ("project_out:ProjectOut", "session.h5")
 """What lines of README before make by other commands than an import."""
 QUICK = ("hhsim replay cup handle", "hhsim replay blocks stack --surface mesh", describe("lift").line)
-
-
-MISSED = {describe("hand-over").line: {"force_ripple_hold", "force_step", "lag_ticks"}}
-"""Figures over their limits, as docs/metrics.md says."""
+MISSED = {
+    "hhsim replay examples/mug.stl grasp --unit mm": {"force_step"},
+    describe("insert").line: {"force_step", "lag_ticks"},
+    describe("hand-over").line: {"force_ripple_hold", "force_step", "lag_ticks"},
+}
+"""Figures over their limits, by the commands that docs/metrics.md names."""
 
 
 @pytest.mark.parametrize(
@@ -42,4 +44,5 @@ def test_what_is_put_forward_is_within_limits(line: str, run: Run) -> None:
     missed = {name for verdict in verdicts for name in verdict["missed"]}
     assert missed == MISSED.get(line, set()), [verdict["line"] for verdict in verdicts]
     if not missed:
-        assert {verdict["word"] for verdict in verdicts} == {UNTOUCHED if words[2] == "never" else OK}
+        word = UNTOUCHED if words[2] == "never" else NOT_JUDGED if "penalty" in words else OK
+        assert {verdict["word"] for verdict in verdicts} == {word}
