@@ -14,7 +14,8 @@ def command(as_json: bool) -> None:
     """List the trajectories that come with hhsim.
 
     Any of the names, or a script or a recording of your own, goes into hhsim replay. Those for any object find their
-    place on it; the others hold one object at named parts, such as the cup's handle.
+    place on it; the others hold one object at named parts, such as the cup's handle. The column try has a command that
+    shows the motion.
 
     \b
     Examples:
@@ -30,6 +31,7 @@ def command(as_json: bool) -> None:
     columns = (
         words("name"),
         words("what", "title"),
+        words("try", "line"),
         words("object", lambda item: ", ".join(item.objects) or "any"),
         number("duration", "duration", "s", 1),
         number("rate", "rate", "Hz"),

@@ -184,15 +184,15 @@ def worst_force_ripple(force: ArrayLike, rate: float, breaks: BoolArray | None =
     return statistics(found).max
 
 
-def force_step(force: ArrayLike, moving: BoolArray, hold: BoolArray) -> float:
+def force_step(force: ArrayLike, moving: BoolArray, hold: BoolArray, grip: FloatArray | None = None) -> float:
     """Largest one-tick change of the total force (T, 3) [N] while moving, ‖F_t - F_{t-1}‖ over the mean hold force [%].
 
-    Each tick of the mask `moving` (T,) is compared with the tick before. NaN where the mean force in the mask `hold` is
-    below `FORCE_FLOOR`, or a phase is empty.
+    Each tick of the mask `moving` (T,) is compared with the tick before. The hold force is the size of the total force,
+    or `grip` (T,) [N]. NaN where its mean in the mask `hold` is below `FORCE_FLOOR`, or a phase is empty.
     """
     vectors = _vectors(force)
     change = np.linalg.norm(np.diff(vectors, axis=0), axis=1)[np.asarray(moving, dtype=bool)[1:]]
-    held = np.linalg.norm(vectors[np.asarray(hold, dtype=bool)], axis=1)
+    held = (np.linalg.norm(vectors, axis=1) if grip is None else grip)[np.asarray(hold, dtype=bool)]
     if change.size == 0 or held.size == 0 or not held.mean() >= FORCE_FLOOR:
         return np.nan
     return float(100.0 * change.max() / held.mean())

@@ -53,7 +53,6 @@ class FreeRun:
 
     datasets: Datasets  # datasets of the result, world
     properties: Mapping[str, Any]  # `FreeObject.to_json` of `hhsim.scene.free_object`
-    corners: AnyArray  # corners of the box around the object before the first tick [m], shape (8, 3)
     first: ObjectMotion  # pose of the object then, shapes (3,) and (4,)
     stiffness: AnyArray  # diagonal of G, the hand's springs, shape (21,)
     offset: float  # clearance that contacts keep [m]
@@ -90,6 +89,13 @@ class FreeRun:
         of_hand, table = self.properties["friction"], self.properties["table_friction"]
         return np.asarray(np.where(self["contact/body"] <= ON_TABLE, of_hand if table is None else table, of_hand))
 
+    @cached_property
+    def grip(self) -> FloatArray:
+        """Force of the hand's contacts at the ticks, their sizes summed [N], shape (T,)."""
+        of, ticks = self.of_hand, len(self["object/position"])
+        force = self["contact/normal_force"][of, None] * self["contact/normal"][of] + self["contact/friction_force"][of]
+        return np.bincount(self["contact/tick"][of], np.linalg.norm(force, axis=1), ticks)
+
     @property
     def raised(self) -> float:
         """Largest rise of the centre above its place at the first tick [m]."""
@@ -113,12 +119,6 @@ class FreeRun:
         most = np.zeros(len(self["object/position"]))
         np.maximum.at(most, tick, share)
         return most
-
-    def displacement(self, first: int, last: int) -> float:
-        """Largest displacement of a corner of the object's box between two ticks [m]."""
-        ends = RigidMotion(*(values[[first, last]] for values in self.moved))
-        there = ends.points(np.broadcast_to(self.corners, (2, 8, 3)))
-        return float(np.linalg.norm(there[1] - there[0], axis=1).max())
 
     def first_to_slip(self, part: slice) -> str:
         """Body of the hand whose contact slips first in some ticks, with the tick, in words; "" for none."""
@@ -159,12 +159,11 @@ def result_free_run(result: Result) -> FreeRun | None:
     """Build the free object of a result; None where it has none."""
     if not result.free:
         return None
-    mesh = Mesh(result.static["object/vertices"], result.static["object/faces"])
     first = ObjectMotion(result.static["object/position"], result.static["object/orientation"])
     solver = result.scene["solver"]
     springs = [solver["stiffness"][name] for name in ("translation", "rotation", "flexion")]
     stiffness = np.repeat(np.array(springs, np.float64), (3, 3, 15))
-    return FreeRun(result, result.scene["free"], mesh.box_corners, first, stiffness, solver["offset"])
+    return FreeRun(result, result.scene["free"], first, stiffness, solver["offset"])
 
 
 @dataclass(frozen=True, eq=False)

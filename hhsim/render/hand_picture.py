@@ -142,25 +142,26 @@ def viewpoint(
     forces: FloatArray,
     usual: View | None = None,
     below: float = np.inf,
+    rest: Surface | None = None,
 ) -> View:
     """Return the view that shows most of the marks, then of hand and object, with forces not seen end on.
 
     Marks are points that the object should not hide [m], shape (k, 3); forces are vectors, (j, 3). Only a view better
-    by `GAIN` replaces the usual one of another picture; from `below` [m] under its surface the hand hides marks.
+    by `GAIN` replaces the usual one of another picture; from `below` [m] under its surface the hand hides marks. Beside
+    other things, `rest`, which may hide it, most of the object itself is to be seen.
     """
     rng = np.random.default_rng(0)
-    sampled = [face_samples(surface.points, surface.faces, POINTS, rng)[0] for surface in (hand, body)]
+    surfaces = (hand, body) if rest is None else (hand, body, rest)
+    sampled = [face_samples(surface.points, surface.faces, POINTS, rng)[0] for surface in surfaces]
     # A fine mesh has a point on each of very many faces, of which some suffice.
-    skin, stone = (points[:: max(1, len(points) // POINTS)] for points in sampled)
+    points = [points[:: max(1, len(points) // POINTS)] for points in sampled]
     views = [View(float(azimuth), elevation) for elevation in ELEVATIONS for azimuth in AZIMUTHS]
-    return max(views, key=lambda view: _seen(view, skin, stone, marks, forces, below) + GAIN * (view == usual))
+    return max(views, key=lambda view: _seen(view, points, marks, forces, below) + GAIN * (view == usual))
 
 
-def _seen(
-    view: View, skin: FloatArray, stone: FloatArray, marks: FloatArray, forces: FloatArray, below: float
-) -> float:
+def _seen(view: View, points: Sequence[FloatArray], marks: FloatArray, forces: FloatArray, below: float) -> float:
     rotation = look_from(view.towards)
-    whole = np.concatenate([skin, stone]) @ rotation[:2].T
+    whole = np.concatenate(points) @ rotation[:2].T
     low, scale = whole.min(axis=0), CELLS / max(float(np.ptp(whole, axis=0).max()), 1e-9)
 
     def depths(points: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -168,17 +169,20 @@ def _seen(
         cell = np.clip(((seen[:, :2] - low) * scale).astype(np.int64), 0, CELLS)
         return cell[:, 0] * (CELLS + 1) + cell[:, 1], seen[:, 2]
 
-    nearest = {}
-    for name, points in (("skin", skin), ("stone", stone)):
-        cell, depth = depths(points)
-        nearest[name] = np.full((CELLS + 1) ** 2, -np.inf)
-        np.maximum.at(nearest[name], cell, depth)
-    hand_cells = int((nearest["skin"] > nearest["stone"]).sum())
-    body_cells = int((nearest["stone"] > nearest["skin"]).sum())
-    score = 1.5 * min(hand_cells, 1.5 * body_cells) / CELLS**2
+    nearest = []
+    for surface in points:
+        cell, depth = depths(surface)
+        nearest.append(np.full((CELLS + 1) ** 2, -np.inf))
+        np.maximum.at(nearest[-1], cell, depth)
+    skin, stone = nearest[:2]
+    others = np.maximum.reduce([skin, *nearest[2:]])
+    body_cells = int((stone > others).sum())
+    score = 1.5 * min(int((skin > stone).sum()), 1.5 * body_cells) / CELLS**2
+    if len(nearest) > 2:
+        score += body_cells / int((stone > -np.inf).sum())
     if len(marks):
         cell, depth = depths(marks)
-        hidden = np.maximum(nearest["stone"][cell] - 2e-3, nearest["skin"][cell] - below)
+        hidden = np.maximum.reduce([stone - 2e-3, skin - below, *nearest[2:]])[cell]
         score += float(np.mean(depth > hidden))
     if len(forces):
         size = np.linalg.norm(forces, axis=1)

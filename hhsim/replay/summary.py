@@ -183,7 +183,7 @@ def summarise(
     free_run = None
     if scene.free is not None and free is not None:
         first, stiffness = ObjectMotion(motion.object_position, motion.object_orientation), options.stiffness.diagonal()
-        free_run = FreeRun(free, scene.free.to_json(), scene.mesh.box_corners, first, stiffness, options.offset)
+        free_run = FreeRun(free, scene.free.to_json(), first, stiffness, options.offset)
     run = RunTicks(
         columns=series,
         ticks=ticks.tick_count,

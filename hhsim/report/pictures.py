@@ -16,7 +16,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.metrics.run_ticks import HOLD
 from hhsim.render.figure import png_bytes
-from hhsim.render.hand_picture import View, label, seen_through, viewpoint
+from hhsim.render.hand_picture import View, label, seen_through
 from hhsim.render.rasterizer import Camera, blend, frame, look_from, shade
 from hhsim.render.triangle_soup import STONE, Surface, joined, mesh_surface, near_hands
 from hhsim.report.figure import DPI, INK, TEXT, Album, Drawing, PageFigure, ReportFigure, drawn_figure, new_figure
@@ -24,7 +24,7 @@ from hhsim.report.run import ReportRun
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import LIVE_TICK
 from hhsim.table.table import Table, number, shown, words
-from hhsim.view.moment import Moment, moment, overview_tick
+from hhsim.view.moment import Moment, clearest_view, moment, overview_tick
 from hhsim.view.scene_log import status_words
 from hhsim.view.viewer import shown_scene
 
@@ -156,7 +156,7 @@ def _shot(result: Result, tick: int, view: View | None, usual: View | None = Non
     near = near_hands(mesh, np.concatenate([hand.points for hand in shown.hands]))
     body, cut = mesh_surface(near, STONE), near is not mesh
     if view is None:
-        view = viewpoint(shown.graphic, body, shown.contacts.point, shown.arrows, usual)
+        view = clearest_view(result, scene, tick, shown, body, usual)
     sentence = _alt_text(result, tick, shown)
     return Shot(shown, body, cut, view, f"{sentence} {CUT}" if cut else sentence)
 

@@ -30,6 +30,8 @@ Motion: TypeAlias = Script | Demonstration | Trajectory
 Reading: TypeAlias = Mapping[str, Any]
 """Fields of `hhsim.recordings.registry.ReadOptions` for a recording that is imported, paths as texts."""
 SCRIPT_SUFFIX = ".toml"
+USUAL_OBJECT = "bunny"
+"""Object of a command that names none."""
 RECORDING_SUFFIXES = (".h5", ".hdf5", CSV_SUFFIX)
 """Suffixes of trajectories and results; a recording of any other format, a .csv too, is imported."""
 ORDER = (
@@ -42,7 +44,8 @@ ORDER = (
 class TrajectoryDescription(NamedTuple):
     """Entry of the catalogue: duration [s], rate [Hz], fingers that close, names of phases.
 
-    `objects` are those that it is made for, empty for any; `figures` are the paper's that show it.
+    `objects` are those that it is made for, empty for any; `figures` are the paper's that show it; `line` is a command
+    that shows it within all limits.
     """
 
     name: str
@@ -54,6 +57,7 @@ class TrajectoryDescription(NamedTuple):
     phases: tuple[str, ...]
     objects: tuple[str, ...]
     figures: tuple[str, ...]
+    line: str
 
 
 def imported_suffixes() -> tuple[str, ...]:
@@ -112,12 +116,14 @@ def describe(name: str) -> TrajectoryDescription:
     if isinstance(found, Script):
         phases = tuple(phase.name for phase in found.phases)
         fingers, figures = found.fingers if found.contact else (), tuple(use.figure for use in found.paper)
-        use = (found.duration, found.rate, fingers, phases, found.objects, figures)
+        show, use = found.show, (found.duration, found.rate, fingers, phases, found.objects, figures)
     else:
         motion = found.motion
         phases = tuple(phase.name for phase in motion.phases)
-        use = (motion.duration, motion.mean_rate, (found.touch.finger,), phases, (), ())
-    return TrajectoryDescription(name, found.title, found.stresses, *use)
+        show, use = "", (motion.duration, motion.mean_rate, (found.touch.finger,), phases, (), ())
+    object_, _, options = (show or (*use[4], USUAL_OBJECT)[0]).partition(" ")
+    line = f"hhsim replay {object_} {name} {options}".rstrip()
+    return TrajectoryDescription(name, found.title, found.stresses, *use, line)
 
 
 def of_the_paper(description: Mapping[str, Any]) -> bool:

@@ -15,6 +15,7 @@ tree needs no other place. Keys, with their defaults::
     start_distance = 0.12  # the hand starts this far back from its place [m]
     curl = 1.0             # flexion of the second joint per 1 rad of the first; the third follows with 2/3 of it
     objects = []           # catalogue objects that it is for, each with a placement; empty: any object
+    show = ""              # object and options of hhsim replay that show it, within all limits; "": the first, or bunny
 
     [[phase]]              # the first one is an approach; every phase has a duration [s]
     name = "approach"      # comes near with open fingers
@@ -222,6 +223,7 @@ class Script:
     # Not in the text that names a kept closure: the search does not depend on it.
     joints: tuple[tuple[str, tuple[Keyframe, ...]], ...] = field(default=(), repr=False)
     placements_of_two: tuple[Placement, ...] = field(default=(), repr=False)
+    show: str = field(default="", repr=False)
 
     @property
     def duration(self) -> float:
@@ -344,6 +346,7 @@ class ScriptTable(Settings, frozen=True, kw_only=True):
     start_distance: Annotated[float, between(0.001, 1.0, "m")] = Script.start_distance
     curl: Annotated[float, between(0.0, 10.0)] = Script.curl
     objects: tuple[str, ...] = ()
+    show: str = ""
     phase: Annotated[tuple[_PhaseTable, ...], Meta(min_length=1, description="[[phase]] tables with name and duration")]
     placement: Annotated[tuple[PlacementTable, ...], Meta(description="[[placement]] tables")] = ()
     paper: Annotated[tuple[PaperUse, ...], Meta(description="[[paper]] tables")] = ()

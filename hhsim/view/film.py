@@ -18,14 +18,14 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.metrics.metrics import FORCE_FLOOR
-from hhsim.render.hand_picture import arrow_surfaces, transparent, viewpoint
+from hhsim.render.hand_picture import arrow_surfaces, transparent
 from hhsim.render.rasterizer import OVERSAMPLING, composed, frame, look_from, shade
 from hhsim.render.triangle_soup import STONE, Surface, joined, mesh_surface, moved, near_hands, piece_surfaces
 from hhsim.result.reader import Result
 from hhsim.system.atomic_write import partial_file, write_atomically
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
-from hhsim.view.moment import Moment, both_hands, moment, overview_tick
+from hhsim.view.moment import Moment, both_hands, clearest_view, moment, overview_tick
 from hhsim.view.viewer import shown_scene
 
 Picture = NDArray[np.uint8]
@@ -129,7 +129,7 @@ def video_frames(result: Result, ticks: IntArray, width: int, other: Result | No
         body = mesh_surface(near_hands(scene.mesh, points), STONE)
     shown = at(usual)
     rows, columns = (round(FINENESS / OVERSAMPLING * side) for side in frame_shape(width))
-    view = viewpoint(shown.graphic, body, shown.contacts.point, shown.arrows)
+    view = clearest_view(result, scene, usual, shown, body)
     camera = frame(np.concatenate([points, body.points]), look_from(view.towards), (rows, columns), margin=0.06)
     stone = shade(body, camera)
     for tick in ticks.tolist():

@@ -10,9 +10,10 @@ from hhsim.errors import InputError
 from hhsim.kernels.contact.surface import ContactPoints
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import FORCE_FLOOR
+from hhsim.metrics.moving_parts import placed_mesh
 from hhsim.metrics.run_ticks import HOLD
-from hhsim.render.hand_picture import GHOST, PieceForce, arrow
-from hhsim.render.triangle_soup import PIECES, SKIN, Surface, hand_surface, joined, mesh_surface, painted
+from hhsim.render.hand_picture import GHOST, PieceForce, View, arrow, viewpoint
+from hhsim.render.triangle_soup import PIECES, SKIN, STONE, Surface, hand_surface, joined, mesh_surface, painted
 from hhsim.result.reader import Result
 from hhsim.view.plots import SHOWN_COLUMNS, body_forces, shown_ticks, sizes
 from hhsim.view.scene_log import ShownScene, contact_points, force_places
@@ -53,6 +54,17 @@ def moment(result: Result, scene: ShownScene, tick: int, pieces: Sequence[Surfac
     felt = np.flatnonzero(sizes(force[0]) >= FORCE_FLOOR)
     forces = [PieceForce(PIECES[k], places[k], force[0, k]) for k in felt]
     return Moment(graphic, painted(haptic, GHOST), forces, contacts)
+
+
+def clearest_view(
+    result: Result, scene: ShownScene, tick: int, shown: Moment, body: Surface, usual: View | None = None
+) -> View:
+    """Return the view that shows most of a tick, as `viewpoint`; of several things most of the one that is moved."""
+    rest, moved = None, result.meshes_moved(tick)
+    if result.free and len(moved) > 1:
+        meshes = [mesh for mesh, _ in scene.bodies.values()]
+        body, rest = (mesh_surface(placed_mesh(meshes[of], moved[of]), STONE) for of in (slice(1), slice(1, None)))
+    return viewpoint(shown.graphic, body, shown.contacts.point, shown.arrows, usual, rest=rest)
 
 
 def both_hands(moments: Sequence[Moment]) -> Moment:

@@ -164,6 +164,7 @@ class TestForceStep:
         force = along(0, np.array([0.0, 1.0, 4.0, 4.0, 4.0, 40.0]))
         moving, hold = np.arange(6) < 3, np.isin(np.arange(6), (3, 4))
         assert metrics.force_step(force, moving, hold) == pytest.approx(75.0)
+        assert metrics.force_step(force, moving, hold, grip=np.full(6, 12.0)) == pytest.approx(25.0)
 
     def test_a_turning_force_steps_even_at_constant_size(self) -> None:
         force = np.array([[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 2.0, 0.0]])

@@ -21,7 +21,7 @@ from short_grasp import short_grasp, short_result
 from hhsim.errors import InputError
 from hhsim.metrics.metrics import tick_statistics
 from hhsim.render.hand_picture import View, viewpoint
-from hhsim.render.triangle_soup import SKIN, round_cone_surface
+from hhsim.render.triangle_soup import SKIN, Surface, joined, round_cone_surface
 from hhsim.report import pictures as report_pictures
 from hhsim.report import time_series as report_series
 from hhsim.report.figure import RUN_STYLES, ReportFigure, run_style, time_text
@@ -224,6 +224,18 @@ def test_the_view_shows_the_marks() -> None:
     assert viewpoint(hand, ball, marks, nothing, usual) == usual
     hidden = View(180.0, 10.0)
     assert viewpoint(hand, ball, marks, nothing, hidden) != hidden
+
+
+def test_the_view_shows_what_the_hand_moves_and_not_only_what_stands_around() -> None:
+    def ball(x: float, y: float, z: float, radius: float) -> Surface:
+        return round_cone_surface(np.array([x, y, z]), np.array([x, y, z]), radius, radius, SKIN)
+
+    # The hand hides a small ball from most sides, and a large one stands behind both.
+    hand = joined([ball(0.05, y, 0.0, 0.03) for y in (-0.04, 0.0, 0.04)] + [ball(0.0, 0.04, 0.04, 0.04)])
+    held, rest, nothing = ball(0.0, 0.0, 0.0, 0.015), ball(0.0, -0.3, -0.2, 0.2), np.empty((0, 3))
+    seen = viewpoint(hand, held, nothing, nothing, rest=rest)
+    assert seen != viewpoint(hand, joined([held, rest]), nothing, nothing)
+    assert seen.towards @ [-1.0, -1.0, 0.0] > 0.5
 
 
 @pytest.mark.usefixtures("coarse")

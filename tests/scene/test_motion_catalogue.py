@@ -49,6 +49,14 @@ def test_the_catalogue_is_what_the_contract_names() -> None:
     assert not any(describe(name).objects for name in general)
 
 
+def test_a_line_that_shows_a_motion_is_the_scripts_or_names_the_first_object() -> None:
+    assert describe("lift").line == "hhsim replay cube lift --free --torsion 5 --surface mesh"
+    assert describe("handle").line == "hhsim replay cup handle"
+    assert describe("grasp").line == "hhsim replay bunny grasp" and describe("finger-tap").line.startswith(
+        "hhsim replay "
+    )
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_every_script_is_described_and_has_the_stated_length(name: str) -> None:
     description = describe(name)

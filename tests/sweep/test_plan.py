@@ -135,4 +135,4 @@ def test_the_example_is_a_plan_of_what_ships(repository: Path) -> None:
     assert {(cell.object.name, cell.motion.name) for cell in cells} == {
         (thing, motion) for thing in ("cube", "mug") for motion in ("pinch", "grab")
     }
-    assert len(cells) == 4 * 2 * 2 and {cell.ticks for cell in cells} == {1000}
+    assert len(cells) == 4 * 2 * 2 and {cell.ticks for cell in cells} == {2000}

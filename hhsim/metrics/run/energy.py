@@ -5,6 +5,7 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_matrix, rotation_vector
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics.metrics import tracking_energy
 from hhsim.metrics.run.input_hand import HAPTIC
 from hhsim.metrics.run_metric import Judged, RunMetric
@@ -21,7 +22,8 @@ ROUNDING = 1e-14
 def energy_gains(run: RunTicks) -> FloatArray:
     """Energy gained in each tick [J], shape (T,), negative for a loss; NaN where it is not known.
 
-    That is where the tick before is missing, and where another hand or thing pushes the hand.
+    That is where the tick before is missing, where another hand or thing pushes the hand, and where one pushes the
+    object in a tick that lags: the stated forces are then of the last program, of which a share was made.
 
     With the object's kinetic and potential energy K and P and the energy U of the springs between user's hand h and
     shown hand g, it is K(t) - K(t-1) + P(t) - P(t-1) + U(h(t), g(t)) - U(h(t), g(t-1)), less three terms. Both U have
@@ -46,8 +48,9 @@ def energy_gains(run: RunTicks) -> FloatArray:
     load = np.bincount(free["contact/tick"], free["contact/normal_force"], run.ticks)
     force = run.rate * np.sqrt(2.0 * mass * np.maximum(kinetic[before], kinetic[after]))
     force += mass * np.linalg.norm(gravity) + np.sqrt(2.0 * free.stiffness.max() * np.maximum(stretched, springs))
-    gained -= free.offset * load[1:] + ROUNDING * force + _by_spread(run, shown)[1:] + _by_others(free)
-    gained[_pushed_by_others(run)[1:]] = np.nan
+    by_others, late = _by_others(free), (run["status"][1:] & (STATUS_LAG | STATUS_STUCK)) != 0
+    gained -= free.offset * load[1:] + ROUNDING * force + _by_spread(run, shown)[1:] + by_others
+    gained[_pushed_by_others(run)[1:] | (late & (by_others != 0.0))] = np.nan
     if run.breaks is not None:
         gained[run.breaks[1:]] = np.nan
     return np.concatenate([[np.nan], gained])
@@ -110,7 +113,7 @@ METRICS = (
     RunMetric(
         *("energy_gained", "energy gained in a tick, max", 3, "µJ"),
         place=43,
-        needs=(*HAPTIC, *GRAPHIC, TOTAL),
+        needs=(*HAPTIC, *GRAPHIC, TOTAL, "status"),
         free_only=True,
         short="energy_gained",
         compute=lambda run: float(np.fmax.reduce(energy_gains(run), initial=0.0)),

@@ -122,7 +122,8 @@ METRICS = IN_CONTACT + placed(
     RunMetric(
         *("force_step", "largest force step while moving", 1, "% of hold"),
         needs=(TOTAL,),
-        compute=lambda run: force_step(run[TOTAL], ~run.hold, run.hold),
+        # Fingers that oppose each other on a free object leave its weight in the total, however hard they press.
+        compute=lambda run: force_step(run[TOTAL], ~run.hold, run.hold, run.free.grip if run.free else None),
         judged=Judged(rounding=1e-6, limit=20.0),
     ),
 )

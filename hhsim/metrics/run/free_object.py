@@ -18,27 +18,26 @@ def _free(run: RunTicks) -> FreeRun:
     return run.free
 
 
-def _slip(run: RunTicks) -> float:
-    """Largest slip of a body of the hand along the object, summed over the ticks [m]."""
+def _slip(run: RunTicks, part: slice = slice(None)) -> float:
+    """Largest slip of a body of the hand along the object, summed over some ticks [m]."""
     free = _free(run)
     body, tick, slip = (free[f"contact/{name}"][free.of_hand] for name in ("body", "tick", "slip"))
     longest = 0.0
     for one in np.unique(body):
         farthest = np.zeros(run.ticks)
         np.maximum.at(farthest, tick[body == one], slip[body == one])
-        longest = max(longest, float(farthest.sum()))
+        longest = max(longest, float(farthest[part].sum()))
     return longest
 
 
 def _creep(run: RunTicks) -> float:
-    """Speed of a held object in the second half of a hold, the worst hold [m/s]; NaN where none is held."""
-    free = _free(run)
-    borne = np.linalg.norm(free["object/hand_wrench"][:, :3], axis=1) > 0.0
+    """Slip of a held object in the second half of a hold, the worst hold [m/s]; NaN where none is held."""
+    borne = np.linalg.norm(_free(run)["object/hand_wrench"][:, :3], axis=1) > 0.0
     found = math.nan
     for hold in run.holds:
-        first, last = (hold.start + hold.stop) // 2, hold.stop - 1
-        if last > first and borne[first : last + 1].all():
-            found = np.fmax(found, free.displacement(first, last) * run.rate / (last - first))
+        part = slice((hold.start + hold.stop) // 2, hold.stop)
+        if part.stop > part.start and borne[part].all():
+            found = np.fmax(found, _slip(run, part) * run.rate / (part.stop - part.start))
     return float(found)
 
 

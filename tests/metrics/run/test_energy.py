@@ -50,11 +50,12 @@ def pushed(**changed: Any) -> RunTicks:
         "contact/friction_force": np.zeros((1, 3)),
         "contact/torsional_moment": np.zeros(1),
         "force/total": np.outer([0.0, -PUSH, 0.0], along),
+        "status": np.zeros(3, np.int32),
     }
     columns.update(changed)
     properties = {"mass": MASS, "gravity": (-9.81, 0.0, 0.0), "center": (0.0,) * 3, "inertia": np.eye(3)}
     first = ObjectMotion(np.zeros(3), still[0])
-    free = FreeRun(columns, properties, np.zeros((8, 3)), first, Stiffness().diagonal(), OFFSET)
+    free = FreeRun(columns, properties, first, Stiffness().diagonal(), OFFSET)
     return RunTicks(columns, 3, (), 1000.0, 5, hand=HandModel.default("right"), free=free)
 
 
@@ -79,6 +80,15 @@ def test_what_turns_is_counted_and_what_no_one_knows_is_not() -> None:
     # In the second tick another hand pushes this one, too.
     pushed_back = pushed(**{"force/total": np.outer([0.0, 1e-3 - PUSH, 0.0], [1.0, 0.0, 0.0])})
     assert np.isnan(energy_gains(pushed_back)).tolist() == [True, True, False]
+    # In it another thing pushes the object. Of a tick that lags the stated force is that of its last program alone.
+    contact = {"tick": [1, 1], "body": [5, -2], "point": np.zeros((2, 3)), "normal": [[-1.0, 0.0, 0.0]] * 2}
+    contact |= {"normal_force": [PUSH, 2.0], "friction_force": np.zeros((2, 3)), "torsional_moment": [0.0, 0.0]}
+    crowded = {f"contact/{name}": np.array(values) for name, values in contact.items()}
+    work = (energy_gains(pushed()) - energy_gains(pushed(**crowded)))[1]
+    assert work == pytest.approx(OFFSET * 2.0 - 2.0 * WAY[1], abs=1e-12)
+    for known in (True, False):
+        late = pushed(**({} if known else crowded), status=np.array([0, STATUS_LAG, 0], np.int32))
+        assert np.isfinite(energy_gains(late)[1:]).tolist() == [known, True]
     # Nothing is known of a user whose hand is no number.
     unknown = pushed(**{"haptic/position": np.full((3, 3), np.nan)})
     assert run_figure("energy_gained", unknown) == 0.0
