@@ -71,11 +71,15 @@ def transparent(
     ghost = behind(shade(haptic, camera), hand)
     # Glass is clearest where one looks straight at it.
     glass = np.asarray(0.3 + 0.6 * (1.0 - np.abs(ghost.facing)) ** 2)
-    layers: list[tuple[Layer, FloatArray | float]] = [(hand, 1.0), (body, BODY_OPACITY), (ghost, glass)]
-    if arrows:
-        layer = shade(joined(arrows), camera)
-        layers.append((replace(layer, depth=layer.depth + IN_FRONT), 1.0))
-    return layers
+    return [(hand, 1.0), (body, BODY_OPACITY), (ghost, glass), *arrow_layers(arrows, camera)]
+
+
+def arrow_layers(arrows: Sequence[Surface], camera: Camera) -> list[tuple[Layer, FloatArray | float]]:
+    """Return the layer of arrows in front of everything; none without arrows."""
+    if not arrows:
+        return []
+    layer = shade(joined(arrows), camera)
+    return [(replace(layer, depth=layer.depth + IN_FRONT), 1.0)]
 
 
 def seen_through(
@@ -142,17 +146,19 @@ def viewpoint(
     forces: FloatArray,
     usual: View | None = None,
     below: float = np.inf,
+    elevations: Sequence[float] = ELEVATIONS,
 ) -> View:
     """Return the view that shows most of the marks, then of hand and object, with forces not seen end on.
 
     Marks are points that the object should not hide [m], shape (k, 3); forces are vectors, (j, 3). Only a view better
-    by `GAIN` replaces the usual one of another picture; from `below` [m] under its surface the hand hides marks.
+    by `GAIN` replaces the usual one of another picture; from `below` [m] under its surface the hand hides marks. The
+    views have some `elevations` [degrees].
     """
     rng = np.random.default_rng(0)
     sampled = [face_samples(surface.points, surface.faces, POINTS, rng)[0] for surface in (hand, body)]
     # A fine mesh has a point on each of very many faces, of which some suffice.
     skin, stone = (points[:: max(1, len(points) // POINTS)] for points in sampled)
-    views = [View(float(azimuth), elevation) for elevation in ELEVATIONS for azimuth in AZIMUTHS]
+    views = [View(float(azimuth), elevation) for elevation in elevations for azimuth in AZIMUTHS]
     return max(views, key=lambda view: _seen(view, skin, stone, marks, forces, below) + GAIN * (view == usual))
 
 

@@ -8,7 +8,7 @@ from hhsim.metrics.run_ticks import PLACED
 METRICS = (
     RunMetric(
         *("candidates_max", "candidate pairs, most"),
-        paper="≈ 250",
+        paper="whole hand: ≈ 250",
         less_is_better=False,
         place=10,
         needs=("contacts/candidates",),
