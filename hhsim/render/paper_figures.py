@@ -38,7 +38,7 @@ BUDGET_COLOR = "#b00020"
 KINDS = (".png", ".pdf", ".svg")
 LETTER, LINE = 0.075, 0.16
 """Width of a letter and height of a line of the text below a figure [inches]."""
-TILE = 170
+TILE = 150
 """Rows and columns of a small picture [pixels]."""
 PAIRS = {"11": 3, "13": 4}
 """Scenes in a row of a figure of pictures."""
@@ -145,7 +145,7 @@ def _curves_figure(number: str, runs: Sequence[SceneRun]) -> "tuple[Figure, Sequ
     Returns the figure with a column a method: axes of forces above, of times below.
     """
     shown = list(dict.fromkeys((runs[0], runs[-1])))
-    size = 4 * TILE // 3
+    size = 3 * TILE // 2
     width, high, row = 14.0, 6.2, size / 100 + 0.2
     height = high + row * len(shown) + 0.6
     figure = new_figure(width, height)
@@ -237,9 +237,9 @@ def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
 
 
 GLASS = 0.4
-CONTACT = 0.004
+CONTACT = 0.008
 """Depth below the skin that a visible contact has at most [m]: those of fingers that are seen from the side."""
-ELEVATIONS = (-10.0, 10.0, 35.0, 60.0)
+ELEVATIONS = (-30.0, -10.0, 10.0, 35.0, 60.0)
 """Elevations of the views that are tried [degrees]."""
 
 
