@@ -40,6 +40,8 @@ LETTER, LINE = 0.075, 0.16
 """Width of a letter and height of a line of the text below a figure [inches]."""
 TILE = 150
 """Rows and columns of a small picture [pixels]."""
+PALETTE = 256
+"""Colours of a PNG: a quarter of the bytes of true colour."""
 PAIRS = {"11": 3, "13": 4}
 """Scenes in a row of a figure of pictures."""
 STATED = {"12": "below 1,000 µs", "14": "all below 1,500 µs, most below 1,000 µs"}
@@ -79,7 +81,7 @@ def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent) -> list
         progress("pictures", number, len(jobs))
         drawn = job()
         for kind in KINDS:
-            save_figure(drawn, folder / f"{name}{kind}")
+            save_figure(drawn, folder / f"{name}{kind}", colors=PALETTE)
             written.append(folder / f"{name}{kind}")
     return written
 
