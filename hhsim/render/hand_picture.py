@@ -151,8 +151,7 @@ def viewpoint(
     """Return the view that shows most of the marks, then of hand and object, with forces not seen end on.
 
     Marks are points that the object should not hide [m], shape (k, 3); forces are vectors, (j, 3). Only a view better
-    by `GAIN` replaces the usual one of another picture; from `below` [m] under its surface the hand hides marks. The
-    views have some `elevations` [degrees].
+    by `GAIN` replaces the usual one of another picture; from `below` [m] under its surface the hand hides marks.
     """
     rng = np.random.default_rng(0)
     sampled = [face_samples(surface.points, surface.faces, POINTS, rng)[0] for surface in (hand, body)]

@@ -87,27 +87,20 @@ def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent) -> list
 
 
 def _gallery(scenes: Sequence[Sequence[SceneRun]], columns: int) -> "Figure":
-    rows, methods = -(-len(scenes) // columns), len(scenes[0])
-    width, height = methods * columns * TILE / 100, rows * (TILE + 22) / 100 + 0.3
-    figure = new_figure(width, height)
+    methods = len(scenes[0])
+    across, up = methods * columns * TILE, -(-len(scenes) // columns) * (TILE + 22) + 30
+    figure = new_figure(across / 100, up / 100)
     for number, same in enumerate(scenes):
-        down, across = divmod(number, columns)
         mesh = load_object(same[0].scenario.object_name).mesh
-        # The last one is the default method's, whose hand gave way.
         view = best_view(same[-1], mesh)
         for k, run in enumerate(same):
-            left, top = (methods * across + k) * TILE / 100, height - (down + 1) * (TILE + 22) / 100
-            axes = figure.add_axes((left / width, top / height, TILE / 100 / width, TILE / 100 / height))
+            left, bottom = (methods * (number % columns) + k) * TILE, up - (number // columns + 1) * (TILE + 22)
+            axes = figure.add_axes((left / across, bottom / up, TILE / across, TILE / up))
             draw_scene(axes, run, mesh, view, TILE)
-        middle = (across + 0.5) * methods * TILE / 100 / width
-        figure.text(
-            middle, (top + (TILE + 4) / 100) / height, same[0].scenario.name, fontsize=10, color="0.25", ha="center"
-        )
-    names = ", ".join(run.options.method for run in scenes[0])
-    beside = f"from left to right: {names}" if methods > 1 else names
-    figure.text(
-        1.0 - 0.1 / width, 0.06 / height, f"skin: graphic hand, {beside}; blue: haptic hand", ha="right", color="0.4"
-    )
+            if k == 0:
+                axes.set_title(run.scenario.name, x=0.5 * methods, fontsize=10, color="0.25", pad=3)
+    said = f"skin: graphic hand of {', then of '.join(run.options.method for run in scenes[0])}; blue: haptic hand"
+    figure.text(1.0 - 10 / across, 6 / up, said, ha="right", color="0.4")
     return figure
 
 
@@ -129,8 +122,10 @@ def _forces_over_time(number: str, runs: Sequence[SceneRun]) -> "Figure":
                 axes.plot(values, color=PART_COLORS[part], linewidth=width, label=part)
     force = "normal force at the fingertip" if number == "12" else "contact force on the index finger"
     forces[0].set_ylabel(f"{force} [N]")
-    place = {"loc": "lower left", "bbox_to_anchor": (0.2, 1.04), "borderaxespad": 0.0}
-    forces[0].legend(ncols=5, fontsize=8, frameon=False, columnspacing=1.0, handlelength=1.2, **place)
+    forces[0].legend(
+        loc="lower left", bbox_to_anchor=(0.2, 1.04), ncols=5, fontsize=8, frameon=False, columnspacing=1.0,
+        handlelength=1.2, borderaxespad=0.0,
+    )  # fmt: skip
     longest = [1e6 * run.tick_cpu.max() for run in runs]
     for axes, run, most in zip(times, runs, longest):
         axes.plot(1e6 * run.tick_cpu, color="0.25", linewidth=0.6)
@@ -146,31 +141,24 @@ def _curves_figure(number: str, runs: Sequence[SceneRun]) -> "tuple[Figure, Sequ
 
     Returns the figure with a column a method: axes of forces above, of times below.
     """
-    shown = list(dict.fromkeys((runs[0], runs[-1])))
-    size = 3 * TILE // 2
-    width, high, row = 14.0, 6.2, size / 100 + 0.2
-    height = high + row * len(shown) + 0.6
-    figure = new_figure(width, height)
+    shown, size, moments = list(dict.fromkeys((runs[0], runs[-1]))), 3 * TILE // 2, len(runs[-1].shown)
+    row = size / 100 + 0.2
+    height = 6.8 + row * len(shown)
+    figure = new_figure(14.0, height)
     mesh = load_object(runs[-1].scenario.object_name).mesh
-    middle = len(runs[-1].shown) // 2
-    view = best_view(runs[-1], mesh, middle, _forces(number, runs[-1], middle))
-    share = 0.92 / len(runs[-1].shown)
-    for down, run in enumerate(shown):
-        bottom = (height - 0.55 - (down + 1) * row) / height
+    view = best_view(runs[-1], mesh, moments // 2, _forces(number, runs[-1], moments // 2))
+    for down, run in enumerate(shown, 1):
+        bottom, share = 1.0 - (0.55 + down * row) / height, 0.92 / moments
         figure.text(0.012, bottom + 0.5 * row / height, run.options.method, fontsize=12, rotation=90, va="center")
         for k, moment in enumerate(run.shown):
             place = figure.add_axes((0.06 + k * share, bottom, share, size / 100 / height))
             draw_scene(place, run, mesh, view, size, k, _forces(number, run, k))
             place.set_title(moment.name, fontsize=10, color="0.3", pad=1)
+    said = f"skin: graphic hand; blue: haptic hand; red: {ARROWS[number]}"
     figure.text(0.06, 1.0 - 0.25 / height, runs[-1].scenario.name, fontsize=14)
-    figure.text(
-        0.99, 1.0 - 0.25 / height, f"skin: graphic hand; blue: haptic hand; red: {ARROWS[number]}", fontsize=10,
-        color="0.4", ha="right",
-    )  # fmt: skip
-    top = (high - 0.4) / height
-    grid = figure.add_gridspec(
-        2, len(runs), left=0.06, right=0.98, bottom=0.55 / height, top=top, hspace=0.12, wspace=0.12
-    )
+    figure.text(0.99, 1.0 - 0.25 / height, said, fontsize=10, color="0.4", ha="right")
+    inside = {"left": 0.06, "right": 0.98, "bottom": 0.55 / height, "top": 5.8 / height}
+    grid = figure.add_gridspec(2, len(runs), hspace=0.12, wspace=0.12, **inside)
     forces = [figure.add_subplot(grid[0, k]) for k in range(len(runs))]
     times = [figure.add_subplot(grid[1, k]) for k in range(len(runs))]
     for top, bottom, run in zip(forces, times, runs):
@@ -183,14 +171,14 @@ def _curves_figure(number: str, runs: Sequence[SceneRun]) -> "tuple[Figure, Sequ
         for phase in run.stage.motions[0].phases:
             holds += phase.name == "hold"
             count = str(holds) if phase.name == "hold" else ""
-            center = 0.5 * (phase.first_tick + phase.last_tick)
+            middle = 0.5 * (phase.first_tick + phase.last_tick)
             for axes in (top, bottom):
                 if phase.name in ("hold", "slide"):
                     axes.axvspan(phase.first_tick, phase.last_tick, color="0.94" if count else "#eef4fa", zorder=0)
                 axes.set_xlim(0, len(run.depth))
             name = f"hold {count}" if count else "slide" if phase.name == "slide" else ""
             if name:
-                top.text(center, 1.01, name, transform=top.get_xaxis_transform(), fontsize=8, ha="center", color="0.4")
+                top.text(middle, 1.01, name, transform=top.get_xaxis_transform(), fontsize=8, ha="center", color="0.4")
     return figure, forces, times
 
 

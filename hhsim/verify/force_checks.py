@@ -65,10 +65,9 @@ def force_claims(judge: JudgedTicks) -> list[Claim]:
 def _wrench(judge: JudgedTicks) -> Claim:
     pull, stored, says, note = judge.pull[:, :6], np.asarray(judge.result["force/palm_wrench"]), "", ""
     if judge.options["method"] == "paper":
-        stiffness = judge.diagonal[3:6]
-        there, here = judge.wanted.orientation, judge.shown.orientation
-        torque = stiffness * euler_change(there, here, stored[:, 3:] / stiffness)
-        locked = np.isnan(torque).any(axis=1) & ~np.isnan(pull).any(axis=1)
+        stiffness, hands = judge.diagonal[3:6], (judge.wanted.orientation, judge.shown.orientation)
+        torque = stiffness * euler_change(*hands, stored[:, 3:] / stiffness)
+        locked = np.isnan(torque).any(axis=1)
         pull = np.concatenate([pull[:, :3], np.where(locked[:, None], stored[:, 3:], torque)], axis=1)
         says, count = ", rotation in Euler angles", int(locked.sum())
         note = f"torque left out in {counted(count, 'tick')}: Euler angles lock there" if count else ""

@@ -150,7 +150,6 @@ def _complex_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
             contacts = [float(run.candidates[held_ticks(run.stage)].mean()) for run in played]
             instances = sum(len(run.stage.motions) for run in played)
             worst = max(played, key=lambda run: percentile(run, 99.0))
-            # The paper plots means, and states them for the contacts of the next rows.
             yield PaperRow(
                 f"case_p99_{case}", "15", f"p99 tick, {CASES[case]}", method, "s", math.nan,
                 "means only", percentile(worst, 99.0), COMPLEX_P99,
