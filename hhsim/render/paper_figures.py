@@ -237,11 +237,9 @@ def _forces(number: str, run: SceneRun, moment: int) -> list[PieceForce]:
     """Return the forces that a figure's arrows show, at the fingertips or in the middles of phalanges."""
     shown = run.shown[moment]
     joints = run.stage.hand.joints(*shown.graphic)
-    if number == "12":
-        places, forces, names = joints[:, 3], shown.fingertip, FINGERS
-    else:
-        places, forces, names = 0.5 * (joints[INDEX, :3] + joints[INDEX, 1:]), shown.index_finger, PHALANGES
-    return [PieceForce(*one) for one in zip(names, places, forces) if one[2].any()]
+    middles = 0.5 * (joints[INDEX, :-1] + joints[INDEX, 1:])
+    tips, phalanges = zip(FINGERS, joints[:, -1], shown.fingertip), zip(PHALANGES, middles, shown.index_finger)
+    return [PieceForce(*one) for one in (tips if number == "12" else phalanges) if one[2].any()]
 
 
 def draw_scene(
