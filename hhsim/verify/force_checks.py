@@ -67,7 +67,7 @@ def _wrench(judge: JudgedTicks) -> Claim:
     if judge.options["method"] == "paper":
         stiffness, hands = judge.diagonal[3:6], (judge.wanted.orientation, judge.shown.orientation)
         torque = stiffness * euler_change(*hands, stored[:, 3:] / stiffness)
-        locked = np.isnan(torque).any(axis=1)
+        locked = np.asarray(np.isnan(torque).any(axis=1))
         pull = np.concatenate([pull[:, :3], np.where(locked[:, None], stored[:, 3:], torque)], axis=1)
         says, count = ", rotation in Euler angles", int(locked.sum())
         note = f"torque left out in {counted(count, 'tick')}: Euler angles lock there" if count else ""
