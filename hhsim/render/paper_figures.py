@@ -148,10 +148,10 @@ def _curves_figure(number: str, runs: Sequence[SceneRun]) -> "tuple[Figure, Sequ
     mesh = load_object(runs[-1].scenario.object_name).mesh
     view = best_view(runs[-1], mesh, moments // 2, _forces(number, runs[-1], moments // 2))
     for down, run in enumerate(shown, 1):
-        bottom, share = 1.0 - (0.55 + down * row) / height, 0.92 / moments
-        figure.text(0.012, bottom + 0.5 * row / height, run.options.method, fontsize=12, rotation=90, va="center")
+        low, share = 1.0 - (0.55 + down * row) / height, 0.92 / moments
+        figure.text(0.012, low + 0.5 * row / height, run.options.method, fontsize=12, rotation=90, va="center")
         for k, moment in enumerate(run.shown):
-            place = figure.add_axes((0.06 + k * share, bottom, share, size / 100 / height))
+            place = figure.add_axes((0.06 + k * share, low, share, size / 100 / height))
             draw_scene(place, run, mesh, view, size, k, _forces(number, run, k))
             place.set_title(moment.name, fontsize=10, color="0.3", pad=1)
     said = f"skin: graphic hand; blue: haptic hand; red: {ARROWS[number]}"
