@@ -267,3 +267,22 @@ def test_a_stiffer_palm_is_nearer_to_the_users(short: tuple[ReplaySummary, Resul
     stiff = run(tmp_path / "stiff.h5", Stiffness(*numbers))
     usual = short[0].attributes()["tracking_palm"]
     assert stiff.attributes()["tracking_palm"] < 0.5 * usual
+
+
+def test_every_equation_of_the_paper_has_its_functions() -> None:
+    rows = [row for row in METHODS_PAGE.rows() if re.match(r"(Eq\.|Fig\.|Section) ", row[0]) and spans(row[1])]
+    numbered = [int(n) for row in rows if row[0].startswith("Eq.") for n in re.findall(r"\d+", row[0])]
+    assert numbered == list(range(1, 15))
+    named = 0
+    for row in rows:
+        source = ""
+        for span in spans(row[1]):
+            if "/" in span:
+                source = (DOCS.parent / span).read_text(encoding="utf-8")
+            else:
+                assert re.search(rf"(?m)^(?:    )?(?:def|class) {re.escape(span)}\b", source), (row[0], span)
+                named += 1
+    assert named > 30
+    # What the page says of k and of Δr is so.
+    assert f"k = {Stiffness().contact:g} N/m (`Stiffness.contact`)" in METHODS_PAGE.text
+    assert f"spheres within {1e6 * TOUCH:g} µm" in METHODS_PAGE.text

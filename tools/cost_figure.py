@@ -50,7 +50,7 @@ class PaperPoint:
 
     Attributes:
         pairs: Candidate pairs; None where the paper states a cost without a count.
-        low, high: Time of a tick [s], as the paper states it.
+        low, high: Mean time of a tick [s], as the paper states it.
         label: What was measured.
         align: Where the label ends or begins at the point.
     """
@@ -226,7 +226,7 @@ def draw_costs(path: Path, bins: dict[str, list[CostBin]]) -> None:
     figure.text(
         0.985,
         0.012,
-        "line: median; band: p10 to p90; diamonds: the paper, on its own Intel Core i7-8700",
+        "line: median; band: p10 to p90; diamonds: means of the paper, on its own Intel Core i7-8700",
         ha="right",
         fontsize=11,
         color="0.35",

@@ -71,11 +71,15 @@ def transparent(
     ghost = behind(shade(haptic, camera), hand)
     # Glass is clearest where one looks straight at it.
     glass = np.asarray(0.3 + 0.6 * (1.0 - np.abs(ghost.facing)) ** 2)
-    layers: list[tuple[Layer, FloatArray | float]] = [(hand, 1.0), (body, BODY_OPACITY), (ghost, glass)]
-    if arrows:
-        layer = shade(joined(arrows), camera)
-        layers.append((replace(layer, depth=layer.depth + IN_FRONT), 1.0))
-    return layers
+    return [(hand, 1.0), (body, BODY_OPACITY), (ghost, glass), *arrow_layers(arrows, camera)]
+
+
+def arrow_layers(arrows: Sequence[Surface], camera: Camera) -> list[tuple[Layer, FloatArray | float]]:
+    """Return the layer of arrows in front of everything; none without arrows."""
+    if not arrows:
+        return []
+    layer = shade(joined(arrows), camera)
+    return [(replace(layer, depth=layer.depth + IN_FRONT), 1.0)]
 
 
 def seen_through(
@@ -143,6 +147,7 @@ def viewpoint(
     usual: View | None = None,
     below: float = np.inf,
     rest: Surface | None = None,
+    elevations: Sequence[float] = ELEVATIONS,
 ) -> View:
     """Return the view that shows most of the marks, then of hand and object, with forces not seen end on.
 
@@ -155,7 +160,7 @@ def viewpoint(
     sampled = [face_samples(surface.points, surface.faces, POINTS, rng)[0] for surface in surfaces]
     # A fine mesh has a point on each of very many faces, of which some suffice.
     points = [points[:: max(1, len(points) // POINTS)] for points in sampled]
-    views = [View(float(azimuth), elevation) for elevation in ELEVATIONS for azimuth in AZIMUTHS]
+    views = [View(float(azimuth), elevation) for elevation in elevations for azimuth in AZIMUTHS]
     return max(views, key=lambda view: _seen(view, points, marks, forces, below) + GAIN * (view == usual))
 
 

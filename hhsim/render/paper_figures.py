@@ -8,19 +8,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
 from hhsim.bench.paper.bench import PaperRuns
-from hhsim.bench.paper.run import SceneRun
+from hhsim.bench.paper.run import INDEX, SceneRun
 from hhsim.bench.paper.scene import CASES, held_ticks
 from hhsim.errors import OutputError
 from hhsim.hand.fingers import FINGERS
+from hhsim.kernels.hand.kinematics import PHALANX_COUNT
 from hhsim.kernels.tick.step import DURATION_DETECT
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.brute_force_distance import round_cone_contact
 from hhsim.render.figure import new_figure, save_figure, tidy
-from hhsim.render.hand_picture import GHOST, View, behind, viewpoint
+from hhsim.render.hand_picture import GHOST, PieceForce, View, arrow_layers, arrow_surfaces, behind, label, viewpoint
 from hhsim.render.rasterizer import blend, frame, look_from, shade
-from hhsim.render.triangle_soup import STONE, hand_surface, joined, mesh_surface, painted
+from hhsim.render.triangle_soup import PHALANGES, STONE, hand_surface, joined, mesh_surface, painted
+from hhsim.scene.contact_goals import TOUCHING
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
 
@@ -36,8 +38,16 @@ BUDGET_COLOR = "#b00020"
 KINDS = (".png", ".pdf", ".svg")
 LETTER, LINE = 0.075, 0.16
 """Width of a letter and height of a line of the text below a figure [inches]."""
-TILE = 230
+TILE = 150
 """Rows and columns of a small picture [pixels]."""
+PALETTE = 256
+"""Colours of a PNG: a quarter of the bytes of true colour."""
+PAIRS = {"11": 3, "13": 4}
+"""Scenes in a row of a figure of pictures."""
+STATED = {"12": "below 1,000 µs", "14": "all below 1,500 µs, most below 1,000 µs"}
+"""Time of a tick that the paper states for the scenes of a figure."""
+ARROWS = {"12": "normal forces at the fingertips", "14": "contact forces on the phalanges of the index finger"}
+"""Forces that the red arrows of a figure show."""
 
 
 def check_folder(folder: Path) -> None:
@@ -52,11 +62,11 @@ def check_folder(folder: Path) -> None:
 def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent) -> list[Path]:
     """Draw every figure that the runs have scenes for: fig11 to fig15, each of `KINDS`; errors as `save_figure`."""
     jobs: list[tuple[str, Callable[[], Figure]]] = []
-    # The hand that is shown is the default method's, or else the last one's.
+    # The hands that are shown are the baseline's beside the default method's, or else the last one's.
     methods = list(dict.fromkeys(run.options.method for run in runs.scenes))
-    shown = "coupled" if "coupled" in methods else methods[-1]
-    for figure, columns in (("11", 3), ("13", 6)):
-        scenes = runs.of(shown, figure)
+    compared = [method for method in ("paper", "coupled") if method in methods] or methods[-1:]
+    for figure, columns in PAIRS.items():
+        scenes = list(zip(*(runs.of(method, figure) for method in compared), strict=True))
         if scenes:
             jobs.append((f"fig{figure}", partial(_gallery, scenes=scenes, columns=columns)))
     for figure in ("12", "14"):
@@ -71,25 +81,26 @@ def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent) -> list
         progress("pictures", number, len(jobs))
         drawn = job()
         for kind in KINDS:
-            save_figure(drawn, folder / f"{name}{kind}")
+            save_figure(drawn, folder / f"{name}{kind}", colors=PALETTE)
             written.append(folder / f"{name}{kind}")
     return written
 
 
-def _gallery(scenes: Sequence[SceneRun], columns: int) -> "Figure":
-    rows = -(-len(scenes) // columns)
-    figure = new_figure(columns * TILE / 100, rows * (TILE + 22) / 100 + 0.3)
-    axes = figure.subplots(rows, columns, squeeze=False)
-    for place in axes.ravel():
-        place.set_axis_off()
-    for place, run in zip(axes.ravel(), scenes):
-        mesh = load_object(run.scenario.object_name).mesh
-        place.imshow(scene_picture(run, mesh, shape=(TILE, TILE)), interpolation="none")
-        place.set_title(run.scenario.name, fontsize=10, color="0.25", pad=2)
-    figure.subplots_adjust(left=0.0, right=1.0, bottom=0.03, top=1.0 - 0.25 / (rows * 2.5), wspace=0.02, hspace=0.08)
-    figure.text(
-        0.99, 0.008, f"skin: graphic hand, {scenes[0].options.method}; blue: haptic hand", ha="right", color="0.4"
-    )
+def _gallery(scenes: Sequence[Sequence[SceneRun]], columns: int) -> "Figure":
+    methods = len(scenes[0])
+    across, up = methods * columns * TILE, -(-len(scenes) // columns) * (TILE + 22) + 30
+    figure = new_figure(across / 100, up / 100)
+    for number, same in enumerate(scenes):
+        mesh = load_object(same[0].scenario.object_name).mesh
+        view = best_view(same[-1], mesh)
+        for k, run in enumerate(same):
+            left, bottom = (methods * (number % columns) + k) * TILE, up - (number // columns + 1) * (TILE + 22)
+            axes = figure.add_axes((left / across, bottom / up, TILE / across, TILE / up))
+            draw_scene(axes, run, mesh, view, TILE)
+            if k == 0:
+                axes.set_title(run.scenario.name, x=0.5 * methods, fontsize=10, color="0.25", pad=3)
+    said = f"skin: graphic hand of {', then of '.join(run.options.method for run in scenes[0])}; blue: haptic hand"
+    figure.text(1.0 - 10 / across, 6 / up, said, ha="right", color="0.4")
     return figure
 
 
@@ -98,7 +109,7 @@ def _forces_over_time(number: str, runs: Sequence[SceneRun]) -> "Figure":
 
     Fig. 12: normal forces of the five fingers; Fig. 14: the index finger's contact force with its components.
     """
-    figure, forces, times = _curves_figure(runs)
+    figure, forces, times = _curves_figure(number, runs)
     for axes, run in zip(forces, runs):
         assert run.curves is not None
         if number == "12":
@@ -106,41 +117,48 @@ def _forces_over_time(number: str, runs: Sequence[SceneRun]) -> "Figure":
                 axes.plot(run.curves.fingertip[:, f], color=FINGER_COLORS[f], linewidth=1.4, label=finger)
         else:
             size = np.linalg.norm(run.curves.index_finger, axis=1)
-            for label, values in zip(PART_COLORS, (size, *run.curves.index_finger.T)):
-                width = 2.0 if label == "total" else 1.2
-                axes.plot(values, color=PART_COLORS[label], linewidth=width, label=label)
+            for part, values in zip(PART_COLORS, (size, *run.curves.index_finger.T)):
+                width = 2.0 if part == "total" else 1.2
+                axes.plot(values, color=PART_COLORS[part], linewidth=width, label=part)
     force = "normal force at the fingertip" if number == "12" else "contact force on the index finger"
     forces[0].set_ylabel(f"{force} [N]")
-    handles, labels = forces[0].get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="center left", bbox_to_anchor=(0.13, 0.733), ncols=5, fontsize=8, frameon=False,
-        columnspacing=1.0, handlelength=1.4,
+    forces[0].legend(
+        loc="lower left", bbox_to_anchor=(0.2, 1.04), ncols=5, fontsize=8, frameon=False, columnspacing=1.0,
+        handlelength=1.2, borderaxespad=0.0,
     )  # fmt: skip
     longest = [1e6 * run.tick_cpu.max() for run in runs]
     for axes, run, most in zip(times, runs, longest):
         axes.plot(1e6 * run.tick_cpu, color="0.25", linewidth=0.6)
         axes.set_ylim(0.0, 1.08 * float(max(longest)))
-        text = f"longest {most:.0f} µs; the paper: below 1,000 to 1,500 µs"
+        text = f"longest {most:.0f} µs\nthe paper: {STATED[number]}"
         axes.text(0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", fontsize=9, color=BUDGET_COLOR)
     times[0].set_ylabel("time of a tick, CPU [µs]")
     return figure
 
 
-def _curves_figure(runs: Sequence[SceneRun]) -> "tuple[Figure, Sequence[Axes], Sequence[Axes]]":
-    """Draw the holds on top; return the figure with a column a method: axes of forces above, of times below."""
-    figure = new_figure(14.0, 8.6)
-    moments = runs[-1].shown
+def _curves_figure(number: str, runs: Sequence[SceneRun]) -> "tuple[Figure, Sequence[Axes], Sequence[Axes]]":
+    """Draw the holds of the first and the last method on top, a row each.
+
+    Returns the figure with a column a method: axes of forces above, of times below.
+    """
+    shown, size, moments = list(dict.fromkeys((runs[0], runs[-1]))), 3 * TILE // 2, len(runs[-1].shown)
+    row = size / 100 + 0.2
+    height = 6.8 + row * len(shown)
+    figure = new_figure(14.0, height)
     mesh = load_object(runs[-1].scenario.object_name).mesh
-    view = best_view(runs[-1], mesh, len(moments) // 2)
-    width = 0.92 / len(moments)
-    for k, moment in enumerate(moments):
-        place = figure.add_axes((0.06 + k * width, 0.745, width, 0.205))
-        place.imshow(scene_picture(runs[-1], mesh, k, (TILE, TILE), view), interpolation="none")
-        place.set_axis_off()
-        place.set_title(moment.name, fontsize=10, color="0.3", pad=1)
-    figure.text(0.06, 0.972, f"{runs[-1].scenario.name}, {runs[-1].options.method}", fontsize=14)
-    figure.text(0.99, 0.972, "skin: graphic hand; blue: haptic hand", fontsize=10, color="0.4", ha="right")
-    grid = figure.add_gridspec(2, len(runs), left=0.06, right=0.98, bottom=0.065, top=0.7, hspace=0.12, wspace=0.12)
+    view = best_view(runs[-1], mesh, moments // 2, _forces(number, runs[-1], moments // 2))
+    for down, run in enumerate(shown, 1):
+        low, share = 1.0 - (0.55 + down * row) / height, 0.92 / moments
+        figure.text(0.012, low + 0.5 * row / height, run.options.method, fontsize=12, rotation=90, va="center")
+        for k, moment in enumerate(run.shown):
+            place = figure.add_axes((0.06 + k * share, low, share, size / 100 / height))
+            draw_scene(place, run, mesh, view, size, k, _forces(number, run, k))
+            place.set_title(moment.name, fontsize=10, color="0.3", pad=1)
+    said = f"skin: graphic hand; blue: haptic hand; red: {ARROWS[number]}"
+    figure.text(0.06, 1.0 - 0.25 / height, runs[-1].scenario.name, fontsize=14)
+    figure.text(0.99, 1.0 - 0.25 / height, said, fontsize=10, color="0.4", ha="right")
+    inside = {"left": 0.06, "right": 0.98, "bottom": 0.55 / height, "top": 5.8 / height}
+    grid = figure.add_gridspec(2, len(runs), hspace=0.12, wspace=0.12, **inside)
     forces = [figure.add_subplot(grid[0, k]) for k in range(len(runs))]
     times = [figure.add_subplot(grid[1, k]) for k in range(len(runs))]
     for top, bottom, run in zip(forces, times, runs):
@@ -149,16 +167,16 @@ def _curves_figure(runs: Sequence[SceneRun]) -> "tuple[Figure, Sequence[Axes], S
         top.set_title(run.options.method, fontsize=12, loc="left", pad=14)
         top.tick_params(labelbottom=False)
         bottom.set_xlabel("tick")
-        number = 0
+        holds = 0
         for phase in run.stage.motions[0].phases:
-            number += phase.name == "hold"
-            label = str(number) if phase.name == "hold" else ""
+            holds += phase.name == "hold"
+            count = str(holds) if phase.name == "hold" else ""
             middle = 0.5 * (phase.first_tick + phase.last_tick)
             for axes in (top, bottom):
                 if phase.name in ("hold", "slide"):
-                    axes.axvspan(phase.first_tick, phase.last_tick, color="0.94" if label else "#eef4fa", zorder=0)
+                    axes.axvspan(phase.first_tick, phase.last_tick, color="0.94" if count else "#eef4fa", zorder=0)
                 axes.set_xlim(0, len(run.depth))
-            name = f"hold {label}" if label else "slide" if phase.name == "slide" else ""
+            name = f"hold {count}" if count else "slide" if phase.name == "slide" else ""
             if name:
                 top.text(middle, 1.01, name, transform=top.get_xaxis_transform(), fontsize=8, ha="center", color="0.4")
     return figure, forces, times
@@ -174,15 +192,15 @@ def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
             tidy(axes)
             same = {run.scenario.case: run for run in runs.of(method, "15", object_name=name)}
             cases = [case for case in CASES if case in same]
-            values: dict[str, list[float]] = {label: [] for label in TIME_COLORS}
+            values: dict[str, list[float]] = {part: [] for part in TIME_COLORS}
             for case in cases:
                 run = same[case]
                 parts = run.tick_parts[run.undisturbed].mean(axis=0)
                 values["detection"].append(1e6 * parts[DURATION_DETECT])
                 values["response"].append(1e6 * (parts.sum() - parts[DURATION_DETECT]))
                 values["total"].append(1e6 * run.tick_cpu[run.contact].mean())
-            for label, color in TIME_COLORS.items():
-                axes.plot(cases, values[label], color=color, marker="o", markersize=4, linewidth=1.6, label=label)
+            for part, color in TIME_COLORS.items():
+                axes.plot(cases, values[part], color=color, marker="o", markersize=4, linewidth=1.6, label=part)
             for case, total in zip(cases, values["total"]):
                 contacts = same[case].candidates[held_ticks(same[case].stage)].mean()
                 axes.annotate(
@@ -209,30 +227,46 @@ def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
 
 
 GLASS = 0.4
-TIP = 0.012
-"""Depth below the skin that the middle of a visible fingertip has at most [m]."""
+CONTACT = 0.008
+"""Depth below the skin that a visible contact has at most [m]: those of fingers that are seen from the side."""
+ELEVATIONS = (-30.0, -10.0, 10.0, 35.0, 60.0)
+"""Elevations of the views that are tried [degrees]."""
 
 
-def scene_picture(
-    run: SceneRun, mesh: Mesh, moment: int = 0, shape: tuple[int, int] = (300, 300), view: View | None = None
-) -> FloatArray:
-    """Render the hand and the object's mesh, its own frame, at a moment of a run of one motion.
+def _forces(number: str, run: SceneRun, moment: int) -> list[PieceForce]:
+    """Return the forces that a figure's arrows show, at the fingertips or in the middles of phalanges."""
+    shown = run.shown[moment]
+    joints = run.stage.hand.joints(*shown.graphic)
+    middles = 0.5 * (joints[INDEX, :-1] + joints[INDEX, 1:])
+    tips, phalanges = zip(FINGERS, joints[:, -1], shown.fingertip), zip(PHALANGES, middles, shown.index_finger)
+    return [PieceForce(*one) for one in (tips if number == "12" else phalanges) if one[2].any()]
 
-    The picture has shape (rows, columns, 3), 0 to 1, of rows and columns [pixels]; it is seen from `view`, by default
-    `best_view`.
-    """
+
+def draw_scene(
+    axes: "Axes", run: SceneRun, mesh: Mesh, view: View, size: int, moment: int = 0, forces: Sequence[PieceForce] = ()
+) -> None:
+    """Draw the hands, the object's mesh, its own frame, and forces at a moment of a run, in `size` rows and columns."""
     shown = run.shown[moment]
     graphic, haptic = (hand_surface(run.stage.hand, pose) for pose in (shown.graphic, shown.haptic))
-    body = mesh_surface(mesh, STONE)
-    rotation = look_from((view or best_view(run, mesh, moment)).towards)
-    camera = frame(joined([graphic, body]).points, rotation, shape)
+    body, arrows = mesh_surface(mesh, STONE), arrow_surfaces(forces)
+    camera = frame(joined([graphic, body, *arrows]).points, look_from(view.towards), (size, size))
     hand, ghost = shade(graphic, camera), shade(painted(haptic, GHOST), camera)
-    return blend([(hand, 1.0), (shade(body, camera), 1.0), (behind(ghost, hand), GLASS)])
+    layers = [(hand, 1.0), (shade(body, camera), 1.0), (behind(ghost, hand), GLASS)]
+    axes.imshow(blend([*layers, *arrow_layers(arrows, camera)]), interpolation="none")
+    axes.set_axis_off()
+    label(axes, forces, camera, 8.0)
 
 
-def best_view(run: SceneRun, mesh: Mesh, moment: int = 0) -> View:
-    """Return the view that shows most of the fingertips that are to touch, then of hand and object."""
-    pose, hand = run.shown[moment].graphic, run.stage.hand
-    named = {touch.part for touches in run.stage.script.hold_touches for touch in touches}
-    tips = hand.joints(*pose)[[finger in named for finger in FINGERS], 3]
-    return viewpoint(hand_surface(hand, pose), mesh_surface(mesh, STONE), tips, np.empty((0, 3)), below=TIP)
+def best_view(run: SceneRun, mesh: Mesh, moment: int = 0, forces: Sequence[PieceForce] = ()) -> View:
+    """Return the view that shows most of the contacts, then of hand and object, with forces not seen end on."""
+    pose, hand, tree = run.shown[moment].graphic, run.stage.hand, run.stage.tree
+    contacts = [np.empty((0, 3))]
+    for joints, radii in zip(hand.joints(*pose), hand.radius):
+        for k in range(PHALANX_COUNT):
+            cone = joints[k], joints[k + 1], *radii[k : k + 2].tolist()
+            distance, points = round_cone_contact(tree.leaf_center, tree.leaf_radius, *cone)
+            if distance.min() < TOUCHING:
+                contacts.append(points[[distance.argmin()]])
+    surfaces = hand_surface(hand, pose), mesh_surface(mesh, STONE)
+    pushes = np.array([force.force for force in forces]).reshape(-1, 3)
+    return viewpoint(*surfaces, np.concatenate(contacts), pushes, below=CONTACT, elevations=ELEVATIONS)

@@ -188,7 +188,9 @@ TICK_COLUMNS: tuple[Column, ...] = (
     ),
     Column(
         *("force/palm_wrench", (6,), "<f8", "N,N·m"),
-        *("coupling force (first three) and moment about the palm centre (Eq. 1), world", "palm_wrench", "vector"),
+        "coupling force (first three) and moment about the palm centre (Eq. 1), world; of method paper that of each "
+        "Euler angle of the palm",
+        *("palm_wrench", "vector"),
     ),
     Column("force/total", (3,), "<f8", "N", "sum of all contact forces on the hand, world", "total", "vector"),
     Column("force_variation_rate", (), "<f8", "%", "one-tick change of the total force's size; NaN below 0.01 N"),

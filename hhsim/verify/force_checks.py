@@ -12,7 +12,7 @@ from hhsim.verify import forces
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import leaves
-from hhsim.verify.kinematics import turn_between
+from hhsim.verify.kinematics import euler_change, turn_between
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_OTHER, NO_PLACE, STUCK, JudgedTicks
 
 FORCE = 1e-6
@@ -63,10 +63,17 @@ def force_claims(judge: JudgedTicks) -> list[Claim]:
 
 
 def _wrench(judge: JudgedTicks) -> Claim:
-    pull = judge.pull[:, :6]
-    off = np.abs(pull - judge.result["force/palm_wrench"]).max(axis=1)
-    size = 1.0 + np.abs(pull).max(axis=1)
-    return judged("palm wrench", "Eq. 1: G (q_g − q_h)", off, FORCE * size, "N", WHY_FORCE, ticks=judge.numbers)
+    pull, stored, says, note = judge.pull[:, :6], np.asarray(judge.result["force/palm_wrench"]), "", ""
+    if judge.options["method"] == "paper":
+        stiffness, hands = judge.diagonal[3:6], (judge.wanted.orientation, judge.shown.orientation)
+        torque = stiffness * euler_change(*hands, stored[:, 3:] / stiffness)
+        locked = np.asarray(np.isnan(torque).any(axis=1))
+        pull = np.concatenate([pull[:, :3], np.where(locked[:, None], stored[:, 3:], torque)], axis=1)
+        says, count = ", rotation in Euler angles", int(locked.sum())
+        note = f"torque left out in {counted(count, 'tick')}: Euler angles lock there" if count else ""
+    off = np.abs(pull - stored).max(axis=1)
+    tolerance, says = FORCE * (1.0 + np.abs(pull).max(axis=1)), f"Eq. 1: G (q_g − q_h){says}"
+    return judged("palm wrench", says, off, tolerance, "N", WHY_FORCE, ticks=judge.numbers, note=note)
 
 
 def _fingertips(judge: JudgedTicks) -> Claim:

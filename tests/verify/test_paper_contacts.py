@@ -1,5 +1,6 @@
 """Eq. 14 is judged where the paper's contacts are those of the nearest points, and nowhere else."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
-from hhsim.verify.claim import HOLDS
+from hhsim.verify.claim import FAILS, HOLDS
 from hhsim.verify.contacts import Pairs
 from hhsim.verify.force_checks import force_claims
 from hhsim.verify.forces import on_another_part
@@ -42,11 +43,19 @@ def test_a_hand_that_jumps_into_the_object_claims_nothing_false(
     replay_scene(scene, SolverOptions(method="paper"), tmp_path / "jumps.h5")
     result = load_result(tmp_path / "jumps.h5")
     assert result["penetration_depth"].max() > 0.01, "nothing is deep inside: the test shows little"
-    claim = next(
-        found for found in force_claims(JudgedTicks(result, np.arange(result.ticks))) if found.name == "Eq. 14"
-    )
-    assert claim.verdict == HOLDS
-    assert claim.checked > 50
+    ticks = JudgedTicks(result, np.arange(result.ticks))
+    claims = {found.name: found for found in force_claims(ticks)}
+    assert claims["Eq. 14"].verdict == HOLDS
+    assert claims["Eq. 14"].checked > 50
+    # Eq. 1 in Euler angles, whichever branch the palm has come to; a torque that is off by 1e-3 N·m is on none.
+    assert claims["palm wrench"].verdict == HOLDS
+    wrench = np.array(result["force/palm_wrench"])
+    assert np.abs(wrench[:, 3:] - ticks.pull[:, 3:6]).max() > 0.1, "not the rotation vector"
+    wrench[200, 3] += 1e-3
+    changed = replace(load_result(result.path), replaced={"force/palm_wrench": wrench})
+    off = JudgedTicks(changed, ticks.chosen)
+    false = next(found for found in force_claims(off) if found.name == "palm wrench")
+    assert (false.verdict, false.tick) == (FAILS, 200)
 
 
 RADIUS = 0.004

@@ -58,11 +58,13 @@ class Variation:
 
 
 class Moment(NamedTuple):
-    """Name of a picture, and the hands that it shows."""
+    """Name of a picture, the hands that it shows, and their forces [N]."""
 
     name: str
     graphic: HandConfiguration
     haptic: HandConfiguration
+    fingertip: FloatArray  # normal force at each fingertip, shape (5, 3)
+    index_finger: FloatArray  # contact force on each phalanx of the index finger, shape (3, 3)
 
 
 class Curves(NamedTuple):
@@ -242,7 +244,8 @@ def _shown(stage: Stage, record: TickRecord) -> list[Moment]:
             name, t = "slide", (phase.first_tick + phase.last_tick) // 2
         else:
             continue
-        found.append(Moment(name, HandConfiguration.of(record).at(t), HandConfiguration.of(motion).at(t)))
+        hands = HandConfiguration.of(record).at(t), HandConfiguration.of(motion).at(t)
+        found.append(Moment(name, *hands, record.fingertip_normal[t], record.phalanx[t, INDEX]))
     return found
 
 

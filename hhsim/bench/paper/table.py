@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hhsim.bench.paper.bench import CONTACTS, PaperOptions, PaperRuns, percentile
+from hhsim.bench.paper.bench import PaperOptions, PaperRuns, percentile
 from hhsim.bench.paper.run import NOISES, SceneRun
 from hhsim.bench.paper.scene import CASES, SLIDING, held_ticks
 from hhsim.bench.table import mean, metric_column
@@ -127,7 +127,7 @@ def _complex_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
         if played := runs.of(method, "13", object_name=name):
             worst = max(played, key=lambda run: percentile(run, 99.0))
             yield PaperRow(
-                f"complex_p99_{name}", "13", f"p99 tick, {name}", method, "s", 1.5e-3, "< 1.5 ms",
+                f"complex_p99_{name}", "13", f"p99 tick, {name}", method, "s", math.nan, "no time",
                 percentile(worst, 99.0), COMPLEX_P99,
                 f"worst of {counted(len(played), 'scene')}: {worst.scenario.motion}",
             )  # fmt: skip
@@ -138,19 +138,21 @@ def _complex_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
             percentile(run, 50.0), math.nan, "squeeze, hold, slide; ticks in contact",
         )  # fmt: skip
         yield PaperRow(
-            f"interaction_p99_{name}", "14", f"p99 tick, {name} {motion}", method, "s", 1.5e-3, "all < 1.5 ms",
-            percentile(run, 99.0), COMPLEX_P99, f"longest {1e6 * float(run.tick_cpu.max()):.0f} µs",
+            f"interaction_p99_{name}", "14", f"p99 tick, {name} {motion}", method, "s", math.nan, "no p99",
+            percentile(run, 99.0), COMPLEX_P99, "ticks in contact",
+        )  # fmt: skip
+        yield PaperRow(
+            f"interaction_max_{name}", "14", f"longest tick, {name} {motion}", method, "s", 1.5e-3, "all < 1.5 ms",
+            float(run.tick_cpu.max()), 1.5e-3, "all ticks",
         )  # fmt: skip
     for case in CASES:
         if played := runs.of(method, "15", case=case):
             contacts = [float(run.candidates[held_ticks(run.stage)].mean()) for run in played]
             instances = sum(len(run.stage.motions) for run in played)
             worst = max(played, key=lambda run: percentile(run, 99.0))
-            # In words the paper states a time for these two cases only.
-            stated = case in CONTACTS
             yield PaperRow(
-                f"case_p99_{case}", "15", f"p99 tick, {CASES[case]}", method, "s", 1e-3 if stated else math.nan,
-                "≈ 1 ms" if stated else "in a plot only", percentile(worst, 99.0), COMPLEX_P99,
+                f"case_p99_{case}", "15", f"p99 tick, {CASES[case]}", method, "s", math.nan,
+                "means only", percentile(worst, 99.0), COMPLEX_P99,
                 f"worst object: {worst.scenario.object_name}; {instances} instances, {min(contacts):.0f} to "
                 f"{max(contacts):.0f} contacts; mean of all {1e6 * _pooled_mean(played):.1f} µs",
             )  # fmt: skip

@@ -272,6 +272,9 @@ def _tick(method: Paper, hand: HandArrays, tree: TreeArrays, state: Record, qp: 
     began = monotonic_ns()
     _count_touching(options.touch, state, paper)
     hand_forces(options, state)
+    # Eq. 1 in the paper's variables: of the palm's rotation its three Euler angles, not the rotation vector.
+    for j in range(3):
+        state.forces.palm_wrench[3 + j] = state.stiffness[3 + j] * (paper.euler[j] - paper.haptic_euler[j])
     state.step.duration[DURATION_FORCE] += monotonic_ns() - began
     state.work[WORK_CANDIDATES] = most
     state.work[WORK_ROWS] = most

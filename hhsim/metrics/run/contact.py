@@ -11,7 +11,7 @@ NO_DEPTH = 1e-6
 METRICS = (
     RunMetric(
         *("candidates_max", "candidate pairs, most"),
-        paper="≈ 250",
+        paper="whole hand: ≈ 250",
         less_is_better=False,
         place=10,
         needs=("contacts/candidates",),

@@ -5,6 +5,7 @@ import math
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from conftest import Run
 
 from hhsim.bench.paper.bench import QUICK, PaperOptions, PaperRuns, measure
-from hhsim.bench.paper.run import COUNTS, GLOVE, NOISES, play, play_again
+from hhsim.bench.paper.run import COUNTS, GLOVE, NOISES, SceneRun, play, play_again
 from hhsim.bench.paper.scene import Scenario, held_ticks, make_stage
 from hhsim.bench.paper.table import PaperRow, missed, paper_rows
 from hhsim.bench.table import load_table
@@ -20,7 +21,9 @@ from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
+from hhsim.metrics.run.registry import run_metrics
 from hhsim.motion.analytic_motion import still
+from hhsim.render import paper_figures
 from hhsim.replay import summary
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
@@ -79,6 +82,46 @@ def test_rows_are_what_the_runs_say(runs: PaperRuns) -> None:
     )
     variations = [run.variation["glove"].size[0] for run in runs.of("coupled", "11", "13", "14")]
     assert row(runs, "variation_glove_size").ours == pytest.approx(float(np.median(variations)))
+
+
+def test_times_of_the_paper_stand_beside_the_same_of_ours(runs: PaperRuns) -> None:
+    # It states means, for Fig. 14 a limit of all ticks and what most are below; no percentile, and nothing of Fig. 13.
+    stated = {one.name: one for one in paper_rows(runs, OPTIONS) if one.unit == "s" and not math.isnan(one.paper)}
+    assert {name.split("_")[0] + " " + one.label.split(" tick")[0] for name, one in stated.items()} == {
+        *("mean mean", "contacts mean", "interaction median", "interaction longest")
+    }
+    (run,) = runs.of("coupled", "14")
+    longest = row(runs, "interaction_max_bunny")
+    assert (longest.paper, longest.ours) == (1.5e-3, float(run.tick_cpu.max()))
+    assert "mean" in run_metrics()["tick_cpu_p50"].paper and not run_metrics()["tick_cpu_p99"].paper
+
+
+def test_pictures_show_paper_beside_coupled_and_forces_in_red(
+    runs: PaperRuns, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(paper_figures, "TILE", 40)
+    monkeypatch.setattr(paper_figures, "KINDS", (".png",))
+    monkeypatch.setattr(paper_figures, "ELEVATIONS", (10.0,))
+    monkeypatch.setattr("hhsim.render.hand_picture.POINTS", 500)
+    monkeypatch.setattr("hhsim.render.hand_picture.AZIMUTHS", (0, 90))
+    drawn: list[tuple[str, str, int]] = []
+    draw = paper_figures.draw_scene
+
+    def spy(axes: Any, run: SceneRun, *given: Any) -> None:
+        draw(axes, run, *given)
+        forces = given[4] if len(given) > 4 else ()
+        image = np.asarray(axes.get_images()[0].get_array())
+        red = (image[:, :, 0] > 2.0 * image[:, :, 1:].max(axis=2)).any()
+        assert red == (len(forces) > 0)
+        drawn.append((run.scenario.figure, run.options.method, len(forces)))
+
+    monkeypatch.setattr(paper_figures, "draw_scene", spy)
+    some = [run for run in runs.scenes if run.scenario.motion in ("touch", "ear-to-ear")]
+    paper_figures.draw_all(tmp_path, PaperRuns(tuple(some), ()))
+    pairs = [method for figure, method, _ in drawn if figure == "11"]
+    assert pairs == ["paper", "coupled"]
+    pushed = [one for one in drawn if one[0] == "14"]
+    assert len(pushed) == 2 * 3 and all(count > 0 for _, _, count in pushed)
 
 
 def test_coupled_stays_out_and_touches_what_the_scenes_name(runs: PaperRuns) -> None:

@@ -116,6 +116,22 @@ def test_a_palm_on_a_ball_converges_to_the_known_optimum() -> None:
     assert record_clearance(RIGHT, ball, record).min() > -1e-5
 
 
+def test_the_palm_s_torque_is_equation_1_in_euler_angles() -> None:
+    turned = Rotation.from_euler("ZYX", [1.5, 0.8, 0.1]).as_quat(scalar_first=True)
+    start, goal = still([0.0, 0.0, 0.16], turned), still([0.01, 0.0, 0.02], turned)
+    record = paper(RIGHT, BALL, start.line(goal, 399))
+    pressed = np.flatnonzero(np.linalg.norm(record.palm_wrench[:, :3], axis=1) > 1.0)
+    assert len(pressed) > 50
+    shown, wanted = (
+        Rotation.from_quat(record.orientation[pressed], scalar_first=True),
+        Rotation.from_euler("ZYX", [1.5, 0.8, 0.1]),
+    )
+    torque = SolverOptions().stiffness.rotation * (shown.as_euler("ZYX") - [1.5, 0.8, 0.1])[:, ::-1]
+    np.testing.assert_allclose(record.palm_wrench[pressed, 3:], torque, atol=1e-9)
+    vector = SolverOptions().stiffness.rotation * (shown * wanted.inv()).as_rotvec()
+    assert np.abs(vector - torque).max() > 0.1 * np.abs(vector).max() > 1e-3
+
+
 def test_a_gentle_grasp_is_that_of_progressive() -> None:
     motion = grasp()
     record = paper(RIGHT, BALL, motion)
