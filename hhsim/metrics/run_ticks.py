@@ -94,7 +94,7 @@ class FreeRun:
         """Force of the hand's contacts at the ticks, their sizes summed [N], shape (T,)."""
         of, ticks = self.of_hand, len(self["object/position"])
         force = self["contact/normal_force"][of, None] * self["contact/normal"][of] + self["contact/friction_force"][of]
-        return np.bincount(self["contact/tick"][of], np.linalg.norm(force, axis=1), ticks)
+        return np.asarray(np.bincount(self["contact/tick"][of], np.linalg.norm(force, axis=1), ticks), np.float64)
 
     @property
     def raised(self) -> float:
