@@ -174,7 +174,7 @@ def test_a_name_that_does_not_fit_is_told_before_the_work(tmp_path: Path, out: s
 
 
 def test_a_full_disk_leaves_nothing_and_names_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path, seen = recorded(tmp_path), []
+    path, seen = recorded(tmp_path), list[Path]()
 
     def full(scene: Any, touched: Any, posture: Any, path: Path, **others: Any) -> None:
         seen.extend(path.parent.iterdir())
