@@ -146,7 +146,11 @@ def _run_and_report() -> int:
         raise
     except (OSError, MemoryError, RuntimeError, ImportError, SystemError) as error:
         if _lacks_memory(error):
-            line = f"not enough memory: {error}".rstrip(": ") + "; raise a limit that is set (ulimit -v), or use less"
+            # numpy spells out every field of a record.
+            line = (
+                f"not enough memory: {error}".partition(" and data type {")[0].rstrip(": ")
+                + "; raise a limit that is set (ulimit -v), or use less"
+            )
             return _report(_with_notes(line, error), HhsimError.exit_code)
         if not isinstance(error, OSError):
             raise

@@ -103,6 +103,7 @@ NO_MEMORY = MemoryError("Unable to allocate 7.28 TiB for an array")
         (OSError(*FULL, "/cache/kernel.nbi"), 2, f"error: {FULL[1]}: /cache/kernel.nbi"),
         (OSError(*FULL), 2, "stdout, or the cache in /cache, for which HHSIM_CACHE_DIR names another folder"),
         (NO_MEMORY, 2, f"error: not enough memory: {NO_MEMORY}{LESS}"),
+        (MemoryError(f"{NO_MEMORY} and data type {{'names': ['pose', 'safe']"), 2, f"{NO_MEMORY}{LESS}"),
         (MemoryError(), 2, f"error: not enough memory{LESS}"),
         (RuntimeError("can't start new thread"), 2, f"error: not enough memory: can't start new thread{LESS}"),
         (OSError(errno.ENOMEM, "Cannot allocate memory"), 2, f"[Errno 12] Cannot allocate memory{LESS}"),
