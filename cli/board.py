@@ -9,12 +9,12 @@ from .arguments import options
 from .console import print_json, print_line, print_table, progress
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=options.FILE)
 @click.option(
     "--out",
     "outputs",
-    type=options.FILE,
+    type=options.OUTPUT,
     multiple=True,
     metavar="FILE",
     help="Also write the board, by the name's ending: .html, .csv, .parquet, .md or .tex; may be given several times.",

@@ -12,7 +12,7 @@ from hhsim.table.table import Table, number
 
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
-from .arguments.options import FILE, UNITS, Output, file, seed
+from .arguments.options import OUTPUT, UNITS, Output, file, seed
 from .arguments.tree_choice import read_length
 from .console import print_json, print_notes, print_table, progress
 
@@ -97,7 +97,7 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
 @Output.argument("output")
 @click.option(
     "--plot",
-    type=FILE,
+    type=OUTPUT,
     metavar="FILE",
     help="Draw the mesh, its spheres coloured by protrusion, and the errors of all levels.",
 )
@@ -129,7 +129,6 @@ def command(
       hhsim build-tree bowl.stl --unit mm --thickness 2
       hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
     """
-    from hhsim.errors import InputError, OutputError
     from hhsim.mesh.mesh import METRES_PER_UNIT
     from hhsim.render.tree_figure import draw_tree
     from hhsim.system.output_path import check_output_path, check_picture
@@ -145,14 +144,7 @@ def command(
     path = output.path(f"{mesh.name}-tree-{source.path.stem if source.path else kind}")
     if path.suffix not in (".h5", ".sph"):
         raise click.UsageError(f"--out {path}: a sphere tree is a .h5 or a .sph file")
-    check_output_path(path)
-    if path.exists():
-        try:
-            load_sph(path) if path.suffix == ".sph" else load_tree(path)
-        except InputError as error:
-            raise OutputError(
-                f"{path} exists and is no sphere tree, so it is not replaced: name another file"
-            ) from error
+    check_output_path(path, "sphere tree", load_sph if path.suffix == ".sph" else load_tree)
     if plot is not None:
         check_picture(plot)
     cached = source.path is None and cache_path(mesh, options).exists()

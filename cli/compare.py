@@ -11,7 +11,7 @@ from .arguments import options
 from .console import print_json, print_line, print_table
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument("base", metavar="A", type=options.FILE)
 @click.argument("head", metavar="B", type=options.FILE)
 @click.option(

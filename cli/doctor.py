@@ -10,7 +10,7 @@ from .console import print_json, print_line, print_table
 BAR = 40
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.option(
     "--rate", type=options.Number(10.0, 10_000.0), default=1000.0, metavar="HZ", help="Wake-ups a second [Hz]."
 )

@@ -11,9 +11,9 @@ from .arguments.comma_list import read_names
 from .console import print_json, progress
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument("result", type=options.FILE)
-@click.argument("out", metavar="FILE", type=options.FILE)
+@click.argument("out", metavar="FILE", type=options.OUTPUT)
 @click.option(
     "--as",
     "form",

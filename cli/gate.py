@@ -12,7 +12,7 @@ from hhsim.table.table import Table
 
 from .arguments import options
 from .arguments.option_group import OptionGroup, option, shared
-from .arguments.options import FILE, file
+from .arguments.options import FILE, file, output_file
 from .console import print_json, print_notes, print_table, progress
 from .run_again import names_a_result
 
@@ -38,7 +38,7 @@ class Comparison(OptionGroup):
     suite: Path | None = file(
         "SUITE", "Suite whose [limits] a RESULT is held to. Default: the limits that hhsim replay shows."
     )
-    write_baseline: Path | None = file("FILE", "Record the suite's run in this file.")
+    write_baseline: Path | None = output_file("FILE", "Record the suite's run in this file.")
     time: bool = option("--time/--no-time", default=True, help="Judge and record times, or leave them out.")
     processes: int | None = option(
         type=click.IntRange(3, 100),
@@ -50,15 +50,15 @@ class Comparison(OptionGroup):
 class GateOutput(OptionGroup):
     """Files for CI systems, and amount of output."""
 
-    markdown: Path | None = file("FILE", "Write a summary in Markdown.")
+    markdown: Path | None = output_file("FILE", "Write a summary in Markdown.")
     step_summary: bool = option(is_flag=True, help=f"Append the summary to the file that ${STEP_SUMMARY} names.")
-    junit: Path | None = file("FILE", "Write JUnit XML.")
+    junit: Path | None = output_file("FILE", "Write JUnit XML.")
     whole: bool = option("--all", is_flag=True, help="Print every figure; without it what changed or was missed.")
     as_json: bool = shared(options.json)
     quiet: bool = shared(options.quiet)
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument("target", metavar="[RESULT|SUITE]", required=False, type=FILE)
 @Comparison.argument("comparison")
 @GateOutput.argument("output")
@@ -84,17 +84,22 @@ def command(target: Path | None, comparison: Comparison, output: GateOutput) -> 
       hhsim gate results/after.h5 --baseline results/before.h5
       hhsim gate session.h5 --suite hhsim-gate.toml
     """
-    from hhsim.gate.gate import GateReport
+    from hhsim.gate.gate import FORMAT, GateReport
     from hhsim.gate.verdict import failed_run
-    from hhsim.system.output_path import check_output_path
+    from hhsim.system.output_path import check_output_path, holds, require_apart
 
     summary = os.environ.get(STEP_SUMMARY) if output.step_summary else None
     if output.step_summary and not summary:
         raise InputError(f"--step-summary: ${STEP_SUMMARY} is not set; outside of GitHub Actions, use --markdown FILE")
     files = output.markdown, Path(summary) if summary else None, output.junit
-    for path in (comparison.write_baseline, output.markdown, output.junit):
+    require_apart(Path(summary or ""))
+    for path, kind, words in (
+        (comparison.write_baseline, "baseline", FORMAT.encode()),
+        (output.markdown, "summary of hhsim gate", b" hhsim gate\n\n"),
+        (output.junit, "JUnit XML of hhsim gate", b'<testsuites name="hhsim gate"'),
+    ):
         if path is not None:
-            check_output_path(path)
+            check_output_path(path, kind, holds(words))
     if target is not None and names_a_result(target):
         if any((comparison.base_python, comparison.base_folder, comparison.write_baseline)):
             raise click.UsageError(

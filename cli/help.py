@@ -4,8 +4,10 @@ import click
 
 from hhsim.errors import UnknownNameError
 
+from .arguments.written import Command
 
-@click.command()
+
+@click.command(cls=Command)
 @click.argument("words", metavar="[COMMAND]...", nargs=-1)
 @click.pass_context
 def command(context: click.Context, words: tuple[str, ...]) -> None:

@@ -10,7 +10,7 @@ from hhsim.table.table import Table
 
 from .arguments.comma_list import number_list
 from .arguments.option_group import GroupedCommand, OptionGroup, option
-from .arguments.options import FILE, SIDES, UNITS, Number, Output, Side, file, metres
+from .arguments.options import FILE, OUTPUT, SIDES, UNITS, Number, Output, Side, file, metres, output_file
 from .console import print_json, print_notes, print_table
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ class DexmoCalibration(OptionGroup, heading="Dexmo glove"):
     spread: tuple[float, float] | None = option(
         callback=POSE, metavar="FROM,TO", help="From when to when its fingers were spread and the thumb opposed [s]."
     )
-    save_calibration: Path | None = file(
+    save_calibration: Path | None = output_file(
         "TOML", "Write the calibration of --open, --fist and --spread, for other recordings of the same glove."
     )
 
@@ -207,11 +207,11 @@ class Labels(OptionGroup, heading="Labels"):
 @Output.argument("output")
 @click.option(
     "--fit-hand",
-    type=FILE,
+    type=OUTPUT,
     metavar="TOML",
     help="Write a hand with the recorded bones and radii for --hand-file, and lay the motion for it.",
 )
-@click.option("--plot", type=FILE, metavar="FILE", help="Draw what came in and what went out.")
+@click.option("--plot", type=OUTPUT, metavar="FILE", help="Draw what came in and what went out.")
 def command(
     file: Path,
     reading: FileSettings,
@@ -238,12 +238,12 @@ def command(
       hhsim import keypoints.npy --rate 30 --hand right
       hhsim import dexmo.csv --open 0,1 --fist 2,3 --save-calibration glove.toml
     """
-    from hhsim.errors import OutputError, named
+    from hhsim.errors import named
     from hhsim.hand.model import HandModel
     from hhsim.motion.file import check_trajectory_path, save_trajectory
     from hhsim.motion.trajectory import UNCHECKED
     from hhsim.recordings.cleaning import FINDING_COLUMNS, FIT_COLUMNS, clean_recording, fit_rows, import_document
-    from hhsim.recordings.dexmo_regression import format_calibration
+    from hhsim.recordings.dexmo_regression import format_calibration, read_calibration
     from hhsim.recordings.fitted_hand import check_hand_path, fitted_hand
     from hhsim.recordings.formats.dexmo import calibration_of
     from hhsim.recordings.registry import read_recording
@@ -251,13 +251,11 @@ def command(
     from hhsim.system.output_path import check_output_path, check_picture
 
     output_path = output.path(file.stem or "recording")
-    if output_path.exists() and output_path.resolve() == file.resolve():
-        raise OutputError(f"{output_path} is the recording itself, so it is not replaced: name another file")
     check_trajectory_path(output_path)
     if plot is not None:
         check_picture(plot)
     if dexmo.save_calibration is not None:
-        check_output_path(dexmo.save_calibration)
+        check_output_path(dexmo.save_calibration, "calibration", read_calibration)
     if fit_hand is not None:
         check_hand_path(fit_hand)
     others = {**dexmo.fields(), **data.given(), "hand_length": metres(cleaning.hand_length)}

@@ -9,7 +9,7 @@ from .arguments import options
 from .console import print_json, print_table
 
 
-@click.command()
+@click.command(cls=options.Command)
 @options.json
 def command(as_json: bool) -> None:
     """Show versions, processor, clock and what is missing.

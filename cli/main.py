@@ -1,5 +1,6 @@
 """Command `hhsim`: a group that imports a command only when it is run, and reports all errors."""
 
+import errno
 import json
 import os
 import signal
@@ -61,6 +62,8 @@ MEANT = {
 
 COMPLETION_VARIABLE = "_HHSIM_COMPLETE"
 SHOW_AS_USUAL = warnings.showwarning
+NO_MEMORY = "can't start new thread", "failed to map segment", "returned NULL without setting"
+"""Words of errors that Python and the system's loader raise where memory is short."""
 INTERRUPTED = 130
 BROKEN_PIPE = 141
 
@@ -141,10 +144,23 @@ def _run_and_report() -> int:
         return _report(_with_notes("interrupted", interrupt), INTERRUPTED)
     except BrokenPipeError:
         raise
-    except OSError as error:
+    except (OSError, MemoryError, RuntimeError, ImportError, SystemError) as error:
+        if _lacks_memory(error):
+            # numpy spells out every field of a record.
+            line = (
+                f"not enough memory: {error}".partition(" and data type {")[0].rstrip(": ")
+                + "; raise a limit that is set (ulimit -v), or use less"
+            )
+            return _report(_with_notes(line, error), HhsimError.exit_code)
+        if not isinstance(error, OSError):
+            raise
         return _report(_with_notes(f"{error.strerror or error}: {_place(error)}", error), HhsimError.exit_code)
-    except MemoryError as error:
-        return _report(_with_notes(f"not enough memory: {error or 'use less'}", error), HhsimError.exit_code)
+
+
+def _lacks_memory(error: BaseException) -> bool:
+    """Return True for an error of memory that the system refused, be it for arrays, a thread, or a library."""
+    refused = isinstance(error, OSError) and error.errno == errno.ENOMEM
+    return isinstance(error, MemoryError) or refused or any(words in str(error) for words in NO_MEMORY)
 
 
 def _run() -> int:

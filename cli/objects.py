@@ -8,7 +8,7 @@ from .arguments import options
 from .console import print_json, print_table
 
 
-@click.command()
+@click.command(cls=options.Command)
 @options.json
 def command(as_json: bool) -> None:
     """List the objects that come with hhsim.

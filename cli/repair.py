@@ -8,7 +8,7 @@ import click
 
 from .arguments import options
 from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
-from .arguments.options import FILE, JOBS, UNITS, Number, file, metres, ranged
+from .arguments.options import FILE, JOBS, OUTPUT, UNITS, Number, file, metres, ranged
 from .console import print_json, print_line, print_notes, print_table, progress
 from .import_ import FileSettings, HandData
 
@@ -59,7 +59,9 @@ class RepairLimits(OptionGroup, heading="Repair"):
 @RepairLimits.argument("limits")
 @FileSettings.argument("reading")
 @HandData.argument("data")
-@click.option("--out", type=FILE, required=True, metavar="FILE|DIR", help="Repaired recording; of a manifest a folder.")
+@click.option(
+    "--out", type=OUTPUT, required=True, metavar="FILE|DIR", help="Repaired recording; of a manifest a folder."
+)
 @click.option("--jobs", type=JOBS, metavar="N", help="Processes that share a manifest. Default: one a core.")
 @click.option(
     "--scheduler", metavar="ADDRESS", default="", help="Dask cluster that shares a manifest: tcp://host:8786, or local."

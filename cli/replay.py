@@ -227,6 +227,7 @@ class ReplayOutput(options.Output):
 @click.option(
     "--rerun",
     callback=options.read_target,
+    type=options.RERUN,
     metavar=options.RERUN_METAVAR,
     help="Show the replay in rerun: open a viewer, write a file, or send to an open viewer at HOST:PORT.",
 )

@@ -19,11 +19,11 @@ WIDTH = "180mm"
 """Default width of a figure: two columns of most journals."""
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument("results", metavar="RESULT...", nargs=-1, required=True, type=options.FILE)
 @click.option(
     "--out",
-    type=options.FILE,
+    type=options.OUTPUT,
     metavar="DIR|FILE.html",
     help="Folder or page of the report, or file of the --figure. Default: a dated name in results/.",
 )

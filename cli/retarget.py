@@ -28,7 +28,7 @@ def read_map(context: click.Context, parameter: click.Parameter, value: str | No
     return found
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument("result", type=options.FILE)
 @click.option("--robot", required=True, metavar="FILE|allegro|shadow", help="URDF or MJCF of the robot's hand.")
 @click.option(

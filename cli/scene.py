@@ -13,7 +13,7 @@ from .console import print_json, print_line, print_notes
 from .replay import complete_trajectory
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument("object_", metavar="[OBJECT]", default="bunny", shell_complete=complete_object)
 @click.argument("trajectory", metavar="[TRAJECTORY]", default="grasp", shell_complete=complete_trajectory)
 @MeshSize.argument("mesh_size")
@@ -23,7 +23,7 @@ from .replay import complete_trajectory
 @options.seed
 @click.option(
     "--out",
-    type=options.FILE,
+    type=options.OUTPUT,
     metavar="DIR",
     help="Folder, which must be new or empty. Default: a dated name in results/.",
 )

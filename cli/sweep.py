@@ -21,7 +21,7 @@ MOST_FAILURES = 20
 class SweepSettings(OptionGroup):
     """Folder of a sweep, and how its cells are run."""
 
-    out: Path | None = options.file(
+    out: Path | None = options.output_file(
         "FOLDER",
         "Folder of the results; cells that are done there are not run again. Default: results/ and the plan's name.",
     )
@@ -42,7 +42,7 @@ class SweepSettings(OptionGroup):
     summary_only: bool = option(is_flag=True, help="Keep a row of figures for each cell, and not its ticks.")
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument("plan", metavar="PLAN", type=options.FILE)
 @SweepSettings.argument("settings")
 @options.Printing.argument("printing")

@@ -27,7 +27,7 @@ SHOWN = (
 WHY = words("what is claimed; why so much is let pass", lambda claim: "; ".join(filter(None, (claim.says, claim.why))))
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument("result", type=options.FILE)
 @click.option(
     "--every",

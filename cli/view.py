@@ -17,12 +17,13 @@ if TYPE_CHECKING:
 SLOW, PIXELS = 1.0, 640
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, type=options.FILE)
 @click.option(
     "--rerun",
     "target",
     callback=options.read_target,
+    type=options.RERUN,
     metavar=options.RERUN_METAVAR,
     help="Open a viewer, write a file, or send to an open viewer. Default: spawn, or none with --video.",
 )
@@ -35,7 +36,7 @@ SLOW, PIXELS = 1.0, 640
 )
 @click.option("--spheres", is_flag=True, help="Show the spheres of the object's tree in place of its mesh.")
 @click.option("--unit", type=options.UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
-@click.option("--video", type=options.FILE, metavar="FILE.gif|FILE.mp4", help="Make a film of a result.")
+@click.option("--video", type=options.OUTPUT, metavar="FILE.gif|FILE.mp4", help="Make a film of a result.")
 @click.option(
     "--slow",
     type=options.Number(0.01, 1000.0),

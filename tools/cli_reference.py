@@ -25,7 +25,8 @@ Every command, argument and option, as `--help` prints them; `python -m tools.cl
 - `--json`: stdout is one JSON document in SI units (m, rad, s, N) and nothing else; a number that is missing is `null`,
   an error is `{"error": "…"}`. Without it, tables are in mm, µm and µs, with the unit in the heading.
 - `--out FILE`: where the output goes. Without it, a dated name in `results/` under the current folder. An existing file
-  is replaced only if it is of the same kind, and only when the new one is complete.
+  is replaced only if it is of the same kind, and only when the new one is complete; an input, and what a symbolic
+  link leads to, never ([the rule](cli.md#what-an-output-replaces)).
 - `-q`, `--quiet`: no progress and no table. Errors, warnings and missed limits still show.
 - Progress goes to stderr, and only where that is a terminal. A table in a pipe is plain text, one line a row.
 - An option that takes NAMES or NUMBERS takes them with commas, `--object bunny,cube`, or again and again, `--object

@@ -26,7 +26,7 @@ from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, look_from,
 from hhsim.render.triangle_soup import SKIN, SPHERE, STONE, hand_surface, joined, mesh_surface, painted
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result, load_result
-from hhsim.system.output_path import check_output_path
+from hhsim.system.output_path import check_picture
 from hhsim.view.moment import moment, overview_tick
 from hhsim.view.viewer import shown_scene
 from tools.cross_section import Plane, Pose, cut_mesh, cut_spheres, finger_plane, round_cone_outline
@@ -103,7 +103,7 @@ def draw_concepts(result: Result, path: Path, view: View = VIEW) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    check_output_path(path)
+    check_picture(path)
     shown = show(result)
     figure = Figure(figsize=(14.0, 8.9), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)

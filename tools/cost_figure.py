@@ -25,7 +25,7 @@ from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.options import SolverOptions
-from hhsim.system.output_path import check_output_path
+from hhsim.system.output_path import check_picture
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
@@ -189,7 +189,7 @@ def draw_costs(path: Path, bins: dict[str, list[CostBin]]) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    check_output_path(path)
+    check_picture(path)
     figure = Figure(figsize=(14.0, 6.0), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)
     left, right = figure.add_axes((0.065, 0.125, 0.52, 0.77)), figure.add_axes((0.665, 0.125, 0.32, 0.77))
@@ -263,7 +263,7 @@ def main(arguments: Sequence[str]) -> None:
         raise SystemExit("usage: python -m tools.cost_figure PICTURE, for example docs/cost.png")
     path = Path(arguments[0])
     try:
-        check_output_path(path)
+        check_picture(path)
         costs = measure(CostOptions(), progress=lambda text: print(text, file=sys.stderr))
         bins = {method: binned(ticks) for method, ticks in costs.items()}
         draw_costs(path, bins)

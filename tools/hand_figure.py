@@ -19,7 +19,7 @@ from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.render.figure import save_figure
 from hhsim.render.rasterizer import blend, frame, look_from, shade
 from hhsim.render.triangle_soup import FINE, SPHERE, Surface, hand_surface, joined, piece_surfaces, round_cone_surface
-from hhsim.system.output_path import check_output_path
+from hhsim.system.output_path import check_picture
 
 OPEN_POSE = (
     ((-8.0, 8.0, 8.0), (8.0, 10.0, 6.0), (8.0, 10.0, 6.0), (10.0, 12.0, 8.0), (12.0, 14.0, 8.0)),
@@ -51,7 +51,7 @@ def draw_hand(path: str | Path, hand: HandModel | None = None) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    check_output_path(Path(path))
+    check_picture(Path(path))
     hand = hand or HandModel.default()
     panels = [
         ("Open, palm", OPEN_POSE, False, view(0.0, -14.0)),

@@ -8,6 +8,8 @@ from typing import Any, ClassVar, dataclass_transform
 import click
 from click.core import ParameterSource
 
+from .written import Command
+
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 OTHERS = "Other options"
 
@@ -64,7 +66,7 @@ def typed_options(context: click.Context) -> dict[str, str]:
     }
 
 
-class GroupedCommand(click.Command):
+class GroupedCommand(Command):
     """A command of many options, whose help has a heading for each group of them."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

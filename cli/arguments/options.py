@@ -13,6 +13,9 @@ from hhsim.solver.surface import SURFACES
 
 from ..console import announce_compilation
 from .option_group import OptionGroup, option, shared
+from .written import OUTPUT as OUTPUT
+from .written import Command as Command
+from .written import WrittenWord
 
 if TYPE_CHECKING:
     from hhsim.view.sink import RerunTarget
@@ -89,8 +92,13 @@ def ranged(name: str, metavar: str, help: str, scale: float = 1.0, **settings: A
 
 
 def file(metavar: str, help: str, *flags: str) -> Any:
-    """Declare an option of a file as a field of a group."""
+    """Declare an option of a file that is read as a field of a group."""
     return option(*flags, type=FILE, metavar=metavar, help=help)
+
+
+def output_file(metavar: str, help: str, *flags: str) -> Any:
+    """Declare an option of a file, or of a folder, that is written as a field of a group."""
+    return option(*flags, type=OUTPUT, metavar=metavar, help=help)
 
 
 def _read_fingers(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
@@ -130,6 +138,7 @@ def read_target(context: click.Context, parameter: click.Parameter, value: str |
     return target
 
 
+RERUN = WrittenWord()
 RERUN_METAVAR = "spawn|FILE.rrd|connect[=URL]"
 seed = click.option(
     "--seed", type=click.IntRange(0, 2**63 - 1), metavar="N", default=0, help="Seed of everything random."
@@ -150,7 +159,7 @@ hand_file = click.option(
 )
 picture = click.option(
     "--plot",
-    type=FILE,
+    type=OUTPUT,
     callback=_check_picture,
     metavar="FILE",
     help="Picture file. Default: beside the table, as .png.",
@@ -186,7 +195,7 @@ class Output(OptionGroup, heading="Output"):
     """Output file, and what is printed."""
 
     out: Path | None = option(
-        type=FILE, metavar="FILE", help="Output file. Default: a dated name in results/ under the current folder."
+        type=OUTPUT, metavar="FILE", help="Output file. Default: a dated name in results/ under the current folder."
     )
     as_json: bool = shared(json)
     quiet: bool = shared(quiet)

@@ -23,7 +23,7 @@ def complete_case(context: click.Context, parameter: click.Parameter, incomplete
     return [CompletionItem(case.name) for case in hard_cases(surfaces=("mesh",)) if case.name.startswith(incomplete)]
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument("cases", metavar="[CASE]...", nargs=-1, shell_complete=complete_case)
 @Solvers.argument("solvers")
 @click.option(

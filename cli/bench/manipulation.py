@@ -10,7 +10,7 @@ from hhsim.table.table import Table, number, words
 
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option
-from ..arguments.options import Number, Output
+from ..arguments.options import Command, Number, Output
 from ..console import print_notes, print_table, progress
 from .suite import SuiteTable, quick_or_whole
 
@@ -30,7 +30,7 @@ class ManipulationSettings(OptionGroup):
     held: float | None = option(type=SECONDS, metavar="S", help="How long a block is held. Default: 60.")
 
 
-@click.command()
+@click.command(cls=Command)
 @ManipulationSettings.argument("settings")
 @Output.argument("output")
 def command(settings: ManipulationSettings, output: Output) -> int:

@@ -6,7 +6,7 @@ from hhsim.table.table import Table, number, words
 
 from ..arguments.comma_list import counts
 from ..arguments.option_group import OptionGroup, option
-from ..arguments.options import Output
+from ..arguments.options import Command, Output
 from ..console import print_notes, print_table, progress
 from .suite import SuiteTable
 
@@ -20,7 +20,7 @@ class MeshSizeSettings(OptionGroup):
     )
 
 
-@click.command()
+@click.command(cls=Command)
 @MeshSizeSettings.argument("settings")
 @Output.argument("output")
 def command(settings: MeshSizeSettings, output: Output) -> None:

@@ -35,11 +35,11 @@ class PaperSettings(OptionGroup):
     seed: int = shared(options.seed)
 
 
-@click.command()
+@click.command(cls=options.Command)
 @PaperSettings.argument("settings")
 @click.option(
     "--plot",
-    type=options.FILE,
+    type=options.OUTPUT,
     metavar="FOLDER",
     help="Draw the scenes and curves in the manner of the paper's Figs. 11 to 15 into a folder, as PNG, PDF and SVG.",
 )

@@ -30,7 +30,7 @@ class PeersSettings(OptionGroup):
     seed: int = shared(options.seed)
 
 
-@click.command()
+@click.command(cls=options.Command)
 @PeersSettings.argument("settings")
 @options.picture
 @options.Output.argument("output")

@@ -25,11 +25,11 @@ class QpSettings(OptionGroup):
     )
 
 
-@click.command()
+@click.command(cls=options.Command)
 @QpSettings.argument("settings")
 @click.option(
     "--programs",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=options.OUTPUT,
     metavar="FILE",
     help="Write the programs too, in the order of their ticks, as a .parquet file and a test set of qpbenchmark.",
 )

@@ -53,7 +53,7 @@ class RecordedSolvers(Solvers):
     methods: tuple[str, ...] | None = names("--method", "Methods. Default: coupled,progressive.")
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument("recordings", metavar="FOLDER|FILE...", nargs=-1, required=True, type=options.FILE)
 @click.option(
     "--object",

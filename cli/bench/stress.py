@@ -66,7 +66,7 @@ class Targets(OptionGroup, heading="Targets"):
 @click.option("--jobs", type=options.JOBS, default=1, metavar="N", help="Processes to share the work.")
 @click.option(
     "--keep",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=options.OUTPUT,
     metavar="FOLDER",
     help="Keep the failures of every method here, shrunk. Default: those of the safe methods, in results/.",
 )

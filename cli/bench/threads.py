@@ -6,7 +6,7 @@ from hhsim.table.table import Table, number, words
 
 from ..arguments.comma_list import counts, names
 from ..arguments.option_group import OptionGroup, option
-from ..arguments.options import COUNT, Output
+from ..arguments.options import COUNT, Command, Output
 from ..console import print_notes, print_table, progress
 from .suite import SuiteTable
 
@@ -20,7 +20,7 @@ class ThreadsSettings(OptionGroup):
     rounds: int = option(type=COUNT, default=9, metavar="N", help="Plays of each row.")
 
 
-@click.command()
+@click.command(cls=Command)
 @ThreadsSettings.argument("settings")
 @Output.argument("output")
 def command(settings: ThreadsSettings, output: Output) -> None:

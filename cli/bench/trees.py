@@ -23,7 +23,7 @@ class TreesSettings(OptionGroup):
     seed: int = shared(options.seed)
 
 
-@click.command()
+@click.command(cls=options.Command)
 @TreesSettings.argument("settings")
 @click.option(
     "--size",

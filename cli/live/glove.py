@@ -196,7 +196,7 @@ class SessionSettings(OptionGroup, heading="Session"):
     record: Path | None = option(
         "--record",
         "--out",
-        type=options.FILE,
+        type=options.OUTPUT,
         metavar="FILE",
         help="Where the recording goes, some 2 MB a second, 3 of a free object. Default: a dated name in results/ "
         "under the current folder.",
@@ -204,6 +204,7 @@ class SessionSettings(OptionGroup, heading="Session"):
     no_record: bool = option(is_flag=True, help="Record nothing.")
     rerun: str | None = option(
         callback=check_rerun,
+        type=options.RERUN,
         metavar=options.RERUN_METAVAR,
         help="Show the hand live in the rerun viewer: open one, write a file for one, or send to one that is open, at "
         "HOST:PORT.",

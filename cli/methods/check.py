@@ -8,7 +8,7 @@ from ..arguments import options
 from ..console import announce_compilation, print_json, print_line, print_table
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument("name")
 @options.isolate
 @options.json

@@ -64,15 +64,9 @@ def check_table_path(output_path: Path) -> None:
     """
     if output_path.suffix != ".h5":
         raise OutputError(f"{output_path} must end in .h5: the CSV file of the same name goes beside it")
-    check_output_path(output_path)
-    if output_path.exists():
-        if hdf5_format(output_path) != FORMAT:
-            raise OutputError(
-                f"{output_path} exists and is no table of hhsim bench, so it is not replaced: name another with --out"
-            )
-    elif csv_path(output_path).exists():
-        raise OutputError(f"{csv_path(output_path)} exists and is not of hhsim bench: name another file with --out")
-    check_output_path(csv_path(output_path))
+    kind = "table of hhsim bench"
+    check_output_path(output_path, kind, lambda path: hdf5_format(path) == FORMAT)
+    check_output_path(csv_path(output_path), kind, lambda _: output_path.exists())
 
 
 def write_table(

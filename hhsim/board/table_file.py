@@ -15,7 +15,7 @@ from hhsim.errors import InputError, OutputError
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary import digits_with
 from hhsim.system.counted import counted
-from hhsim.system.output_path import check_output_path
+from hhsim.system.output_path import check_output_path, holds
 from hhsim.table.html import render
 from hhsim.table.table import BARE, Column, Table, number, shown, words
 
@@ -27,7 +27,13 @@ LEGEND = (
     "it is on no frontier."
 )
 
-KINDS = (".html", ".csv", ".parquet", ".md", ".tex")
+KINDS = {
+    ".html": b'content="hhsim board ',
+    ".csv": b",option_set,",
+    ".parquet": b"option_set",
+    **dict.fromkeys((".md", ".tex"), LEGEND.partition("(")[0].encode()),
+}
+"""Bytes that each file of a board holds, by its ending; a file without them is not replaced."""
 
 
 def standing_table(board: Board, standings: Sequence[Standing]) -> Table:
@@ -147,7 +153,7 @@ def check_board_path(path: Path) -> None:
     """Raise OutputError, before the work, if a board cannot be written there or the name ends otherwise."""
     if path.suffix.lower() not in KINDS:
         raise OutputError(f"{path}: a board ends in {', '.join(KINDS)}")
-    check_output_path(path)
+    check_output_path(path, "board", holds(KINDS[path.suffix.lower()]))
 
 
 def content_of(path: Path, board: Board, standings: Sequence[Standing]) -> bytes:

@@ -62,14 +62,9 @@ def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
 
 def check_trajectory_path(path: Path) -> None:
     """Raise OutputError for a place that cannot be written, another suffix, or a file that is no trajectory."""
-    check_output_path(path)
+    check_output_path(path, "trajectory", load_trajectory)
     if path.suffix.lower() not in (CSV_SUFFIX, *HDF5_SUFFIXES):
         raise OutputError(f"{path} is no name for a trajectory: it has to end in .h5 or .csv")
-    if path.exists():
-        try:
-            load_trajectory(path)
-        except TrajectoryError:
-            raise OutputError(f"{path} exists and is no trajectory, so it is not replaced: name another file") from None
 
 
 def load_trajectory(path: str | Path) -> Trajectory:

@@ -15,8 +15,7 @@ from hhsim.recordings.frames import in_palm, turned
 from hhsim.recordings.joint_fit import fitted_angles, fitted_axes, recorded_limits
 from hhsim.recordings.recorded_bones import RecordedBones, fit_error
 from hhsim.recordings.recording import Recording, note
-from hhsim.system.input_file import read_input
-from hhsim.system.output_path import check_output_path
+from hhsim.system.output_path import check_output_path, holds
 
 BREADTHS = (0.26, 0.74)
 """Range of hand breadths that the palm model takes [hand lengths]."""
@@ -100,6 +99,4 @@ def check_hand_path(path: Path) -> None:
     """Raise OutputError if no hand file can be written: a wrong suffix, another kind of file, or no permission."""
     if path.suffix.lower() != ".toml":
         raise OutputError(f"{path} is no name for a hand file: it has to end in .toml")
-    check_output_path(path)
-    if path.exists() and "hand_length" not in read_input(path).decode(errors="replace"):
-        raise OutputError(f"{path} exists and is no hand file, so it is not replaced: name another file")
+    check_output_path(path, "hand file", holds(b"hand_length"))

@@ -15,7 +15,7 @@ from hhsim.render.figure import new_figure, save_figure
 from hhsim.render.hand_picture import AZIMUTHS, BODY_OPACITY, RED, View
 from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, look_from, rendered, shade
 from hhsim.render.triangle_soup import SKIN, STONE, Surface, mesh_surface, near_hands
-from hhsim.system.output_path import check_output_path
+from hhsim.system.output_path import check_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,7 +75,7 @@ def draw_before_after(
         InputError: Arrays that do not fit together.
         OutputError: The file cannot be written.
     """
-    check_output_path(path)
+    check_picture(path)
     if before.shape != after.shape or before.ndim != 3 or not len(before) or faces.max() >= before.shape[1]:
         raise InputError(f"hands of shapes {before.shape} and {after.shape}: expected the same (T, V, 3), and faces")
     shapes = [mesh] * len(before) if isinstance(mesh, Mesh) else mesh

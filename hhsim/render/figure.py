@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from hhsim.errors import InputError, OutputError
+from hhsim.errors import InputError
 from hhsim.system.atomic_write import write_atomically
 
 if TYPE_CHECKING:
@@ -79,9 +79,9 @@ def save_figure(figure: "Figure", path: Path, title: str = "", colors: int | Non
             path, png_bytes(figure, colors) if kind == "png" else vector_bytes(figure, kind, title or path.stem)
         )
         return
+    buffer = io.BytesIO()
     try:
-        figure.savefig(path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot write the picture: {error.strerror or error}") from error
+        figure.savefig(buffer, format=kind)
+        write_atomically(path, buffer.getvalue())
     except ValueError as error:
         raise InputError(f"{path}: {error}") from error

@@ -12,7 +12,7 @@ from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.cleaning import CleanedRecording
 from hhsim.recordings.recording import turn
 from hhsim.render.figure import new_figure, save_figure
-from hhsim.system.output_path import check_output_path
+from hhsim.system.output_path import check_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +32,7 @@ BANDS: tuple[tuple[str, SampleFlag, str], ...] = (
 
 def draw_import(cleaned: CleanedRecording, path: Path) -> None:
     """Draw a recording in our units, and the trajectory that was made of it; errors as `save_figure`."""
-    check_output_path(path)
+    check_picture(path)
     figure = new_figure(13, 15, layout="constrained")
     rows = figure.subplots(9, 1, sharex=True, height_ratios=[2, 2, 2, 2, 2, 2, 2, 2, 1.5])
     given, motion = cleaned.given, cleaned.trajectory

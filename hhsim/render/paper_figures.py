@@ -23,7 +23,7 @@ from hhsim.render.hand_picture import GHOST, PieceForce, View, arrow_layers, arr
 from hhsim.render.rasterizer import blend, frame, look_from, shade
 from hhsim.render.triangle_soup import PHALANGES, STONE, hand_surface, joined, mesh_surface, painted
 from hhsim.scene.contact_goals import TOUCHING
-from hhsim.system.output_path import check_output_path
+from hhsim.system.output_path import check_picture
 from hhsim.system.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def check_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot make the folder {folder}: {error.strerror or error}") from error
-    check_output_path(folder / "fig11.png")
+    check_picture(folder / "fig11.png")
 
 
 def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent) -> list[Path]:

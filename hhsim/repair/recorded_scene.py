@@ -131,6 +131,8 @@ def recorded_scene(
     objects = recording.object_motion
     known = np.isfinite(recording.time) & np.isfinite(recording.angles).all(axis=1)
     known &= np.isfinite(np.concatenate([recording.position, recording.orientation], axis=1)).all(axis=1)
+    # A quaternion of zeros is no rotation.
+    known &= np.linalg.norm(recording.orientation, axis=1) > 0.0
     if recording.joints is not None:
         known &= np.isfinite(recording.joints).all(axis=(1, 2))
     if objects is not None:

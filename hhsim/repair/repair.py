@@ -54,7 +54,7 @@ from hhsim.solver.known_methods import SUBMITTED, known_for_now
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.score import submitted_method
-from hhsim.system.atomic_write import write_atomically
+from hhsim.system.atomic_write import new_files, write_atomically
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import contact_surface, encloses
@@ -72,9 +72,20 @@ def repair_recording(
     """Repair a recording, and write it, its result and its report.
 
     Raises InputError for options that do not fit the recording or the object, TrajectoryError for a recording or object
-    poses that cannot be read, MeshError for a mesh that cannot be used, OutputError for a file that cannot be written.
+    poses that cannot be read, MeshError for a mesh that cannot be used, OutputError for a file that cannot be written,
+    or that is there: nothing is replaced. Its files appear together at the end, or none does.
     """
-    paths = _paths(request)
+    _check_paths(request, request.recording, RESULT, REPORT, PICTURE)
+    with new_files(request.out) as folder:
+        outcome = _repaired(replace(request, out=folder / request.out.name), command, progress)
+    paths = {what: request.out.with_name(path.name) for what, path in outcome.paths.items()}
+    return replace(outcome, paths=paths)
+
+
+def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress) -> RepairOutcome:
+    """Repair a recording into a folder that holds no other files."""
+    names = {"result": RESULT, "report": REPORT, "picture": PICTURE}
+    paths = {"recording": request.out} | {what: request.beside(name) for what, name in names.items()}
     # The recording's own world will do where it says nothing of an axis up.
     given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
     read = ReadOptions(**given)
@@ -244,18 +255,13 @@ def _draw(recorded: RecordedScene, seen: Correction, before: FieldHands, after: 
     draw_before_after(shapes, shown[0], shown[1], faces, path, rows, time, numbers)
 
 
-def _paths(request: RepairRequest) -> dict[str, Path]:
-    """Return the files to write; InputError for a name that does not fit, OutputError for one that cannot be."""
-    given, out = request.recording, request.out
+def _check_paths(request: RepairRequest, given: Path, *beside: str) -> None:
+    """Raise InputError for another suffix than that of `given`, OutputError for a file that cannot be written anew."""
+    out = request.out
     if out.suffix.lower() != given.suffix.lower():
         raise InputError(f"{out}: the repaired recording has the format of the given one; expected {given.suffix}")
-    if out.exists() and given.exists() and out.samefile(given):
-        raise InputError(f"{out} is the recording itself, so it is not replaced: name another file")
-    names = {"result": RESULT, "report": REPORT, "picture": PICTURE}
-    paths = {"recording": out} | {what: request.beside(name) for what, name in names.items()}
-    for path in paths.values():
+    for path in (out, *map(request.beside, beside)):
         check_output_path(path)
-    return paths
 
 
 def _hand(recording: Recording, request: RepairRequest) -> tuple[Recording, HandModel]:
@@ -307,29 +313,23 @@ def repair_both_hands(
     where the hands are in the same frames. Each hand is kept out of the object, not of the other hand.
     """
     out, given = request.out, request.recording
-    check_output_path(out)
-    requests = [
-        replace(request, hand=side, out=out.with_name(f"{out.stem}-{side}{out.suffix}"), of_both=given)
-        for side in SIDES
-    ]
-    try:
+    of_each = [f"{side}-{name}" for side in SIDES for name in (RESULT, REPORT, PICTURE)]
+    _check_paths(request, given, RESULT, *of_each)
+    with new_files(out) as folder:
+        stem, suffix = out.stem, out.suffix
+        requests = [replace(request, hand=side, out=folder / f"{stem}-{side}{suffix}", of_both=given) for side in SIDES]
         right = repair_recording(requests[0], command=command, progress=progress)
         second = replace(requests[1], recording=requests[0].out)
         left = repair_recording(second, command=command, progress=progress)
-        requests[1].out.replace(out)
-    except BaseException:
-        for one in requests:
-            for path in (one.out, *(one.beside(name) for name in (RESULT, REPORT, PICTURE))):
-                path.unlink(missing_ok=True)
-        raise
-    requests[0].out.unlink()
-    results = [load_result(one.paths["result"]) for one in (right, left)]
-    joined, nearest = None, np.nan
-    if np.array_equal(results[0]["time"], results[1]["time"]):
-        distances = [_apart(results, whose) for whose in ("haptic", "graphic")]
-        between = dict(zip((column.name for column in BETWEEN_COLUMNS), distances))
-        joined = join_hands([one.path for one in results], between, request.beside(RESULT))
-        nearest = float(distances[1].min())
+        requests[1].out.replace(folder / out.name)
+        requests[0].out.unlink()
+        results = [load_result(one.paths["result"]) for one in (right, left)]
+        joined, nearest = None, np.nan
+        if np.array_equal(results[0]["time"], results[1]["time"]):
+            distances = [_apart(results, whose) for whose in ("haptic", "graphic")]
+            between = dict(zip((column.name for column in BETWEEN_COLUMNS), distances))
+            join_hands([one.path for one in results], between, folder / request.beside(RESULT).name)
+            joined, nearest = request.beside(RESULT), float(distances[1].min())
     hands = [replace(one, paths=_files(one, out, joined, side)) for side, one in zip(SIDES, (right, left))]
     return BothRepaired((hands[0], hands[1]), out, joined, nearest)
 
@@ -343,8 +343,8 @@ def _apart(results: Sequence[Result], whose: str) -> FloatArray:
 
 def _files(outcome: RepairOutcome, recording: Path, joined: Path | None, side: str) -> dict[str, Path]:
     """Return an outcome's files as they are called at last."""
-    result = outcome.paths["result"] if joined is None else joined / side
-    return {**outcome.paths, "recording": recording, "result": result}
+    paths = {what: recording.with_name(path.name) for what, path in outcome.paths.items()}
+    return {**paths, "recording": recording, **({} if joined is None else {"result": joined / side})}
 
 
 def write_result(

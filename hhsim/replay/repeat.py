@@ -20,6 +20,7 @@ from hhsim.replay.stored_scene import require_whole, stored_hand, stored_options
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.result import schema
 from hhsim.result.reader import Result, load_result
+from hhsim.result.two_handed_file import other_of_two
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.free_engine import Thing, object_record, of_tick
 from hhsim.solver.hand_solver import HandSolver, warm_up
@@ -198,6 +199,9 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     both = None if other is None else _of_both(result, solver, other, theirs, options, free, others)
     columns = TickColumns(surface.arrays, hand, options, parts)
     total, notes = _runnable(result)
+    if other is not None and other.ticks < total:
+        total = other.ticks
+        notes.append(f"the other hand's file holds {total:,} ticks: what followed cannot be run again")
     moving = [] if free is None else list(COMPARED_IF_FREE)
     ticks_arrays = [ArrayComparison(column) for column in (*COMPARED, *moving)]
     rows = [] if free is None else schema.CONTACT_COLUMNS
@@ -283,10 +287,9 @@ def _other_hand(result: Result) -> Result | None:
     """Return the result of the hand that a result's moved a free object with, or kept apart from; None for none."""
     if not (result.scene.get(schema.TWO_HANDED) and (result.free or result.scene.get(schema.HANDS_APART))):
         return None
-    side = schema.SIDES[result.side == schema.SIDES[0]]
-    if not schema.is_one_of_two(result.path):
+    if (other := other_of_two(result.path)) is None:
         raise InputError(f"{result.path} is of two hands together, and the other one's result is not there")
-    return load_result(result.path.with_name(side))
+    return load_result(other)
 
 
 def _of_both(

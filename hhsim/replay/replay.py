@@ -29,7 +29,7 @@ from hhsim.replay.summary import GRAPHIC_HAND, ReplaySummary, summarise
 from hhsim.replay.tick_columns import KeptColumns, TickColumns
 from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.result.schema import CONTACT, CONTACT_COLUMNS, FREE_COLUMNS, HANDS_APART, OBJECT_COLUMNS, SIDES, TWO_HANDED
-from hhsim.result.two_handed_file import BETWEEN_COLUMNS, join_hands
+from hhsim.result.two_handed_file import BETWEEN_COLUMNS, join_hands, partial_of
 from hhsim.result.writer import ResultWriter
 from hhsim.scene.free_object import FreeObject
 from hhsim.scene.motion_catalogue import of_the_paper
@@ -249,7 +249,7 @@ def replay_two_hands(
     keeps_apart = free is not None or keeps_hands_apart(options)
     described = {TWO_HANDED: True, HANDS_APART: keeps_apart}
     runs = [Replay(scene, options, described, alone=free is None) for scene in scenes]
-    parts = [free_name(path.with_name(f"{path.stem}.{side}.partial{path.suffix}")) for side in SIDES]
+    parts = [free_name(partial_of(path, side)) for side in SIDES]
     models, graphic = [scene.hand for scene in scenes], list[FloatArray]()
     duration: list[AnyArray] = []
     with ExitStack() as stack:

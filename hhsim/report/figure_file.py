@@ -16,7 +16,7 @@ from hhsim.report.run import posed_result, result_labels
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
 from hhsim.result.reader import Result, hand_paths, load_result
-from hhsim.system.output_path import check_output_path
+from hhsim.system.output_path import check_picture
 
 FIGURES: Mapping[str, Callable[[Mapping[str, Result]], ReportFigure]] = {
     "series": series_figure,
@@ -46,10 +46,10 @@ def parse_width(text: str) -> float:
 
 
 def check_figure_path(output_path: Path) -> None:
-    """Raise InputError for a name not of `FORMATS`; OutputError as `hhsim.system.output_path.check_output_path`."""
+    """Raise InputError for a name not of `FORMATS`; OutputError as `hhsim.system.output_path.check_picture`."""
     if output_path.suffix.lower() not in FORMATS:
         raise InputError(f"{output_path}: a figure is a file that ends in {', '.join(FORMATS[:-1])} or {FORMATS[-1]}")
-    check_output_path(output_path)
+    check_picture(output_path)
 
 
 def make_figure(paths: Sequence[Path], name: str) -> ReportFigure:

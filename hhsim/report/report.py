@@ -23,16 +23,15 @@ from hhsim.result.reader import hand_paths, load_result
 from hhsim.result.wording import motion_name, object_name
 from hhsim.system.atomic_write import write_together
 from hhsim.system.counted import counted
-from hhsim.system.input_file import open_input
-from hhsim.system.output_path import check_output_path
+from hhsim.system.output_path import check_output_path, holds
 from hhsim.system.progress import Progress, silent
 from hhsim.table.html import render
 
 GENERATOR = "hhsim report"
-"""Program that the page names; a file without it is not replaced."""
+"""Program that the page names."""
+GENERATED = f'content="{GENERATOR} '.encode()
+"""Bytes of every page; a file without them is not replaced."""
 PAGE = "report.html"
-HEAD_BYTES = 2048
-"""Length of the start of a page that holds its generator."""
 FIGURES = (
     ("time", "Over time", series_figure),
     ("ticks", "How long a tick takes", histogram_figure),
@@ -130,13 +129,10 @@ def check_report_path(output_path: Path) -> Path:
     """
     is_page = output_path.suffix.lower() in (".html", ".htm")
     page = output_path if is_page else output_path / PAGE
-    check_output_path(page if is_page or output_path.is_dir() else output_path)
     if not is_page and output_path.exists() and not output_path.is_dir():
         raise OutputError(f"{output_path} is a file: name a folder, or a page such as {output_path}.html")
-    if page.exists() and f'content="{GENERATOR} ' not in _head(page):
-        raise OutputError(
-            f"{page} exists and is no page of hhsim report, so it is not replaced: name another with --out"
-        )
+    made = page if is_page or output_path.is_dir() else output_path
+    check_output_path(made, "page of hhsim report", holds(GENERATED))
     return page
 
 
@@ -217,14 +213,6 @@ def _hands(runs: Sequence[ReportRun], album: Album) -> list[PageFigure | str]:
             title = f"{run.label}, {made.title[0].lower()}{made.title[1:]}" if several else ""
             found.append(album.shown(made, run.prefix, title))
     return found
-
-
-def _head(page: Path) -> str:
-    try:
-        with open_input(page) as file:
-            return file.read(HEAD_BYTES).decode("utf-8", "replace")
-    except OSError as error:
-        raise OutputError(f"cannot replace {page}: {error.strerror or error}; name another with --out") from error
 
 
 MOST_NAMED = 4

@@ -21,8 +21,7 @@ from hhsim.result.schema import (
     Column,
 )
 from hhsim.system.atomic_write import partial_file
-from hhsim.system.input_file import open_input
-from hhsim.system.output_path import check_output_path
+from hhsim.system.output_path import begins_with, check_output_path
 from hhsim.system.progress import Progress, silent
 
 USUAL = (
@@ -58,9 +57,7 @@ def export_ticks(
     """
     if path.suffix.lower() != SUFFIX:
         raise OutputError(f"{path} is no name for a table: it has to end in {SUFFIX}")
-    check_output_path(path)
-    if path.is_file() and not _is_ours(path):
-        raise OutputError(f"{path} exists and is no table of ticks, so it is not replaced: name another file")
+    check_output_path(path, "table of ticks", begins_with(b"tick,"))
     known = {column.name: column for column in TICK_COLUMNS} | {name: column for name, (column, _) in SIZES.items()}
     if result.driven:
         known |= {column.name: column for column in OBJECT_COLUMNS}
@@ -105,9 +102,3 @@ def column_headings(column: Column) -> Iterator[str]:
     for index in itertools.product(*(range(size) for size in column.shape)):
         place = f"[{','.join(map(str, index))}]" if index else ""
         yield f"{column.name}{place}{unit}"
-
-
-def _is_ours(path: Path) -> bool:
-    """True if a file is a table of ticks, which a new one may replace."""
-    with open_input(path) as file:
-        return file.readline(64).startswith(b"tick,")

@@ -430,17 +430,9 @@ def check_result_path(path: Path) -> None:
     Raises OutputError as `hhsim.system.output_path.check_output_path`; for another suffix; or for an existing file that
     is no result.
     """
-    check_output_path(path)
+    check_output_path(path, "result file", lambda path: hdf5_format(path) == schema.FORMAT)
     if path.suffix.lower() not in schema.SUFFIXES:
         raise OutputError(f"{path} is no name for a result: it has to end in {' or '.join(schema.SUFFIXES)}")
-    if not path.exists():
-        return
-    try:
-        is_result = hdf5_format(path) == schema.FORMAT
-    except BlockingIOError as error:
-        raise OutputError(f"{path} is being written by another process: name another file with --out") from error
-    if not is_result:
-        raise OutputError(f"{path} exists and is no result file, so it is not replaced: name another file with --out")
 
 
 def read_phases(file: h5py.File) -> Iterator[TickPhase]:

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 
 from hhsim.arrays import AnyArray
-from hhsim.result.schema import HANDS, SIDES, STATIC_COLUMNS, TWO_HANDED_SCHEMA_VERSION, Column
+from hhsim.result.schema import HANDS, SIDES, STATIC_COLUMNS, TWO_HANDED_SCHEMA_VERSION, Column, is_one_of_two
 from hhsim.result.writer import describe_dataset, output_errors
 from hhsim.system.atomic_write import partial_file
 from hhsim.system.checksummed_file import seal_file
@@ -22,6 +22,25 @@ BETWEEN_COLUMNS = (
 """Datasets under /between, one row a tick."""
 STATED = ("format", "command", "hhsim_version", "created_utc", "git_revision", "git_dirty", "machine", "packages")
 """Attributes of the right hand's result that the whole file states too."""
+
+
+def partial_of(path: Path, side: str) -> Path:
+    """Return the path at which one of two hands is recorded until both are complete, such as FILE.left.partial.h5."""
+    return path.with_name(f"{path.stem}.{side}.partial{path.suffix}")
+
+
+def other_of_two(path: Path) -> Path | None:
+    """Return the path of the other hand's result of a file of two, or of a run that was killed; None if there is none.
+
+    Such a run leaves a file a hand, of the names of `partial_of`.
+    """
+    if is_one_of_two(path):
+        return path.with_name(SIDES[path.name == SIDES[0]])
+    for side, theirs in zip(SIDES, reversed(SIDES)):
+        stem, mark, rest = path.name.rpartition(f".{side}.partial")
+        if mark and (other := path.with_name(f"{stem}.{theirs}.partial{rest}")).is_file():
+            return other
+    return None
 
 
 def join_hands(parts: Sequence[Path], between: Mapping[str, AnyArray], path: Path) -> Path:

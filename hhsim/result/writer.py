@@ -29,7 +29,7 @@ from hhsim.system import environment as info
 from hhsim.system.atomic_write import partial_file
 from hhsim.system.checksummed_file import seal_file
 from hhsim.system.counted import counted
-from hhsim.system.output_path import free_name
+from hhsim.system.output_path import free_name, require_apart
 from hhsim.system.posix import allocate
 
 Scalar: TypeAlias = str | int | float | bool
@@ -172,7 +172,8 @@ class ResultWriter:
             seal_file(self.path, size)
             self._complete = True
             if self.path != self._output_path:
-                self.path.replace(self._output_path.resolve())
+                require_apart(self._output_path)
+                self.path.replace(self._output_path)
                 self.path = self._output_path
         return self.path
 

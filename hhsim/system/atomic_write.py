@@ -4,6 +4,8 @@ HDF5 files are made in memory first: the library cannot go on after a failed wri
 """
 
 import os
+import shutil
+import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,8 +13,9 @@ from typing import Any
 
 import h5py
 
-from hhsim.errors import OutputError
+from hhsim.errors import HhsimError, OutputError
 from hhsim.system.checksummed_file import sealed
+from hhsim.system.output_path import check_output_path, require_apart
 
 
 def sealed_hdf5(fill: Callable[[h5py.File], object]) -> bytes:
@@ -31,13 +34,50 @@ def put_dataset(group: h5py.Group, name: str, data: Any, units: str, long_name: 
 
 @contextmanager
 def partial_file(path: Path, suffix: str = ".tmp") -> Iterator[Path]:
-    """Yield a path beside a file, whose content replaces it at the end in one step; after an error it is removed."""
+    """Yield a path beside a file, whose content replaces it at the end in one step; after an error it is removed.
+
+    Raises OutputError as `hhsim.system.output_path.require_apart`.
+    """
+    require_apart(path)
     partial = path.with_name(f".{path.name}.{os.getpid()}{suffix}")
+    # A link of this name is no place to write.
+    partial.unlink(missing_ok=True)
     try:
         yield partial
-        partial.replace(Path(os.path.realpath(path)))
+        partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def new_files(path: Path) -> Iterator[Path]:
+    """Yield an empty folder beside `path`, whose files move to that place at the end: all of them, or none.
+
+    Raises OutputError where one of them is there already, or cannot be written. An error of the block names the files
+    as they would have been called, and no file that is gone.
+    """
+    try:
+        folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    except OSError as error:
+        raise OutputError(f"cannot write in {path.parent}: {error.strerror or error}; name another place") from error
+    moved: list[Path] = []
+    try:
+        yield folder
+        targets = {each: path.with_name(each.name) for each in sorted(folder.iterdir())}
+        for target in targets.values():
+            check_output_path(target)
+        for each, target in targets.items():
+            moved.append(each.rename(target))
+    except BaseException as error:
+        for target in moved:
+            target.unlink()
+        if isinstance(error, HhsimError):
+            error.args = (str(error).replace(f"{folder.name}{os.sep}", ""),)
+        if hasattr(error, "__notes__"):
+            error.__notes__[:] = [each for each in error.__notes__ if folder.name not in each]
+        raise
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -47,14 +87,15 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 def write_together(contents: Mapping[Path, bytes]) -> None:
     """Write or replace files in their order, none before all are on the disk; OutputError as of `write_atomically`."""
-    targets = {path: Path(os.path.realpath(path)) for path in contents}
-    partials = {path: target.with_name(f".{target.name}.{os.getpid()}.tmp") for path, target in targets.items()}
+    partials = {path: path.with_name(f".{path.name}.{os.getpid()}.tmp") for path in contents}
     path = Path()
     try:
         for path, content in contents.items():
+            require_apart(path)
+            partials[path].unlink(missing_ok=True)
             partials[path].write_bytes(content)
         for path, partial in partials.items():
-            partial.replace(targets[path])
+            partial.replace(path)
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
     finally:

@@ -11,7 +11,8 @@ from hhsim.replay.repeat import RunAgain, run_again
 from hhsim.replay.stored_scene import stored_hand, stored_mesh, stored_options, stored_surface, stored_tree
 from hhsim.replay.summary import figures_of_own_runs
 from hhsim.result.reader import Result, load_result
-from hhsim.result.schema import SIDES, TWO_HANDED, is_one_of_two
+from hhsim.result.schema import SIDES, TWO_HANDED
+from hhsim.result.two_handed_file import other_of_two
 from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.described_scene import motion_of_side
 from hhsim.scene.motion_catalogue import trajectory_names
@@ -142,9 +143,10 @@ def _made_again(result: Result) -> tuple[TickInput, MovingParts | None]:
         if isinstance(motion, Trajectory):
             motion = place_at_grasp(motion, hand, tree).motion
     other = None
-    if isinstance(motion, Script) and scene.get(TWO_HANDED) and result.side != SIDES[0] and is_one_of_two(result.path):
+    right = other_of_two(result.path) if scene.get(TWO_HANDED) and result.side != SIDES[0] else None
+    if isinstance(motion, Script) and right is not None:
         # The left hand found its place beside the right one.
-        first = stored_hand(load_result(result.path.with_name(SIDES[0])))
+        first = stored_hand(load_result(right))
         other = OtherHand(first, planned(motion, first, tree))
     made = make_scene(mesh, tree, hand, motion, rate=result.rate, mode=mode, seed=seed, other=other, thing=thing)
     return made.driven or made.ticks, made.parts

@@ -13,7 +13,8 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.result.reader import Result, load_result
-from hhsim.result.schema import HANDS_APART, SIDES, TWO_HANDED, is_one_of_two
+from hhsim.result.schema import HANDS_APART, TWO_HANDED
+from hhsim.result.two_handed_file import other_of_two
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.contacts import PALM, Pairs, joined
@@ -727,9 +728,9 @@ def _hands_on_things(things: Sequence[FreeThing]) -> Claim:
     result, name = things[0].result, "hands on things"
     says, hands = "the forces of the hands on the things are opposite to those on the hands", [result]
     if result.scene.get(TWO_HANDED):
-        if not is_one_of_two(result.path):
+        if (path := other_of_two(result.path)) is None:
             return Claim(name, says, NOT_JUDGED, note=NO_OTHER)
-        hands = [load_result(result.path.with_name(side)) for side in SIDES]
+        hands = [result, load_result(path)]
     ticks = np.arange(min(hand.ticks for hand in hands))
     forces = [thing.of("hand_wrench")[ticks, :3] for thing in things]
     forces += [np.asarray(hand["force/total"])[ticks] for hand in hands]

@@ -14,7 +14,8 @@ import numpy as np
 from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from hhsim.result.reader import Result, load_result
 from hhsim.result.safety import WORDS, Safety
-from hhsim.result.schema import HANDS_APART, SIDES, is_one_of_two
+from hhsim.result.schema import HANDS_APART
+from hhsim.result.two_handed_file import other_of_two
 from hhsim.solver.method import never_penetrates
 from hhsim.verify.contacts import (
     PALM,
@@ -59,9 +60,10 @@ LOOP_DIED = "the loop failed or was killed"
 
 def other_hand(result: Result) -> Result | None:
     """Return the result of the other of two hands that keep apart, in the same frame; None where there is none."""
-    if not (result.scene.get(HANDS_APART) and is_one_of_two(result.path)):
+    path = other_of_two(result.path)
+    if path is None or not result.scene.get(HANDS_APART):
         return None
-    other = load_result(result.path.with_name(SIDES[result.side == SIDES[0]]))
+    other = load_result(path)
     other = other if result.view is None else other.seen_by(result.view)
     return other if other.ticks == result.ticks else None
 

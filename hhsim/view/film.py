@@ -23,6 +23,7 @@ from hhsim.render.rasterizer import OVERSAMPLING, composed, frame, look_from, sh
 from hhsim.render.triangle_soup import STONE, Surface, joined, mesh_surface, moved, near_hands, piece_surfaces
 from hhsim.result.reader import Result
 from hhsim.system.atomic_write import partial_file, write_atomically
+from hhsim.system.input_file import media_kind_of
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
 from hhsim.view.moment import Moment, both_hands, clearest_view, moment, overview_tick
@@ -54,7 +55,7 @@ def check_video_path(output_path: Path) -> None:
         raise InputError(f"{output_path}: a film is a file that ends in .gif or .mp4")
     if suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise InputError(f"{output_path} needs the program ffmpeg, which is not installed here: name a .gif instead")
-    check_output_path(output_path)
+    check_output_path(output_path, "film", lambda path: media_kind_of(path) in ("a picture (GIF)", "a video (MP4)"))
 
 
 def write_video(

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 
 from hhsim.errors import InputError, OutputError
 from hhsim.system.atomic_write import partial_file
-from hhsim.system.output_path import check_output_path
+from hhsim.system.output_path import begins_with, check_output_path
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -69,11 +69,7 @@ def check_target(target: RerunTarget) -> None:
     that cannot be written, or that exists and is no rerun recording.
     """
     if target.kind == "file":
-        check_output_path(target.path)
-        if target.path.exists() and target.path.stat().st_size > 0:
-            with target.path.open("rb") as file:
-                if file.read(len(MAGIC)) != MAGIC:
-                    raise OutputError(f"{target.path} exists and is no recording of rerun's, so it is not replaced")
+        check_output_path(target.path, "recording of rerun's", begins_with(MAGIC))
     elif target.kind == "connect":
         # rerun itself keeps trying for as long as the process lives.
         if (error := _listens(target.url)) is not None:

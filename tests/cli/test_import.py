@@ -94,7 +94,7 @@ def test_refusals_are_one_line_and_leave_nothing(run: Run, damaged: Path, tmp_pa
         (("import", str(damaged), "--columns", "none.toml"), "none.toml: no such file"),
         (("import", str(damaged), "--out", "good.txt"), "good.txt is no name for a trajectory: it has to end"),
         (("import", str(damaged), "--out", "other.csv"), "other.csv exists and is no trajectory, so it is"),
-        (("import", str(damaged), "--out", str(damaged)), "is the recording itself"),
+        (("import", str(damaged), "--out", str(damaged)), "is an input of this command"),
         (("import", str(damaged), "--plot", "plot.doc"), "plot.doc is no picture by its ending"),
     ]
     for arguments, words in cases:

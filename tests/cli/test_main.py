@@ -92,6 +92,7 @@ NOTED, STOPPED = InputError("the glove\nwent away"), KeyboardInterrupt()
 for raised in (NOTED, STOPPED):
     raised.add_note(NOTE)
 FULL = errno.ENOSPC, os.strerror(errno.ENOSPC)
+LESS = "; raise a limit that is set (ulimit -v), or use less"
 NO_MEMORY = MemoryError("Unable to allocate 7.28 TiB for an array")
 
 
@@ -101,7 +102,11 @@ NO_MEMORY = MemoryError("Unable to allocate 7.28 TiB for an array")
         (NOTED, 2, f"error: the glove went away; {NOTE}"),
         (OSError(*FULL, "/cache/kernel.nbi"), 2, f"error: {FULL[1]}: /cache/kernel.nbi"),
         (OSError(*FULL), 2, "stdout, or the cache in /cache, for which HHSIM_CACHE_DIR names another folder"),
-        (NO_MEMORY, 2, f"error: not enough memory: {NO_MEMORY}"),
+        (NO_MEMORY, 2, f"error: not enough memory: {NO_MEMORY}{LESS}"),
+        (MemoryError(f"{NO_MEMORY} and data type {{'names': ['pose', 'safe']"), 2, f"{NO_MEMORY}{LESS}"),
+        (MemoryError(), 2, f"error: not enough memory{LESS}"),
+        (RuntimeError("can't start new thread"), 2, f"error: not enough memory: can't start new thread{LESS}"),
+        (OSError(errno.ENOMEM, "Cannot allocate memory"), 2, f"[Errno 12] Cannot allocate memory{LESS}"),
         (STOPPED, 130, f"interrupted; {NOTE}"),
     ],
 )

@@ -142,11 +142,11 @@ def test_a_baseline_is_kept_where_not_every_scene_runs(
 
     monkeypatch.setattr(Side, "replay", broken)
     kept = tmp_path / "baseline.json"
-    kept.write_text("as it was")
+    kept.write_text(before := '{"format": "hhsim-gate-baseline", "is": "as it was"}')
     answer = run("gate", str(suite), "--write-baseline", str(kept), "--json")
     assert (answer.code, json.loads(answer.out)["baseline_written"]) == (1, None)
     assert f"not every scene ran, so {kept} is not written" in answer.err
-    assert kept.read_text() == "as it was"
+    assert kept.read_text() == before
 
 
 def test_what_is_no_python_with_hhsim_is_refused(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from drawings_alone import leave_pictures_white
 from joint_samples import arrays_npz
 from report_reader import read_page
 
-from hhsim.errors import InputError, MeshError
+from hhsim.errors import HhsimError, MeshError, OutputError, TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
@@ -162,12 +163,43 @@ def test_an_object_without_an_inside_is_told(tmp_path: Path) -> None:
     assert {file.name for file in tmp_path.iterdir()} == {"grasp.npz", "loose.stl"}
 
 
-@pytest.mark.parametrize(("out", "said"), [("free.csv", "expected .npz"), ("grasp.npz", "is the recording itself")])
+@pytest.mark.parametrize(
+    ("out", "said"), [("free.csv", "expected .npz"), ("grasp.npz", "grasp.npz exists, so it is not replaced")]
+)
 def test_a_name_that_does_not_fit_is_told_before_the_work(tmp_path: Path, out: str, said: str) -> None:
     path = recorded(tmp_path)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(HhsimError, match=said):
         repair_recording(RepairRequest(path, "sphere", tmp_path / out))
     assert [file.name for file in tmp_path.iterdir()] == ["grasp.npz"]
+
+
+def test_a_full_disk_leaves_nothing_and_names_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, seen = recorded(tmp_path), list[Path]()
+
+    def full(scene: Any, touched: Any, posture: Any, path: Path, **others: Any) -> None:
+        seen.extend(path.parent.iterdir())
+        error = OutputError(f"cannot write {path}: No space left on device")
+        error.add_note(f"the 512 ticks so far are in {path} (complete = 0)")
+        raise error
+
+    monkeypatch.setattr("hhsim.repair.repair.write_result", full)
+    with pytest.raises(OutputError) as caught:
+        repair_recording(RepairRequest(path, "sphere", tmp_path / "free.npz", hand="right", options=OPTIONS))
+    assert str(caught.value) == f"cannot write {tmp_path / 'free-result.h5'}: No space left on device"
+    assert not caught.value.__notes__ and list(tmp_path.iterdir()) == [path]
+    # The recording was written by then.
+    assert {each.name for each in seen} == {"free.npz"}
+
+
+def test_a_hand_that_is_turned_by_no_quaternion_is_none(tmp_path: Path) -> None:
+    _, frames = grasp()
+    path = tmp_path / "zeros.npz"
+    given = dict(zip(("wrist_pos", "wrist_quat_wxyz", "flex", "abd"), frames, strict=True))
+    given["wrist_quat_wxyz"] = np.zeros((frames.ticks, 4))
+    path.write_bytes(arrays_npz(t=np.arange(frames.ticks) / RATE, **given))
+    with pytest.raises(TrajectoryError, match="0 of 12 samples have a whole hand and an object"):
+        repair_recording(RepairRequest(path, "sphere", tmp_path / "free.npz", hand="right"))
+    assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.usefixtures("no_picture")

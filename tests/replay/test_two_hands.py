@@ -18,7 +18,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import distance_of_hands
-from hhsim.replay.repeat import run_again
+from hhsim.replay.repeat import PARTLY, run_again
 from hhsim.replay.replay import TwoHandedReplay, replay_scene, replay_two_hands
 from hhsim.result.reader import Result, hand_paths, load_result
 from hhsim.result.two_handed_file import BETWEEN_COLUMNS
@@ -285,14 +285,21 @@ def test_the_referee_and_a_second_run_know_what_two_hands_hold(lifted: TwoHanded
     found = verify(result, every=200)
     assert found.passed, [claim.name for claim in found.claims if claim.failed]
     assert run_again(result).identical
-    alone = tmp_path / "right.h5"
-    with h5py.File(lifted.path) as both, h5py.File(alone, "w") as file:
-        for name in both["hands/right"]:
-            both.copy(both["hands/right"][name], file, name)
-        file.attrs.update(both["hands/right"].attrs)
-    seal_file(alone, alone.stat().st_size)
+    # As a run leaves them that is killed.
+    right, left = (tmp_path / f"run.{side}.partial.h5" for side in ("right", "left"))
+    for side, path, ticks in (("right", right, 320), ("left", left, 300)):
+        with h5py.File(lifted.path) as both, h5py.File(path, "w") as file:
+            for name in both[f"hands/{side}"]:
+                both.copy(both[f"hands/{side}"][name], file, name)
+            file.attrs.update(both[f"hands/{side}"].attrs)
+            file["tick"].visititems(lambda _, each, n=ticks: each.resize(n, 0) if hasattr(each, "resize") else None)
+        seal_file(path, path.stat().st_size)
+    first, second = (run_again(load_result(path)) for path in (right, left))
+    assert second.identical and second.ticks == 300
+    assert (first.ticks, first.word) == (300, PARTLY) and "other hand's file holds 300 ticks" in first.notes[0]
+    left.unlink()
     with pytest.raises(InputError, match="the other one's result is not there"):
-        run_again(load_result(alone))
+        run_again(load_result(right))
 
 
 @pytest.mark.parametrize("name", ["open", "close"])

@@ -7,16 +7,7 @@ from pathlib import Path
 import pytest
 
 from hhsim.errors import OutputError
-from hhsim.system.atomic_write import write_atomically, write_together
-
-
-def test_a_link_keeps_pointing_to_the_new_file(tmp_path: Path) -> None:
-    target, link = tmp_path / "target", tmp_path / "link"
-    target.write_bytes(b"old")
-    link.symlink_to(target)
-    write_atomically(link, b"new")
-    assert link.is_symlink()
-    assert target.read_bytes() == b"new"
+from hhsim.system.atomic_write import write_together
 
 
 def test_a_full_disk_leaves_the_old_file(tmp_path: Path) -> None:

@@ -16,9 +16,8 @@ import numpy as np
 from hhsim.bench.qp.recorded_problems import MOVED_BACK, TickProgram
 from hhsim.errors import OutputError
 from hhsim.solver.qp import QpProblem, QpStatus, solve_active_set
-from hhsim.system.atomic_write import write_atomically
-from hhsim.system.input_file import read_input
-from hhsim.system.output_path import check_output_path
+from hhsim.system.atomic_write import partial_file, write_atomically
+from hhsim.system.output_path import begins_with, check_output_path, holds
 
 BATCH = 1000
 """Programs that are written together."""
@@ -31,6 +30,8 @@ from hhsim.bench.qp.qpbenchmark_export import test_set
 
 HandTicks = test_set(Path(__file__).with_name({programs!r}))
 '''
+MADE_BY = b"hhsim bench qp"
+"""Bytes that a file of programs holds; a file without them is not replaced."""
 OUR_NAME = "hhsim"
 """Name of our active set among qpbenchmark's solvers."""
 RUNTIME = 1.0
@@ -46,11 +47,8 @@ def check_program_file(path: Path) -> None:
     if path.suffix != ".parquet":
         raise OutputError(f"{path} must end in .parquet: the programs go there")
     test_set_path = path.with_name(TEST_SET_NAME)
-    first_words = TEST_SET.partition("{")[0].encode()
-    for file, begin, kind in ((path, b"PAR1", "Parquet file"), (test_set_path, first_words, "test set of ours")):
-        check_output_path(file)
-        if file.exists() and not read_input(file).startswith(begin):
-            raise OutputError(f"{file} exists and is no {kind}, so it is not replaced: name another with --programs")
+    check_output_path(path, "Parquet file of programs", holds(MADE_BY))
+    check_output_path(test_set_path, "test set of ours", begins_with(TEST_SET.partition("{")[0].encode()))
 
 
 def export_programs(programs: Iterable[TickProgram], path: Path) -> Iterator[TickProgram]:
@@ -67,10 +65,11 @@ def export_programs(programs: Iterable[TickProgram], path: Path) -> Iterator[Tic
     numbers = pyarrow.list_(pyarrow.float64())
     fields = [(name, numbers) for name in ("P", "q", "G", "h", "A", "b", "lb", "ub")]
     fields += [(name, pyarrow.string()) for name in ("name", "kind", "scene")]
-    schema = pyarrow.schema([*fields, *((name, pyarrow.int64()) for name in ("tick", "step"))])
+    fields += [(name, pyarrow.int64()) for name in ("tick", "step")]
+    schema = pyarrow.schema(fields, metadata={"made_by": MADE_BY})
     source, written = iter(programs), 0
     try:
-        with parquet.ParquetWriter(path, schema) as file:
+        with partial_file(path) as partial, parquet.ParquetWriter(partial, schema) as file:
             while batch := list(islice(source, BATCH)):
                 rows = [_row(program, written + i) for i, program in enumerate(batch)]
                 file.write_table(pyarrow.Table.from_pylist(rows, schema=schema))

@@ -17,7 +17,7 @@ from hhsim.live.ipc.status import Stage
 from hhsim.live.session.supervisor import Say, SessionOutcome, Supervisor
 from hhsim.result.reader import load_result
 from hhsim.result.schema import INFORMATION, SIDES
-from hhsim.result.two_handed_file import join_hands
+from hhsim.result.two_handed_file import join_hands, partial_of
 from hhsim.system.output_path import free_name
 
 
@@ -33,7 +33,7 @@ class TwoGloves:
         self._record, self._say = setups[0].record, say
         if self._record is not None:
             path = self._record
-            parts = [free_name(path.with_name(f"{path.stem}.{side}.partial{path.suffix}")) for side in SIDES]
+            parts = [free_name(partial_of(path, side)) for side in SIDES]
             setups = [replace(setup, record=part) for setup, part in zip(setups, parts)]
         right = Supervisor(setups[0], lambda text, level: say(f"right hand: {text}", level))
         left = Supervisor(setups[1], lambda text, level: say(f"left hand: {text}", level), right)
