@@ -11,7 +11,7 @@ from typing import TypeVar
 from hhsim.errors import DamagedFileError, HhsimError
 from hhsim.system.posix import KILLED, TIMED_OUT, call_in_child, memory_file
 
-SECONDS, BYTES_PER_SECOND = 20.0, 1e6
+SECONDS, BYTES_PER_SECOND = 10.0, 1e6
 """Processor time for reading a file: so many seconds, and one more for so many bytes."""
 PATIENCE = 3.0
 """Ratio of wall-clock limit to processor time, for a busy machine."""
