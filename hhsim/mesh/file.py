@@ -119,6 +119,7 @@ def _unpacked_size(path: Path) -> int:
                 with zipfile.ZipFile(file) as archive:
                     size = sum(entry.file_size for entry in archive.infolist())
             elif path.suffix.lower() == ".bz2":
+                file.seek(0)
                 with bz2.open(file) as unpacked:
                     size = 0
                     while size <= most and (piece := unpacked.read(1 << 20)):
