@@ -1,11 +1,17 @@
 """What a reader in a child gives back, and what becomes of one that fails; its limits by hdf5_input's own tests."""
 
+import os
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hhsim.errors import DamagedFileError, UnknownNameError
+from hhsim.mesh import file as mesh_file
+from hhsim.motion import pickled_data
+from hhsim.repair import robot_hand
+from hhsim.system import child_reader, hdf5_input, input_file, posix
 from hhsim.system.child_reader import read_in_child
 
 
@@ -30,6 +36,28 @@ def test_errors_of_hhsim_come_back_as_they_are_and_others_as_damage() -> None:
         read_in_child(lambda: failing(KeyError()), "a damaged file")
     with pytest.raises(DamagedFileError, match="the library that reads it breaks down"):
         read_in_child(lambda: failing(SystemExit(3)), "a damaged file")
+
+
+def test_where_there_is_no_fork_the_reader_is_called_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(posix.sys, "platform", "win32")
+    assert read_in_child(os.getpid, "a damaged file") == os.getpid()
+    monkeypatch.undo()
+    assert read_in_child(os.getpid, "a damaged file") != os.getpid()
+
+
+def test_the_page_on_security_states_the_limits_as_they_are(repository: Path) -> None:
+    text = " ".join((repository / "SECURITY.md").read_text(encoding="utf-8").split())
+    for stated in (
+        f"after {child_reader.SECONDS:g} s of the processor's time and a second more for each MB (HDF5: "
+        f"{hdf5_input.SECONDS:g} s, and one for each {hdf5_input.BYTES_PER_SECOND / 1e6:g} MB)",
+        f"has {child_reader.MEMORY >> 30} GiB of memory and {child_reader.MEMORY_PER_BYTE} bytes for each byte",
+        f"| {input_file.MOST_BYTES >> 30} GB at most, and what is packed unpacks to {input_file.ALWAYS >> 20} MiB",
+        f"holds more than {pickled_data.MOST_VALUES // 1_000_000} million values",
+        f"{robot_hand.MOST['njnt'][0]} joints, {robot_hand.MOST['nbody'][0]:,} links",
+        f"{robot_hand.MOST['ngeom'][0]:,} shapes at most",
+    ):
+        assert stated in text
+    assert (child_reader.BYTES_PER_SECOND, input_file.PER_BYTE, mesh_file.MEMORY_OF_A_BYTE) == (1e6, 100, 10)
 
 
 def test_a_larger_file_has_more_time() -> None:
