@@ -49,7 +49,9 @@ def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
         raise MeshError(f"{path}: {what}; known: {', '.join(known)}")
     size = _unpacked_size(path)
     try:
-        return read_in_child(lambda: _triangles(path, kind), f"cannot be read as .{kind}: damaged, or too large", size)
+        # The readers raise whatever their parser trips over: IndexError, KeyError, struct.error and more.
+        refusal = f"cannot be read as .{kind}: damaged, too large, or of another kind"
+        return read_in_child(lambda: _triangles(path, kind), refusal, size)
     except DamagedFileError as error:
         raise MeshError(f"{path}: {error}") from None
 
@@ -62,27 +64,17 @@ def _triangles(path: Path, kind: str) -> tuple[FloatArray, IntArray]:
         # What numpy warns of inside the readers (NaN in a normal, say) is found by the checks that follow.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            scenes = [
-                trimesh.load_scene(file, file_type=each, process=False, resolver=resolver)
-                for file, each, resolver in _files(path, kind)
-            ]
-            parts = [
+            found = [
                 part
-                for scene in scenes
-                for part in scene.dump()
-                if isinstance(part, trimesh.Trimesh) and len(part.faces)
+                for file, each, resolver in _files(path, kind)
+                for part in trimesh.load_scene(file, file_type=each, process=False, resolver=resolver).dump()
             ]
-    except (MemoryError, MeshError):
-        raise
+            parts = [part for part in found if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     except ImportError as error:
         if error.name == ENCODING_GUESSER:
             # A damaged binary STL lands here: what is no whole one, trimesh takes for text.
             raise MeshError(f"{path}: cannot be read as .{kind}, so it is damaged, or of another kind") from error
         raise MeshError(f"{path}: cannot be read as .{kind} without the package {error.name or error}") from error
-    except Exception as error:
-        # The readers raise whatever their parser trips over: IndexError, KeyError, struct.error and more.
-        reason = " ".join(f"{type(error).__name__}: {error}".rstrip(": ").split())
-        raise MeshError(f"{path}: cannot be read as .{kind}: damaged, or of another kind ({reason[:200]})") from error
     if not parts:
         raise MeshError(f"{path}: no triangles; expected a surface mesh")
     starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from hhsim.errors import DamagedFileError, HhsimError
-from hhsim.system.posix import KILLED, TIMED_OUT, call_in_child, memory_file
+from hhsim.system.posix import TIMED_OUT, call_in_child, memory_file
 
 SECONDS, BYTES_PER_SECOND = 10.0, 1e6
 """Processor time for reading a file: so many seconds, and one more for so many bytes."""
@@ -73,12 +73,11 @@ def read_in_child(
 
     with memory_file() as out:
         code = call_in_child(work, limit, patience * limit, memory)
+        if code:
+            why = f"reading it does not end within {limit} s" if code == TIMED_OUT else "its reader breaks down"
+            raise DamagedFileError(f"{refusal}: {why}")
         out.seek(0)
-        kind, value = pickle.load(out) if code == 0 else (None, None)
-    if code == TIMED_OUT:
-        raise DamagedFileError(f"{refusal}: reading it does not end within {limit} s")
-    if code == KILLED:
-        raise DamagedFileError(f"{refusal}: the library that reads it breaks down")
+        kind, value = pickle.load(out)
     if kind is not None:
         # Some kinds make their message of several arguments: this one is made already.
         raise kind.__new__(kind, value)

@@ -34,7 +34,7 @@ def test_errors_of_hhsim_come_back_as_they_are_and_others_as_damage() -> None:
         read_in_child(lambda: failing(RuntimeError("a\nb")), "a damaged file")
     with pytest.raises(DamagedFileError, match=r"^a damaged file: KeyError$"):
         read_in_child(lambda: failing(KeyError()), "a damaged file")
-    with pytest.raises(DamagedFileError, match="the library that reads it breaks down"):
+    with pytest.raises(DamagedFileError, match="its reader breaks down"):
         read_in_child(lambda: failing(SystemExit(3)), "a damaged file")
 
 
