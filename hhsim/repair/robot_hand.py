@@ -315,13 +315,13 @@ def _require_usable(model: Any, mimics: Mapping[str, tuple[str, float, float]], 
     for what, (most, called) in MOST.items():
         if getattr(model, what) > most:
             raise InputError(f"{path}: {getattr(model, what):,} {called}; expected a hand, which has {most:,} at most")
-    for field, most in LARGEST.items():
+    for field, largest in LARGEST.items():
         values = getattr(model, field)
-        beyond = np.flatnonzero(~(np.abs(values) <= most).reshape(len(values), values[:1].size).all(axis=1))
+        beyond = np.flatnonzero(~(np.abs(values) <= largest).reshape(len(values), values[:1].size).all(axis=1))
         if beyond.size:
             row, kind = int(beyond[0]), field.partition("_")[0].replace("jnt", "joint")
             owner = f"{kind} {row}" if kind == "mesh" else f"{kind} '{getattr(model, kind)(row).name}'"
-            expected = "numbers" if most == np.inf else f"numbers up to {most:g}"
+            expected = "numbers" if largest == np.inf else f"numbers up to {largest:g}"
             raise InputError(f"{path}: {field} of {owner} is {values[row].tolist()}; expected {expected}")
     for name, (_, factor, constant) in mimics.items():
         if not max(abs(factor), abs(constant)) <= LARGEST["body_pos"]:

@@ -91,8 +91,13 @@ def test_a_scene_whose_nodes_are_no_tree_is_refused(
 
 
 def test_a_scene_whose_nodes_are_a_tree_is_read(tmp_path: Path) -> None:
-    shift = {"translation": [1.0, 0.0, 0.0]}
-    nodes = [{"children": [1, 2]}, {"mesh": 0, **shift}, {"children": [3], **shift}, {"mesh": 0, **shift}]
+    shift: dict[str, Any] = {"translation": [1.0, 0.0, 0.0]}
+    nodes: list[dict[str, Any]] = [
+        {"children": [1, 2]},
+        {"mesh": 0, **shift},
+        {"children": [3], **shift},
+        {"mesh": 0, **shift},
+    ]
     vertices, faces = read_triangles(glb(tmp_path / "cube.glb", nodes, [0]))
     assert len(faces) == 2 * len(cube().faces)
     np.testing.assert_allclose(np.ptp(vertices, axis=0), np.ptp(cube().vertices, axis=0) + [1.0, 0.0, 0.0], atol=1e-7)

@@ -1,6 +1,7 @@
 """What a reader in a child gives back, and what becomes of one that fails; its limits by hdf5_input's own tests."""
 
 import os
+import sys
 import time
 from pathlib import Path
 
@@ -11,12 +12,17 @@ from hhsim.errors import DamagedFileError, UnknownNameError
 from hhsim.mesh import file as mesh_file
 from hhsim.motion import pickled_data
 from hhsim.repair import robot_hand
-from hhsim.system import child_reader, hdf5_input, input_file, posix
+from hhsim.system import child_reader, hdf5_input, input_file
 from hhsim.system.child_reader import read_in_child
 
 
 def failing(error: BaseException) -> None:
     raise error
+
+
+def slept(seconds: float) -> float:
+    time.sleep(seconds)
+    return seconds
 
 
 def test_what_is_read_comes_back_whole() -> None:
@@ -39,7 +45,7 @@ def test_errors_of_hhsim_come_back_as_they_are_and_others_as_damage() -> None:
 
 
 def test_where_there_is_no_fork_the_reader_is_called_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(posix.sys, "platform", "win32")
+    monkeypatch.setattr(sys, "platform", "win32")
     assert read_in_child(os.getpid, "a damaged file") == os.getpid()
     monkeypatch.undo()
     assert read_in_child(os.getpid, "a damaged file") != os.getpid()
@@ -63,13 +69,13 @@ def test_the_page_on_security_states_the_limits_as_they_are(repository: Path) ->
 def test_a_larger_file_has_more_time() -> None:
     with pytest.raises(DamagedFileError, match="does not end within 1 s"):
         read_in_child(lambda: time.sleep(5), "a damaged file", seconds=0, patience=0.05)
-    assert read_in_child(lambda: time.sleep(0.1) or 3, "", 1000, seconds=0, rate=100, patience=0.05) == 3
+    assert read_in_child(lambda: slept(0.1), "", 1000, seconds=0, rate=100, patience=0.05) == 0.1
 
 
 def test_a_reader_within_a_reader_shares_its_limits() -> None:
     """The inner one, with less time, is called in the same child."""
 
-    def outer() -> int:
-        return read_in_child(lambda: time.sleep(0.2) or 4, "inner", seconds=0, patience=0.05)
+    def outer() -> float:
+        return read_in_child(lambda: slept(0.2), "inner", seconds=0, patience=0.05)
 
-    assert read_in_child(outer, "outer") == 4
+    assert read_in_child(outer, "outer") == 0.2
