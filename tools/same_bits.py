@@ -22,6 +22,7 @@ import h5py
 import numpy as np
 
 from hhsim.kernels.cache_folder import cache_root
+from hhsim.system.hdf5_input import open_hdf5
 
 OF_THE_MACHINE = ("timing/", "duration", "time", "seal")
 """What the names of datasets contain that a clock or the file itself writes."""
@@ -71,7 +72,7 @@ def digest(path: Path) -> str:
             found.update(name.encode())
             found.update(repr(values.tolist()).encode() if values.dtype.kind == "O" else values.tobytes())
 
-    with h5py.File(path) as file:
+    with open_hdf5(path) as file:
         file.visititems(add)
     return found.hexdigest()[:16]
 

@@ -12,9 +12,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError, named
 from hhsim.motion.validation import as_numbers
-
-ALWAYS, PER_BYTE = 1 << 28, 100
-"""Largest size of all arrays together [byte]: so many, and so many more for each byte of the archive."""
+from hhsim.system.input_file import most_unpacked
 
 DAMAGE = (MemoryError, SyntaxError, TypeError, KeyError, OverflowError, RecursionError, tokenize.TokenError)
 """Errors of numpy, besides ValueError and its like, for a damaged array header."""
@@ -40,7 +38,7 @@ def read_npz(data: bytes) -> dict[str, Any]:
             if stated not in (len(entries), 0xFFFF) or len(set(archive.namelist())) < len(entries):
                 raise TrajectoryError(f"a damaged .npz archive: {len(entries)} names, where it states {stated} arrays")
             size = sum(entry.file_size for entry in entries)
-            if size > ALWAYS + PER_BYTE * len(data):
+            if size > most_unpacked(len(data)):
                 raise TrajectoryError(f"{size:,} bytes in an archive of {len(data):,}; expected a hand recording")
             arrays = {}
             for entry in entries:

@@ -8,18 +8,26 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.errors import InputError, TrajectoryError
+from hhsim.errors import DamagedFileError, InputError, TrajectoryError
+from hhsim.system.child_reader import read_in_child
+
+MOST_VALUES, MOST_DEPTH = 20_000_000, 50
+"""Largest number of values in a pickle's lists and dictionaries, and of an array, and of those within one another."""
 
 
 class _State:
     """Object of a class that is not imported: its state, as data."""
 
+    state: Any = None
+
     def __init__(self, *arguments: Any) -> None:
-        self.arguments = arguments
-        self.state: Any = None
+        """Take any arguments, and leave them."""
 
     def __setstate__(self, state: Any) -> None:
         self.state = state
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _State, (), self.state
 
 
 class _Unpickler(pickle.Unpickler):
@@ -55,8 +63,16 @@ def _reconstructed(kind: Any, base: Any, state: Any) -> Any:
 def unpickled(data: bytes, what: str) -> dict[str, Any]:
     """Return the dictionary in a pickle, also in one that an array of objects wraps; messages name it as `what`.
 
-    Raises TrajectoryError for a damaged pickle, one of something else, or one that holds more than data.
+    Raises TrajectoryError for a damaged pickle, one of something else or of more values than a recording has, or one
+    that holds more than data.
     """
+    try:
+        return read_in_child(lambda: _read(data, what), "no pickle, or a damaged one", len(data))
+    except DamagedFileError as error:
+        raise TrajectoryError(f"{error}; expected {what}") from None
+
+
+def _read(data: bytes, what: str) -> dict[str, Any]:
     try:
         fields = _Unpickler(io.BytesIO(data), encoding="latin1").load()
     except TrajectoryError:
@@ -68,7 +84,26 @@ def unpickled(data: bytes, what: str) -> dict[str, Any]:
         fields = fields.item()
     if not isinstance(fields, dict):
         raise TrajectoryError(f"a pickle of something else; expected the dictionary of {what}")
+    _require_few(fields, what)
     return {str(key): value for key, value in fields.items()}
+
+
+def _require_few(fields: Any, what: str) -> None:
+    """Raise TrajectoryError for nested lists and dictionaries of too many values: a pickle may hold one many times."""
+    left, nested = MOST_VALUES, [(fields, 0)]
+    while nested:
+        item, depth = nested.pop()
+        inner = item.values() if isinstance(item, dict) else item if isinstance(item, (list, tuple)) else ()
+        if isinstance(item, _State):
+            inner = (item.state,)
+        elif isinstance(item, np.ndarray) and item.dtype == object:
+            inner = item.ravel().tolist()
+        left -= len(inner)
+        if left < 0 or depth > MOST_DEPTH:
+            raise TrajectoryError(
+                f"a pickle of more than {MOST_VALUES:,} values, or {MOST_DEPTH} levels; expected {what}"
+            )
+        nested += [(value, depth + 1) for value in inner if isinstance(value, (dict, list, tuple, _State, np.ndarray))]
 
 
 def plain(value: Any, depth: int = 0) -> Any:
@@ -84,7 +119,10 @@ def plain(value: Any, depth: int = 0) -> Any:
         from scipy.sparse import csc_matrix
 
         shape = state.get("_shape", state.get("shape"))
-        return csc_matrix((state["data"], state["indices"], state["indptr"]), shape=shape).toarray()
+        matrix = csc_matrix((state["data"], state["indices"], state["indptr"]), shape=shape)
+        if matrix.shape[0] * matrix.shape[1] > MOST_VALUES:
+            raise ValueError(f"a sparse matrix of shape {matrix.shape}")
+        return matrix.toarray()
     if {"a", "idxs"} <= set(state):
         inner = plain(state["a"], depth + 1)
         return np.asarray(inner).ravel()[np.asarray(state["idxs"])].reshape(state.get("preferred_shape", (-1,)))

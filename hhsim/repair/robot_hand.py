@@ -18,9 +18,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import DamagedFileError, InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.file import read_triangles
+from hhsim.system.child_reader import read_in_child
 from hhsim.system.input_file import read_input_text
 
 NAMED = ("allegro", "shadow")
@@ -40,6 +41,20 @@ OPTIONS = (
     'balanceinertia="true" boundmass="1e-4" boundinertia="1e-9"/></mujoco>'
 )
 """MuJoCo's settings for a URDF: links without a joint or a mass are kept."""
+MOST = {
+    "nbody": (1000, "links"),
+    "njnt": (200, "joints"),
+    "ngeom": (2000, "shapes"),
+    "nsite": (2000, "sites"),
+    "nmeshvert": (1_000_000, "vertices of meshes"),
+}
+"""Largest numbers of what a robot's hand may have, of MuJoCo's model."""
+LARGEST = {
+    **dict.fromkeys(("body_pos", "body_quat", "jnt_pos", "jnt_axis", "geom_pos", "geom_quat", "geom_size"), 1e3),
+    **dict.fromkeys(("site_pos", "mesh_vert"), 1e3),
+    "jnt_range": np.inf,
+}
+"""Largest numbers of a model [m or 1]; ranges may be without an end."""
 
 
 class LinkShape(NamedTuple):
@@ -80,9 +95,24 @@ class RobotHand:
 
         self.name = str(path)
         self._mujoco: Any = mujoco
-        self._model, mimics = _model(path)
+        self._model: Any
+        self._data: Any
+        try:
+            vars(self).update(read_in_child(lambda: self._read(path, fingers), "cannot be read: damaged, or too large"))
+        except DamagedFileError as error:
+            raise InputError(f"{path}: {error}") from None
+        # The child has made the same: nothing that a file states makes it larger than there is memory.
         self._data = mujoco.MjData(self._model)
+
+    def _read(self, path: Path, fingers: Mapping[str, str] | None) -> dict[str, Any]:
+        """Read the file, and return all that is known of the hand but MuJoCo and its data."""
+        mujoco = self._mujoco
+        # Its warnings go to a file in the current folder otherwise.
+        mujoco.set_mju_user_warning(lambda text: None)
+        self._model, mimics = _model(path)
         model = self._model
+        _require_usable(model, mimics, path)
+        self._data = mujoco.MjData(model)
         hinges = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
         if not model.njnt or not np.isin(model.jnt_type, hinges).all():
             raise InputError(f"{path}: expected a hand on a fixed root, whose joints turn or slide")
@@ -114,6 +144,7 @@ class RobotHand:
         places = [self._place(link) for link in self.links]
         self._tip_bodies, self._tip_offsets = zip(*places)
         self._base_bodies = self._first_bodies()
+        return {name: value for name, value in vars(self).items() if name not in ("_mujoco", "_data")}
 
     def points(self, angles: FloatArray) -> RobotPoints:
         """Compute fingertips and finger bases at angles of the joints, shape (J,)."""
@@ -274,6 +305,29 @@ def _model(path: Path) -> tuple[Any, dict[str, tuple[str, float, float]]]:
         return spec.compile(), mimics
     except ValueError as error:
         raise InputError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from None
+    except RuntimeError as error:
+        # It has one message for whatever it does not expect, which is most often that there is not enough memory.
+        raise InputError(f"{path}: MuJoCo breaks down over it, as over a shape that is too large: {error}") from None
+
+
+def _require_usable(model: Any, mimics: Mapping[str, tuple[str, float, float]], path: Path) -> None:
+    """Raise InputError for more parts than a robot has, or numbers that are none or too large."""
+    for what, (most, called) in MOST.items():
+        if getattr(model, what) > most:
+            raise InputError(f"{path}: {getattr(model, what):,} {called}; expected a hand, which has {most:,} at most")
+    for field, largest in LARGEST.items():
+        values = getattr(model, field)
+        beyond = np.flatnonzero(~(np.abs(values) <= largest).reshape(len(values), values[:1].size).all(axis=1))
+        if beyond.size:
+            row, kind = int(beyond[0]), field.partition("_")[0].replace("jnt", "joint")
+            owner = f"{kind} {row}" if kind == "mesh" else f"{kind} '{getattr(model, kind)(row).name}'"
+            expected = "numbers" if largest == np.inf else f"numbers up to {largest:g}"
+            raise InputError(f"{path}: {field} of {owner} is {values[row].tolist()}; expected {expected}")
+    for name, (_, factor, constant) in mimics.items():
+        if not max(abs(factor), abs(constant)) <= LARGEST["body_pos"]:
+            raise InputError(
+                f"{path}: joint '{name}' mimics another {factor:g} times, {constant:g} off; expected numbers"
+            )
 
 
 def _prepare(root: ElementTree.Element, path: Path) -> tuple[dict[str, tuple[str, float, float]], dict[str, bytes]]:

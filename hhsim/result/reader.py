@@ -42,6 +42,8 @@ _TOGETHER = (
     ("hand/palm_center", "hand/palm_radius"),
 )
 """Arrays with one row a sphere."""
+_TABLES = ("tick", schema.LIVE_TICK, schema.CONTACT, schema.LIVE_SAMPLE, schema.LIVE_EVENT)
+"""Groups whose datasets are columns of one table; the first two have a row a tick."""
 
 CHUNK_TICKS = 512
 """Ticks in a chunk of the file, and the best size of a block."""
@@ -347,6 +349,8 @@ def load_result(path: str | Path) -> Result:
         if schema.LIVE_TICK in file:
             ticks = min(ticks, *(len(file[schema.LIVE_TICK][column.name]) for column in schema.LIVE_TICK_COLUMNS))
         attributes = file.attrs
+        if attributes["complete"]:
+            _require_equal_rows(file, parts, path)
         dirty = attributes["git_dirty"]
         return Result(
             path=path,
@@ -492,6 +496,21 @@ def _check_dataset(group: Mapping[str, Any], column: schema.Column, shape: tuple
         raise InputError(f"{path}: {column.name} has shape {dataset.shape}, expected {spelled(shape)}")
     if dataset.dtype.kind not in _STORED[np.dtype(column.dtype).kind]:
         raise InputError(f"{path}: {column.name} holds {dataset.dtype}, expected {column.dtype}")
+
+
+def _require_equal_rows(file: h5py.Group, parts: Sequence[str], path: Path) -> None:
+    """Raise InputError for columns of a table that are not of one length, as they are after a run that was killed."""
+    moving = *schema.PART_COLUMNS, *schema.OWN_COLUMNS, *schema.DRIVEN_COLUMNS, schema.JOINT_COLUMN
+    own = {column.name for column in moving}
+    of_ticks, of_live, *others = (
+        [f"{group}/{name}" for name in _dataset_names(file[group])] if group in file else [] for group in _TABLES
+    )
+    of_parts = [f"{part}/{name}" for part in parts for name in _dataset_names(file[part]) if name in own]
+    for names in (of_ticks + of_live + of_parts, *others):
+        rows = {name: len(file[name]) for name in names}
+        if len(set(rows.values())) > 1:
+            least, most = (end(rows, key=rows.__getitem__) for end in (min, max))
+            raise InputError(f"{path} is damaged: {least} has {rows[least]:,} rows, {most} {rows[most]:,}")
 
 
 def fits(shape: tuple[int, ...], expected: tuple[int, ...]) -> bool:

@@ -1,8 +1,9 @@
 """Safe opening of HDF5 files: none is parsed before a child process has read it to its end.
 
 The HDF5 library can spin for ever, crash, or ask for all memory on a file with a few wrong bytes. A child with limits
-of time and memory therefore reads each file first: a fork, which has h5py already, so that it takes milliseconds. The
-seal (`hhsim.system.checksummed_file`) is checked before that: it shows accidents, and does not authenticate.
+of time and memory therefore reads each file first (`hhsim.system.child_reader`). Nor may a file bring in the content of
+others: what refers to them is refused before it is followed. The seal (`hhsim.system.checksummed_file`) is checked
+before that: it shows accidents, and does not authenticate.
 """
 
 import errno
@@ -18,8 +19,8 @@ from numpy.typing import NDArray
 
 from hhsim.errors import DamagedFileError
 from hhsim.system.checksummed_file import SIZE, seal_holds
-from hhsim.system.input_file import check_ordinary
-from hhsim.system.posix import TIMED_OUT, call_in_child
+from hhsim.system.child_reader import read_in_child
+from hhsim.system.input_file import check_ordinary, most_unpacked
 
 DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError, OverflowError)
 """Errors of h5py for a file with wrong bytes."""
@@ -39,14 +40,8 @@ _KNOWN: dict[tuple[Path, int, int, int], str] = {}
 """Fault of each file that was checked; "" for none."""
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
-MEMORY = 4 << 30
-"""Address space that reading a file may add to the process [byte]."""
 PIECE = 1 << 24
 """Most bytes that are read at a time."""
-ALWAYS, PER_BYTE = 1 << 28, 100
-"""Largest stated size of all datasets [byte]: so many, and so many more for each byte of the file."""
-
-_SOUND, _BUSY, _UNSOUND = 0, 3, 4
 
 
 def read_numbers(dataset: h5py.Dataset, rows: Any = ...) -> NDArray[Any]:
@@ -120,43 +115,65 @@ def _fault(path: Path) -> str:
     end = stated_end(path)
     if end is not None and size < end:
         return f"a damaged HDF5 file: cut short, {size:,} of {end:,} bytes are there"
-    seconds = int(SECONDS + size / BYTES_PER_SECOND) + 1
-    return probe(path, size, seconds, PATIENCE * seconds)
+    return probe(path, size)
 
 
-def probe(path: Path, size: int, seconds: int, patience: float) -> str:
+def probe(path: Path, size: int) -> str:
     """Read a file to its end in a child process, and describe its fault, "" for none; BlockingIOError while written.
 
-    Its first `size` bytes are HDF5, all but a seal; `seconds` limit processor time, `patience` wall-clock time [s].
+    Its first `size` bytes are HDF5, all but a seal.
+    """
+    limits = {"seconds": SECONDS, "rate": BYTES_PER_SECOND, "patience": PATIENCE}
+    try:
+        read_in_child(lambda: read_to_end(path, size), "a damaged HDF5 file", size, **limits)
+    except BlockingIOError:
+        raise _written(path) from None
+    except DamagedFileError as error:
+        return str(error)
+    return ""
+
+
+def require_own_data(file: h5py.File) -> None:
+    """Raise DamagedFileError for a link or a dataset that can bring in the content of another file, and follow none.
+
+    Refused are external links and those of other kinds, soft links that leave their group, external raw storage and
+    virtual datasets. hhsim writes none of them.
     """
 
-    def read() -> tuple[int, str]:
-        try:
-            read_to_end(path, size)
-        except BlockingIOError:
-            return _BUSY, ""
-        except Exception as error:
-            # Whatever h5py raises over wrong bytes: it has no list of them.
-            return _UNSOUND, (str(error).splitlines() or [type(error).__name__])[0][:120]
-        return _SOUND, ""
+    # An error that is raised in such a visit is lost: the visit returns what its function does.
+    def of_link(name: bytes, link: Any) -> str | None:
+        if link.type == h5py.h5l.TYPE_HARD:
+            return None
+        if link.type != h5py.h5l.TYPE_SOFT:
+            return _spelled(name, "an external link" if link.type == h5py.h5l.TYPE_EXTERNAL else "an unknown link")
+        # A path that begins with a slash begins at the root; none leads upwards.
+        target, group = file.id.links.get_val(name), (b"/" + name).rpartition(b"/")[0] + b"/"
+        leaves = target.startswith(b"/") and not target.startswith(group)
+        return _spelled(name, "a soft link out of its group") if leaves else None
 
-    code, reason = call_in_child(read, seconds, patience, MEMORY)
-    if code == _BUSY:
-        raise _written(path)
-    if code == TIMED_OUT:
-        return f"a damaged file: reading it does not end within {seconds} s"
-    if code == _UNSOUND:
-        return f"a damaged HDF5 file: {reason}"
-    return "" if code == _SOUND else "a damaged file: the HDF5 library breaks down over it"
+    def of_storage(name: str, item: Any) -> str | None:
+        # Its shape is not looked at: of a virtual dataset the library would look for it in the other files.
+        if not isinstance(item, h5py.Dataset) or not (item.is_virtual or item.external):
+            return None
+        return _spelled(name.encode(), "a virtual dataset" if item.is_virtual else "a dataset with external storage")
+
+    if found := file.id.links.visit(of_link, info=True) or file.visititems(of_storage):
+        raise DamagedFileError(f"{found}; expected a file that holds all of its data itself")
+
+
+def _spelled(name: bytes, what: str) -> str:
+    return f"{name.decode(errors='replace')!r} is {what}"
 
 
 def read_to_end(path: Path, size: int) -> None:
     """Visit every object, attribute and value of a file of so many bytes, without limits; errors of h5py pass.
 
-    ValueError where it states more than such a file holds, or for bytes behind its end.
+    DamagedFileError as `require_own_data`; ValueError where it states more than such a file holds, or for bytes behind
+    its end.
     """
-    left = ALWAYS + PER_BYTE * size
+    left = most_unpacked(size)
     with h5py.File(path, "r") as file:
+        require_own_data(file)
         objects: list[Any] = [file]
         file.visititems(lambda _, item: objects.append(item))
         for item in objects:

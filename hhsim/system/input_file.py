@@ -11,6 +11,8 @@ from hhsim.system.posix import READ_FLAGS
 
 MOST_BYTES = 1 << 30
 """Size of the largest file that is read whole [byte]."""
+ALWAYS, PER_BYTE = 1 << 28, 100
+"""Largest size of what a packed file holds, unpacked [byte]: so many, and so many more for each byte of the file."""
 LFS_POINTER = b"version https://git-lfs.github.com/spec/v1"
 """Beginning of the pointer in the place of a file that Git LFS has not fetched."""
 
@@ -77,6 +79,11 @@ def read_input_text(path: Path, encoding: str = "utf-8", errors: str = "strict",
     """Return the text of an ordinary file, lines ended by a newline; OSError as `open_input`, or UnicodeDecodeError."""
     with io.TextIOWrapper(open_input(path, most), encoding, errors) as file:
         return file.read()
+
+
+def most_unpacked(size: int) -> int:
+    """Return the largest size [byte] that the content of a packed file of so many bytes may have."""
+    return ALWAYS + PER_BYTE * size
 
 
 def media_kind(head: bytes) -> str:

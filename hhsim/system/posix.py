@@ -11,11 +11,13 @@ import gc
 import os
 import re
 import sys
+import tempfile
 import threading
 import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import BinaryIO
 
 READ_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 """Flags to open a file that may turn out to be a pipe, which must not block."""
@@ -23,7 +25,6 @@ CREATE_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0)
 """Flags to open a file for a lock."""
 KILLED, TIMED_OUT = -1, -2
 """Codes of a child that ended without an answer, and of one that reached a limit of time."""
-_ANSWER_BYTES = 1000
 
 
 def user_number() -> int:
@@ -126,47 +127,45 @@ def limit_as_child(memory_share: float) -> None:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
-def call_in_child(work: Callable[[], tuple[int, str]], seconds: int, patience: float, memory: int) -> tuple[int, str]:
+def memory_file() -> BinaryIO:
+    """Open an empty file that a forked child shares, in memory where the system can."""
+    return os.fdopen(os.memfd_create("hhsim"), "w+b") if sys.platform == "linux" else tempfile.TemporaryFile()
+
+
+def call_in_child(work: Callable[[], None], seconds: int, patience: float, memory: int) -> int:
     """Call a function in a forked child with limits; where the system has no fork, call it here without any.
 
     Args:
-        work: Returns a code from 0 to 127, and a text.
+        work: Leaves its answer in a `memory_file`.
         seconds: Limit of processor time.
         patience: Limit of wall-clock time [s].
         memory: Address space that the child may take besides what it has [byte]; Linux alone.
 
     Returns:
-        Code and text of `work`, the text cut short; `KILLED` or `TIMED_OUT` where it gave none.
+        0 where it returned, `TIMED_OUT` where it reached a limit of time, else `KILLED`.
     """
     if sys.platform == "win32":
-        return work()
+        work()
+        return 0
     import signal
 
     with warnings.catch_warnings():
         # Python warns of threads, whose locks a child may find held: `work` takes none of them.
         warnings.simplefilter("ignore", DeprecationWarning)
-        told, tell = os.pipe()
         child = os.fork()
     if child == 0:
-        _be_the_child(work, seconds, patience, memory, tell)
-    os.close(tell)
+        _be_the_child(work, seconds, patience, memory)
     try:
         code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        os.set_blocking(told, False)
-        text = os.read(told, _ANSWER_BYTES).decode(errors="replace") if code > 0 else ""
     except BaseException:
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         raise
-    finally:
-        os.close(told)
-    if -code in (signal.SIGXCPU, signal.SIGALRM):
-        return TIMED_OUT, ""
-    return (code, text) if code >= 0 else (KILLED, "")
+    return TIMED_OUT if -code in (signal.SIGXCPU, signal.SIGALRM) else KILLED if code else 0
 
 
-def _be_the_child(work: Callable[[], tuple[int, str]], seconds: int, patience: float, memory: int, tell: int) -> None:
-    """Call the function, tell its text, and exit with its code; the output of libraries is discarded."""
+def _be_the_child(work: Callable[[], None], seconds: int, patience: float, memory: int) -> None:
+    """Call the function, and exit with 0 if it returns; the output of libraries is discarded."""
     if sys.platform == "win32":
         return
     import resource
@@ -193,7 +192,7 @@ def _be_the_child(work: Callable[[], tuple[int, str]], seconds: int, patience: f
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, 1)
         os.dup2(nowhere, 2)
-        code, text = work()
-        os.write(tell, text.encode(errors="replace")[:_ANSWER_BYTES])
+        work()
+        code = 0
     finally:
         os._exit(code)

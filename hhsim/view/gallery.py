@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError, TrajectoryError
+from hhsim.errors import InputError, TrajectoryError, named
 from hhsim.hand.model import HandModel
 from hhsim.mesh.file import read_triangles
 from hhsim.mesh.mesh import METRES_PER_UNIT, Mesh
@@ -18,7 +18,7 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.render.triangle_soup import PIECES, STONE, mesh_surface, piece_poses, piece_surfaces
 from hhsim.result.reader import Result, hand_paths, load_result
 from hhsim.result.schema import SIDES, is_one_of_two
-from hhsim.system.hdf5_input import SIGNATURE, hdf5_format
+from hhsim.system.hdf5_input import SIGNATURE, open_hdf5
 from hhsim.system.input_file import media_kind_of, open_input
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.file import load_tree
@@ -221,11 +221,12 @@ def file_kind(path: Path) -> Kind:
         with open_input(path) as file:
             if file.read(len(SIGNATURE)) != SIGNATURE:
                 return _by_name(path)
-        name = hdf5_format(path)
+        with named(path), open_hdf5(path) as opened:
+            name = opened.attrs.get("format", "")
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
     if name not in FORMATS:
-        what = f"its format is {name!r}" if name else "it is damaged, or does not say what it holds"
+        what = f"its format is {name!r}" if name else "it does not say what it holds"
         raise InputError(f"{path} cannot be looked at: {what}; expected {EXPECTED}")
     return FORMATS[name]
 

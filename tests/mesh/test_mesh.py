@@ -158,7 +158,7 @@ def obj(mesh: Mesh) -> str:
         ("empty.stl", b"", "no triangles"),
         ("empty.obj", b"", "no triangles"),
         ("empty.off", b"", "cannot be read as .off"),
-        ("noise.ply", b"\x00\x01noise" * 20, r"damaged, or of another kind \(ValueError: Not a ply file"),
+        ("noise.ply", b"\x00\x01noise" * 20, r"damaged, too large, or of another kind: Not a ply file"),
         ("noise.stl", bytes(range(256)) * 8, "damaged, or of another kind$"),
         ("picture.obj", b"\x89PNG\r\n" + bytes(range(256)), "damaged, or of another kind$"),
         ("noise.glb", b"\x00\x01noise" * 20, "cannot be read as .glb"),

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.motion import npz_arrays
 from hhsim.motion.npz_arrays import npz_with, read_npz
+from hhsim.system import input_file
 
 
 def archive(count: int, size: int) -> bytes:
@@ -25,7 +25,7 @@ def archive(count: int, size: int) -> bytes:
 
 def test_a_small_archive_of_much_is_not_unpacked(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each of its arrays alone would be let pass."""
-    monkeypatch.setattr(npz_arrays, "ALWAYS", 1 << 20)
+    monkeypatch.setattr(input_file, "ALWAYS", 1 << 20)
     read_npz(archive(1, 900_000))
     monkeypatch.setattr(zipfile.ZipFile, "read", lambda *_: pytest.fail("unpacked"))
     with pytest.raises(TrajectoryError, match=r"^3,600,512 bytes in an archive of [\d,]+; expected a hand recording$"):

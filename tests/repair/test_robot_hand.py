@@ -1,6 +1,8 @@
 """A robot's hand: its points against a chain written out, what mimics, its shapes, and files that are none."""
 
+import os
 import sys
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,6 +16,7 @@ from robot_files import BASES, BOX, JOINTS, RANGE, expected_tips, write_robot
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.repair import robot_hand
 from hhsim.repair.robot_hand import TIP_RADIUS, RobotHand, find_robot
+from hhsim.system.child_reader import read_in_child
 from tools.shapes.generators import cube
 
 pytest.importorskip("mujoco")
@@ -150,3 +153,60 @@ def test_what_is_not_installed_and_names_are_told(tmp_path: Path, monkeypatch: p
     assert find_robot("allegro", "left") == Path("left.xml")
     with pytest.raises(InputError, match="cannot get the shadow hand: no network"):
         find_robot("shadow")
+
+
+SHARED = {
+    "nan.urdf": r"body_pos of body 'index_tip' is \[0\.02, nan, 0\.0\]; expected numbers up to 1000",
+    "hfield.xml": "MuJoCo breaks down over it, as over a shape that is too large",
+    "many.xml": "reading it does not end within 1 s",
+}
+
+
+@pytest.mark.parametrize("name", SHARED)
+def test_robots_without_bounds_are_refused(name: str, shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(robot_hand, "read_in_child", partial(read_in_child, seconds=0))
+    path = shared_data / "field" / "robot" / name
+    with pytest.raises(InputError, match=SHARED[name]) as caught:
+        RobotHand(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+FINGER = '<body name="th"><joint name="a" range="0 90"/><geom size="{size}"/><site name="s" pos="{place} 0 0"/></body>'
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (
+            FINGER.format(size="1e4", place="0"),
+            r"geom_size of geom '.*' is \[10000\.0, .*\]; expected numbers up to 1000",
+        ),
+        (FINGER.format(size="1", place="-1e9"), "site_pos of site 's' is .*; expected numbers up to 1000"),
+        (f'<replicate count="201">{FINGER.format(size="1", place="0")}</replicate>', "201 joints; expected a hand"),
+        ('<body><replicate count="3000"><geom size="1"/></replicate></body>', "3,000 shapes; .* 2,000 at most"),
+    ],
+)
+def test_more_or_larger_parts_than_a_hand_has_are_refused(tmp_path: Path, body: str, message: str) -> None:
+    path = tmp_path / "robot.xml"
+    path.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    with pytest.raises(InputError, match=message):
+        RobotHand(path)
+
+
+def test_a_robot_that_names_a_pipe_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    os.mkfifo(tmp_path / "pipe.stl")
+    monkeypatch.setattr(robot_hand, "read_in_child", partial(read_in_child, seconds=0, patience=0.1))
+    mesh = '<asset><mesh name="m" file="pipe.stl"/></asset>'
+    (tmp_path / "robot.xml").write_text(f"<mujoco>{mesh}<worldbody><geom type='mesh' mesh='m'/></worldbody></mujoco>")
+    with pytest.raises(InputError, match="does not end within 1 s"):
+        RobotHand(tmp_path / "robot.xml")
+    urdf = write_robot(tmp_path / "robot.urdf", shape='<mesh filename="pipe.stl"/>')
+    with pytest.raises(InputError, match=r"pipe\.stl: a named pipe, no ordinary file"):
+        RobotHand(urdf)
+
+
+def test_a_joint_that_mimics_by_no_number_is_refused(tmp_path: Path) -> None:
+    path = write_robot(tmp_path / "two.urdf", mimic=True)
+    path.write_text(path.read_text().replace('multiplier="0.5"', 'multiplier="nan"'))
+    with pytest.raises(InputError, match=r"joint 'thumb_2' mimics another nan times, 0\.1 off; expected numbers"):
+        RobotHand(path)

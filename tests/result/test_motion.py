@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from file_faults import Fault, at
@@ -111,11 +112,17 @@ def test_a_result_that_was_cut_short_is_a_motion_as_far_as_it_goes(session: Path
     assert motion.position[-1, 0] == load_result(path)["haptic/position"][99, 0]
 
 
+def no_ticks(file: h5py.File) -> None:
+    file.attrs["complete"] = 0
+    file["live/tick/deadline"].resize(0, axis=0)
+
+
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
         (at("bad", "live/sample/good", slice(None), np.zeros_like), "a session without a good sample of the glove"),
-        (lambda file: file["live/tick/deadline"].resize(0, axis=0), "a session without a tick: where the palm was"),
+        (lambda file: file["live/tick/deadline"].resize(0, axis=0), "live/tick/deadline has 0 rows, "),
+        (no_ticks, "a session without a tick: where the palm was"),
         (lambda file: file.__delitem__("live/sample/abduction"), "unknown dataset 'live/sample/abduction'"),
         (at("nan", "tick/haptic/position", 300, lambda x: np.nan * x), "position has 3 NaN or infinite values"),
     ],

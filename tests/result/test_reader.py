@@ -160,7 +160,7 @@ def extra(rows: dict[str, int], seed: int = 0) -> dict[str, Arrays]:
     return tables
 
 
-def test_tables_of_unequal_length_are_trimmed_to_what_is_whole(tmp_path: Path) -> None:
+def test_tables_of_unequal_length_are_damage_or_of_a_killed_run_and_trimmed_to_what_is_whole(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
     with ResultWriter(path, scene=SCENE, static=static(), tables=EXTRA) as writer:
         writer.append(block(50), extra({LIVE_TICK: 50, LIVE_SAMPLE: 30, LIVE_EVENT: 2}))
@@ -169,6 +169,10 @@ def test_tables_of_unequal_length_are_trimmed_to_what_is_whole(tmp_path: Path) -
         file["live/tick/missed"].resize(41, axis=0)
         file["live/sample/flexion"].resize(20, axis=0)
         file["live/event/text"].resize(1, axis=0)
+    with pytest.raises(InputError, match=r"live/tick/missed has 41 rows, tick/[a-z_/]* 50"):
+        load_result(path)
+    with changed(path) as file:
+        file.attrs["complete"] = 0
     loaded = load_result(path)
     assert loaded.ticks == len(loaded["live/tick/wakeup"]) == len(loaded["status"]) == 41
     assert len(loaded["live/sample/time"]) == 20

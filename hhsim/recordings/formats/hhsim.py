@@ -15,6 +15,7 @@ from hhsim.recordings.recording import MOTION, Recording
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 from hhsim.result.motion import holds_a_result, load_result_motion
 from hhsim.system.checksummed_file import MARK, SIZE, seal_holds, sealed
+from hhsim.system.hdf5_input import require_own_data
 
 SIGNATURE = b"\x89HDF"
 
@@ -54,6 +55,7 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
     given = content.data.removesuffix(content.data[-SIZE:]) if content.data[-SIZE:].startswith(MARK) else content.data
     image = io.BytesIO(given)
     with h5py.File(image, "r+") as file:
+        require_own_data(file)
         place, turn, flexion, abduction = (file[key][()] for key in MOTION)
         angles = np.concatenate([flexion.reshape(-1, 15), abduction], axis=1)
         rows = made.rows

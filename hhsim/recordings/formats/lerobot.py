@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.errors import InputError, TrajectoryError
+from hhsim.errors import DamagedFileError, InputError, TrajectoryError
 from hhsim.motion.csv_table import Table
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import mapped
@@ -24,6 +24,8 @@ from hhsim.recordings.json_document import number
 from hhsim.recordings.object_poses import is_objects, poses_in
 from hhsim.recordings.recording import Finding, Recording, chosen_side, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.system.child_reader import read_in_child
+from hhsim.system.input_file import most_unpacked
 
 MAGIC = b"PAR1"
 JOINTS = len(WEBXR_JOINTS)
@@ -149,18 +151,21 @@ def _columns(data: bytes) -> dict[str, Any]:
         from pyarrow import parquet
     except ImportError:
         raise TrajectoryError("a Parquet file: pip install pyarrow") from None
-    try:
+
+    def read() -> dict[str, Any]:
         file = parquet.ParquetFile(pyarrow.BufferReader(data), page_checksum_verification=True)
         if file.metadata.num_rows * max(file.metadata.num_columns, 1) > MOST_CELLS:
             raise TrajectoryError(f"{file.metadata.num_rows:,} rows; expected a recording of a hand")
-        table = file.read()
+        table = file.read(use_threads=False)
+        if table.nbytes > most_unpacked(len(data)):
+            raise TrajectoryError(f"{table.nbytes:,} bytes in a file of {len(data):,}; expected a recording of a hand")
         table.validate(full=True)
         return {str(name): table.column(k) for k, name in enumerate(table.column_names)}
-    except TrajectoryError:
-        raise
-    except (pyarrow.ArrowException, OSError, ValueError, KeyError, MemoryError, OverflowError) as error:
-        reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
-        raise TrajectoryError(f"not a Parquet file, or a damaged one: {reason}") from None
+
+    try:
+        return read_in_child(read, "not a Parquet file, or a damaged one", len(data))
+    except DamagedFileError as error:
+        raise TrajectoryError(str(error)) from None
 
 
 def _info(content: Content) -> dict[str, Any]:

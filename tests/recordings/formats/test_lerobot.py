@@ -94,3 +94,10 @@ def test_a_refusal_says_what_the_file_holds() -> None:
         read_as("lerobot", stream.getvalue())
     with pytest.raises(TrajectoryError, match="not a Parquet file, or a damaged one"):
         read_as("lerobot", lerobot_bytes()[:-40])
+
+
+def test_columns_that_unpack_to_far_more_than_their_file_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = lerobot_bytes()
+    monkeypatch.setattr(lerobot, "most_unpacked", lambda size: size // 10)
+    with pytest.raises(TrajectoryError, match=r"[\d,]+ bytes in a file of [\d,]+; expected a recording of a hand"):
+        lerobot._columns(data)
