@@ -8,7 +8,7 @@ to little_flex3, proximal to distal, and thumb_abd to little_abd::
     hand_length = 0.182             # of the recorded hand [m], wrist crease to middle fingertip
     rate = 100.0                    # [Hz], where no column holds the time
     delimiter = ";"                 # found in the header if not given
-    decimal = ","                   # default "."
+    decimal = ","                   # found in the numbers if not given
     world_up = "y"                  # the axis that points up, default z
     palm_axes = ["-y", "x", "z"]    # our palm's x (to the little finger), y (to the fingers), z (out of the back),
                                     # each as an axis of the recording's palm; default ["x", "y", "z"]
@@ -152,7 +152,7 @@ class ColumnMap(Settings, frozen=True, kw_only=True, rename={"joints": "joint"})
     hand_length: Annotated[float, between(0.05, 0.4, "m")] | None = None
     rate: Annotated[float, between(0.1, 1e5, "Hz")] | None = None
     delimiter: Character | None = None
-    decimal: Character = "."
+    decimal: Character | None = None
     world_up: str = "z"
     palm_axes: tuple[str, ...] = OURS
     palm_offset: Annotated[tuple[Offset, Offset, Offset], Meta(description="three numbers [m]")] | None = None
@@ -217,7 +217,7 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     Raises TrajectoryError for a column without numbers, InputError for one that the table has not.
     """
     count = len(table.rows)
-    findings: list[Finding] = [note(text) for text in table.left_out]
+    findings: list[Finding] = [note(text) for text in table.notes]
     broken = 0
 
     def numbers(names: tuple[str, ...], factor: float) -> FloatArray:

@@ -52,7 +52,7 @@ def joints_of_table(
     side, findings = chosen_side({side: len(located(joints)) for side, joints in hands.items()}, options.hand)
     joints = hands[side]
     what = recognised(located(joints), side)
-    findings = [*map(note, table.left_out), *findings]
+    findings = [*map(note, table.notes), *findings]
 
     def numbers(*columns: str) -> FloatArray:
         values, broken = table.numbers(columns)

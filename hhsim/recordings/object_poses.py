@@ -452,7 +452,7 @@ def _arrays_of(content: Content, wanted: str | None, findings: list[Finding]) ->
     table = read_table(content.text, names=[f"number {k}" for k in range(len(header))] if bare else None)
     if OBJECT_UID in header:
         table = _of_one_object(table, wanted)
-    findings += [note(text) for text in table.left_out]
+    findings += [note(text) for text in table.notes]
     if bare:
         rows, broken = table.numbers(table.header)
         findings += unreadable(broken)

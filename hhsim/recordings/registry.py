@@ -48,6 +48,7 @@ class ReadOptions:
     usual_up: str | None = None  # the same for a file that does not say it; None then holds the wrist still and level
     # Unit for a format whose `Recording.scaled` is true; other recordings are converted after reading.
     length_unit: str | None = None
+    time_unit: str | None = None  # unit of the stamps, if the user states it: `poses` are in s
     rate: float | None = None  # samples a second [Hz], of a file without stamps
     hand_length: float | None = None  # length of the recorded hand [m], if its joints have no scale
     mano_model: Path | None = None  # the user's own file of the MANO model, .pkl or .npz

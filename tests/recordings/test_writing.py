@@ -51,7 +51,7 @@ POINTS = SAMPLE.named()
 IN_MANO = SAMPLE.named(MANO_JOINTS)
 UNIT = np.tile([1.0, 0.0, 0.0, 0.0], (len(POINTS), 1))
 """Orientation of an object that does not turn."""
-NUMBER = re.compile(r"-?[0-9]+(?:\.[0-9]+)?(?:[eE][-+]?[0-9]+)?")
+NUMBER = re.compile(r"-?[0-9]+(?:[.,][0-9]+)?(?:[eE][-+]?[0-9]+)?")
 
 
 def keypoints_csv(*, header: bool = True, end: str = "\n", digits: int = 17, points: Any = POINTS) -> str:
@@ -67,6 +67,10 @@ def keypoints_json(*, flat: bool = False, points: Any = POINTS) -> str:
         for k, p in enumerate(points)
     ]
     return json.dumps({"hand": "right", "frames": frames}, indent=1)
+
+
+def german(text: str) -> str:
+    return text.replace(",", ";").replace(".", ",").replace("\n", "\r\n")
 
 
 def two_hands() -> str:
@@ -128,6 +132,12 @@ FILES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "openxr, two hands": ("take.csv", two_hands, {"hand": "left"}),
     "openxr, byte order mark": ("take.csv", lambda: "\ufeff" + openxr_csv(SAMPLE).replace(",", ";"), {}),
     "openxr, UTF-16": ("take.csv", lambda: openxr_csv(SAMPLE).encode("utf-16"), {}),
+    "openxr, decimal commas": ("take.csv", lambda: "\ufeff" + german(openxr_csv(SAMPLE)), {}),
+    "keypoints csv, bare, decimal commas": (
+        "take.csv",
+        lambda: german(keypoints_csv(header=False)),
+        {"rate": 100.0, "world_up": "y", "hand": "right"},
+    ),
     "webxr": ("take.json", lambda: webxr_json(SAMPLE), {}),
     "webxr, unity": ("take.json", lambda: webxr_json(joint_sample("left"), "left", unity=True), {}),
     "webxr, lines, gaps": ("take.jsonl", frames_without_the_hand, {}),

@@ -51,14 +51,14 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
     unit = angle_unit(recording, _read(content, options))
     if columns is not None:
         table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
-        return content.edited(map_edits(content.exact_text, table, columns, made, unit), columns.decimal)
+        return content.edited(map_edits(content.exact_text, table, columns, made, unit), table.decimal)
     table = read_table(content.text)
     names = COLUMNS[1:]
     values = table.numbers(names)[0][made.rows]
     new = np.concatenate(made.motion(values[:, :3], values[:, 3:7], values[:, 7:], unit), axis=1)
     digits = [made.digits] * 3 + [ANGLE_DIGITS] * (len(names) - 3)
     edits = {name: NewColumn(column, least) for name, column, least in zip(names, new.T, digits)}
-    return content.edited(cell_edits(content.exact_text, table, made.rows.tolist(), edits))
+    return content.edited(cell_edits(content.exact_text, table, made.rows.tolist(), edits), table.decimal)
 
 
 def _make(suffix: str, motion: HandMotion) -> bytes:
@@ -68,7 +68,7 @@ def _make(suffix: str, motion: HandMotion) -> bytes:
 def _own(table: Table, name: str, options: ReadOptions) -> Recording:
     """Return the recording of a table with our own columns; TrajectoryError for others."""
     fields, broken = csv_fields(table)
-    findings = [note(text) for text in table.left_out] + unreadable(broken)
+    findings = [note(text) for text in table.notes] + unreadable(broken)
     stated, count = table.remarks.get(SAMPLES, ""), len(table.rows)
     if stated not in ("", str(count)):
         findings.append(note(f"{count} samples where the file says # {SAMPLES}: {stated}: some are lost"))

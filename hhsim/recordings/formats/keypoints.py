@@ -179,7 +179,7 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
         return content.edited(frame_edits(placed, frames, options, made))
     table, names, _ = _named_table(content)
     names = {column: name._replace(joint=read.get(name.joint, name.joint)) for column, name in names.items()}
-    return content.edited(joint_edits(content.exact_text, table, names, options, made))
+    return content.edited(joint_edits(content.exact_text, table, names, options, made), table.decimal)
 
 
 def _joints_read(recording: Recording) -> dict[str, str]:

@@ -38,7 +38,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
 def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
     table = read_table(content.text)
     made = joint_changes(recording, correction)
-    return content.edited(joint_edits(content.exact_text, table, named_joints(table.header), options, made))
+    edits = joint_edits(content.exact_text, table, named_joints(table.header), options, made)
+    return content.edited(edits, table.decimal)
 
 
 def _make(suffix: str, motion: HandMotion) -> bytes:
