@@ -18,7 +18,6 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, check_known
 from hhsim.system.counted import counted
 
-SIGN_NAMES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
 DELIMITERS = (",", ";", "\t")
 """Delimiters in the order of preference; a header without any is delimited by blanks."""
 COMMA_NUMBER = re.compile(r"[-+]?[0-9]*,[0-9]+(?:[eE][-+]?[0-9]+)?|[-+]?[0-9]+,")
@@ -124,13 +123,13 @@ def read_table(
         left = counted(len(broken), "line")
         notes.append(f"{left} with another number of cells than the header left out, first line {next(iter(broken))}")
     if decimal is None and sign != "," and _has_decimal_commas(rows.values()):
-        notes.append(f"decimal commas, in cells between {SIGN_NAMES[sign]}: read as decimal points")
+        notes.append("decimal commas, which part no cells here: read as decimal points")
         decimal = ","
     return Table(header, tuple(rows.values()), tuple(rows), remarks, decimal or ".", strict, tuple(notes), sign)
 
 
 def _has_decimal_commas(rows: Collection[Sequence[str]]) -> bool:
-    """Return True if cells are numbers with a comma, and none has a decimal point: else the comma may part thousands."""
+    """Return True if cells are numbers with a comma; with decimal points elsewhere, commas may part thousands."""
     commas = any(COMMA_NUMBER.fullmatch(cell.strip(' "')) for cells in rows for cell in cells if "," in cell)
     return commas and not any("." in cell and _number(cell, ".") is not None for cells in rows for cell in cells)
 
@@ -150,6 +149,11 @@ def format_table(remarks: Mapping[str, str], header: Sequence[str], rows: Iterab
 def read_header(text: str) -> tuple[str, ...]:
     """Return the names of a table's columns; raise TrajectoryError if there is no header."""
     return _header(text.splitlines(), None)[3]
+
+
+def read_remarks(text: str) -> dict[str, str]:
+    """Return the `# key: value` lines before a table's header; raise TrajectoryError if there is no header."""
+    return _header(text.splitlines(), None)[0]
 
 
 def lacks_names(header: Sequence[str]) -> bool:

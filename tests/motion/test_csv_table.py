@@ -21,7 +21,7 @@ def test_decimal_commas_are_found_where_no_comma_parts_cells_and_told(sign: str)
     for text in ("\ufeffa;b;c\r\n3;-2,5e1;x, y\r\n1,5;2;z\r\n", "a;b\n3;-25\n1,5;2\n", "a;b\n3;-25,0\n1,50;2,\n"):
         table = read_table(text.removeprefix("\ufeff").replace(", ", ",").replace(";", sign))
         assert table.numbers(["a", "b"])[0].tolist() == [[3.0, -25.0], [1.5, 2.0]]
-        assert table.notes[0].startswith("decimal commas, in cells between ") and table.decimal == ","
+        assert table.notes[0].startswith("decimal commas") and table.decimal == ","
     if sign != " ":
         bare = f"0,5{sign}1{sign}-1,25\n1,5{sign}2{sign}2,75\n"
         table = read_table(bare, names=("a", "b", "c"))

@@ -82,7 +82,7 @@ REFUSED: list[tuple[Recording, dict[str, Any], str]] = [
     (replace(CLEAN, stated=frozenset({"angle"})), {"angle_unit": "deg"}, "--angle-unit deg: .* states that unit"),
     (CLEAN, {"scale_to": 0.19}, "--hand-length"),
     (CLEAN, {"start": 50.0}, "no sample from 50 to inf s; the recording has stamps from 0 to"),
-    (BESIDE, {"mirror": True}, "would part the hand from the object"),
+    (BESIDE, {"other_hand": True}, "would part the hand from the object"),
     (BESIDE, {"scale_to": 0.2, "hand_length": 0.18}, "would part the hand from the object"),
     (replace(CLEAN, object_motion=ObjectMotion(LOST, IDENTITY)), {"max_gap": 0.05}, "object position is missing"),
 ]
@@ -240,7 +240,9 @@ def test_gaps_are_flagged_and_holes_refused() -> None:
     repaired = clean_recording(CLEAN.chosen(keep))
     assert flagged(repaired, SampleFlag.GAP_BEFORE) == [100]
     # Two samples lost of whole milliseconds are three steps, whatever the rounding of their differences.
-    lost = clean_recording(replace(CLEAN, time=0.011 * np.arange(300)).chosen(np.delete(np.arange(300), [129, 130])))
+    lost = clean_recording(
+        changed(time=np.asarray(0.011 * np.arange(300), dtype=np.float64)).chosen(np.delete(np.arange(300), [129, 130]))
+    )
     assert flagged(lost, SampleFlag.GAP_BEFORE) == [129]
     time = CLEAN.time + np.where(np.arange(300) >= 150, 5.0, 0.0)
     assert clean_recording(changed(time=time), CleaningOptions(max_gap=6.0)).trajectory.duration > 7.0
@@ -307,7 +309,7 @@ def test_joints_stay_within_the_hand() -> None:
 
 
 def test_a_left_hand_can_become_a_right_one_and_back() -> None:
-    once = clean_recording(replace(CLEAN, hand="left"), CleaningOptions(mirror=True)).trajectory
+    once = clean_recording(replace(CLEAN, hand="left"), CleaningOptions(other_hand=True)).trajectory
     assert once.hand == "right"
     assert np.allclose(once.position, PLAIN.position * [-1.0, 1.0, 1.0])
     # A point of the palm, seen in the mirror, is the mirror image's point of the mirrored palm.

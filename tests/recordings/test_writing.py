@@ -49,6 +49,8 @@ from hhsim.system.settings_file import parse_settings
 SAMPLE = joint_sample()
 POINTS = SAMPLE.named()
 IN_MANO = SAMPLE.named(MANO_JOINTS)
+NAMED = (*reversed(OPENXR_JOINTS[2:]), "wrist")
+"""25 joints in an order of their own."""
 UNIT = np.tile([1.0, 0.0, 0.0, 0.0], (len(POINTS), 1))
 """Orientation of an object that does not turn."""
 NUMBER = re.compile(r"-?[0-9]+(?:[.,][0-9]+)?(?:[eE][-+]?[0-9]+)?")
@@ -71,6 +73,12 @@ def keypoints_json(*, flat: bool = False, points: Any = POINTS) -> str:
 
 def german(text: str) -> str:
     return text.replace(",", ";").replace(".", ",").replace("\n", "\r\n")
+
+
+def by_turns() -> bytes:
+    """Rows of both hands, of which a field says for each whose it is."""
+    points = np.stack([POINTS, joint_sample("left").named()], axis=1).reshape(-1, 21, 3)
+    return arrays_npz(keypoints=points, t=SAMPLE.motion.time.repeat(2), is_right=np.tile([1, 0], len(POINTS)))
 
 
 def two_hands() -> str:
@@ -102,6 +110,17 @@ FILES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         lambda: arrays_npz(extra=np.arange(7), keypoints=POINTS, t=SAMPLE.motion.time, name=np.array("μ")),
         {"world_up": "y", "hand": "right"},
     ),
+    "npz, mirrored": (
+        "take.npz",
+        lambda: arrays_npz(keypoints=POINTS * [-1.0, 1.0, 1.0], t=SAMPLE.motion.time, hand="right", fps=30),
+        {"world_up": "y", "mirror": "x"},
+    ),
+    "npz, 25 named joints": (
+        "take.npz",
+        lambda: arrays_npz(points=SAMPLE.named(NAMED), joint_names=NAMED, fps=30, unit="m"),
+        {"world_up": "y"},
+    ),
+    "npz, both hands by turns": ("take.npz", by_turns, {"world_up": "y", "hand": "left"}),
     "npy, 26 joints": ("take.npy", lambda: array_npy(SAMPLE.named(OPENXR_JOINTS)), {"rate": 100.0}),
     "npy, 25 joints, flat": (
         "take.npy",

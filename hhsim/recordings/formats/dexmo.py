@@ -46,6 +46,7 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
         position=PositionColumns(("px", "py", "pz")) if places else None,
         orientation=OrientationColumns(("qw", "qx", "qy", "qz")) if turns else None,
         device="Dexmo",
+        mirror=options.mirror,
     )
     recording = mapped(table, columns, content.name, "dexmo")
     readings, broken = table.numbers(CHANNELS)
@@ -62,8 +63,7 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
             "--calibration, or --open and --fist"
         )
     flexion, abduction = chosen.angles(readings)
-    left = [column for column in table.header if column not in columns.names | {*CHANNELS}]
-    recording = recording.found(*unused(dict.fromkeys(left, ())))
+    recording = recording.found(*unused(dict.fromkeys(table.header), columns.names | {*CHANNELS}))
     recording = recording.changed(
         flexion=flexion,
         abduction=abduction,
