@@ -76,7 +76,7 @@ class FileSettings(OptionGroup, heading="Recording"):
             columns=None if self.columns is None else read_column_map(self.columns),
             hand=self.hand or "",
             palm_axes=None if self.palm_axes is None else tuple(part.strip() for part in self.palm_axes.split(",")),
-            **{name: getattr(self, name) for name in ("form", "world_up", "length_unit", "rate")},
+            **{name: getattr(self, name) for name in ("form", "world_up", "time_unit", "length_unit", "rate")},
             **others,
         )
 
@@ -84,6 +84,10 @@ class FileSettings(OptionGroup, heading="Recording"):
 class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot, bare numbers"):
     """Additional data that files of poses and data sets need."""
 
+    mirror: str | None = option(
+        type=click.Choice(["x", "y", "z"]),
+        help="Axis of left-handed coordinates that is turned round, of hand and object: z of Unity's.",
+    )
     mano_model: Path | None = file("FILE", "Your own file of the MANO model, .pkl or .npz.")
     mano_pose: str | None = option(
         type=click.Choice(["axis-angle", "axis-angle-mean", "pca", "pca-flat"]),
@@ -162,7 +166,7 @@ class CleaningSettings(OptionGroup, heading="Selection and cleaning"):
         metavar="MM",
         help="Scale the palm's path to a hand of this length [mm]. Default: metres stay metres.",
     )
-    mirror: bool = option(is_flag=True, help="Make a right hand's motion of a left hand's, or the other way round.")
+    other_hand: bool = option(is_flag=True, help="Make a right hand's motion of a left hand's, or the other way round.")
     hand_file: Path | None = file(
         "TOML", "Hand whose joint limits bound the angles (docs/faq.md has an example). Default: the usual one."
     )
@@ -179,7 +183,7 @@ class CleaningSettings(OptionGroup, heading="Selection and cleaning"):
         elif self.hand_file is not None:
             limits["limits"] = HandModel.from_toml(self.hand_file)
         return CleaningOptions(
-            **{name: getattr(self, name) for name in ("max_gap", "start", "end", "mirror")},
+            **{name: getattr(self, name) for name in ("max_gap", "start", "end", "other_hand")},
             time_unit=file.time_unit,
             length_unit=None if recording.scaled else file.length_unit,
             angle_unit=file.angle_unit,

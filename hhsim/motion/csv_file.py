@@ -1,7 +1,8 @@
 """Trajectories as CSV text.
 
 UTF-8, comma separated, one header line, one line a sample; numbers with a decimal point, in full precision, so that a
-file read back is the same motion bit for bit. Semicolons or tabs for the commas are read too. Columns, in any order:
+file read back is the same motion bit for bit. Semicolons or tabs for the commas are read too, then with decimal commas
+as well. Columns, in any order:
 
 | columns | unit | meaning |
 |---|---|---|

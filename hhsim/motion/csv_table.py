@@ -1,13 +1,15 @@
 """Tables as CSV text of any maker, with their header.
 
-Delimiters are commas, semicolons, tabs or blanks; lines that begin with # before the header are remarks. A strict
-reader refuses a line or a cell that it cannot read; a lenient one leaves the line out or the cell missing, and says so.
+Delimiters are commas, semicolons, tabs or blanks; lines that begin with # before the header are remarks. Where the
+delimiter is no comma, numbers may have a decimal comma, as a German Excel writes them. A strict reader refuses a line
+or a cell that it cannot read; a lenient one leaves the line out or the cell missing, and says so.
 """
 
 import csv
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +20,8 @@ from hhsim.system.counted import counted
 
 DELIMITERS = (",", ";", "\t")
 """Delimiters in the order of preference; a header without any is delimited by blanks."""
+COMMA_NUMBER = re.compile(r"[-+]?[0-9]*,[0-9]+(?:[eE][-+]?[0-9]+)?|[-+]?[0-9]+,")
+"""Number with a decimal comma."""
 DECIMAL_POINT = " with a decimal point"
 """Expectation for a number with a comma."""
 MISSING = {"", "na", "n/a", "null", "none", "-"}
@@ -38,7 +42,7 @@ class Table:
     remarks: dict[str, str]  # the `# key: value` lines before the header
     decimal: str = "."  # decimal sign
     strict: bool = False  # True if every cell of a column has to be a number, or marked as missing
-    left_out: tuple[str, ...] = ()  # sentences about lines that were left out
+    notes: tuple[str, ...] = ()  # sentences about lines that were left out, and a decimal sign that was found
     delimiter: str = ","  # sign between cells; a blank stands for any number of them
 
     def numbers(self, columns: Sequence[str]) -> tuple[FloatArray, int]:
@@ -72,13 +76,14 @@ def read_table(
     text: str,
     *,
     delimiter: str | None = None,
-    decimal: str = ".",
+    decimal: str | None = None,
     names: Sequence[str] | None = None,
     strict: bool = False,
 ) -> Table:
     """Read a table; `names` are the columns of one without a header line.
 
-    A delimiter of None is detected in the header; `strict` refuses every line with more or fewer cells than the header.
+    A delimiter of None is detected in the header, a decimal sign of None in the numbers; `strict` refuses every line
+    with more or fewer cells than the header.
     Raises TrajectoryError for no header, no line below it, two columns of one name, or many lines of another length.
     """
     lines = text.splitlines()
@@ -93,10 +98,10 @@ def read_table(
         raise TrajectoryError(f"no header line, the first one holds {shown}, …; expected the names of the columns")
     if twice := next((name for name in header if name and header.count(name) > 1), ""):
         raise TrajectoryError(f"the header has column {twice[:40]} twice")
-    left_out = []
+    notes = []
     if not strict and len(lines) > below + 1 and not text.endswith(("\n", "\r")):
         # A number that was cut in the middle is a wrong number that looks like a right one.
-        left_out.append(f"line {len(lines)}, the last one, has no line end: left out, it may have been cut")
+        notes.append(f"line {len(lines)}, the last one, has no line end: left out, it may have been cut")
         lines.pop()
     rows: dict[int, tuple[str, ...]] = {}
     broken: dict[int, int] = {}
@@ -116,10 +121,17 @@ def read_table(
         raise TrajectoryError("no line below the header; expected one a sample")
     if broken:
         left = counted(len(broken), "line")
-        left_out.append(
-            f"{left} with another number of cells than the header left out, first line {next(iter(broken))}"
-        )
-    return Table(header, tuple(rows.values()), tuple(rows), remarks, decimal, strict, tuple(left_out), sign)
+        notes.append(f"{left} with another number of cells than the header left out, first line {next(iter(broken))}")
+    if decimal is None and sign != "," and _has_decimal_commas(rows.values()):
+        notes.append("decimal commas, which part no cells here: read as decimal points")
+        decimal = ","
+    return Table(header, tuple(rows.values()), tuple(rows), remarks, decimal or ".", strict, tuple(notes), sign)
+
+
+def _has_decimal_commas(rows: Collection[Sequence[str]]) -> bool:
+    """Return True if cells are numbers with a comma; with decimal points elsewhere, commas may part thousands."""
+    commas = any(COMMA_NUMBER.fullmatch(cell.strip(' "')) for cells in rows for cell in cells if "," in cell)
+    return commas and not any("." in cell and _number(cell, ".") is not None for cells in rows for cell in cells)
 
 
 def format_table(remarks: Mapping[str, str], header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -139,9 +151,18 @@ def read_header(text: str) -> tuple[str, ...]:
     return _header(text.splitlines(), None)[3]
 
 
+def read_remarks(text: str) -> dict[str, str]:
+    """Return the `# key: value` lines before a table's header; raise TrajectoryError if there is no header."""
+    return _header(text.splitlines(), None)[0]
+
+
 def lacks_names(header: Sequence[str]) -> bool:
     """Return True if a header is a sample: all numbers, and not all whole as the names 0, 1, 2 are."""
-    return all(_number(cell, ".") is not None for cell in header) and not all(cell.isdecimal() for cell in header)
+    return _all_numbers(header) and not all(cell.isdecimal() for cell in header)
+
+
+def _all_numbers(cells: Iterable[str]) -> bool:
+    return all(_number(cell, ",") is not None for cell in cells)
 
 
 def _header(lines: Sequence[str], delimiter: str | None) -> tuple[dict[str, str], int, str, tuple[str, ...]]:
@@ -153,7 +174,9 @@ def _header(lines: Sequence[str], delimiter: str | None) -> tuple[dict[str, str]
             if colon:
                 remarks[key.strip()] = value.strip()
         elif line.strip():
-            sign = max(DELIMITERS, key=line.count)
+            # Of numbers with decimal commas the commas are more than the delimiters.
+            bare = (sign for sign in DELIMITERS[1:] if sign in line and _all_numbers(line.split(sign)))
+            sign = next(bare, max(DELIMITERS, key=line.count))
             sign = delimiter or (sign if sign in line else " ")
             return remarks, index, sign, tuple(cell.strip() for cell in _cells(line, sign))
     raise TrajectoryError("no header line; expected the names of the columns")

@@ -160,12 +160,12 @@ def replaced(node: Mapping[str, Any], new: Mapping[str, Any], above: str = "") -
 
 
 def pickled_arrays(data: bytes) -> dict[str, Any]:
-    """Return the arrays of numbers in a pickled dictionary by the names of `flat`; errors as of `unpickled`."""
+    """Return the arrays and texts in a pickled dictionary by the names of `flat`; errors as of `unpickled`."""
     arrays = {}
     for name, value in flat(unpickled(data, "a recording")):
         with suppress(ValueError, TypeError):
             array = np.asarray(plain(value))
-            if array.dtype.kind in "fiub":
+            if array.dtype.kind in "fiubUS":
                 arrays[name] = array
     return arrays
 
@@ -179,5 +179,7 @@ def pickled_with(data: bytes, new: Mapping[str, Any]) -> bytes:
     if any(isinstance(value, _State) for _, value in flat(fields)):
         raise InputError("a pickle of objects is not written; save its arrays: np.savez(FILE, NAME=…)")
     old = pickled_arrays(data)
-    new = {name: values for name, values in new.items() if not np.array_equal(old[name], values, equal_nan=True)}
+    new = {
+        name: of for name, of in new.items() if not np.array_equal(old[name], of, equal_nan=old[name].dtype.kind == "f")
+    }
     return pickle.dumps(replaced(fields, new), protocol=data[1])

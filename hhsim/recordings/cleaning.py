@@ -19,9 +19,10 @@ from hhsim.motion.trajectory import ObjectMotion, Phase, Trajectory
 from hhsim.motion.validation import MIN_QUATERNION_NORM, continuous_orientation
 from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.finger_ik import finger_axes, finger_joints, usual_fingers
+from hhsim.recordings.frames import axis_flip, mirrored
 from hhsim.recordings.outliers import clean_glitches
 from hhsim.recordings.recorded_bones import RecordedBones
-from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.recording import OTHER, Finding, Recording, note
 from hhsim.recordings.timestamp_cleaning import clean_stamps
 from hhsim.recordings.unit_detection import clean_units, in_units
 from hhsim.table.table import number, words
@@ -78,8 +79,8 @@ class CleaningOptions:
     angle_unit: str | None = None
     # Limits, or the hand with the limits, that joint angles are clipped to; None keeps them.
     limits: JointLimits | HandModel | None = field(default_factory=default_limits)
-    # Mirror a left hand's motion to a right hand's, or the other way round, in the world's yz-plane.
-    mirror: bool = False
+    # Make a right hand's motion of a left hand's, or the other way round: mirrored in the world's yz-plane.
+    other_hand: bool = False
     hand_length: float | None = None  # length of the recorded hand [m]; None if the recording says it or it is unknown
     # Hand length [m] that the palm's motion is scaled to, about its mean; None keeps it metric.
     scale_to: float | None = None
@@ -109,8 +110,8 @@ def clean_recording(recording: Recording, options: CleaningOptions | None = None
     options = options or CleaningOptions()
     if recording.sample_count == 0:
         raise TrajectoryError("no samples; expected at least 2")
-    if recording.object_motion is not None and (options.mirror or options.scale_to is not None):
-        option = "--mirror" if options.mirror else "--scale-to"
+    if recording.object_motion is not None and (options.other_hand or options.scale_to is not None):
+        option = "--other-hand" if options.other_hand else "--scale-to"
         raise InputError(f"{option} would part the hand from the object, which moves as the recording has it")
     recording = recording.chosen(np.arange(recording.sample_count))
     recording = in_units(recording, time=options.time_unit, length=options.length_unit, angle=options.angle_unit)
@@ -120,7 +121,7 @@ def clean_recording(recording: Recording, options: CleaningOptions | None = None
     recording = clean_glitches(recording)
     recording = _object_filled(_filled(recording, options.max_gap), options.max_gap)
     recording = _steady_signs(recording)
-    recording = _mirrored(_scaled(recording, options), options.mirror)
+    recording = _mirrored(_scaled(recording, options), options.other_hand)
     recording = _limited(recording, options.limits)
     return CleanedRecording(_trajectory(recording), recording.findings, recording.hand_length, given)
 
@@ -250,9 +251,9 @@ def _scaled(recording: Recording, options: CleaningOptions) -> Recording:
 def _mirrored(recording: Recording, wanted: bool) -> Recording:
     if not wanted:
         return recording
-    other = {"right": "left", "left": "right", "": ""}[recording.hand]
-    turned = recording.orientation * [1.0, 1.0, -1.0, -1.0]
-    changed = recording.changed(position=recording.position * [-1.0, 1.0, 1.0], orientation=turned, hand=other)
+    other = OTHER[recording.hand]
+    position, orientation = mirrored(recording.position, recording.orientation, axis_flip("x"))
+    changed = recording.changed(position=position, orientation=orientation, hand=other)
     return changed.found(note(f"mirrored: x became -x{f', a {other} hand' if other else ''}"))
 
 

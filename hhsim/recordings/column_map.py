@@ -8,8 +8,9 @@ to little_flex3, proximal to distal, and thumb_abd to little_abd::
     hand_length = 0.182             # of the recorded hand [m], wrist crease to middle fingertip
     rate = 100.0                    # [Hz], where no column holds the time
     delimiter = ";"                 # found in the header if not given
-    decimal = ","                   # default "."
+    decimal = ","                   # found in the numbers if not given
     world_up = "y"                  # the axis that points up, default z
+    mirror = "z"                    # the axis to turn round of left-handed coordinates, such as Unity's
     palm_axes = ["-y", "x", "z"]    # our palm's x (to the little finger), y (to the fingers), z (out of the back),
                                     # each as an axis of the recording's palm; default ["x", "y", "z"]
     palm_offset = [0.0, 0.075, 0.0] # from the tracked point to the palm's centre, along our palm's axes [m]
@@ -152,8 +153,9 @@ class ColumnMap(Settings, frozen=True, kw_only=True, rename={"joints": "joint"})
     hand_length: Annotated[float, between(0.05, 0.4, "m")] | None = None
     rate: Annotated[float, between(0.1, 1e5, "Hz")] | None = None
     delimiter: Character | None = None
-    decimal: Character = "."
+    decimal: Character | None = None
     world_up: str = "z"
+    mirror: Literal["x", "y", "z"] | None = None
     palm_axes: tuple[str, ...] = OURS
     palm_offset: Annotated[tuple[Offset, Offset, Offset], Meta(description="three numbers [m]")] | None = None
     time: TimeColumn | None = None
@@ -217,7 +219,7 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     Raises TrajectoryError for a column without numbers, InputError for one that the table has not.
     """
     count = len(table.rows)
-    findings: list[Finding] = [note(text) for text in table.left_out]
+    findings: list[Finding] = [note(text) for text in table.notes]
     broken = 0
 
     def numbers(names: tuple[str, ...], factor: float) -> FloatArray:
@@ -262,7 +264,7 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         RawChannel(key, np.nan_to_num(numbers((channel.column,), 1.0)[:, 0], nan=0.0), channel.unit, channel.meaning)
         for key, channel in columns.raw_columns.items()
     )
-    position, orientation = to_our_frames(position, orientation, columns.palm_axes, columns.world_up)
+    position, orientation = to_our_frames(position, orientation, columns.palm_axes, columns.world_up, columns.mirror)
     if columns.palm_offset is not None and any(columns.palm_offset):
         position = position + turned(orientation, np.array(columns.palm_offset))
     recording = Recording(
@@ -279,7 +281,7 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         device=columns.device,
         hand=columns.hand or "",
         hand_length=columns.hand_length,
-        file_frame=FileFrame(world_matrix(columns.world_up), metre),
+        file_frame=FileFrame.of(columns.world_up, columns.mirror, metre),
         raw=raw,
         findings=tuple(findings),
     )

@@ -6,7 +6,7 @@ to the thumb, so that the frame stays right-handed). Palm axes are given in term
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -48,17 +48,27 @@ def to_our_world(position: FloatArray, orientation: FloatArray, up: str) -> tupl
     return position @ turn.T, quaternion_product(quaternion_from_matrix(turn), orientation)
 
 
-def to_our_palm(orientation: FloatArray, axes: Sequence[str]) -> FloatArray:
-    """Convert orientations, shape (T, 4), from the recording's palm frame to ours, whose axes are given in it."""
-    return quaternion_product(orientation, quaternion_from_matrix(axes_matrix(axes)))
+def axis_flip(axis: str | None) -> FloatArray:
+    """Return the factors of a point's coordinates that turn one axis round, shape (3,); 1 for an axis of None."""
+    return np.where([axis == name for name in OURS], -1.0, 1.0)
+
+
+def mirrored(position: FloatArray, orientation: FloatArray, flip: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Convert positions (T, 3) and orientations (T, 4) of coordinates whose axes, and the body's own, `flip` turns."""
+    turn = np.prod(flip) * flip
+    return position * flip, orientation * [1.0, *turn]
 
 
 def to_our_frames(
-    position: FloatArray, orientation: FloatArray, axes: Sequence[str] | None, up: str | None
+    position: FloatArray, orientation: FloatArray, axes: Sequence[str] | None, up: str | None, mirror: str | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Convert palm positions (T, 3) and orientations (T, 4) to our palm and world; None for a frame that is ours."""
+    """Convert palm positions (T, 3) and orientations (T, 4) to our palm and world; None for a frame that is ours.
+
+    Of left-handed coordinates the axis `mirror` is turned round first, also in the palm's frame, of which `axes` speak.
+    """
+    position, orientation = mirrored(position, orientation, axis_flip(mirror))
     if axes is not None and tuple(axes) != OURS:
-        orientation = to_our_palm(orientation, axes)
+        orientation = quaternion_product(orientation, quaternion_from_matrix(axes_matrix(axes)))
     return (position, orientation) if up in (None, "z") else to_our_world(position, orientation, up)
 
 
@@ -126,22 +136,30 @@ def posed_tree(parents: Sequence[int], rest: FloatArray, turns: FloatArray) -> t
 
 
 class FileFrame(NamedTuple):
-    """Coordinates of a file: x_world = metre · turn · x_file.
+    """Coordinates of a file: x_world = metre · turn · flip · x_file.
 
-    `turn`, shape (3, 3), is orthogonal, with determinant -1 for a left-handed world; `metre` is the unit [m].
+    `turn`, shape (3, 3), is a rotation, `metre` the unit [m]; `flip`, shape (3,), has -1 for the axis of a left-handed
+    world that is turned round.
     """
 
     turn: FloatArray = np.eye(3)
     metre: float = 1.0
+    flip: FloatArray = np.ones(3)
+
+    @classmethod
+    def of(cls, up: str | None, mirror: str | None, metre: float = 1.0) -> Self:
+        """Return the coordinates with an axis that points up, None for ours, and one that is turned round."""
+        return cls(world_matrix(up or "z"), metre, axis_flip(mirror))
 
     def to_world(self, points: FloatArray) -> FloatArray:
         """Convert points or vectors, shape (…, 3), from the file to our world [m]."""
-        return np.asarray(self.metre * points @ self.turn.T)
+        return np.asarray(self.metre * (points * self.flip) @ self.turn.T)
 
     def to_file(self, points: FloatArray) -> FloatArray:
         """Convert points or vectors, shape (…, 3), from our world [m] to the file."""
-        return np.asarray(points @ self.turn / self.metre)
+        return np.asarray(points @ self.turn * self.flip / self.metre)
 
     def rotation_to_file(self, rotation: FloatArray) -> FloatArray:
         """Convert rotations of vectors, shape (…, 3, 3), from our world to the file."""
-        return np.asarray(self.turn.T @ rotation @ self.turn)
+        turn = self.turn * self.flip
+        return np.asarray(turn.T @ rotation @ turn)

@@ -22,6 +22,7 @@ from hhsim.recordings.json_document import PlacedJson, keys_of, number, vector
 from hhsim.recordings.object_poses import poses_in, record_arrays
 from hhsim.recordings.recording import frames_with_hand, unused
 from hhsim.recordings.registry import ReadOptions
+from hhsim.recordings.stated_fields import side_in
 from hhsim.recordings.unit_detection import time_column
 
 ORDERS = {len(joints): joints for joints in (KEYPOINTS, WEBXR_JOINTS, OPENXR_JOINTS)}
@@ -30,7 +31,6 @@ DEEPEST = 8
 """Deepest nesting of a hand in a frame."""
 FEWEST = 8
 """Number of joints among an object's keys that make it a hand."""
-SIDE_KEYS = ("handedness", "hand", "side", "handSide")
 MOST_ENTRIES = 64
 """Number of entries of a list that are searched for hands."""
 
@@ -66,34 +66,31 @@ class Frame(NamedTuple):
 def read_frames(document: Any) -> tuple[list[Frame], dict[str, Any]]:
     """Return the frames of a document, and its values beside them; raise TrajectoryError if there are no frames."""
     frames, beside = document, {}
-    # The side of the file holds for all its frames.
-    usual: HandSide = ""
     if isinstance(document, dict):
-        usual = _stated_side(document, "")
         lists = [v for v in document.values() if isinstance(v, list) and v and isinstance(v[0], dict | list)]
         frames = max(lists, key=len, default=[])
-        beside = {key: value for key, value in document.items() if value is not frames and key not in SIDE_KEYS}
+        beside = {key: value for key, value in document.items() if value is not frames}
     if not isinstance(frames, list) or not frames:
         raise TrajectoryError(f"no frames in JSON that is {keys_of(document)}; expected a list of frames with joints")
     # A key that has held a hand has none of the other values, also in frames that show no hand.
     hand_keys: set[str] = set()
-    found = [_frame(frame, usual, hand_keys) for frame in frames]
+    found = [_frame(frame, hand_keys) for frame in frames]
     others = [{key: value for key, value in frame.beside.items() if key not in hand_keys} for frame in found]
     return [frame._replace(beside=each) for frame, each in zip(found, others)], beside
 
 
-def _frame(frame: Any, usual: HandSide, hand_keys: set[str]) -> Frame:
+def _frame(frame: Any, hand_keys: set[str]) -> Frame:
     """Return a frame, and add the keys of its hands to `hand_keys`."""
     hands: dict[HandSide, Mapping[str, Joint]] = {}
-    for side, hand in _hands(frame, usual, 0):
+    for side, hand in _hands(frame, "", 0):
         hands.setdefault(side, hand)
     if not isinstance(frame, dict):
         return Frame(hands, np.nan, None)
     column = time_column(frame)
     name = None if column is None else column.name
     unknown = {key: value for key, value in frame.items() if key not in hand_keys and not joint_name(key).joint}
-    hand_keys |= {key for key, value in unknown.items() if any(_hands(value, usual, 1))}
-    beside = {key: value for key, value in unknown.items() if key not in (name, *SIDE_KEYS)}
+    hand_keys |= {key for key, value in unknown.items() if any(_hands(value, "", 1))}
+    beside = {key: value for key, value in unknown.items() if key != name}
     return Frame(hands, number(frame.get(name)), None if column is None else column.unit, beside)
 
 
@@ -120,8 +117,7 @@ def joints_of_frames(
     arrays = {name: values[0] if name in beside else values for name, values in arrays.items()}
     poses = poses_in(arrays, len(frames), options)
     used = {name.split(".")[0] for name in poses.names} if poses is not None else set()
-    named = dict.fromkeys([*beside, *(key for frame in frames for key in frame.beside)], ())
-    findings += unused({key: shape for key, shape in named.items() if key not in used})
+    findings += unused(dict.fromkeys([*beside, *(key for frame in frames for key in frame.beside)]), used)
     radius = np.array([[joint.radius for joint in hand] for hand in joints])
     stamps = np.array([frames[k].stamp for k in shown])
     return JointPositions(
@@ -170,7 +166,7 @@ def _hands(node: Any, side: HandSide, depth: int) -> Iterator[tuple[HandSide, Ma
     if depth > DEEPEST:
         return
     if isinstance(node, dict):
-        side = _stated_side(node, side)
+        side = side_in(node) or side
         hand = {joint: _joint(value) for key, value in node.items() if (joint := joint_name(str(key)).joint)}
         if len(hand) >= FEWEST:
             sides = [joint_name(str(key)).side for key in node]
@@ -201,15 +197,6 @@ def _listed_hand(node: list[Any]) -> dict[str, Joint]:
 
 def _label(entry: Mapping[str, Any]) -> str:
     return next((str(entry[key]) for key in ("name", "joint", "jointName", "joint_name", "id") if key in entry), "")
-
-
-def _stated_side(node: Mapping[str, Any], side: HandSide) -> HandSide:
-    """Return the side that an object states, else the given one."""
-    for key in SIDE_KEYS:
-        value = node.get(key)
-        if isinstance(value, str) and value.lower() in ("right", "left"):
-            return "right" if value.lower() == "right" else "left"
-    return side
 
 
 def _parts(node: Any) -> int:

@@ -6,7 +6,8 @@ differ between devices, joint centres do not.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -18,13 +19,13 @@ from hhsim.hand.model import DEFAULT_HAND_LENGTH
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.finger_ik import finger_axes, finger_joints, palm_from_knuckles, palm_origin
-from hhsim.recordings.frames import FileFrame, in_palm, to_our_world, world_matrix
+from hhsim.recordings.frames import FileFrame, axis_flip, in_palm, to_our_world, world_matrix
 from hhsim.recordings.joint_fit import fitted_angles
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.object_poses import ObjectPoses, placed
 from hhsim.recordings.recorded_bones import median_bones, misplaced_joints, recorded_bones
 from hhsim.recordings.recording import UNITY, Finding, Recording, in_right_handed_world, known_side, note, readings
-from hhsim.recordings.registry import ReadOptions
+from hhsim.recordings.registry import Content, ReadOptions, stated_hand
 from hhsim.recordings.unit_detection import LENGTH_UNITS, TIME_UNITS
 from hhsim.system.counted import counted
 
@@ -64,6 +65,15 @@ class JointPositions:
     # Row, line or frame of the file of each sample, shape (T,); empty for all in order.
     rows: Sequence[int] | IntArray = ()
 
+    def chosen(self, shown: BoolArray, rows: IntArray) -> Self:
+        """Return the samples of a mask, shape (T,), which are of these rows of the file, shape (T,)."""
+        given = {name: getattr(self, name) for name in ("position", "time", "radius", "doubtful")}
+        poses = self.object_poses
+        if poses is not None:
+            poses = poses._replace(position=poses.position[shown], orientation=poses.orientation[shown])
+        some = {name: values[shown] for name, values in given.items() if values is not None}
+        return replace(self, **some, object_poses=poses, rows=rows[shown])
+
     def __post_init__(self) -> None:
         count, joints = len(self.position), len(KEYPOINTS)
         object.__setattr__(self, "position", readings("position", self.position, (count, joints, 3)))
@@ -74,36 +84,39 @@ class JointPositions:
             object.__setattr__(self, "radius", np.where(radius > 0.0, radius, np.nan))
 
 
-def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions) -> Recording:
-    """Fit our hand to joint centres; `options` state hand, unit, rate and the axis that points up.
+def recording_of_joints(joints: JointPositions, content: Content, options: ReadOptions) -> Recording:
+    """Fit our hand to joint centres; `options` state hand, unit, rate and the axis that points up, else `content` may.
 
-    Raises TrajectoryError for no stamps, no sample with wrist and knuckles, a hand of unknown side, or none of a known
-    size; InputError for axes of a palm frame, which joint centres do not have.
+    Raises TrajectoryError for no stamps, no sample with wrist and knuckles, a hand of unknown side, or not of
+    the named one, or none of a known size; InputError for axes of a palm frame, which joint centres do not have.
     """
     if options.palm_axes is not None:
         raise InputError("--palm-axes: there is no palm frame here, it follows from the wrist and the knuckles")
+    named, findings = bool(joints.hand), list(joints.findings)
+    rows = np.asarray(joints.rows if len(joints.rows) else np.arange(len(joints.position)), dtype=np.int64)
+    side, shown = stated_hand(content, options.hand or joints.hand, rows, findings)
+    joints = joints if shown.all() else joints.chosen(shown, rows)
     whole = np.asarray(np.isfinite(joints.position).all(axis=(1, 2)))
     if not np.isfinite(joints.position[:, [0, 5, 9, 13, 17]]).all(axis=(1, 2)).any():
         raise TrajectoryError(f"no sample of {len(whole)} holds the wrist and the four knuckles")
     if not whole.any():
         missing = [KEYPOINTS[k] for k in range(len(KEYPOINTS)) if np.isnan(joints.position[:, k]).any(axis=1).all()]
         raise TrajectoryError(f"no sample holds all 21 joints; missing: {', '.join(missing[:4]) or 'one or another'}")
-    findings = [*joints.findings, note(joints.what)]
-    time, stated, first = _times(joints, options, findings)
-    metre = _scale(joints, options, findings)
-    points = metre * joints.position
+    findings.append(note(joints.what))
+    time, stated, first = _times(joints, content, options, findings)
+    metre = _scale(joints, content, options, findings)
+    frame = FileFrame(np.eye(3), metre, axis_flip(options.mirror))
+    points = metre * joints.position * frame.flip
     seen = ~(np.ptp(points, axis=1) == 0.0).all(axis=1)
     if not seen.all():
         points[~seen] = np.nan
         unseen = counted(int((~seen).sum()), "sample")
         findings.append(note(f"{unseen} with all joints at one point: no hand was seen, so missing"))
-    side = options.hand or joints.hand
-    frame = FileFrame(np.eye(3), metre)
-    if joints.may_be_mirrored:
+    if joints.may_be_mirrored and options.mirror is None:
         given = points
         points = in_right_handed_world(points, side, findings)
-        frame = frame if points is given else frame._replace(turn=np.diag(UNITY))
-    side = known_side(points, side, findings)
+        frame = frame if points is given else frame._replace(flip=UNITY)
+    side = known_side(points, side, findings, options.mirror, structural=named)
     fingers, wrist = points[:, 1:].reshape(-1, len(FINGERS), 4, 3), points[:, 0]
     posture, off = fitted_posture(fingers, palm_from_knuckles(fingers[:, 1:, 0], wrist, side), side)
     radii = None if joints.radius is None else metre * joints.radius[:, 1:].reshape(-1, len(FINGERS), 4)
@@ -124,7 +137,7 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
     else:
         text = f"world {up} up; the palm follows from the wrist and the knuckles"
         position, orientation = to_our_world(posture.position, posture.orientation, up)
-        frame = frame._replace(turn=world_matrix(up) @ frame.turn)
+        frame = frame._replace(turn=world_matrix(up))
     findings.append(note(text))
     same = (joints.position[1:] == joints.position[:-1]).all(axis=(1, 2))
     if same.size and same.mean() > MOST_REPEATED:
@@ -140,7 +153,7 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
         stated=frozenset({"length", "angle"} | ({"time"} if stated else set())),
         scaled=True,
         form=joints.form,
-        name=name,
+        name=content.name,
         device=joints.device,
         hand=side,
         hand_length=bones.hand_length,
@@ -178,11 +191,13 @@ def fitted_posture(fingers: FloatArray, palm: FloatArray, side: HandSide) -> tup
     return posture, note(f"bones are {np.degrees(np.nanmedian(off)):.1f}° off our plane fingers in the median")
 
 
-def _times(joints: JointPositions, options: ReadOptions, findings: list[Finding]) -> tuple[FloatArray, bool, float]:
+def _times(
+    joints: JointPositions, content: Content, options: ReadOptions, findings: list[Finding]
+) -> tuple[FloatArray, bool, float]:
     """Return stamps since the first one, or those of the file if it states no unit, if they are in s, and the first."""
     count = len(joints.position)
     if joints.time is None:
-        rate = options.rate or joints.rate
+        rate = options.rate or content.stated.take("rate") or joints.rate
         if rate is None:
             raise TrajectoryError(
                 f"{joints.what}, but no stamps of the samples; say how many there are a second: --rate"
@@ -197,7 +212,7 @@ def _times(joints: JointPositions, options: ReadOptions, findings: list[Finding]
     return (joints.time - first) * unit, True, first * unit
 
 
-def _scale(joints: JointPositions, options: ReadOptions, findings: list[Finding]) -> float:
+def _scale(joints: JointPositions, content: Content, options: ReadOptions, findings: list[Finding]) -> float:
     """Return the unit of the positions [m], stated or by the length of the hand; add what is assumed to `findings`."""
     wrist, middle = joints.position[:, 0], joints.position[:, 9:13]
     bones = np.linalg.norm(np.diff(middle, axis=1), axis=2).sum(axis=1)
@@ -206,6 +221,11 @@ def _scale(joints: JointPositions, options: ReadOptions, findings: list[Finding]
     low, high = HAND_LENGTHS
     said = f"the hand is {length:.4g} long from wrist to middle fingertip"
     metre = joints.unit if options.length_unit is None else LENGTH_UNITS[options.length_unit]
+    if metre is None:
+        metre = content.stated.take("unit")
+    if metre is None and low <= (content.stated.seen("scale") or 0.0) * length <= high:
+        # A scale of something else makes no hand of it.
+        metre = content.stated.take("scale")
     if metre is not None:
         if not low <= metre * length <= high:
             raise TrajectoryError(

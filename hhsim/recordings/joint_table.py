@@ -52,7 +52,7 @@ def joints_of_table(
     side, findings = chosen_side({side: len(located(joints)) for side, joints in hands.items()}, options.hand)
     joints = hands[side]
     what = recognised(located(joints), side)
-    findings = [*map(note, table.left_out), *findings]
+    findings = [*map(note, table.notes), *findings]
 
     def numbers(*columns: str) -> FloatArray:
         values, broken = table.numbers(columns)
@@ -66,8 +66,7 @@ def joints_of_table(
     parts_used = {column for parts in joints.values() for column in parts.values()}
     stamped = {stamps.name, *stamps.others} if stamps is not None else set()
     others = {column for column, name in names.items() if name.joint and name.side in hands and name.side != side}
-    left = [column for column in table.header if column not in parts_used | moved | stamped | others]
-    findings += unused(dict.fromkeys(left, ()))
+    findings += unused(dict.fromkeys(table.header), parts_used | moved | stamped | others)
     valid = [parts["valid"] for parts in joints.values() if "valid" in parts]
     has_radii = all("radius" in joints[joint] for joint in KEYPOINTS)
     return JointPositions(

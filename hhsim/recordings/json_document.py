@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from hhsim.errors import TrajectoryError
 from hhsim.motion.text_edit import NumberEdit
 
@@ -35,6 +37,15 @@ def read_json(text: str, decode: Callable[[str], Any] = json.loads) -> Any:
             where, reason = (f"line {place} is ", str(error)) if place > 1 else ("", reason)
             raise TrajectoryError(f"{where}not JSON: {reason[:120]}; was the file cut short?") from None
     return documents
+
+
+def nested(value: Any) -> dict[str, Any]:
+    """Return the object that an array of one JSON text holds; empty for anything else."""
+    try:
+        found = json.loads(str(value)) if np.ndim(value) == 0 and str(value)[:1] == "{" else {}
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def number(value: Any) -> float:

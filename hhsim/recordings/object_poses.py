@@ -34,11 +34,12 @@ from hhsim.motion.npz_arrays import read_npy, read_npz
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion
 from hhsim.motion.validation import as_numbers
-from hhsim.recordings.frames import FileFrame, quaternions_of, turned
+from hhsim.recordings.frames import OURS, mirrored, quaternions_of, turned
 from hhsim.recordings.json_document import keys_of, number, read_json, vector
 from hhsim.recordings.pose_lines import OBJECT_UID
 from hhsim.recordings.recording import MOST, Finding, Recording, note, unreadable, unused
 from hhsim.recordings.registry import Content, ReadOptions
+from hhsim.recordings.stated_fields import StatedFields
 from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, LENGTH_UNITS, TIME_UNITS, time_column
 
 OBJECT_WORDS = {"object", "obj"}
@@ -50,8 +51,6 @@ POSES = {"pose", "poses", "transform", "transforms", "transformation", "matrix",
 ORDERS = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}
 """Places of w, x, y, z in a quaternion of each order."""
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-MIRROR = (1.0, -1.0, -1.0, 1.0)
-"""Factors of a quaternion whose rotation is seen in a mirror along z."""
 UNIT_TOLERANCE = 0.02
 """Largest deviation of a quaternion's length, or of an entry of RᵀR, from that of a rotation."""
 STAMP_SLACK = 1e-6
@@ -328,27 +327,27 @@ def _array(values: list[Any]) -> FloatArray:
 def placed(recording: Recording, poses: ObjectPoses | None) -> Recording:
     """Return a recording with an object at poses in its file's coordinates; unchanged without any.
 
-    In a left-handed world the object's own axes are mirrored along z, as the world's are.
+    In a left-handed world an axis of the object's own is turned round as that of the world is.
     """
     if poses is None:
         return recording
     frame = recording.file_frame
     if poses.metre is not None:
-        frame = FileFrame(frame.turn, poses.metre)
+        frame = frame._replace(metre=poses.metre)
     elif recording.scaled or "length" in recording.stated:
         apart = np.linalg.norm(frame.to_world(poses.position) - recording.position, axis=1)
         if np.isfinite(apart).any() and np.nanmedian(apart) > FAR:
             far = f"{' and '.join(poses.names)}: the object is {np.nanmedian(apart):.4g} m from the hand"
             raise TrajectoryError(f"{far}; expected the unit of the hand: say --pose-unit")
     findings = [*poses.findings, note(f"the object's pose is that of {' and '.join(poses.names)}")]
-    turn, orientation = frame.turn, poses.orientation
-    if np.linalg.det(turn) < 0.0:
-        turn, orientation = turn * [1.0, 1.0, -1.0], orientation * MIRROR
-        findings.append(note("the object's own axes are mirrored along z, as the file's left-handed world is"))
-    if (turn != np.eye(3)).any():
-        orientation = quaternion_product(quaternion_from_matrix(turn), orientation)
+    _, orientation = mirrored(poses.position, poses.orientation, frame.flip)
+    if (frame.flip < 0.0).any():
+        axis = OURS[int(np.argmin(frame.flip))]
+        findings.append(note(f"the object's own axes are mirrored along {axis}, as the file's left-handed world is"))
+    if (frame.turn != np.eye(3)).any():
+        orientation = quaternion_product(quaternion_from_matrix(frame.turn), orientation)
     motion = ObjectMotion(frame.to_world(poses.position), orientation)
-    return recording.changed(object_motion=motion).found(*findings)
+    return recording.changed(object_motion=motion, object_metric=poses.metre is not None).found(*findings)
 
 
 def with_object_poses(recording: Recording, path: Path, options: ReadOptions) -> Recording:
@@ -422,8 +421,8 @@ def _stamped(path: Path, options: ReadOptions, findings: list[Finding]) -> tuple
         poses = _of_rows(name, values, None, options)
         stamps = first if stamps is None else stamps
     metre = _metre(poses, unit, options, findings)
-    left = {name: np.shape(values) for name, values in others.items() if name not in (*poses.names, *STATED)}
-    findings += [*poses.findings, *unused(left)]
+    told = StatedFields({name: values for name, values in others.items() if name not in STATED}).told()
+    findings += [*poses.findings, *unused(others, poses.names), *map(note, told)]
     poses = poses._replace(position=metre * poses.position)
     factor = TIME_UNITS[column.unit] if column is not None and column.unit else 1.0
     return poses, None if stamps is None else factor * stamps
@@ -452,7 +451,7 @@ def _arrays_of(content: Content, wanted: str | None, findings: list[Finding]) ->
     table = read_table(content.text, names=[f"number {k}" for k in range(len(header))] if bare else None)
     if OBJECT_UID in header:
         table = _of_one_object(table, wanted)
-    findings += [note(text) for text in table.left_out]
+    findings += [note(text) for text in table.notes]
     if bare:
         rows, broken = table.numbers(table.header)
         findings += unreadable(broken)
@@ -463,7 +462,7 @@ def _arrays_of(content: Content, wanted: str | None, findings: list[Finding]) ->
         raise TrajectoryError(f"columns {', '.join(header[:6])}; expected px, py, pz, qw, qx, qy, qz, or m00 to m33")
     if column is not None:
         arrays[column.name] = table.numbers([column.name])[0][:, 0]
-    findings += unused({name: () for name in header if name not in used and name not in (*arrays, OBJECT_UID)})
+    findings += unused(dict.fromkeys(header), {*used, *arrays, OBJECT_UID})
     return arrays, _stated(table.remarks)
 
 

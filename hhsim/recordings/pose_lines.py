@@ -63,7 +63,7 @@ def read_pose_lines(document: Any, key: str, wanted: HandSide) -> PoseLines:
         raise TrajectoryError(f"no hand_poses with {key} in JSON that is {keys_of(document)}")
     side, shown, findings = frames_with_hand(frames, wanted)
     keys = dict.fromkeys(key for line in lines for key in line)
-    findings += unused({key: () for key in keys if key not in ("timestamp_ns", "hand_poses")})
+    findings += unused(keys, ("timestamp_ns", "hand_poses"))
     seen = [(number(lines[k].get("timestamp_ns")), frames[k][side]) for k in shown]
     kept, rows, every = seen[:1], shown[:1], [(0, seen[0][1])]
     for row, (stamp, pose) in zip(shown[1:], seen[1:]):

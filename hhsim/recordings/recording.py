@@ -28,6 +28,7 @@ from hhsim.motion.validation import as_numbers
 from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles
 from hhsim.recordings.frames import FileFrame, in_palm
 from hhsim.recordings.recorded_bones import RecordedBones
+from hhsim.recordings.stated_fields import kind_of
 from hhsim.system.counted import counted
 
 MOST_SAMPLES = 10_000_000
@@ -41,6 +42,8 @@ SHOWN_NAMES = 6
 FINGER_ARM = 0.04
 """Usual distance from a joint to the fingertip [m]."""
 SIDES: tuple[HandSide, HandSide] = ("right", "left")
+OTHER: dict[HandSide, HandSide] = {"right": "left", "left": "right", "": ""}
+"""Other side of each."""
 LEAST_BEND = np.radians(8.0)
 """Mean flexion from which on the fingers tell the palmar side of the hand [rad]."""
 THUMB_HEIGHT = 0.15
@@ -76,9 +79,11 @@ def unreadable(cells: int, where: str = "") -> list[Finding]:
     return [note(text)] if cells else []
 
 
-def unused(held: Mapping[str, tuple[int, ...]]) -> list[Finding]:
-    """Return the finding that names what a reader left out, with shapes (none of a column); none if that is nothing."""
-    names = [f"{name} {shape}" if shape else name for name, shape in held.items()]
+def unused(held: Mapping[str, Any], used: Collection[str | None] = ()) -> list[Finding]:
+    """Return the finding that names the values that a reader left out, with the shapes of arrays; none without any."""
+    # What a field of a known name is used for, or not, is told for all formats by `hhsim.recordings.registry`.
+    left = [name for name in held if name not in used and not kind_of(name)]
+    names = [f"{name} {shape}" if (shape := np.shape(held[name])) else name for name in left]
     more = f" and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
     return [note(f"not used: {', '.join(names[:SHOWN_NAMES])}{more}")] if names else []
 
@@ -123,6 +128,7 @@ class Recording:
     findings: tuple[Finding, ...] = ()
     # The object's pose at each sample, in the palm's world and units, NaN where missing; None without any.
     object_motion: ObjectMotion | None = None
+    object_metric: bool = False  # True if the object's positions are in m, whatever unit the palm's are in
     checksums: Checksums = ""
     # Joint centres as recorded, in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], our world, NaN where
     # missing, shape (T, 21, 3); None if the file holds angles.
@@ -173,7 +179,7 @@ class Recording:
     def resized(self, factor: float) -> Self:
         """Return it with the positions of palm, joints and object times a factor."""
         moved = self.object_motion
-        moved = moved and moved._replace(position=moved.position * factor)
+        moved = moved and moved._replace(position=moved.position * (1.0 if self.object_metric else factor))
         joints = None if self.joints is None else self.joints * factor
         frame = self.file_frame._replace(metre=self.file_frame.metre * factor)
         return replace(self, position=self.position * factor, object_motion=moved, joints=joints, file_frame=frame)
@@ -281,15 +287,31 @@ def frames_with_hand(
     return side, shown, findings
 
 
-def known_side(points: FloatArray, hand: HandSide, findings: list[Finding]) -> HandSide:
-    """Return the side of the hand, as stated or by the bend of its fingers; add what is doubtful to `findings`."""
+def known_side(
+    points: FloatArray, hand: HandSide, findings: list[Finding], mirror: str | None = None, *, structural: bool = False
+) -> HandSide:
+    """Return the side of the hand, as named or by the bend of its fingers; add what is doubtful to `findings`.
+
+    `mirror` is the axis of left-handed coordinates that was turned round, `structural` True for a side that --hand
+    chooses and does not replace. Raises TrajectoryError where nothing tells the side, or the fingers contradict it.
+    """
+    side = bends_as(points)
     if not hand:
-        if not (side := bends_as(points)):
+        if not side:
             raise TrajectoryError("the file names no hand, and its fingers are too straight to tell: say --hand")
-        text = f"the file does not say which hand it is: a {side} one by the bend of its fingers; else say --hand"
-        findings.append(note(text))
+        unless = "" if mirror else f", a {OTHER[side]} one in left-handed coordinates, as Unity's: --mirror x|y|z"
+        text = f"the file does not say which hand it is: a {side} one by the bend of its fingers{unless}"
+        findings.append(note(f"{text}; else say --hand"))
         return side
     bend = _bend(points, hand)
+    # A hand that is bent backwards has its thumb before the palm all the same.
+    if side == OTHER[hand] and _thumb_above(points, hand) > -THUMB_HEIGHT:
+        way = f"leave out --mirror {mirror}" if mirror else "say --mirror x|y|z if its coordinates are left-handed"
+        other = "--mirror x --other-hand" if structural else f"--hand {side}"
+        raise TrajectoryError(
+            f"named a {hand} hand, but its fingers bend as a {side} one's, by {np.degrees(-bend):.0f}° on average: "
+            f"{way}, {other} if it is the {side} hand"
+        )
     if bend < -LEAST_BEND or looks_as(points) not in ("", hand):
         bent = f"fingers bend backwards by {np.degrees(-bend):.0f}° on average"
         wrong = bent if bend < -LEAST_BEND else "thumb is behind its palm"
@@ -328,7 +350,7 @@ def in_right_handed_world(points: FloatArray, hand: HandSide, findings: list[Fin
     if seen:
         text = (
             f"the {hand} hand of the file is the mirror of one: its coordinates are left-handed, as Unity's, and z is "
-            "turned round; if it is the other hand, say --mirror"
+            "turned round; if it is the other hand, say --other-hand"
         )
     else:
         text = (

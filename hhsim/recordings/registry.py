@@ -1,27 +1,30 @@
 """Formats of recordings, each a module of `hhsim.recordings.formats`: their declaration, detection and reading."""
 
 import importlib
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Self
+from typing import Any, Literal, Self
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
+from hhsim.arrays import AnyArray, BoolArray, FloatArray
 from hhsim.errors import InputError, OutputError, TrajectoryError, UnknownNameError, named
-from hhsim.motion.csv_table import read_header
+from hhsim.motion.csv_table import read_header, read_remarks, read_table
 from hhsim.motion.npz_arrays import npz_of, read_npz
-from hhsim.motion.pickled_data import pickled_arrays, pickled_with
+from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays, pickled_with
 from hhsim.motion.text_edit import NumberEdit, edited
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.correction import Correction
 from hhsim.recordings.dexmo_regression import DexmoRegression, Poses
 from hhsim.recordings.frames import axes_matrix
-from hhsim.recordings.recording import HandMotion, Recording
+from hhsim.recordings.json_document import nested, read_json
+from hhsim.recordings.recording import Finding, HandMotion, Recording, chosen_side, note
+from hhsim.recordings.stated_fields import StatedFields, kind_of
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import media_kind, open_input, read_input
 
@@ -42,12 +45,14 @@ class ReadOptions:
     form: str | None = None  # name of the format; None detects it
     columns: ColumnMap | None = None  # mapping of the columns of a table
     hand: HandSide = ""  # side of the hand, if the file does not say it, or says it wrong
+    mirror: Literal["x", "y", "z"] | None = None  # axis of left-handed coordinates that is turned round
     # Our palm's x, y, z in the recording's palm frame, such as ("-y", "x", "z"); None takes the file's.
     palm_axes: Sequence[str] | None = None
     world_up: str | None = None  # axis of the recording's world that points up; None takes the file's
     usual_up: str | None = None  # the same for a file that does not say it; None then holds the wrist still and level
     # Unit for a format whose `Recording.scaled` is true; other recordings are converted after reading.
     length_unit: str | None = None
+    time_unit: str | None = None  # unit of the stamps, if the user states it: `poses` are in s
     rate: float | None = None  # samples a second [Hz], of a file without stamps
     hand_length: float | None = None  # length of the recorded hand [m], if its joints have no scale
     mano_model: Path | None = None  # the user's own file of the MANO model, .pkl or .npz
@@ -65,6 +70,8 @@ class ReadOptions:
     camera_poses: Path | None = None
 
 
+NPY, OF_OBJECTS = b"\x93NUMPY", b"'descr': '|O'"
+"""Beginning of an `.npy` file, and what its header says of one that holds objects."""
 PICKLES = tuple(bytes((0x80, protocol)) for protocol in range(2, 6))
 """First bytes of a pickle."""
 
@@ -95,7 +102,7 @@ class Content:
             self.data = data
 
     @classmethod
-    def of_recording(cls, path: Path, data: bytes | None = None, original: Path | None = None) -> Self:
+    def of_recording(cls, path: Path | None, data: bytes | None = None, original: Path | None = None) -> Self:
         """Return the content of a recording; of a pickled dictionary its arrays, as an .npz has them."""
         content = cls(path, data=data, original=original)
         if content.head.startswith(PICKLES):
@@ -124,6 +131,37 @@ class Content:
     def beginning(self) -> str:
         """Text at the beginning, with a replacement character for what is no text."""
         return _decoded(self.head)
+
+    @cached_property
+    def arrays(self) -> dict[str, Any]:
+        """Arrays of an archive by their names; TrajectoryError for a damaged one."""
+        return read_npz(self.data)
+
+    @cached_property
+    def document(self) -> Any:
+        """Document of JSON, as of `read_json`; TrajectoryError with the place of a fault."""
+        return read_json(self.text)
+
+    @cached_property
+    def stated(self) -> StatedFields:
+        """What its fields of known names say; of damaged content nothing."""
+        try:
+            return StatedFields(self._fields())
+        except TrajectoryError:
+            return StatedFields({})
+
+    def _fields(self) -> dict[str, Any]:
+        """Return the values that may stand beside samples by their names."""
+        if self.head.startswith(b"PK"):
+            return self.arrays | dict(flat({name: nested(values) for name, values in self.arrays.items()}))
+        if self.head.startswith(NPY) and OF_OBJECTS in self.head[:256]:
+            return dict(flat(npy_dictionary(self.data, self.what)))
+        if self.is_json:
+            return dict(flat(self.document)) if isinstance(self.document, dict) else {}
+        if not any(map(kind_of, self.header)):
+            return read_remarks(self.text) if self.is_text else {}
+        table = read_table(self.text)
+        return table.remarks | {name: table.text(name) for name in table.header if kind_of(name)}
 
     @property
     def is_text(self) -> bool:
@@ -259,7 +297,51 @@ def read_content(content: Content, options: ReadOptions) -> Recording:
     if options.columns is not None and not form.takes_columns:
         raise InputError(f"--columns explains a table, and this is {form.description}")
     recording = form.read(content, options)
-    return recording.changed(hand=options.hand or recording.hand, checksums=recording.checksums or "missing")
+    recording = recording.changed(hand=options.hand or recording.hand, checksums=recording.checksums or "missing")
+    if recording.bones is None and recording.sample_count:
+        recording = _with_stated_fields(recording, content, options)
+    if options.mirror is not None:
+        recording = recording.found(
+            note(f"left-handed coordinates: {options.mirror} is turned round, as --mirror says")
+        )
+    return recording.found(*map(note, content.stated.told()))
+
+
+def stated_hand(
+    content: Content, wanted: HandSide, rows: AnyArray, findings: list[Finding]
+) -> tuple[HandSide, BoolArray]:
+    """Return the wanted side, or for "" that of the content's fields, and the samples that are of it, shape (T,).
+
+    `rows` are the rows of the file that the samples are of, shape (T,). What is found is added to `findings`. Raises
+    TrajectoryError where fields of each row are fewer, or have no such hand.
+    """
+    sides: tuple[HandSide, ...] = content.stated.take("side") or ("",)
+    if len(sides) == 1:
+        if wanted and sides[0] not in ("", wanted):
+            findings.append(note(f"taken for a {wanted} hand, not for the {sides[0]} one that a field states"))
+        return wanted or sides[0], np.ones(len(rows), dtype=bool)
+    if len(sides) <= int(np.max(rows, initial=0)):
+        raise TrajectoryError(f"{len(sides)} sides of a hand for {len(rows)} samples; expected one, or one a sample")
+    side, remarks = chosen_side(Counter(each for each in sides if each), wanted)
+    shown = np.array(sides)[rows] == side
+    findings += [*remarks, note(f"{int(shown.sum())} of {len(shown)} rows are of the {side} hand")]
+    return side, shown
+
+
+def _with_stated_fields(recording: Recording, content: Content, options: ReadOptions) -> Recording:
+    """Return a recording of angles with the side and the unit that fields of its file state."""
+    findings: list[Finding] = []
+    side, shown = stated_hand(content, recording.hand, recording.rows, findings)
+    recording = (recording if shown.all() else recording.chosen(shown)).changed(hand=side).found(*findings)
+    frame = recording.file_frame
+    if not recording.hand and (frame.flip > 0.0).all() and np.abs(frame.turn[2, 1]) == 1.0:
+        text = "nothing names the hand; with y up its coordinates may be left-handed, as Unity's: --hand, --mirror z"
+        recording = recording.found(note(text))
+    stated = "length" in recording.stated or recording.scaled or options.length_unit is not None
+    metre = None if stated else content.stated.take("unit") or content.stated.take("scale")
+    if metre is not None:
+        recording = recording.resized(metre).changed(stated=recording.stated | {"length"})
+    return recording
 
 
 def format_of(content: Content, options: ReadOptions) -> RecordingFormat:

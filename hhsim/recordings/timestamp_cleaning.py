@@ -16,8 +16,8 @@ from hhsim.system.counted import counted
 
 SAME_STAMP = 1e-6
 """Smallest time between different stamps [s]: no glove samples at 1 MHz."""
-GAP_STEPS = 3.0
-"""Length of a gap [median steps]."""
+GAP_STEPS = 3.0 - 1e-6
+"""Least length of a gap [median steps]: three, but for rounding."""
 MOST_DROPPED = 0.25
 """Largest share of samples that may be left out."""
 MAIN_PIECE_SHARE = 0.9

@@ -66,7 +66,12 @@ _OWN_CLOCK = {"device", "sample", "capture", "tracking", "sensor"}
 
 def clean_units(recording: Recording) -> Recording:
     """Convert stamps to s, positions to m, angles to rad; TrajectoryError for a wrong unit, stated or ambiguous."""
-    return _angles(_lengths(_from_zero(_stamps(recording))))
+    return _angles(_lengths(in_seconds(recording)))
+
+
+def in_seconds(recording: Recording) -> Recording:
+    """Convert stamps to s, from the first one if they count from long ago; TrajectoryError for a wrong unit."""
+    return _from_zero(_stamps(recording))
 
 
 def _stamps(recording: Recording) -> Recording:

@@ -107,7 +107,7 @@ def read_skin(path: Path, recording: Recording, hand: HandModel, fitted: HandCon
 
 def _outward(faces: IntArray, frame: FileFrame) -> IntArray:
     """Return triangles that are outward in our world too."""
-    return faces if np.linalg.det(frame.turn) > 0.0 else faces[:, ::-1]
+    return faces if np.prod(frame.flip) > 0.0 else faces[:, ::-1]
 
 
 def nearest_bone(hand: HandModel, fitted: HandConfiguration, vertices: FloatArray) -> IntArray:

@@ -106,7 +106,7 @@ def test_refusals_are_one_line_and_leave_nothing(run: Run, damaged: Path, tmp_pa
 
 def test_a_left_hand_replays_as_one(run: Run, repository: Path, tmp_path: Path) -> None:
     sample = repository / "trajectories" / "finger-tap.h5"
-    code, out, err = run("import", str(sample), "--mirror", "--out", "left.h5")
+    code, out, err = run("import", str(sample), "--other-hand", "--out", "left.h5")
     assert (code, err) == (0, "") and "left hand" in out and "mirrored: x became -x" in out
     # The shipped sphere, a metre away: the hand is what counts here.
     motion = load_trajectory(tmp_path / "left.h5").placed([1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])

@@ -14,8 +14,20 @@ def test_tables_of_many_makers() -> None:
         values, broken = table.numbers(["b", "a"])
         assert table.header == ("a", "b") and values.tolist() == [[2.0, 1.0]] and broken == 0
     assert read_table("# by: me\na\n1\n").remarks == {"by": "me"}
-    german = read_table("a;b\n1,5;2,25\n", decimal=",")
-    assert german.numbers(["a", "b"])[0].tolist() == [[1.5, 2.25]]
+
+
+@pytest.mark.parametrize("sign", [";", "\t", " "])
+def test_decimal_commas_are_found_where_no_comma_parts_cells_and_told(sign: str) -> None:
+    for text in ("\ufeffa;b;c\r\n3;-2,5e1;x, y\r\n1,5;2;z\r\n", "a;b\n3;-25\n1,5;2\n", "a;b\n3;-25,0\n1,50;2,\n"):
+        table = read_table(text.removeprefix("\ufeff").replace(", ", ",").replace(";", sign))
+        assert table.numbers(["a", "b"])[0].tolist() == [[3.0, -25.0], [1.5, 2.0]]
+        assert table.notes[0].startswith("decimal commas") and table.decimal == ","
+    if sign != " ":
+        bare = f"0,5{sign}1{sign}-1,25\n1,5{sign}2{sign}2,75\n"
+        table = read_table(bare, names=("a", "b", "c"))
+        assert table.numbers(["a", "b", "c"])[0].tolist() == [[0.5, 1.0, -1.25], [1.5, 2.0, 2.75]]
+        with pytest.raises(HhsimError, match="no header line"):
+            read_table(bare)
 
 
 def test_a_sample_is_no_header() -> None:
@@ -30,7 +42,7 @@ def test_what_cannot_be_read_is_missing_and_counted_or_refused() -> None:
     table = read_table(text)
     values, broken = table.numbers(["a", "b"])
     assert len(values) == 12 and broken == 2 and np.isnan(values).sum() == 4
-    assert [sentence[:20] for sentence in table.left_out] == ["line 15, the last on", "1 line with another "]
+    assert [sentence[:20] for sentence in table.notes] == ["line 15, the last on", "1 line with another "]
     with pytest.raises(HhsimError, match="line 11 has 3 values; expected 2"):
         read_table(text, strict=True)
     with pytest.raises(HhsimError, match="line 10: a is 'x'; expected a number"):
@@ -44,7 +56,8 @@ def test_what_cannot_be_read_is_missing_and_counted_or_refused() -> None:
         ("a,b\n", "no line below the header"),
         ("a,a\n1,2\n", "column a twice"),
         ("a,b\n1\n2\n3,4\n", "line 2 has 1 value; expected 2"),
-        ("a;b\n0,5;1\n0,6;2\n", "line 2: a is '0,5'; expected a number with a decimal point"),
+        ("a;b\n0,5;1.5\n0,6;2.5\n", "line 2: a is '0,5'; expected a number with a decimal point"),
+        ('a,b\n"0,5",1\n"0,6",2\n', "line 2: a is '0,5'; expected a number with a decimal point"),
         ("c,b\n1,1\n1,2\n", "unknown column 'a'"),
     ],
 )

@@ -1,6 +1,7 @@
 """Every kind of damage: mended where that is safe, and flagged; refused in one line where it is not."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from hhsim.recordings.cleaning import CleanedRecording, CleaningOptions, clean_r
 from hhsim.recordings.formats.hhsim import recording_of
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording, turn
+from hhsim.recordings.registry import read_recording
 
 CLEAN = smooth_recording()
 HAND = HandModel.default()
@@ -80,7 +82,7 @@ REFUSED: list[tuple[Recording, dict[str, Any], str]] = [
     (replace(CLEAN, stated=frozenset({"angle"})), {"angle_unit": "deg"}, "--angle-unit deg: .* states that unit"),
     (CLEAN, {"scale_to": 0.19}, "--hand-length"),
     (CLEAN, {"start": 50.0}, "no sample from 50 to inf s; the recording has stamps from 0 to"),
-    (BESIDE, {"mirror": True}, "would part the hand from the object"),
+    (BESIDE, {"other_hand": True}, "would part the hand from the object"),
     (BESIDE, {"scale_to": 0.2, "hand_length": 0.18}, "would part the hand from the object"),
     (replace(CLEAN, object_motion=ObjectMotion(LOST, IDENTITY)), {"max_gap": 0.05}, "object position is missing"),
 ]
@@ -226,11 +228,22 @@ def test_stamps_that_are_missing() -> None:
     assert repaired.trajectory.sample_count == 298 and flagged(repaired, SampleFlag.CUT_BEFORE) == [5]
 
 
+def test_the_example_has_the_lost_frames_that_it_says(repository: Path) -> None:
+    recording = read_recording(repository / "examples" / "grab.csv")
+    assert "with noise and lost frames" in recording.source
+    assert [f.kind for f in clean_recording(recording).findings] == ["gap_before"]
+
+
 def test_gaps_are_flagged_and_holes_refused() -> None:
     keep = np.ones(300, dtype=bool)
     keep[100:140] = False
     repaired = clean_recording(CLEAN.chosen(keep))
     assert flagged(repaired, SampleFlag.GAP_BEFORE) == [100]
+    # Two samples lost of whole milliseconds are three steps, whatever the rounding of their differences.
+    lost = clean_recording(
+        changed(time=np.asarray(0.011 * np.arange(300), dtype=np.float64)).chosen(np.delete(np.arange(300), [129, 130]))
+    )
+    assert flagged(lost, SampleFlag.GAP_BEFORE) == [129]
     time = CLEAN.time + np.where(np.arange(300) >= 150, 5.0, 0.0)
     assert clean_recording(changed(time=time), CleaningOptions(max_gap=6.0)).trajectory.duration > 7.0
     late = CLEAN.time.copy()
@@ -296,7 +309,7 @@ def test_joints_stay_within_the_hand() -> None:
 
 
 def test_a_left_hand_can_become_a_right_one_and_back() -> None:
-    once = clean_recording(replace(CLEAN, hand="left"), CleaningOptions(mirror=True)).trajectory
+    once = clean_recording(replace(CLEAN, hand="left"), CleaningOptions(other_hand=True)).trajectory
     assert once.hand == "right"
     assert np.allclose(once.position, PLAIN.position * [-1.0, 1.0, 1.0])
     # A point of the palm, seen in the mirror, is the mirror image's point of the mirrored palm.

@@ -190,6 +190,28 @@ def test_a_session_calibrates_itself_and_others(run: Run, tmp_path: Path) -> Non
     assert not (tmp_path / "three.h5").exists()
 
 
+@pytest.mark.parametrize("unit", ["ms", "us", ""])
+def test_poses_are_in_seconds_whatever_the_unit_of_the_stamps(run: Run, tmp_path: Path, unit: str) -> None:
+    table = session(tmp_path, raw=True).read_text().splitlines()
+    factor = {"ms": 1e3, "us": 1e6}.get(unit, 1e3)
+    rows = (line.partition(",") for line in table[1:])
+    text = "\n".join([table[0], *(f"{factor * float(stamp):.0f},{rest}" for stamp, _, rest in rows)]) + "\n"
+    (tmp_path / "other.csv").write_text(text)
+    poses = ("--open", "0.5,2.5", "--fist", "3.5,5.5")
+    for name, more in (("session", ()), ("other", ("--time-unit", unit) if unit else ())):
+        assert run("import", f"{name}.csv", *poses, *more, "--out", f"{name}.h5", "--quiet") == (0, "", "")
+    one, other = (load_trajectory(tmp_path / f"{name}.h5") for name in ("session", "other"))
+    assert other.flexion.tobytes() == one.flexion.tobytes() and np.allclose(other.time, one.time, atol=1e-9)
+    code, _, err = run("import", "other.csv", "--open", "500,2500", "--fist", "3500,5500", "--out", "x.h5")
+    assert code == 2 and "no sample from 500 to 2500 s" in err and "the stamps are from 0 to 11.99 s" in err
+
+
+def test_the_page_has_the_header_of_a_gloves_table(repository: Path) -> None:
+    page = (repository / "docs" / "recordings.md").read_text(encoding="utf-8")
+    header = next(line for line in page.splitlines() if line.startswith("time,thumb_rotate"))
+    assert has_dexmo_channels(tuple(header.split(","))) and len(header.split(",")) == 12
+
+
 def test_a_calibration_needs_a_dexmo(run: Run, tmp_path: Path) -> None:
     (tmp_path / "other.csv").write_text("a,b\n1,2\n2,3\n")
     code, _, err = run("import", "other.csv", "--open", "0,1", "--fist", "1,2")

@@ -16,7 +16,7 @@ from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.recording import Recording
-from hhsim.recordings.registry import ReadOptions
+from hhsim.recordings.registry import Content, ReadOptions
 
 
 def read(sample: JointSample, options: ReadOptions | None = None, **fields: Any) -> Recording:
@@ -27,7 +27,9 @@ def read(sample: JointSample, options: ReadOptions | None = None, **fields: Any)
         "unit": 1.0,
         "time_unit": "s",
     }
-    return recording_of_joints(JointPositions(form="test", **given | fields), "take", options or ReadOptions())
+    return recording_of_joints(
+        JointPositions(form="test", **given | fields), Content(data=b"", name="take"), options or ReadOptions()
+    )
 
 
 @pytest.mark.parametrize(
@@ -93,18 +95,25 @@ def test_the_side_is_said_or_told_by_the_fingers_or_asked_for() -> None:
     for side in ("right", "left"):
         told = read(joint_sample(side))
         assert told.hand == side and f"a {side} one by the bend of its fingers" in words(told)
-    wrong = read(joint_sample("right"), hand="left")
-    assert wrong.hand == "left" and "bend backwards" in words(wrong)
+    for fields, other in (({}, "--hand right"), ({"hand": "left"}, "--mirror x --other-hand")):
+        with pytest.raises(
+            TrajectoryError, match=rf"named a left hand, .* as a right one's, by 27° .*, {other} if it is"
+        ):
+            read(joint_sample("right"), ReadOptions(hand="" if fields else "left"), **fields)
     wrong = read(joint_sample("right", bend=0.1), hand="left")
     assert wrong.hand == "left" and "as a left hand its thumb is behind its palm" in words(wrong)
     assert "thumb" not in words(read(joint_sample("right", bend=0.1), hand="right"))
-    sample = joint_sample()
-    flat = np.tile(
-        sample.hand.joints(np.zeros(3), np.eye(4)[0], np.zeros((5, 3)), np.zeros(5)).reshape(20, 3), (9, 1, 1)
-    )
-    points = np.concatenate([np.tile([-0.006, -0.042, 0.0], (9, 1, 1)), flat], axis=1)
     with pytest.raises(TrajectoryError, match="too straight to tell: say --hand"):
-        read(sample, time=np.arange(9.0), position=points)
+        read(joint_sample(), time=np.arange(9.0), position=still(np.zeros((5, 3))))
+    # Fingers bent backwards, the thumb before the palm all the same: it may be the hand that it is called.
+    backwards = still(np.array([[0.7] * 3, *[[-0.2] * 3] * 4]))
+    told = read(joint_sample(), time=np.arange(9.0), position=backwards, hand="right")
+    assert told.hand == "right" and "as a right hand its fingers bend backwards by 11°" in words(told)
+
+
+def still(flexion: FloatArray) -> FloatArray:
+    fingers = joint_sample().hand.joints(np.zeros(3), np.eye(4)[0], flexion, np.zeros(5)).reshape(20, 3)
+    return np.tile(np.concatenate([[[-0.006, -0.042, 0.0]], fingers]), (9, 1, 1))
 
 
 def test_missing_joints_are_holes_and_doubtful_samples_are_marked() -> None:

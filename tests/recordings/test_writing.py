@@ -49,9 +49,11 @@ from hhsim.system.settings_file import parse_settings
 SAMPLE = joint_sample()
 POINTS = SAMPLE.named()
 IN_MANO = SAMPLE.named(MANO_JOINTS)
+NAMED = (*reversed(OPENXR_JOINTS[2:]), "wrist")
+"""25 joints in an order of their own."""
 UNIT = np.tile([1.0, 0.0, 0.0, 0.0], (len(POINTS), 1))
 """Orientation of an object that does not turn."""
-NUMBER = re.compile(r"-?[0-9]+(?:\.[0-9]+)?(?:[eE][-+]?[0-9]+)?")
+NUMBER = re.compile(r"-?[0-9]+(?:[.,][0-9]+)?(?:[eE][-+]?[0-9]+)?")
 
 
 def keypoints_csv(*, header: bool = True, end: str = "\n", digits: int = 17, points: Any = POINTS) -> str:
@@ -67,6 +69,16 @@ def keypoints_json(*, flat: bool = False, points: Any = POINTS) -> str:
         for k, p in enumerate(points)
     ]
     return json.dumps({"hand": "right", "frames": frames}, indent=1)
+
+
+def german(text: str) -> str:
+    return text.replace(",", ";").replace(".", ",").replace("\n", "\r\n")
+
+
+def by_turns() -> bytes:
+    """Rows of both hands, of which a field says for each whose it is."""
+    points = np.stack([POINTS, joint_sample("left").named()], axis=1).reshape(-1, 21, 3)
+    return arrays_npz(keypoints=points, t=SAMPLE.motion.time.repeat(2), is_right=np.tile([1, 0], len(POINTS)))
 
 
 def two_hands() -> str:
@@ -98,6 +110,17 @@ FILES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         lambda: arrays_npz(extra=np.arange(7), keypoints=POINTS, t=SAMPLE.motion.time, name=np.array("μ")),
         {"world_up": "y", "hand": "right"},
     ),
+    "npz, mirrored": (
+        "take.npz",
+        lambda: arrays_npz(keypoints=POINTS * [-1.0, 1.0, 1.0], t=SAMPLE.motion.time, hand="right", fps=30),
+        {"world_up": "y", "mirror": "x"},
+    ),
+    "npz, 25 named joints": (
+        "take.npz",
+        lambda: arrays_npz(points=SAMPLE.named(NAMED), joint_names=NAMED, fps=30, unit="m"),
+        {"world_up": "y"},
+    ),
+    "npz, both hands by turns": ("take.npz", by_turns, {"world_up": "y", "hand": "left"}),
     "npy, 26 joints": ("take.npy", lambda: array_npy(SAMPLE.named(OPENXR_JOINTS)), {"rate": 100.0}),
     "npy, 25 joints, flat": (
         "take.npy",
@@ -128,6 +151,12 @@ FILES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "openxr, two hands": ("take.csv", two_hands, {"hand": "left"}),
     "openxr, byte order mark": ("take.csv", lambda: "\ufeff" + openxr_csv(SAMPLE).replace(",", ";"), {}),
     "openxr, UTF-16": ("take.csv", lambda: openxr_csv(SAMPLE).encode("utf-16"), {}),
+    "openxr, decimal commas": ("take.csv", lambda: "\ufeff" + german(openxr_csv(SAMPLE)), {}),
+    "keypoints csv, bare, decimal commas": (
+        "take.csv",
+        lambda: german(keypoints_csv(header=False)),
+        {"rate": 100.0, "world_up": "y", "hand": "right"},
+    ),
     "webxr": ("take.json", lambda: webxr_json(SAMPLE), {}),
     "webxr, unity": ("take.json", lambda: webxr_json(joint_sample("left"), "left", unity=True), {}),
     "webxr, lines, gaps": ("take.jsonl", frames_without_the_hand, {}),

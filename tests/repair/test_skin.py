@@ -26,7 +26,7 @@ def test_a_mano_skin_is_closed_outward_and_around_the_hand() -> None:
     sample = skin_sample()
     skin = sample.skin
     assert is_closed(skin.faces)
-    mirrored = mano_skin(sample.model, *sample.poses, NONE, FileFrame(turn=np.diag([1.0, 1.0, -1.0])))
+    mirrored = mano_skin(sample.model, *sample.poses, NONE, FileFrame(flip=np.array([1.0, 1.0, -1.0])))
     for each in (skin, mirrored):
         assert all(signed_volume(vertices, each.faces) > 1e-4 for vertices in each.vertices)
     np.testing.assert_allclose(skin.weights.sum(axis=1), 1.0, atol=1e-12)

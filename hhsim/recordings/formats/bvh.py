@@ -230,7 +230,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         up="y",
         findings=(*bvh.findings, *findings),
     )
-    return recording_of_joints(joints, content.name, options)
+    return recording_of_joints(joints, content, options)
 
 
 def _hand(bvh: Bvh, options: ReadOptions) -> tuple[HandSide, dict[str, _Chain], list[Finding]]:

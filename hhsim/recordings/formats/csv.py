@@ -4,13 +4,23 @@ import numpy as np
 from msgspec import structs
 
 from hhsim.errors import InputError
-from hhsim.motion.csv_file import COLUMNS, CSV_SUFFIX, FLAGS, OBJECT_COLUMNS, PHASE, SAMPLES, csv_fields, format_csv
+from hhsim.motion.csv_file import (
+    COLUMNS,
+    CSV_SUFFIX,
+    FLAGS,
+    OBJECT_COLUMNS,
+    PHASE,
+    POSE_SIZES,
+    SAMPLES,
+    csv_fields,
+    format_csv,
+)
 from hhsim.motion.csv_table import Table, read_table
 from hhsim.motion.text_edit import NewColumn, cell_edits
 from hhsim.motion.trajectory import ObjectMotion, Trajectory
 from hhsim.recordings.column_map import ColumnMap, map_edits, mapped
 from hhsim.recordings.correction import ANGLE_DIGITS, Correction, angle_unit, changes
-from hhsim.recordings.frames import FileFrame, to_our_frames, world_matrix
+from hhsim.recordings.frames import FileFrame, to_our_frames
 from hhsim.recordings.object_poses import placed, poses_in, table_arrays
 from hhsim.recordings.recording import Finding, HandMotion, Recording, note, unreadable, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
@@ -20,8 +30,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     """Read a table by the mapping of the options, or of our own columns; raises TrajectoryError or InputError."""
     if options.dexmo is not None or options.poses is not None:
         raise InputError("a calibration of the Dexmo glove, but the file holds other columns than its channels")
-    columns = _columns(options)
+    columns = columns_of(options)
     if columns is None:
+        # The side that a remark names is part of the format.
+        content.stated.hide("side")
         return _own(read_table(content.text), content.name, options)
     table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
     return with_columns(mapped(table, columns, content.name, "csv"), table, columns, options)
@@ -31,34 +43,33 @@ def with_columns(recording: Recording, table: Table, columns: ColumnMap, options
     """Return the recording of a mapped table with the object whose pose is in its columns, and those not used named."""
     findings: list[Finding] = []
     arrays, moved = table_arrays(table, findings)
-    left = [column for column in table.header if column not in moved | columns.names]
-    recording = recording.found(*findings, *unused(dict.fromkeys(left, ())))
+    recording = recording.found(*findings, *unused(dict.fromkeys(table.header), moved | columns.names))
     return placed(recording, poses_in(arrays, len(table.rows), options))
 
 
-def _columns(options: ReadOptions) -> ColumnMap | None:
+def columns_of(options: ReadOptions) -> ColumnMap | None:
     """Return the mapping of the options with their frames; None for our own columns."""
     columns = options.columns
     if columns is None:
         return None
     axes, up = options.palm_axes or columns.palm_axes, options.world_up or columns.world_up
-    return structs.replace(columns, palm_axes=tuple(axes), world_up=up)
+    return structs.replace(columns, palm_axes=tuple(axes), world_up=up, mirror=options.mirror or columns.mirror)
 
 
 def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
-    columns = _columns(options)
+    columns = columns_of(options)
     made = changes(recording, correction)
     unit = angle_unit(recording, _read(content, options))
     if columns is not None:
         table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
-        return content.edited(map_edits(content.exact_text, table, columns, made, unit), columns.decimal)
+        return content.edited(map_edits(content.exact_text, table, columns, made, unit), table.decimal)
     table = read_table(content.text)
     names = COLUMNS[1:]
     values = table.numbers(names)[0][made.rows]
     new = np.concatenate(made.motion(values[:, :3], values[:, 3:7], values[:, 7:], unit), axis=1)
     digits = [made.digits] * 3 + [ANGLE_DIGITS] * (len(names) - 3)
     edits = {name: NewColumn(column, least) for name, column, least in zip(names, new.T, digits)}
-    return content.edited(cell_edits(content.exact_text, table, made.rows.tolist(), edits))
+    return content.edited(cell_edits(content.exact_text, table, made.rows.tolist(), edits), table.decimal)
 
 
 def _make(suffix: str, motion: HandMotion) -> bytes:
@@ -68,7 +79,7 @@ def _make(suffix: str, motion: HandMotion) -> bytes:
 def _own(table: Table, name: str, options: ReadOptions) -> Recording:
     """Return the recording of a table with our own columns; TrajectoryError for others."""
     fields, broken = csv_fields(table)
-    findings = [note(text) for text in table.left_out] + unreadable(broken)
+    findings = [note(text) for text in table.notes] + unreadable(broken)
     stated, count = table.remarks.get(SAMPLES, ""), len(table.rows)
     if stated not in ("", str(count)):
         findings.append(note(f"{count} samples where the file says # {SAMPLES}: {stated}: some are lost"))
@@ -77,14 +88,17 @@ def _own(table: Table, name: str, options: ReadOptions) -> Recording:
     if FLAGS in fields:
         fields[FLAGS] = np.nan_to_num(fields[FLAGS]).clip(0.0, 2.0**32 - 1.0).astype(np.uint32)
     axes, up = options.palm_axes, options.world_up
-    pose = to_our_frames(fields["position"], fields["orientation"], axes, up)
+    pose = to_our_frames(fields["position"], fields["orientation"], axes, up, options.mirror)
     fields["position"], fields["orientation"] = pose
     if "object_motion" in fields:
         place, turn = fields["object_motion"]
-        fields["object_motion"] = ObjectMotion(*to_our_frames(place, turn, None, up))
-    known = {*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS}
-    findings += unused({column: () for column in table.header if column not in known})
-    fields["file_frame"] = FileFrame(world_matrix(up or "z"))
+        fields["object_motion"] = ObjectMotion(*to_our_frames(place, turn, None, up, options.mirror))
+    elif POSE_SIZES.keys() & fields.keys():
+        place, turn = fields.get("object_position", np.zeros(3)), fields.get("object_orientation", np.eye(4)[0])
+        place, turn = to_our_frames(place[None], turn[None], None, up, options.mirror)
+        fields |= {"object_position": place[0], "object_orientation": turn[0]}
+    findings += unused(dict.fromkeys(table.header), {*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS})
+    fields["file_frame"] = FileFrame.of(up, options.mirror)
     return Recording(**{"name": name} | fields, form="hhsim csv", findings=tuple(findings))
 
 

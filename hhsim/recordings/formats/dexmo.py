@@ -20,6 +20,7 @@ from hhsim.recordings.correction import Correction
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, calibrated
 from hhsim.recordings.recording import Recording, note, unreadable, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.unit_detection import in_seconds, in_units
 
 ALIAS = {"pinky_split": "little_split", "pinky_bend": "little_bend"}
 MOST_NORMALISED = 1.5
@@ -45,14 +46,16 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
         position=PositionColumns(("px", "py", "pz")) if places else None,
         orientation=OrientationColumns(("qw", "qx", "qy", "qz")) if turns else None,
         device="Dexmo",
+        mirror=options.mirror,
     )
     recording = mapped(table, columns, content.name, "dexmo")
     readings, broken = table.numbers(CHANNELS)
     chosen, poses = options.dexmo or DexmoRegression.default(), options.poses
     if poses is not None:
-        spread = None if poses.spread is None else _within(recording, readings, poses.spread, "spread")
-        flat = _within(recording, readings, poses.open, "open")
-        fist = _within(recording, readings, poses.fist, "a fist")
+        time = in_seconds(in_units(recording, time=options.time_unit)).time
+        spread = None if poses.spread is None else _within(time, readings, poses.spread, "spread")
+        flat = _within(time, readings, poses.open, "open")
+        fist = _within(time, readings, poses.fist, "a fist")
         chosen = calibrated(chosen, flat, fist, spread)
     elif not chosen.counts_raw and np.nanpercentile(np.abs(readings), 95.0) > MOST_NORMALISED:
         raise InputError(
@@ -60,8 +63,7 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
             "--calibration, or --open and --fist"
         )
     flexion, abduction = chosen.angles(readings)
-    left = [column for column in table.header if column not in columns.names | {*CHANNELS}]
-    recording = recording.found(*unused(dict.fromkeys(left, ())))
+    recording = recording.found(*unused(dict.fromkeys(table.header), columns.names | {*CHANNELS}))
     recording = recording.changed(
         flexion=flexion,
         abduction=abduction,
@@ -73,10 +75,11 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
     return recording.found(*unreadable(broken, " of channels"), *map(note, chosen.hints)), chosen
 
 
-def _within(recording: Recording, readings: FloatArray, span: tuple[float, float], word: str) -> FloatArray:
-    inside = (recording.time >= span[0]) & (recording.time <= span[1])
+def _within(time: FloatArray, readings: FloatArray, span: tuple[float, float], word: str) -> FloatArray:
+    inside = (time >= span[0]) & (time <= span[1])
     if not inside.any():
-        raise InputError(f"no sample from {span[0]:g} to {span[1]:g} s, where the hand is said to be {word}")
+        stamps = f"the stamps are from {np.nanmin(time):g} to {np.nanmax(time):g} s"
+        raise InputError(f"no sample from {span[0]:g} to {span[1]:g} s, where the hand is said to be {word}; {stamps}")
     return np.asarray(readings[inside])
 
 

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.errors import TrajectoryError, named
-from hhsim.motion.npz_arrays import array_names, npz_with, numbers, read_npy, read_npz
+from hhsim.motion.npz_arrays import array_names, npz_with, numbers, read_npy
 from hhsim.motion.pickled_data import flat, npy_dictionary, replaced
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import Correction, joint_changes
@@ -34,7 +34,7 @@ from hhsim.recordings.joint_positions import recording_of_joints
 from hhsim.recordings.mano_model import ManoParameters
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
 from hhsim.recordings.recording import SIDES, Finding, Recording, chosen_side, note, unused
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import NPY, OF_OBJECTS, Content, ReadOptions, RecordingFormat
 from hhsim.recordings.unit_detection import FAR
 
 SIDE_WORDS: dict[str, HandSide] = {"rhand": "right", "right": "right", "r": "right"}
@@ -52,7 +52,6 @@ PROCESSED: dict[HandSide, str] = {side: f"world_coord/joints.{side}" for side in
 ARCTIC_RATE = 30.0
 """Frames a second of ARCTIC [Hz], which its files do not state."""
 DICTIONARY = "ARCTIC's hands"
-NPY, OBJECTS = b"\x93NUMPY", b"'descr': '|O'"
 CONVERT = (
     "a sequence of GRAB, whose dictionaries are pickled objects, which are not loaded; save their params as arrays: "
     "np.savez(FILE, rhand_global_orient=…, rhand_fullpose=…, rhand_transl=…, object_global_orient=…, object_transl=…, "
@@ -90,23 +89,24 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if content.head.startswith(NPY):
         arrays = dict(flat(npy_dictionary(content.data, DICTIONARY)))
         if any(name in arrays for name in PROCESSED.values()):
-            return _of_joints(arrays, content.name, options)
+            return _of_joints(arrays, content, options)
     hand = _hand(content, options)
-    return recording_of_poses(hand.poses, content.name.removesuffix(".mano"), "grab", options, hand.usual)
+    content.name = content.name.removesuffix(".mano")
+    return recording_of_poses(hand.poses, content, "grab", options, hand.usual)
 
 
-def _of_joints(arrays: Mapping[str, Any], name: str, options: ReadOptions) -> Recording:
+def _of_joints(arrays: Mapping[str, Any], content: Content, options: ReadOptions) -> Recording:
     """Return the recording of the joints of a processed sequence, which needs no model of the hand."""
     side, remarks = chosen_side({of: len(arrays[key]) for of, key in PROCESSED.items() if key in arrays}, options.hand)
-    joints = joints_of_array(arrays[PROCESSED[side]], PROCESSED[side], options)
+    joints = joints_of_array(arrays[PROCESSED[side]], PROCESSED[side], content, options)
     poses = poses_in(arrays, len(joints.position), options)
     if poses is not None and poses.metre is None:
         # The data set has millimetres, and DexMachina's copy of it metres.
         poses = poses._replace(metre=1e-3 if np.nanmax(np.abs(poses.position)) > FAR else 1.0)
     used = {*PROCESSED.values(), *(() if poses is None else poses.names)}
-    remarks += unused({key: np.shape(values) for key, values in arrays.items() if key not in used})
+    remarks += unused(arrays, used)
     stated: dict[str, Any] = {"form": "grab", "rate": ARCTIC_RATE, "hand": side, "unit": 1.0, "object_poses": poses}
-    return recording_of_joints(replace(joints, findings=tuple(remarks), **stated), name, options)
+    return recording_of_joints(replace(joints, findings=tuple(remarks), **stated), content, options)
 
 
 def _parameters(content: Content, options: ReadOptions) -> ManoParameters:
@@ -132,7 +132,7 @@ def _hand(content: Content, options: ReadOptions) -> _Hand:
     elif _is_pickled(content):
         raise TrajectoryError(CONVERT)
     else:
-        arrays = read_npz(content.data)
+        arrays = content.arrays
     hands = _hands(arrays)
     if not hands:
         held = ", ".join(list(arrays)[:6]) or "nothing"
@@ -150,10 +150,9 @@ def _hand(content: Content, options: ReadOptions) -> _Hand:
     betas = numbers(arrays, fields["betas"]) if "betas" in fields else np.zeros(0)
     if not betas.size:
         found.append(note("no shape of the hand: the model's mean one, whose bones may be millimetres off"))
-    rate = float(numbers(arrays, "framerate").ravel()[0]) if np.size(arrays.get("framerate", ())) == 1 else np.nan
-    used = {*fields.values(), "framerate", *(poses.names if poses is not None else ())}
+    used = {*fields.values(), *(poses.names if poses is not None else ())}
     other = {name for each, held in hands.items() if each != side for name in held.values()}
-    found += unused({name: np.shape(values) for name, values in arrays.items() if name not in used | other})
+    found += unused(arrays, used | other)
     hand = ManoPoses(
         numbers(arrays, fields["rotation"], count, 3),
         numbers(arrays, fields["translation"], count, 3) if "translation" in fields else None,
@@ -162,7 +161,7 @@ def _hand(content: Content, options: ReadOptions) -> _Hand:
         side,
         None,
         None,
-        rate if 1.0 <= rate <= 1e4 else ARCTIC_RATE if arctic else None,
+        ARCTIC_RATE if arctic else None,
         (*remarks, *found),
         poses,
     )
@@ -193,7 +192,7 @@ def _is_pickled(content: Content) -> bool:
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
     if content.head.startswith(NPY):
-        return OBJECTS in content.head[:256]
+        return OF_OBJECTS in content.head[:256]
     return content.head.startswith(b"PK") and (_is_pickled(content) or bool(_hands(array_names(content.data))))
 
 

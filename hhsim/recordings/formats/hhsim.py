@@ -38,6 +38,8 @@ def _recording(given: dict[str, Any]) -> Recording:
 def _read(content: Content, options: ReadOptions) -> Recording:
     if content.path is None:
         raise InputError("an HDF5 file is read from its path")
+    if options.mirror is not None:
+        raise InputError(f"--mirror {options.mirror}: a file of hhsim is right-handed; expected what it was made from")
     if holds_a_result(content.path):
         # Read in blocks, so of any length.
         recording = recording_of(load_result_motion(content.path))

@@ -22,16 +22,16 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_table import Table, lacks_names, read_table
-from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy, read_npz
+from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy
 from hhsim.recordings.correction import Changes, Correction, joint_changes
 from hhsim.recordings.joint_frames import frame_edits, joints_of_frames, read_frames
 from hhsim.recordings.joint_names import JOINT_ORDERS, KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, JointName, joint_name
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.joint_table import joint_columns, joint_edits, joints_of_table, located, table_of_joints
-from hhsim.recordings.json_document import PlacedJson, read_json
+from hhsim.recordings.json_document import PlacedJson
 from hhsim.recordings.object_poses import poses_in
-from hhsim.recordings.recording import HandMotion, Recording, note, unused
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.recording import HandMotion, Recording, note, readings, unused
+from hhsim.recordings.registry import NPY, Content, ReadOptions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
 
 COUNT = len(KEYPOINTS)
@@ -48,67 +48,76 @@ PLAIN = re.compile(r"^([xyz])[_ ]?([0-9]{1,2})$", re.IGNORECASE)
 LISTS = re.compile(r'"[a-zA-Z_]*(landmarks|keypoints)[a-zA-Z_]*"', re.IGNORECASE)
 FEWEST_NAMED = 4
 """Number of joints in the names of columns that mark another format."""
-NPY = b"\x93NUMPY"
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the only one; raises TrajectoryError."""
     zipped = content.head.startswith(b"PK")
     if content.head.startswith(NPY):
-        joints = joints_of_array(read_npy(content.data), "the array", options)
+        joints = joints_of_array(read_npy(content.data), "the array", content, options)
     elif zipped:
-        joints = _from_npz(content.data, options)
+        joints = _from_npz(content, options)
     elif content.is_json:
-        joints = _ordered(joints_of_frames(*read_frames(read_json(content.text)), "keypoints", options), options)
+        joints = joints_of_frames(*read_frames(content.document), "keypoints", options)
+        joints = replace(joints, **_ordered(joints.position, content, options))
     else:
-        joints = _ordered(_from_table(content, options), options)
-    return recording_of_joints(joints, content.name, options).changed(checksums="held" if zipped else "")
+        joints = _from_table(content, options)
+        joints = replace(joints, **_ordered(joints.position, content, options))
+    return recording_of_joints(joints, content, options).changed(checksums="held" if zipped else "")
 
 
-def joints_of_array(
-    array: Any, where: str, options: ReadOptions, time: FloatArray | None = None, unit: str | None = None
-) -> JointPositions:
-    """Return the joints in an array of points."""
+def joints_of_array(array: Any, where: str, content: Content, options: ReadOptions, **more: Any) -> JointPositions:
+    """Return the joints in an array of points, with more fields of `JointPositions`."""
     try:
         # A damaged float32 can be a signalling NaN, which would be warned of.
         with np.errstate(invalid="ignore"):
             values = np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError):
         raise TrajectoryError(f"{where} does not hold numbers; expected {SHAPES}") from None
-    if not _is_points(values):
+    if not _is_points(values, content):
         lacking = {(16, 3): ": 16 joints lack the fingertips", (20, 3): ": 20 joints lack the wrist"}
         lack = lacking.get(values.shape[1:], "")
         raise TrajectoryError(f"{where} has shape {values.shape}; expected {SHAPES}{lack}")
     points = values.reshape(len(values), -1, 3)
-    if points.shape[1] == COUNT:
-        return _ordered(JointPositions(points, "keypoints", "", time, unit), options, where)
-    if options.joint_order not in (None, "openxr"):
-        raise InputError(f"--joint-order {options.joint_order}: {where} has {points.shape[1]} joints; expected {COUNT}")
-    names = LARGER[points.shape[1]]
-    places = tuple(names.index(joint) for joint in KEYPOINTS)
-    what = f"{len(names)} joints in {'OpenXR' if len(names) == 26 else 'WebXR'}'s order"
-    return JointPositions(points[:, list(places)], "keypoints", what, time, unit, up="y", joint_order=places)
+    ordered = _ordered(readings("position", points, points.shape), content, options, where)
+    return JointPositions(**{"form": "keypoints"} | ordered | more)
 
 
-def _ordered(joints: JointPositions, options: ReadOptions, where: str = "") -> JointPositions:
-    """Return 21 joints of a file's rows in the order of `KEYPOINTS`.
+def _ordered(points: FloatArray, content: Content, options: ReadOptions, where: str = "") -> dict[str, Any]:
+    """Return fields of `JointPositions` for the joints of rows, shape (T, n, 3), in the order of `KEYPOINTS`.
 
-    Raises TrajectoryError if two orders are as plausible, and neither the options nor the name `where` of the array
-    tell; InputError if the options state an order of other joints.
+    Raises TrajectoryError if two orders are as plausible, and neither the options, a field of the file nor the name
+    `where` of the array tell; InputError if the options state an order of other joints.
     """
-    if options.joint_order == "openxr":
-        raise InputError(f"--joint-order openxr: {COUNT} joints a sample; expected 25 or 26")
-    word = next((word for word in JOINT_ORDERS if word in where.lower()), None)
-    order = options.joint_order or order_by_bones(joints.position) or word
-    if order is None:
-        raise TrajectoryError("the joints may be in MediaPipe's or in MANO's order; say --joint-order mediapipe|mano")
-    places = tuple(JOINT_ORDERS[order].index(joint) for joint in KEYPOINTS)
-    if places == joints.joint_order:
-        what = joints.what or f"{COUNT} keypoints in MediaPipe's order: wrist, thumb to little finger"
-        return replace(joints, what=what)
-    how = "as --joint-order says" if options.joint_order else "by the lengths of its bones; else say --joint-order"
-    what = f"{COUNT} joints in MANO's order (wrist, index, middle, little, ring, thumb, then the tips), {how}"
-    return replace(joints, position=joints.position[:, list(places)], what=what, joint_order=places)
+    count, stated = points.shape[1], options.joint_order
+    if stated is not None and (stated == "openxr") is (count == COUNT):
+        expected = "25 or 26" if count == COUNT else str(COUNT)
+        raise InputError(f"--joint-order {stated}: {count} joints a sample; expected {expected}")
+    names = stated_names(content, options, count)
+    if names:
+        content.stated.take("order")
+        what = f"{count} joints in the order that the file states"
+    elif count in LARGER:
+        names, what = LARGER[count], f"{count} joints in {'OpenXR' if count == 26 else 'WebXR'}'s order"
+    else:
+        word = next((word for word in JOINT_ORDERS if word in where.lower()), None)
+        order = stated or order_by_bones(points) or word
+        if order is None:
+            either = "the joints may be in MediaPipe's or in MANO's order"
+            raise TrajectoryError(f"{either}; say --joint-order mediapipe|mano")
+        names, what = JOINT_ORDERS[order], f"{COUNT} keypoints in MediaPipe's order: wrist, thumb to little finger"
+        if names is not KEYPOINTS:
+            how = "as --joint-order says" if stated else "by the lengths of its bones; else say --joint-order"
+            what = f"{COUNT} joints in MANO's order (wrist, index, middle, little, ring, thumb, then the tips), {how}"
+    places = tuple(names.index(joint) for joint in KEYPOINTS)
+    more = {"up": "y"} if names in LARGER.values() else {}
+    return {"position": points[:, list(places)], "what": what, "joint_order": places, **more}
+
+
+def stated_names(content: Content, options: ReadOptions, count: int) -> tuple[str, ...]:
+    """Return the joints of a row of `count` by a field of the file; none without one, or if the options state them."""
+    names: tuple[str, ...] = content.stated.seen("order") or ()
+    return names if options.joint_order is None and len(names) == count else ()
 
 
 def order_by_bones(points: FloatArray) -> str | None:
@@ -130,24 +139,25 @@ def order_by_bones(points: FloatArray) -> str | None:
     return None if CLEARLY * change[long] >= change[short] else long
 
 
-def _from_npz(data: bytes, options: ReadOptions) -> JointPositions:
-    arrays = read_npz(data)
+def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
+    arrays = content.arrays
     if not arrays:
-        files = ", ".join(sorted(array_names(data))[:4]) or "nothing"
+        files = ", ".join(sorted(array_names(content.data))[:4]) or "nothing"
         raise TrajectoryError(f"a zip archive of {files}, without an array; expected .npz, or the recording unpacked")
-    key = _points_key(arrays)
+    key = _points_key(content)
     points, stamps = arrays[key], time_column(arrays)
     time = None if stamps is None else numbers(arrays, stamps.name, len(points))
-    joints = joints_of_array(points, f"array '{key}'", options, time, None if stamps is None else stamps.unit)
+    unit = None if stamps is None else stamps.unit
+    joints = joints_of_array(points, f"array '{key}'", content, options, time=time, time_unit=unit)
     poses = poses_in(arrays, len(points), options)
     used = {key, *(poses.names if poses else ()), *((stamps.name,) if stamps else ())}
-    left = unused({name: np.shape(value) for name, value in arrays.items() if name not in used})
-    return replace(joints, object_poses=poses, findings=(*joints.findings, *left))
+    return replace(joints, object_poses=poses, findings=(*joints.findings, *unused(arrays, used)))
 
 
-def _points_key(arrays: Mapping[str, Any]) -> str:
+def _points_key(content: Content) -> str:
     """Return the name of the array of points; TrajectoryError if there is none, or more than one."""
-    fitting = [key for key, value in arrays.items() if _is_points(value)]
+    arrays = content.arrays
+    fitting = [key for key, value in arrays.items() if _is_points(value, content)]
     named = [key for key in fitting if key in NAMES] or fitting
     if len(named) != 1:
         held = ", ".join(f"{key} {np.shape(value)}" for key, value in list(arrays.items())[:6])
@@ -161,9 +171,10 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
     if content.head.startswith(NPY):
         return npy_with(content.data, _moved(read_npy(content.data), recording, made))
     if content.head.startswith(b"PK"):
-        arrays = read_npz(content.data)
-        key = _points_key(arrays)
-        return npz_with(content.data, {key: _moved(arrays[key], recording, made)})
+        key = _points_key(content)
+        points = content.arrays[key]
+        order = stated_names(content, options, np.size(points[0]) // 3)
+        return npz_with(content.data, {key: _moved(points, recording, made, order)})
     read = _joints_read(recording)
     if content.is_json:
         placed = PlacedJson(content.exact_text)
@@ -179,7 +190,7 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
         return content.edited(frame_edits(placed, frames, options, made))
     table, names, _ = _named_table(content)
     names = {column: name._replace(joint=read.get(name.joint, name.joint)) for column, name in names.items()}
-    return content.edited(joint_edits(content.exact_text, table, names, options, made))
+    return content.edited(joint_edits(content.exact_text, table, names, options, made), table.decimal)
 
 
 def _joints_read(recording: Recording) -> dict[str, str]:
@@ -187,22 +198,24 @@ def _joints_read(recording: Recording) -> dict[str, str]:
     return {KEYPOINTS[place]: joint for joint, place in zip(KEYPOINTS, recording.joint_order) if place < COUNT}
 
 
-def _moved(points: Any, recording: Recording, made: Changes) -> FloatArray:
+def _moved(points: Any, recording: Recording, made: Changes, names: tuple[str, ...] = ()) -> FloatArray:
     """Return points of an array with the changes, shape (T, J, 3): those beyond the 21 with the palm.
 
     A missing number, and a joint without a correction, stay.
     """
     values = np.array(points, dtype=np.float64)
     values = values.reshape(len(values), -1, 3)
-    names = LARGER.get(values.shape[1]) or tuple(_joints_read(recording)[joint] for joint in KEYPOINTS)
+    names = names or LARGER.get(values.shape[1]) or tuple(_joints_read(recording)[joint] for joint in KEYPOINTS)
     for place, joint in enumerate(names):
         moved = made.moved(joint, values[made.rows, place])
         values[made.rows, place] = np.where(np.isfinite(moved), moved, values[made.rows, place])
     return values
 
 
-def _is_points(value: Any) -> bool:
-    return np.shape(value)[1:] in {shape for count in (COUNT, *LARGER) for shape in ((count, 3), (3 * count,))}
+def _is_points(value: Any, content: Content) -> bool:
+    """Return True for rows of as many joints as are known, or as a field names."""
+    counts = {COUNT, *LARGER, len(content.stated.seen("order") or KEYPOINTS)}
+    return np.shape(value)[1:] in {shape for count in counts for shape in ((count, 3), (3 * count,))}
 
 
 def _numbered(column: str) -> JointName | None:

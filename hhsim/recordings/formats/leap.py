@@ -26,12 +26,12 @@ from hhsim.motion.text_edit import NumberEdit, edited
 from hhsim.motion.trajectory import HandSide, RawChannel
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes, Correction, joint_changes
 from hhsim.recordings.finger_ik import palm_rotation
-from hhsim.recordings.frames import FileFrame, to_our_world, world_matrix
+from hhsim.recordings.frames import FileFrame, axis_flip, to_our_world, world_matrix
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import fitted_posture
 from hhsim.recordings.json_document import PlacedJson, keys_of, number, objects, read_json, vector
 from hhsim.recordings.recorded_bones import misplaced_joints, recorded_bones
-from hhsim.recordings.recording import SIDES, Recording, frames_with_hand, note, unused
+from hhsim.recordings.recording import SIDES, Recording, frames_with_hand, known_side, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 MILLIMETRE = 1e-3
@@ -54,7 +54,7 @@ MOST_LETTERS = 1 << 28
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one in more frames; raises TrajectoryError."""
     text = content.text
-    document = read_json(unpack(text) if looks_packed(text) else text)
+    document = read_json(unpack(text)) if looks_packed(text) else content.document
     frames = list(_frames(document))
     metadata = document.get("metadata") if isinstance(document, dict) else None
     metadata = metadata if isinstance(metadata, dict) else {}
@@ -66,14 +66,17 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if isinstance(stated, int) and stated != len(frames):
         findings.append(note(f"{len(frames)} frames where the file says {stated}: some are lost"))
     if isinstance(document, dict):
-        findings += unused({key: () for key in document if key not in ("frames", "metadata")})
+        findings += unused(dict.fromkeys(document), ("frames", "metadata"))
     found = [(frames[k], _hand(frames[k], side)) for k in shown]
+    flip = axis_flip(options.mirror)
     direction, normal, wrist = (
-        np.array([vector(seen.get(key)) for _, seen in found]) for key in ("direction", "palmNormal", "wrist")
+        flip * np.array([vector(seen.get(key)) for _, seen in found]) for key in ("direction", "palmNormal", "wrist")
     )
-    joints = MILLIMETRE * np.array([_joints(frame, seen) for frame, seen in found])
+    joints = MILLIMETRE * flip * np.array([_joints(frame, seen) for frame, seen in found])
     if not np.isfinite(joints).any():
         raise TrajectoryError("no frame holds the joints of the fingers; expected bones, as of Leap's API from 2.0 on")
+    points = np.concatenate([MILLIMETRE * wrist[:, None], joints.reshape(-1, 20, 3)], axis=1)
+    known_side(points, side, findings, options.mirror, structural=True)
     palm = palm_rotation(direction, -normal)
     posture, off = fitted_posture(joints, palm, side)
     bones = recorded_bones(joints, MILLIMETRE * wrist, posture, side)
@@ -99,8 +102,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         first_stamp=MICROSECOND * float(first[0]) if first.size else 0.0,
         raw=(RawChannel("confidence", np.nan_to_num(confidence, nan=-1.0), "1", "Leap's confidence, -1 where none"),),
         findings=(*findings, off, *map(note, misplaced_joints(joints, MILLIMETRE * wrist))),
-        joints=np.concatenate([MILLIMETRE * wrist[:, None], joints.reshape(-1, 20, 3)], axis=1) @ WORLD.T,
-        file_frame=FileFrame(WORLD, MILLIMETRE),
+        joints=points @ WORLD.T,
+        file_frame=FileFrame(WORLD, MILLIMETRE, flip),
         rows=np.array(shown),
     )
     text = f"confidence below {UNSURE:g}, says the device: kept"

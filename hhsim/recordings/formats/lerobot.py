@@ -17,13 +17,14 @@ from hhsim.motion.csv_table import Table
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import mapped
 from hhsim.recordings.correction import Correction, joint_changes
-from hhsim.recordings.formats.csv import with_columns
+from hhsim.recordings.formats.csv import columns_of, with_columns
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.json_document import number
 from hhsim.recordings.object_poses import is_objects, poses_in
 from hhsim.recordings.recording import Finding, Recording, chosen_side, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.stated_fields import StatedFields, kind_of
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.input_file import most_unpacked
 
@@ -44,10 +45,11 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     info = _info(content)
     findings: list[Finding] = []
     rows = _episode(columns, options, findings)
-    if options.columns is not None:
+    content.stated = StatedFields({name: cells.to_pylist() for name, cells in columns.items() if kind_of(name)})
+    if (mapping := columns_of(options)) is not None:
         table = _table(columns, rows, info)
-        recording = mapped(table, options.columns, content.name, "lerobot").found(*findings)
-        return with_columns(recording, table, options.columns, options)
+        recording = mapped(table, mapping, content.name, "lerobot").found(*findings).changed(rows=rows)
+        return with_columns(recording, table, mapping, options)
     names = _joint_columns(columns)
     named = names[0] if names else None
     width = 2 * JOINTS * 3
@@ -65,7 +67,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     arrays = {name: _numbers(columns, name, rows) for name in columns if is_objects(name)}
     poses = poses_in(arrays, len(values), options)
     used = {*names, "timestamp", "episode_index", *(poses.names if poses is not None else ())}
-    findings += unused({name: () for name in columns if name not in used})
+    findings += unused(dict.fromkeys(columns), used)
     rate = number(info.get("fps"))
     joints = JointPositions(
         position=hands[:, sides.index(side)][:, places],
@@ -82,7 +84,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         findings=(*findings, *remarks),
         rows=rows,
     )
-    return recording_of_joints(joints, content.name, options)
+    return recording_of_joints(joints, content, options)
 
 
 def _joint_columns(columns: Iterable[str]) -> list[str]:

@@ -23,17 +23,17 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.quaternion import quaternion, quaternion_from_matrix, rotation_matrix, rotation_vector
-from hhsim.motion.npz_arrays import array_names, npz_with, numbers, read_npz
+from hhsim.motion.npz_arrays import array_names, npz_with, numbers
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import Changes, Correction, joint_changes, nearest_parameters
 from hhsim.recordings.frames import posed_tree
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.json_document import PlacedJson, read_json
+from hhsim.recordings.json_document import PlacedJson
 from hhsim.recordings.mano_model import JOINTS, KEYPOINT_JOINTS, ManoModel, ManoParameters, read_mano_model
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
 from hhsim.recordings.pose_lines import Poses, pose_line_edits, read_pose_lines
-from hhsim.recordings.recording import Finding, Recording, note, unused
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.recording import OTHER, Finding, Recording, note, unused
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat, stated_hand
 from hhsim.recordings.unit_detection import time_column
 
 ANGLES = 45
@@ -71,11 +71,11 @@ class ManoPoses(NamedTuple):
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read poses by the options' model and reading; raises TrajectoryError, and InputError for a wrong reading."""
-    return recording_of_poses(_poses(content, options), content.name, "mano", options)
+    return recording_of_poses(_poses(content, options), content, "mano", options)
 
 
 def recording_of_poses(
-    poses: ManoPoses, name: str, form: str, options: ReadOptions, usual: str | None = None
+    poses: ManoPoses, content: Content, form: str, options: ReadOptions, usual: str | None = None
 ) -> Recording:
     """Return the recording of poses by the options' model and reading, else by the usual one; errors as of a format."""
     count = poses.pose.shape[1]
@@ -89,8 +89,8 @@ def recording_of_poses(
     path = _file_of(hand, options.mano_model)
     model, file = read_mano_model(path), path.name
     findings = list(poses.findings)
-    if hand and {"right": "left", "left": "right"}[hand] in file.lower():
-        findings.append(note(f"{hand} hand, but the model is called {file}: is it the other hand's?"))
+    if hand and OTHER[hand] in file.lower():
+        raise InputError(f"{hand} hand, but the model is called {file}: is it the other hand's? Say --mano-model")
     if poses.translation is None:
         findings.append(note("no translation: the hand turns on the spot"))
     joints = JointPositions(
@@ -106,7 +106,7 @@ def recording_of_poses(
         findings=tuple(findings),
         rows=poses.rows,
     )
-    return recording_of_joints(joints, name, options)
+    return recording_of_joints(joints, content, options)
 
 
 def _parameters(poses: ManoPoses, reading: str, model: ManoModel) -> ManoParameters:
@@ -116,11 +116,11 @@ def _parameters(poses: ManoPoses, reading: str, model: ManoModel) -> ManoParamet
 
 def parameters_of(poses: ManoPoses, options: ReadOptions, usual: str | None = None) -> ManoParameters:
     """Return the parameters of the options' model in every sample; arguments as of `recording_of_poses`."""
-    return _parameters(poses, _reading(poses.pose.shape[1], options.mano_pose or usual), _model(options))
+    return _parameters(poses, _reading(poses.pose.shape[1], options.mano_pose or usual), _model(poses.hand, options))
 
 
 def _poses(content: Content, options: ReadOptions) -> ManoPoses:
-    return _from_npz(content.data, options) if content.head.startswith(b"PK") else _from_lines(content, options)
+    return _from_npz(content, options) if content.head.startswith(b"PK") else _from_lines(content, options)
 
 
 def _angles(pose: FloatArray, reading: str, model: ManoModel) -> FloatArray:
@@ -132,13 +132,13 @@ def _angles(pose: FloatArray, reading: str, model: ManoModel) -> FloatArray:
 def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
     made = joint_changes(recording, correction)
     if content.head.startswith(b"PK"):
-        arrays = read_npz(content.data)
+        arrays = content.arrays
         key, turn, shift = (next((each for each in names if each in arrays), "") for names in (POSES, TURNS, SHIFTS))
-        poses = _from_npz(content.data, options)
+        poses = _from_npz(content, options)
         return npz_with(content.data, corrected_arrays(arrays, (key, turn, shift), poses, made, options))
-    model = _model(options)
     placed = PlacedJson(content.exact_text)
     lines = read_pose_lines(placed.document, "pose", options.hand)
+    model = _model(lines.hand, options)
     reading = _reading(lines.numbers.shape[1], options.mano_pose)
 
     def corrected(turns: FloatArray, places: FloatArray, pose: FloatArray, made: Changes) -> Poses:
@@ -149,10 +149,10 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
     return content.edited(pose_line_edits(placed, lines, made, "pose", corrected))
 
 
-def _model(options: ReadOptions) -> ManoModel:
+def _model(hand: HandSide, options: ReadOptions) -> ManoModel:
     if options.mano_model is None:
         raise InputError("a MANO hand is written by its model: --mano-model MANO_RIGHT.pkl")
-    return read_mano_model(_file_of(options.hand, options.mano_model))
+    return read_mano_model(_file_of(options.hand or hand, options.mano_model))
 
 
 def _file_of(hand: HandSide, given: Path) -> Path:
@@ -174,7 +174,8 @@ def corrected_arrays(
     Raises InputError for no model, or a wrist that moves without a translation.
     """
     reading, rows = _reading(poses.pose.shape[1], options.mano_pose or usual), made.rows
-    rotation, pose = _corrected(poses.rotation[rows], poses.pose[rows], reading, _model(options), poses.betas, made)
+    model = _model(poses.hand, options)
+    rotation, pose = _corrected(poses.rotation[rows], poses.pose[rows], reading, model, poses.betas, made)
     key, turn, shift = names
     new = {name: numbers(arrays, name) for name in names if name}
     flat = {name: values.reshape(len(values), -1) for name, values in new.items()}
@@ -231,14 +232,14 @@ def _reading(count: int, wanted: str | None) -> str:
 
 
 def _from_lines(content: Content, options: ReadOptions) -> ManoPoses:
-    lines = read_pose_lines(read_json(content.text), "pose", options.hand)
+    lines = read_pose_lines(content.document, "pose", options.hand)
     turns, stamps = rotation_vector(lines.orientation), lines.stamps
     poses = turns, lines.translation, lines.numbers, lines.betas, lines.hand
     return ManoPoses(*poses, stamps, "ns", findings=lines.findings, rows=lines.rows)
 
 
-def _from_npz(data: bytes, options: ReadOptions) -> ManoPoses:
-    arrays = read_npz(data)
+def _from_npz(content: Content, options: ReadOptions) -> ManoPoses:
+    arrays = content.arrays
     key = next((key for key in POSES if key in arrays), None)
     if key is None:
         raise TrajectoryError(
@@ -261,21 +262,19 @@ def _from_npz(data: bytes, options: ReadOptions) -> ManoPoses:
     translation = None if shift is None else numbers(arrays, shift, count, 3)
     stamps = time_column(arrays)
     betas = numbers(arrays, "betas") if "betas" in arrays else np.zeros(0)
-    side = str(arrays["hand"]).lower() if "hand" in arrays and np.ndim(arrays["hand"]) == 0 else ""
-    rate = float(numbers(arrays, "fps").ravel()[0]) if np.size(arrays.get("fps", ())) == 1 else np.nan
     moved = poses_in(arrays, count, options)
-    used = {key, turn, shift, "betas", "hand", "fps", *(moved.names if moved is not None else ())}
+    used = {key, turn, shift, "betas", *(moved.names if moved is not None else ())}
     used.add(None if stamps is None else stamps.name)
     return ManoPoses(
         rotation,
         translation,
         pose,
         (betas[0] if betas.ndim == 2 and len(betas) else betas.ravel())[:10],
-        "right" if side.startswith("right") else "left" if side.startswith("left") else "",
+        stated_hand(content, options.hand, np.arange(count), [])[0],
         None if stamps is None else numbers(arrays, stamps.name, count),
         None if stamps is None else stamps.unit,
-        rate if 1.0 <= rate <= 1e4 else None,
-        tuple(unused({name: np.shape(values) for name, values in arrays.items() if name not in used})),
+        None,
+        tuple(unused(arrays, used)),
         moved,
     )
 

@@ -54,7 +54,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     records, proved = _records(content.data)
     samples, others = _samples(records)
     side, findings = _chosen(samples, options)
-    findings += unused(dict.fromkeys(others, ()))
+    findings += unused(dict.fromkeys(others))
     shown = [sample for sample in samples[side] if sample.joints is not None]
     if not shown:
         raise TrajectoryError(f"{len(samples[side])} samples of the {side} hand, and none in which it was seen")
@@ -83,7 +83,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         findings=tuple(findings),
         rows=[k for k, sample in enumerate(samples[side]) if sample.joints is not None],
     )
-    return recording_of_joints(positions, content.name, options).changed(checksums="held" if proved else "")
+    return recording_of_joints(positions, content, options).changed(checksums="held" if proved else "")
 
 
 def _samples(records: list[tuple[int, bytes]]) -> tuple[dict[HandSide, list[_Sample]], list[str]]:

@@ -16,7 +16,8 @@ from hhsim.errors import TrajectoryError
 from hhsim.motion.npz_arrays import npz_of, npz_with, numbers, read_npz
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.correction import Correction, angle_unit, changes
-from hhsim.recordings.frames import OURS, FileFrame, to_our_palm, to_our_world, world_matrix
+from hhsim.recordings.frames import OURS, FileFrame, to_our_frames
+from hhsim.recordings.json_document import nested
 from hhsim.recordings.object_poses import placed, poses_in
 from hhsim.recordings.recording import Finding, HandMotion, Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
@@ -36,7 +37,10 @@ UPRIGHT = (("y up", "y"), ("y-up", "y"), ("x up", "x"))
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the arrays; raises TrajectoryError for missing ones or another shape."""
-    arrays = read_npz(content.data)
+    arrays = content.arrays
+    rate = None if "t" in arrays else options.rate or content.stated.take("rate")
+    if rate is not None and "flex" in arrays:
+        arrays = arrays | {"t": np.arange(len(np.atleast_1d(arrays["flex"]))) / rate}
     missing = [key for key in ("t", "wrist_pos", "flex", "abd") if key not in arrays]
     if missing or not any(key in arrays for key in QUATERNIONS):
         have = ", ".join(sorted(arrays)[:8]) or "nothing"
@@ -64,10 +68,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         axes = OURS
     if tuple(axes) != OURS or up != "z":
         findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
-    position, orientation = to_our_world(position, to_our_palm(orientation, axes), up)
+    position, orientation = to_our_frames(position, orientation, axes, up, options.mirror)
     poses = poses_in(arrays, count, options, order="wxyz", strict=True)
     used = {"t", "wrist_pos", turn, "flex", "abd", "valid", "meta", *(poses.names if poses is not None else ())}
-    findings += unused({key: np.shape(values) for key, values in arrays.items() if key not in used})
+    findings += unused(arrays, used)
     recording = Recording(
         time=time,
         position=position,
@@ -80,8 +84,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         source=meta.get("source", ""),
         licence=meta.get("licence", ""),
         device=meta.get("device", ""),
-        file_frame=FileFrame(world_matrix(up)),
-        hand="left" if meta.get("hand", "").lower().startswith("left") else "right" if "hand" in meta else "",
+        file_frame=FileFrame.of(up, options.mirror),
     )
     if meta.get("note"):
         findings.append(note(f"the file says: {meta['note']}"))
@@ -116,11 +119,7 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
 
 
 def _meta(arrays: dict[str, Any]) -> dict[str, str]:
-    try:
-        meta = json.loads(str(arrays["meta"])) if "meta" in arrays else {}
-    except (ValueError, RecursionError):
-        return {}
-    return {str(key): value for key, value in meta.items() if isinstance(value, str)} if isinstance(meta, dict) else {}
+    return {key: value for key, value in nested(arrays.get("meta")).items() if isinstance(value, str)}
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:

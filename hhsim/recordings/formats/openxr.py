@@ -32,13 +32,14 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one with more columns; raises TrajectoryError."""
     table = read_table(content.text)
     joints = joints_of_table(table, named_joints(table.header), "openxr", options, may_be_mirrored=True)
-    return recording_of_joints(joints, content.name, options)
+    return recording_of_joints(joints, content, options)
 
 
 def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
     table = read_table(content.text)
     made = joint_changes(recording, correction)
-    return content.edited(joint_edits(content.exact_text, table, named_joints(table.header), options, made))
+    edits = joint_edits(content.exact_text, table, named_joints(table.header), options, made)
+    return content.edited(edits, table.decimal)
 
 
 def _make(suffix: str, motion: HandMotion) -> bytes:

@@ -20,7 +20,7 @@ from hhsim.errors import TrajectoryError, named
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.motion.trajectory import ObjectMotion
 from hhsim.recordings.correction import Changes, Correction, joint_changes, nearest_parameters
-from hhsim.recordings.frames import posed_tree, to_our_world
+from hhsim.recordings.frames import posed_tree, to_our_frames
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.json_document import PlacedJson, keys_of, read_json
 from hhsim.recordings.pose_lines import Poses, object_beside, pose_line_edits, read_pose_lines
@@ -36,7 +36,7 @@ WRIST = 5
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one in more lines; raises TrajectoryError."""
-    poses = read_pose_lines(read_json(content.text), "joint_angles", options.hand)
+    poses = read_pose_lines(content.document, "joint_angles", options.hand)
     if poses.numbers.shape[1] < ANGLES:
         raise TrajectoryError(f"{poses.numbers.shape[1]} joint angles of the {poses.hand} hand; expected {ANGLES}")
     path, chosen = _profile_path(content, options)
@@ -65,8 +65,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         findings=tuple(findings),
         rows=poses.rows,
     )
-    recording = recording_of_joints(joints, content.name, options)
-    return recording if moved is None else recording.changed(object_motion=ObjectMotion(*to_our_world(*moved, up)))
+    recording = recording_of_joints(joints, content, options)
+    if moved is None:
+        return recording
+    return recording.changed(object_motion=ObjectMotion(*to_our_frames(*moved, None, up, options.mirror)))
 
 
 def _placed(points: FloatArray, orientation: FloatArray, translation: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from hhsim.recordings.frames import turned
 from hhsim.recordings.joint_frames import Frame, Joint, frame_edits, joints_of_frames, read_frames
 from hhsim.recordings.joint_names import WEBXR_JOINTS, joint_name
 from hhsim.recordings.joint_positions import recording_of_joints
-from hhsim.recordings.json_document import PlacedJson, number, read_json
+from hhsim.recordings.json_document import PlacedJson, number
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
@@ -29,10 +29,10 @@ IWER_HAND = 8
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one in more frames; raises TrajectoryError."""
-    document = read_json(content.text)
+    document = content.document
     device = "WebXR through iwer" if _is_iwer(document) else ""
     joints = joints_of_frames(*_frames(document), "webxr", options, up="y", may_be_mirrored=True, device=device)
-    return recording_of_joints(joints, content.name, options)
+    return recording_of_joints(joints, content, options)
 
 
 def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:

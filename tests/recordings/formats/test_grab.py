@@ -24,6 +24,9 @@ RANDOM = np.random.default_rng(3)
 PLACE, SPIN = RANDOM.uniform(-0.3, 0.3, (COUNT, 3)), RANDOM.normal(0.0, 1.0, (COUNT, 3))
 """Pose of an object in a world with y up: position [m] and rotation vector [rad]."""
 RIGHT = {"rot": TURN, "pose": POSE - FIELDS["hands_mean"], "trans": SHIFT, "shape": np.zeros(10)}
+LEFT_FIELDS = mano_fields(joint_sample("left").hand, seed=1)
+LEFT = dict(zip(("rot", "pose", "trans"), mano_poses(joint_sample("left")))) | {"shape": np.zeros(10)}
+LEFT["pose"] = LEFT["pose"] - LEFT_FIELDS["hands_mean"]
 
 
 class Planted:
@@ -70,10 +73,11 @@ def test_arctics_hands_and_the_object_beside_them(tmp_path: Path, options: ReadO
 
 def test_of_two_models_each_hand_takes_its_own(tmp_path: Path, options: ReadOptions) -> None:
     path = tmp_path / "mug_grab_01.mano.npy"
-    np.save(path, np.array({"right": RIGHT, "left": RIGHT}, dtype=object))
+    np.save(path, np.array({"right": RIGHT, "left": LEFT}, dtype=object))
     left = ReadOptions(mano_model=options.mano_model, world_up="y", hand="left")
-    assert "is it the other hand's?" in words(read_recording(path, left))
-    np.savez(tmp_path / "MANO_LEFT.npz", **mano_fields(joint_sample("left").hand, seed=1))
+    with pytest.raises(InputError, match=r"left hand, but the model is called .*: is it the other hand's\?"):
+        read_recording(path, left)
+    np.savez(tmp_path / "MANO_LEFT.npz", **LEFT_FIELDS)
     found = words(read_recording(path, left))
     assert "model mano_left.npz" in found and "other hand's" not in found
     assert "model mano_right.npz" in words(read_recording(path, options))

@@ -109,7 +109,7 @@ def test_rows_of_openxrs_and_webxrs_joints(names: tuple[str, ...]) -> None:
     recording = read_as("keypoints", array_npy(SAMPLE.named(names)), rate=100.0)
     assert_our_own(recording, SAMPLE)
     assert [names[k] for k in recording.joint_order] == list(KEYPOINTS)
-    with pytest.raises(InputError, match=f"--joint-order mano: the array has {len(names)} joints; expected 21"):
+    with pytest.raises(InputError, match=f"--joint-order mano: {len(names)} joints a sample; expected 21"):
         read_as("keypoints", array_npy(SAMPLE.named(names)), rate=100.0, joint_order="mano")
 
 

@@ -9,6 +9,7 @@ from joint_samples import Side, arrays_npz, assert_our_own, joint_sample, words
 from pose_samples import mano_fields, mano_poses
 
 from hhsim.errors import InputError, TrajectoryError
+from hhsim.recordings.recording import OTHER
 from hhsim.recordings.registry import Content, ReadOptions, format_of, read_content
 
 
@@ -39,8 +40,9 @@ def test_our_own_hand_comes_back_in_every_reading(side: Side, reading: str, tmp_
     assert recording.hand == side and np.allclose(recording.time, sample.motion.time)
     assert_our_own(recording, sample)
     assert f"({reading}); model mano_{side}" in words(recording)
-    other = ReadOptions(**mano, world_up="y", hand="left" if side == "right" else "right")
-    assert "is it the other hand's?" in words(read_content(Content(data=data), other))
+    other = OTHER[side]
+    with pytest.raises(InputError, match=rf"{other} hand, but the model is called .*: is it the other hand's\?"):
+        read_content(Content(data=data), ReadOptions(**mano, world_up="y", hand=other))
 
 
 def test_no_reading_is_guessed_and_the_model_is_asked_for(tmp_path: Path) -> None:

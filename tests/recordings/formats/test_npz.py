@@ -15,7 +15,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.formats.npz import FRAMES
-from hhsim.recordings.frames import WORLD_UP, axes_matrix, to_our_palm, to_our_world, turned, world_matrix
+from hhsim.recordings.frames import WORLD_UP, axes_matrix, to_our_frames, to_our_world, turned, world_matrix
 from hhsim.recordings.registry import read_recording
 
 CLEAN = smooth_recording(50)
@@ -91,7 +91,7 @@ def test_every_frame_is_right_handed_and_every_world_stands_up() -> None:
         position, orientation = to_our_world(CLEAN.position, CLEAN.orientation, up)
         assert np.allclose(position, CLEAN.position @ matrix.T)
         assert np.allclose(rotation_matrix(orientation[0]), matrix @ rotation_matrix(CLEAN.orientation[0]))
-    theirs = to_our_palm(CLEAN.orientation, ("-x", "z", "y"))
+    theirs = to_our_frames(CLEAN.position, CLEAN.orientation, ("-x", "z", "y"), None)[1]
     assert np.allclose(rotation_matrix(theirs[0])[:, 1], rotation_matrix(CLEAN.orientation[0])[:, 2])
 
 

@@ -66,11 +66,11 @@ def test_the_users_word_for_the_hand_turns_a_left_handed_world_as_the_files_own_
     assert np.abs(recording.flexion - joint_sample().motion.flexion).max() < 1e-6
 
 
-def test_a_turned_hand_that_is_the_other_one_comes_back_with_mirror() -> None:
+def test_a_turned_hand_that_is_the_other_one_comes_back_as_the_other() -> None:
     sample = joint_sample("left")
     turned = read_as("openxr", openxr_csv(sample, "right"))
-    assert "if it is the other hand, say --mirror" in words(turned)
-    other = clean_recording(turned, CleaningOptions(mirror=True)).trajectory
+    assert "if it is the other hand, say --other-hand" in words(turned)
+    other = clean_recording(turned, CleaningOptions(other_hand=True)).trajectory
     assert other.hand == "left"
     assert np.abs(other.flexion - sample.motion.flexion).max() < 1e-6
 

@@ -1,0 +1,276 @@
+"""Left-handed coordinates: a known hand and its object seen in a mirror come in as the ones that were not mirrored."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Run
+from joint_samples import (
+    Y_UP,
+    array_npy,
+    arrays_npz,
+    iwer_json,
+    joint_sample,
+    mcap_bytes,
+    openxr_csv,
+    webxr_json,
+    words,
+)  # fmt: skip
+from leap_document import document
+from pose_samples import lerobot_bytes
+from recording_samples import read_as, smooth_recording
+from scipy.spatial.transform import Rotation
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.mesh.catalogue import resolve_object
+from hhsim.metrics.field.score import field_score
+from hhsim.motion.csv_file import format_csv
+from hhsim.motion.file import load_trajectory, save_trajectory
+from hhsim.motion.trajectory import ObjectMotion
+from hhsim.recordings.cleaning import clean_recording
+from hhsim.recordings.column_map import ColumnMap
+from hhsim.recordings.dexmo_regression import CHANNELS
+from hhsim.recordings.object_poses import with_object_poses
+from hhsim.recordings.recording import Recording
+from hhsim.recordings.registry import ReadOptions, read_recording
+from hhsim.scene.motion_catalogue import read_imported
+from hhsim.system.settings_file import parse_settings
+
+SAMPLE = joint_sample()
+TIME, COUNT = SAMPLE.motion.time, len(SAMPLE.motion.time)
+MOTION = smooth_recording(COUNT)
+RANDOM = np.random.default_rng(7)
+PLACE, TURN = RANDOM.uniform(-0.3, 0.3, (COUNT, 3)), Rotation.from_rotvec(RANDOM.normal(0.0, 1.0, (COUNT, 3)))
+FLIPS = {axis: np.where(np.arange(3) == k, -1.0, 1.0) for k, axis in enumerate("xyz")}
+NONE = np.ones(3)
+COLUMNS = parse_settings(
+    """
+    hand = "left"
+    world_up = "y"
+    palm_axes = ["-y", "x", "z"]
+    [time]
+    column = "t"
+    [position]
+    columns = ["x", "y", "z"]
+    [orientation]
+    columns = ["a", "b", "c"]
+    order = "ZYX"
+    [joint]
+    index_flex1 = "bend"
+    """,
+    ColumnMap,
+    "map.toml",
+)
+
+
+def turned(rotation: Rotation, flip: FloatArray) -> Rotation:
+    """A body's rotation in coordinates whose axes, and its own, are turned round."""
+    return Rotation.from_matrix(np.diag(flip) @ rotation.as_matrix() @ np.diag(flip))
+
+
+def object_of(flip: FloatArray) -> dict[str, Any]:
+    return {"object_pos": PLACE * flip, "object_quat_wxyz": turned(TURN, flip).as_quat(scalar_first=True)}
+
+
+def seen(flip: FloatArray) -> Any:
+    """The joints of a hand in coordinates with y up that are flipped."""
+    return SAMPLE._replace(joints=(SAMPLE.joints @ Y_UP.T * flip) @ Y_UP)
+
+
+def angles(flip: FloatArray) -> Any:
+    """A motion of palm and angles that is flipped, with its object."""
+    palm = turned(Rotation.from_quat(MOTION.orientation, scalar_first=True), flip).as_quat(scalar_first=True)
+    moved = ObjectMotion(PLACE * flip, turned(TURN, flip).as_quat(scalar_first=True))
+    return replace(MOTION, position=MOTION.position * flip, orientation=palm, object_motion=moved)
+
+
+def npz_of_angles(flip: FloatArray) -> bytes:
+    motion = angles(flip)
+    palm = {"wrist_pos": motion.position, "wrist_quat_wxyz": motion.orientation}
+    meta = json.dumps({"hand": "right", "frame": "palm: x=direction, z=-palmNormal; y up"})
+    return arrays_npz(
+        t=motion.time, **palm, flex=motion.flexion, abd=motion.abduction, **object_of(flip), meta=np.array(meta)
+    )
+
+
+def table(names: list[str], *columns: FloatArray) -> str:
+    rows = np.concatenate([np.reshape(column, (COUNT, -1)) for column in columns], axis=1)
+    return "\n".join([",".join(names), *(",".join(map(repr, row)) for row in rows.tolist())]) + "\n"
+
+
+def mapped_table(flip: FloatArray) -> str:
+    motion = angles(flip)
+    euler = Rotation.from_quat(motion.orientation, scalar_first=True).as_euler("ZYX")
+    return table([*"txyzabc", "bend"], motion.time, motion.position, euler, motion.flexion[:, 1, 0])
+
+
+def dexmo_table(flip: FloatArray) -> str:
+    motion = angles(flip)
+    names = ["time", *CHANNELS, "px", "py", "pz", "qw", "qx", "qy", "qz"]
+    return table(names, motion.time, np.tile(TIME[:, None], 11) / 9.0, motion.position, motion.orientation)
+
+
+def leap_document(flip: FloatArray) -> str:
+    def flipped(node: Any) -> Any:
+        if isinstance(node, dict):
+            return {key: flipped(value) for key, value in node.items()}
+        if isinstance(node, list) and len(node) == 3 and all(isinstance(each, float) for each in node):
+            return (np.array(node) * flip).tolist()
+        return [flipped(each) for each in node] if isinstance(node, list) else node
+
+    return json.dumps(flipped(document()))
+
+
+def own_csv(flip: FloatArray) -> str:
+    motion = clean_recording(MOTION).trajectory
+    return format_csv(replace(motion, **{key: getattr(angles(flip), key) for key in MOVED}))
+
+
+MOVED = ("position", "orientation", "object_motion")
+MIRRORED: dict[str, tuple[str, Callable[[FloatArray], str | bytes], dict[str, Any]]] = {
+    "npz of joints": (
+        "keypoints",
+        lambda flip: arrays_npz(keypoints=seen(flip).named(), t=TIME, hand="right", **object_of(flip)),
+        {"world_up": "y"},
+    ),
+    "npy": ("keypoints", lambda flip: array_npy(seen(flip).named()), {"rate": 30.0, "hand": "right", "world_up": "-x"}),
+    "openxr": ("openxr", lambda flip: openxr_csv(seen(flip)), {}),
+    "webxr": ("webxr", lambda flip: webxr_json(seen(flip)), {}),
+    "iwer": ("webxr", lambda flip: iwer_json(seen(flip)), {}),
+    "mcap": ("mcap", lambda flip: mcap_bytes(seen(flip)), {}),
+    "lerobot": ("lerobot", lambda flip: lerobot_bytes(seen(flip)), {"hand": "right"}),
+    "leap": ("leap", leap_document, {}),
+    "npz of angles": ("npz", npz_of_angles, {}),
+    "own csv": ("csv", own_csv, {"world_up": "y", "palm_axes": ("y", "z", "x")}),
+    "mapped csv": ("csv", mapped_table, {"columns": COLUMNS}),
+    "dexmo": ("dexmo", dexmo_table, {}),
+}
+
+
+def assert_same(one: Recording, other: Recording) -> None:
+    assert one.hand == other.hand
+    for key in ("position", "flexion", "abduction", "joints"):
+        if getattr(other, key) is not None:
+            np.testing.assert_allclose(getattr(one, key), getattr(other, key), atol=1e-6)
+    assert np.allclose(np.abs((one.orientation * other.orientation).sum(axis=1)), 1.0)
+    if other.object_motion is not None:
+        assert one.object_motion is not None
+        np.testing.assert_allclose(one.object_motion.position, other.object_motion.position, atol=1e-9)
+        assert np.allclose(np.abs((one.object_motion.orientation * other.object_motion.orientation).sum(axis=1)), 1.0)
+
+
+@pytest.mark.parametrize("form", MIRRORED)
+def test_a_mirrored_hand_and_its_object_come_in_as_they_were(form: str) -> None:
+    name, make, options = MIRRORED[form]
+    right = read_as(name, make(NONE), **options)
+    for axis, flip in FLIPS.items():
+        again = read_as(name, make(flip), mirror=axis, **options)
+        assert_same(again, right)
+        assert f"left-handed coordinates: {axis} is turned round, as --mirror says" in words(again)
+
+
+@pytest.mark.parametrize("form", ["npz of joints", "npy", "mcap", "lerobot", "leap"])
+def test_a_named_side_that_the_fingers_contradict_stops(form: str) -> None:
+    name, make, options = MIRRORED[form]
+    remedy = "--hand left" if name == "keypoints" else "--mirror x --other-hand"
+    said = rf"named a right hand, but its fingers bend as a left one's, .* say --mirror x\|y\|z .*, {remedy} if it is"
+    with pytest.raises(TrajectoryError, match=said):
+        read_as(name, make(FLIPS["z"]), **options)
+    with pytest.raises(TrajectoryError, match=r"bend as a left one's, .* leave out --mirror y"):
+        read_as(name, make(NONE), mirror="y", **options)
+
+
+def test_poses_of_a_file_are_mirrored_as_those_beside_the_hand(tmp_path: Path) -> None:
+    beside = read_as("keypoints", MIRRORED["npz of joints"][1](NONE), world_up="y")
+    for axis, flip in FLIPS.items():
+        path = tmp_path / f"{axis}.npz"
+        path.write_bytes(arrays_npz(position=PLACE * flip, quat_xyzw=turned(TURN, flip).as_quat()))
+        hand = arrays_npz(keypoints=seen(flip).named(), t=TIME, is_rhand=np.ones(COUNT))
+        mirrored = read_as("keypoints", hand, mirror=axis, world_up="y")
+        assert_same(with_object_poses(mirrored, path, ReadOptions(pose_unit="m")), beside)
+
+
+@pytest.mark.parametrize("axis", FLIPS)
+def test_an_object_at_rest_of_our_own_csv_stays_where_it_is_beside_the_hand(axis: str) -> None:
+    moving, motion = angles(FLIPS[axis]), clean_recording(MOTION).trajectory
+    first = {
+        "object_position": moving.object_motion.position[0],
+        "object_orientation": moving.object_motion.orientation[0],
+    }
+    hand = {key: getattr(moving, key) for key in ("position", "orientation")}
+    still = read_as("csv", format_csv(replace(motion, **hand, **first)), mirror=axis, world_up="y")
+    whole = read_as("csv", own_csv(NONE), world_up="y")
+    assert whole.object_motion is not None
+    assert still.object_position is not None and still.object_orientation is not None
+    np.testing.assert_allclose(still.object_position, whole.object_motion.position[0], atol=1e-12)
+    assert abs(still.object_orientation @ whole.object_motion.orientation[0]) == pytest.approx(1.0)
+    np.testing.assert_allclose(still.position, whole.position, atol=1e-12)
+
+
+def test_where_nothing_names_the_hand_the_note_says_that_coordinates_may_be_left_handed() -> None:
+    data = arrays_npz(keypoints=seen(FLIPS["z"]).named(), t=TIME, **object_of(FLIPS["z"]))
+    told = read_as("keypoints", data, world_up="y")
+    assert told.hand == "left" and "a right one in left-handed coordinates, as Unity's: --mirror x|y|z" in words(told)
+    turned_round = read_as("keypoints", data, world_up="y", mirror="z")
+    assert_same(turned_round, read_as("keypoints", MIRRORED["npz of joints"][1](NONE), world_up="y"))
+    assert "Unity" not in words(turned_round)
+    own = format_csv(replace(clean_recording(MOTION).trajectory, hand=""))
+    assert "nothing names the hand; with y up its coordinates may be left-handed" in words(
+        read_as("csv", own, world_up="y")
+    )
+    assert words(read_as("csv", own)) == "" and "Unity" not in words(read_as("csv", own, world_up="y", mirror="z"))
+
+
+def test_a_file_of_hhsim_is_right_handed(tmp_path: Path) -> None:
+    save_trajectory(clean_recording(MOTION).trajectory, tmp_path / "take.h5")
+    with pytest.raises(InputError, match="--mirror z: a file of hhsim is right-handed"):
+        read_recording(tmp_path / "take.h5", ReadOptions(mirror="z"))
+
+
+def test_two_hands_of_a_replay_are_mirrored_and_a_contradiction_stops_there_too(tmp_path: Path) -> None:
+    path = tmp_path / "both.csv"
+    path.write_bytes(mcap_bytes(seen(FLIPS["z"])))
+    right = read_as("mcap", mcap_bytes(SAMPLE))
+    path = path.rename(tmp_path / "both.mcap")
+    assert_same(read_imported(path, "right", {"mirror": "z"}), right)
+    with pytest.raises(TrajectoryError, match=r"named a right hand, .* say --mirror"):
+        read_imported(path, "right")
+
+
+def test_a_score_of_mirrored_files_is_that_of_the_files(tmp_path: Path) -> None:
+    mesh, _ = resolve_object("cube", None, None)
+    for name, flip in (("right", NONE), ("left", FLIPS["x"])):
+        for kind, shift in (("before", 0.0), ("after", 0.003)):
+            joints = SAMPLE._replace(joints=SAMPLE.joints + shift)
+            flipped = joints._replace(joints=(joints.joints @ Y_UP.T * flip) @ Y_UP)
+            data = arrays_npz(keypoints=flipped.named(), t=TIME, side=b"right", **object_of(flip))
+            (tmp_path / f"{name}-{kind}.npz").write_bytes(data)
+
+    def figures(name: str, **options: Any) -> Any:
+        before, after = (tmp_path / f"{name}-{kind}.npz" for kind in ("before", "after"))
+        score = field_score(before, after, mesh, options=ReadOptions(world_up="y", **options), max_correction=0.015)
+        return [[row.before, row.after] for row in score.rows]
+
+    np.testing.assert_allclose(figures("left", mirror="x"), figures("right"), atol=1e-9, rtol=1e-6, equal_nan=True)
+
+
+def test_real_mirrored_hands_have_the_angles_of_the_one_they_show(run: Run, shared_data: Path, tmp_path: Path) -> None:
+    field = shared_data / "field"
+    assert run("import", str(field / "excel-decimal-comma.csv"), "--out", "right.h5", "--quiet") == (0, "", "")
+    right = load_trajectory(tmp_path / "right.h5")
+    code, out, err = run("import", str(field / "mirrored-right.npz"), "--out", "wrong.h5")
+    assert (code, out) == (2, "") and err.count("\n") == 1 and "say --mirror x|y|z" in err and "--hand left" in err
+    assert not (tmp_path / "wrong.h5").exists()
+    for file, axis in (("mirrored-right.npz", "x"), ("unity-left-handed.npz", "z"), ("joints-with-fps.pkl", "")):
+        options = ("--mirror", axis) if axis else ()
+        code, out, err = run("import", str(field / file), *options, "--out", "again.h5")
+        again = load_trajectory(tmp_path / "again.h5")
+        assert (code, err, again.hand) == (0, "", "right")
+        # The table has five decimals of a metre.
+        assert np.abs(again.flexion - right.flexion).max() < 1e-3 and np.allclose(again.time, right.time, atol=1e-4)
+    assert "30 samples a second, as 'fps' says" in out
