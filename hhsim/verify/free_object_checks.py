@@ -21,10 +21,10 @@ from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.coal_distance import TrueSurface
 from hhsim.verify.contacts import PALM, Pairs, joined
 from hhsim.verify.file_checks import follows
-from hhsim.verify.force_checks import FORCE, WHY_FORCE, WHY_SLACK, force_slack
+from hhsim.verify.force_checks import FORCE, WHY_FORCE, WHY_SLACK, bears_where_near, force_slack
 from hhsim.verify.forces import AT_LIMIT, limit_rows, pushes, residual
 from hhsim.verify.judged_body import JudgedBody
-from hhsim.verify.kinematics import Posed, configurations, own_hand, phalanx_axes, pose, rotations
+from hhsim.verify.kinematics import Posed, configurations, own_hand, phalanx_axes, pose, rotations, turn_between
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_OTHER, STUCK, JudgedTicks
 
 if TYPE_CHECKING:
@@ -312,8 +312,8 @@ def _balance(things: Sequence[FreeThing]) -> list[Claim]:
         newton.append((thing.unbalanced(thing.borne[:, :3])[kept], limit[kept], kept))
     claims = _of_each("Newton", says, "N", WHY_FORCE, things, newton)
     says = "the change of its turning is the moments of hand and table"
-    why = "a millionth of the forces at the object's length, and a thousandth of the moment; of several programs "
-    why += "in a tick the object's turn of it, since nobody knows which of the axes between they had"
+    why = "a millionth of the forces at the object's length; of several programs in a tick the object's turn of the "
+    why += "moment, since nobody knows which of the axes between they had"
     free = [thing for thing in things if not thing.fixed]
     return [*claims, *_of_each("Euler", says, "N·m", why, free, map(_euler, free))]
 
@@ -339,7 +339,7 @@ def _euler(motion: FreeThing) -> tuple[FloatArray, FloatArray, IntArray]:
     length = float(np.ptp(motion.vertices, axis=0).max())
     kept = motion.whole[motion.follows[motion.whole]]
     limit = FORCE * length * (1.0 + np.abs(wrench[:, :3]).sum(axis=1))
-    limit += (1e-3 + turned) * np.linalg.norm(wrench[:, 3:], axis=1)
+    limit += turned * np.linalg.norm(wrench[:, 3:], axis=1)
     return apart.min(axis=0)[kept], limit[kept], kept
 
 
@@ -397,25 +397,11 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     """Coulomb: a contact that slips bears all its friction, against its slip."""
     slid, spin = _slip_and_spin(motion)
     own = np.where(motion.of_other, motion.slip, np.linalg.norm(slid, axis=1))
-    joints = np.asarray(motion.result["graphic/joints"])
-    moved = np.linalg.norm(np.diff(joints, axis=0, prepend=joints[:1]), axis=3).max(axis=(1, 2))
-    # A step of the solver is straight, rotation is not: ½ travel² / radius, of the object ½ turn² radius.
-    turn = np.linalg.norm(motion.turn, axis=1)[motion.tick]
-    arm = np.linalg.norm(motion.point - motion.center[1:][motion.tick], axis=1)
-    # Several steps may overshoot their end: one there and one back bends twice.
-    bends = np.where(np.asarray(motion.result["work/linearisations"]) > 1, 1.0, 0.5)
-    # The object's turn bends the hand's way, too.
-    tolerance = STICKS + 1e-2 * own + (bends * moved**2)[motion.tick] / RADIUS + 0.5 * turn**2 * arm
-    tolerance += turn * moved[motion.tick]
-    # The slip is that of the hand as the last step found it, within the step tolerance of its end.
-    last = np.where(bends > 0.5, float(motion.result.scene["solver"]["step_tolerance"]), 0.0)
-    tolerance += (moved * last)[motion.tick] / RADIUS
-    # A tick that lags goes fractions of its steps, and the rest is taken off the next ones.
-    tolerance += np.where(np.isin(motion.tick, motion.whole), 0.0, 1e-3 * moved[motion.tick])
+    tolerance = STICKS + _beyond_straight(motion, own)
     wrong = (np.asarray(motion.result["contact/sticks"]) == 1) != (motion.slip <= STICKS)
     known = motion.follows[motion.tick]
     off_by, says = np.abs(own - motion.slip), "the slip of a contact along the surface is that of the two bodies"
-    why = "a hundredth, what turns add to straight steps, and a thousandth of the way in a tick that lags"
+    why = "a nanometre, and what the turns of the tick add to the solver's straight steps, to second order"
     slips = judged("slip", says, off_by[known], tolerance[known], "m", why, ticks=motion.tick[known])
     # Friction and moment work on slip and spin; in s = (μ slip, γ spin) and r = (f / μ, τ / γ) the cone is |r| <= λ.
     reach = np.where(motion.of_table, 0.0, float(motion.free["torsion"]))
@@ -456,6 +442,43 @@ def _balanced(motion: FreeMotion, slip: FloatArray) -> Claim:
         # The residual is of all things, the contacts in the file are the first one's.
         return Claim("balanced", says, NOT_JUDGED, note="contacts of the other things alone are not in the file")
     return judged("balanced", says, off, 2.0 * most + CLEAR, "m", why, ticks=motion.ticks, note=note)
+
+
+def _beyond_straight(motion: FreeMotion, slip: FloatArray) -> FloatArray:
+    """Bound what the turns of a tick may add to the slips (C,) of a solver whose steps are straight [m], shape (C,).
+
+    A point that is turned by α about axes within R goes ½ α² R beside its tangent. The file has a contact's point and
+    normal as they were before the object's last step, so that both slip and arm turn. Of several steps the tangents
+    are those where the last one begins: within the step tolerance of the end or, in a tick that lags, within its way.
+    """
+    result, tick, center = motion.result, motion.tick, motion.center[1:]
+    shown, hand = configurations(result, "graphic"), own_hand(result)
+    posed = pose(hand, shown)
+    palm = np.zeros(result.ticks)
+    palm[1:] = np.linalg.norm(turn_between(shown.orientation[:-1], shown.orientation[1:]), axis=1)
+    bends = [np.abs(np.diff(of, axis=0, prepend=of[:1])) for of in (shown.flexion, shown.abduction)]
+    of_bodies = (np.cumsum(bends[0], axis=2) + bends[1][:, :, None]).reshape(-1, PALM)
+    angle = np.column_stack([of_bodies, np.zeros(len(palm))]) + palm[:, None]
+    body = np.clip(motion.body, 0, PALM)
+    finger = np.minimum(body // 3, 4)
+    joints = np.concatenate([posed.joints[tick, finger, :3], posed.position[tick, None]], axis=1)
+    reach = np.linalg.norm(joints - motion.point[:, None], axis=2).max(axis=1)
+    angle, reach = (np.where(motion.of_table, 0.0, of) for of in (angle[tick, body], reach))
+    turn = np.linalg.norm(motion.turn, axis=1)[tick]
+    arm = np.linalg.norm(motion.point - center[tick], axis=1)
+    hinge = motion.free.get("hinge")
+    arm += np.linalg.norm(np.array(hinge["origin"]) - motion.free["center"]) if hinge else 0.0
+    several, step = np.asarray(result["work/linearisations"])[tick] > 1, np.zeros(len(tick))
+    step[several] = float(result.scene["solver"]["step_tolerance"])
+    late = several & ~np.isin(tick, motion.whole)
+    way = np.linalg.norm(np.diff(posed.joints, axis=0, prepend=posed.joints[:1]), axis=3).max(axis=(1, 2))
+    step[late] = np.maximum(step, way[tick])[late]
+    # In it a phalanx turns by no more than both its ends go.
+    last = 2.0 * step / hand.length.min()
+    tangents = (
+        0.5 * (angle**2 * reach + turn**2 * arm) + (angle + turn + last) * step + last * (angle * reach + turn * arm)
+    )
+    return np.asarray(tangents + (angle + turn) * (slip + turn * arm))
 
 
 def _slip_and_spin(motion: FreeMotion) -> tuple[FloatArray, FloatArray]:
@@ -575,10 +598,10 @@ def _stands_off(judge: JudgedTicks, ticks: IntArray) -> FloatArray:
 
 def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     """Judge, in the object's frame, that only touching bodies bear forces, but for the friction's residual slip."""
-    motion, name = FreeMotion(judge.result), "complementarity"
+    motion = FreeMotion(judge.result)
     says = "what does not touch bears no force, but for what floats by what the tick's friction is off"
     if judge.result.scene.get(HANDS_APART) and judge.other is None:
-        return Claim(name, says, NOT_JUDGED, note=NO_OTHER)
+        return Claim("complementarity", says, NOT_JUDGED, note=NO_OTHER)
     floats = np.repeat(np.asarray(motion.result["object/friction_residual"])[:, None], PALM + 1, axis=1)
     # A tick that lags stands off by its slip and by the travel left; its forces are those of the unfinished program.
     on_the_way = motion.own & ~np.isin(motion.tick, motion.whole)
@@ -595,10 +618,7 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     nearest, met = np.minimum(judge.near.nearest, judge.margin), judge.against_other_hand
     np.minimum.at(nearest, (met.tick, met.body), met.distance)
     nearest = nearest[places]
-    apart = nearest > bears + LENGTH
-    size = np.linalg.norm(judge.stored_forces(ticks), axis=2)
-    off = np.where(apart, size, 0.0).max(axis=1)
-    return judged(name, says, off, FORCE, "N", "rounding of a sum", ticks=ticks)
+    return bears_where_near(judge, places, nearest, bears, says)
 
 
 def _table(motion: FreeMotion, things: Sequence[FreeThing]) -> Claim:
