@@ -207,9 +207,9 @@ def margins(rows: Sequence[dict[str, Any]]) -> Table:
     claims: dict[str, dict[str, Any]] = {}
     for row in rows:
         for claim in row["claims"]:
-            if claim["verdict"] not in {HOLDS, FAILS}:
+            if claim["verdict"] not in {HOLDS, FAILS} or np.isnan(claim["worst"]):
                 continue
-            share = claim["worst"] / claim["tolerance"] if claim["tolerance"] else np.inf * bool(claim["worst"])
+            share = claim["worst"] / (claim["tolerance"] or 0.5)
             held = claims.setdefault(claim["name"], {**claim, "share": -1.0, "files": 0, "failed": 0})
             held["files"] += 1
             held["failed"] += claim["verdict"] == FAILS

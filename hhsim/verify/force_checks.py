@@ -120,7 +120,7 @@ def _complementarity(judge: JudgedTicks) -> Claim:
 def bears_where_near(judge: JudgedTicks, places: IntArray, nearest: FloatArray, within: FloatArray, says: str) -> Claim:
     """Judge how far from everything (n, 16) [m] bodies are that bear a force, at some chosen ticks."""
     bears = np.linalg.norm(judge.stored_forces(judge.chosen[places]), axis=2) > FORCE
-    gap, within = np.where(bears, np.maximum(nearest, 0.0), 0.0), within + LENGTH
+    gap, within = np.where(bears, np.maximum(nearest, 0.0), 0.0), np.broadcast_to(within + LENGTH, bears.shape)
     worst = np.arange(len(places)), (gap / within).argmax(axis=1)
     why = "what the last step of a tick leaves between what bears more than a micronewton"
     return judged("complementarity", says, gap[worst], within[worst], "m", why, ticks=judge.chosen[places])

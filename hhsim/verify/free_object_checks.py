@@ -116,6 +116,12 @@ class FreeThing:
         behind = (np.asarray(self.result["status"]) & (LAG | STUCK)) != 0
         return np.asarray(np.flatnonzero(~behind))
 
+    @property
+    def size(self) -> FloatArray:
+        """Sizes of weight and forces added up, which rounding goes with, and 1 N, shape (T,)."""
+        weight = self.mass * float(np.linalg.norm(self.gravity))
+        return np.asarray(1.0 + weight + np.abs(self.borne[:, :3]).sum(axis=1))
+
     @cached_property
     def lowest(self) -> FloatArray:
         """Height of the lowest point at every tick [m], shape (T,)."""
@@ -308,7 +314,7 @@ def _balance(things: Sequence[FreeThing]) -> list[Claim]:
     newton = []
     for thing in things:
         kept = np.flatnonzero(thing.follows)
-        limit = FORCE * (1.0 + np.abs(thing.borne[:, :3]).sum(axis=1))
+        limit = FORCE * thing.size
         newton.append((thing.unbalanced(thing.borne[:, :3])[kept], limit[kept], kept))
     claims = _of_each("Newton", says, "N", WHY_FORCE, things, newton)
     says = "the change of its turning is the moments of hand and table"
@@ -338,8 +344,7 @@ def _euler(motion: FreeThing) -> tuple[FloatArray, FloatArray, IntArray]:
         apart[at] = np.linalg.norm(heavier * rate**2 * beyond @ motion.inertia.T - frame.apply(wrench[:, 3:]), axis=1)
     length = float(np.ptp(motion.vertices, axis=0).max())
     kept = motion.whole[motion.follows[motion.whole]]
-    limit = FORCE * length * (1.0 + np.abs(wrench[:, :3]).sum(axis=1))
-    limit += turned * np.linalg.norm(wrench[:, 3:], axis=1)
+    limit = FORCE * length * motion.size + turned * np.linalg.norm(wrench[:, 3:], axis=1)
     return apart.min(axis=0)[kept], limit[kept], kept
 
 
@@ -613,12 +618,11 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     ticks = judge.chosen[places]
     late = judge.status[ticks] & LAG > 0
     to_go = np.where(late, np.asarray(motion.result["lag"])[ticks], 0.0)
-    bears = (np.where(late, judge.bearing, judge.touch) + to_go + _stands_off(judge, ticks))[:, None] + floats[ticks]
+    within = (np.where(late, judge.bearing, judge.touch) + to_go + _stands_off(judge, ticks))[:, None]
     # Distances beyond the margin are unknown.
     nearest, met = np.minimum(judge.near.nearest, judge.margin), judge.against_other_hand
     np.minimum.at(nearest, (met.tick, met.body), met.distance)
-    nearest = nearest[places]
-    return bears_where_near(judge, places, nearest, bears, says)
+    return bears_where_near(judge, places, nearest[places] - floats[ticks], within, says)
 
 
 def _table(motion: FreeMotion, things: Sequence[FreeThing]) -> Claim:
@@ -668,7 +672,7 @@ def _hinge(thing: FreeThing) -> Claim:
     # What is left is the hinge's own: friction, and at a limit what it bears.
     own = inertia * rate * ((1.0 + thing.damping / rate) * spin[1:] - spin[:-1]) - moment
     own -= mass * np.cross(middle, gravity) @ axis
-    size = FORCE * (1.0 + np.abs(wrench).sum(axis=1)) * (1.0 + length)
+    size = FORCE * (thing.size + np.abs(wrench[:, 3:]).sum(axis=1)) * (1.0 + length)
     # Of several programs in a tick the last one began anywhere between its ends; the speed changes meanwhile.
     turned = np.where(np.asarray(thing.result["work/linearisations"]) > 1, np.abs(np.diff(angle)), 0.0)
     turned += np.abs(np.diff(spin)) * thing.period
@@ -688,7 +692,7 @@ def _slider(thing: FreeThing) -> Claim:
     # What is left is the slider's own: friction, and at a limit what it bears.
     own = thing.mass * (rate * ((1.0 + thing.damping / rate) * speed[1:] - speed[:-1]) - thing.gravity @ axis)
     wrong = _beyond_friction(slider, way[1:], speed[1:], own - force @ axis)
-    wrong /= FORCE * (1.0 + np.abs(force).sum(axis=1))
+    wrong /= FORCE * thing.size
     off[thing.whole] = np.maximum(off, wrong)[thing.whole]
     says = f"{thing.group} only moves along its slider, within its limits, as forces, weight and friction have it"
     return judged("slider", says, off, 1.0, "1", "a nanometre; a millionth of the forces", ticks=thing.ticks)
