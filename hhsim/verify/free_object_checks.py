@@ -499,7 +499,7 @@ def _slip_and_spin(motion: FreeMotion) -> tuple[FloatArray, FloatArray]:
     of_object = point - before
     slid = np.where(motion.of_table[:, None], of_object, -of_object)
     shown = configurations(motion.result, "graphic")
-    origin, axes = _frames(pose(own_hand(motion.result), shown), rotations(shown.orientation)[0].as_matrix())
+    origin, axes = hand_frames(pose(own_hand(motion.result), shown), rotations(shown.orientation)[0].as_matrix())
     chosen = np.flatnonzero(motion.own & (tick > 0))
     t, b = tick[chosen], motion.body[chosen]
     local = np.einsum("cji,cj->ci", axes[t, b], point[chosen] - origin[t, b])
@@ -516,8 +516,8 @@ def _slip_and_spin(motion: FreeMotion) -> tuple[FloatArray, FloatArray]:
     return np.asarray(slid - along[:, None] * motion.normal), np.asarray((turn * motion.normal).sum(axis=1))
 
 
-def _frames(posed: Posed, palm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Origins (T, 16, 3) and axes as columns (T, 16, 3, 3) of the hand's bodies; palm axes (T, 3, 3)."""
+def hand_frames(posed: Posed, palm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return origins (T, 16, 3) and axes as columns (T, 16, 3, 3) of the hand's bodies; palm axes (T, 3, 3)."""
     axes = np.stack([*(phalanx_axes(posed, *divmod(body, 3)) for body in range(PALM)), palm], axis=1)
     phalanges = posed.joints[:, :, :3].reshape(-1, PALM, 3)
     return np.concatenate([phalanges, posed.position[:, None]], axis=1), axes
