@@ -12,8 +12,8 @@ import io
 import json
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from importlib.resources import files
 from multiprocessing import get_context
@@ -243,25 +243,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     todo = [n for n in numbers if n not in rows or (given.judge and rows[n]["claims"])]
     given.folder.mkdir(exist_ok=True, parents=True)
     with ProcessPoolExecutor(given.processes, get_context("spawn")) as pool, log.open("a", encoding="utf-8") as file:
-        for row in as_they_come([pool.submit(judged_run, given.folder, given.seed, n) for n in todo]):
-            rows[row["run"]] = row
-            file.write(json.dumps(row) + "\n")
-            file.flush()
-            for claim in row["claims"]:
-                if claim["verdict"] == FAILS:
-                    print(f"FALSE: run {row['run']} {claim}", file=sys.stderr, flush=True)
+        for done in as_completed([pool.submit(judged_run, given.folder, given.seed, n) for n in todo]):
+            rows[done.result()["run"]] = done.result()
+            print(json.dumps(done.result()), file=file, flush=True)
     print(margins(list(rows.values())).markdown())
     refused = [row for row in rows.values() if "error" in row]
     print(f"\n{len(rows) - len(refused)} runs, {sum(row.get('ticks', 0) for row in rows.values()):,} ticks")
     for row in refused:
         print(f"refused: run {row['run']}: {row['error']}")
     return int(any(claim["verdict"] == FAILS for row in rows.values() for claim in row["claims"]))
-
-
-def as_they_come(found: "Sequence[Future[dict[str, Any]]]") -> Iterator[dict[str, Any]]:
-    """Yield the rows of runs as they are done."""
-    for one in as_completed(found):
-        yield one.result()
 
 
 if __name__ == "__main__":
