@@ -8,6 +8,7 @@ anew. The table has each claim's worst figure, its allowance and their ratio. Ex
 
 import argparse
 import contextlib
+import importlib
 import io
 import json
 import re
@@ -182,7 +183,7 @@ KINDS: dict[str, Callable[[Drawn], list[str]]] = {
 
 def judged_run(folder: Path, seed: int, run: int) -> dict[str, Any]:
     """Make a run, unless its result is there, and judge it; return the row of its verdicts."""
-    from hhsim.cli.replay import click, command
+    import click
 
     kind, out = list(KINDS)[run % len(KINDS)], folder / f"{run}.h5"
     row: dict[str, Any] = {"run": run, "kind": kind, "claims": []}
@@ -191,7 +192,7 @@ def judged_run(folder: Path, seed: int, run: int) -> dict[str, Any]:
             folder.mkdir(exist_ok=True, parents=True)
             line = [*KINDS[kind](Drawn(folder, seed, run)), "--out", str(out), "--json"]
             with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-                command.main(line, standalone_mode=False)
+                importlib.import_module("hhsim.cli.replay").command.main(line, standalone_mode=False)
         for path in hand_paths(out):
             result = load_result(path)
             row["ticks"] = result.ticks

@@ -331,7 +331,7 @@ def _euler(motion: FreeThing) -> tuple[FloatArray, FloatArray, IntArray]:
     rate, heavier, wrench = 1.0 / motion.period, 1.0 + motion.damping * motion.period, motion.borne
     # Body axes: without moments the object turns by Δt ω, with I (ω - ω₀) / Δt + ω × I ω = 0.
     spin = motion.turned[:-1].inv().apply(motion.spin[:-1])
-    alone = _gyrated(motion.inertia, spin, motion.period)
+    alone = gyrated(motion.inertia, spin, motion.period)
     goal = motion.turned[:-1] * Rotation.from_rotvec(motion.period * alone / heavier)
     # Step and moments are rotation vectors in the body's axes where its program begins: at the tick's start or, of
     # several programs, next to its end.
@@ -348,12 +348,22 @@ def _euler(motion: FreeThing) -> tuple[FloatArray, FloatArray, IntArray]:
     return apart.min(axis=0)[kept], limit[kept], kept
 
 
-def _gyrated(inertia: FloatArray, spin: FloatArray, period: float) -> FloatArray:
-    """Angular velocities at the end of a tick without moments, body axes, shape (T, 3), by fixed-point iteration."""
-    momentum = spin @ inertia.T
-    for _ in range(50):
-        spin = np.asarray(np.linalg.solve(inertia, (momentum - period * np.cross(spin, spin @ inertia.T)).T).T)
-    return spin
+def gyrated(inertia: FloatArray, spin: FloatArray, period: float) -> FloatArray:
+    """Return angular velocities at the end of ticks without moments, body axes, shape (T, 3), by Newton's method."""
+    found = spin
+    for _ in range(20):
+        turning = found @ inertia.T
+        off = (found - spin) @ inertia.T / period + np.cross(found, turning)
+        slope = inertia / period + _crossing(found) @ inertia - _crossing(turning)
+        found = found - np.linalg.solve(slope, off[:, :, None])[:, :, 0]
+    return found
+
+
+def _crossing(vector: FloatArray) -> FloatArray:
+    """Matrices [v]× of vectors (T, 3)."""
+    x, y, z = vector.T
+    none = np.zeros_like(x)
+    return np.stack([none, -z, y, z, none, -x, -y, x, none], axis=1).reshape(-1, 3, 3)
 
 
 def _wrenches(motion: FreeMotion, jointed: bool) -> list[Claim]:

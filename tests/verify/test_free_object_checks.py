@@ -1,5 +1,6 @@
 """The referee's claims of a free object: an honest result passes, and planted faults are found under their names."""
 
+import importlib
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -45,7 +46,7 @@ def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 
 def claims(result: Result) -> dict[str, Claim]:
-    judge = JudgedTicks(result, np.array([TICK, TICK + 10]))
+    judge = JudgedTicks(result, np.minimum([TICK, TICK + 10], result.ticks - 1))
     found = (*free_claims(result), free_hand_claim(judge), *object_motion_claims(result))
     return {claim.name: claim for claim in found}
 
@@ -217,6 +218,17 @@ def test_a_planted_fault_is_found_by_name(
     result = request.getfixturevalue("on_spheres") if fault is split_contact else honest
     assert FAULTS[fault] not in (found_in_honest if result is honest else failing(result))
     assert FAULTS[fault] in failing(planted(result.path, tmp_path, fault))
+
+
+def test_the_weight_counts_among_the_forces(tmp_path: Path) -> None:
+    """Of what is heavy and falls freely nothing is borne, and its velocity is rounded all the same."""
+    path = tmp_path / "falls.h5"
+    words = ["cube", "lift", "--free", "--mass", "1e9", "--table", "none", "--ticks", "20", "--quiet", "--out"]
+    assert importlib.import_module("hhsim.cli.replay").command.main([*words, str(path)], standalone_mode=False) == 0
+    newton = claims(load_result(path))["Newton"]
+    assert newton.verdict == HOLDS and 1e-6 < newton.worst < 1e-6 * 9.81e9
+    faster = at("faster", "tick/object/velocity", 10, lambda x: x + (0.0, 0.0, 1e-6))
+    assert claims(planted(path, tmp_path, faster))["Newton"].failed
 
 
 STRAIGHT = 1e-6
