@@ -181,15 +181,16 @@ KINDS: dict[str, Callable[[Drawn], list[str]]] = {
 """Kinds of runs by their names: a run is of the kind of its number."""
 
 
-def judged_run(folder: Path, seed: int, run: int) -> dict[str, Any]:
-    """Make a run, unless its result is there, and judge it; return the row of its verdicts."""
+def judged_run(folder: Path, seed: int, run: int, kept: bool = False) -> dict[str, Any]:
+    """Make a run, unless its result was `kept`, and judge it; return the row of its verdicts."""
     import click
 
     kind, out = list(KINDS)[run % len(KINDS)], folder / f"{run}.h5"
     row: dict[str, Any] = {"run": run, "kind": kind, "claims": []}
     try:
-        if not out.exists():
-            folder.mkdir(exist_ok=True, parents=True)
+        if not kept:
+            # What lies there is of a run that was cut short.
+            out.unlink(missing_ok=True)
             line = [*KINDS[kind](Drawn(folder, seed, run)), "--out", str(out), "--json"]
             with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
                 importlib.import_module("hhsim.cli.replay").command.main(line, standalone_mode=False)
@@ -244,7 +245,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     todo = [n for n in numbers if n not in rows or (given.judge and rows[n]["claims"])]
     given.folder.mkdir(exist_ok=True, parents=True)
     with ProcessPoolExecutor(given.processes, get_context("spawn")) as pool, log.open("a", encoding="utf-8") as file:
-        for done in as_completed([pool.submit(judged_run, given.folder, given.seed, n) for n in todo]):
+        for done in as_completed([pool.submit(judged_run, given.folder, given.seed, n, n in rows) for n in todo]):
             rows[done.result()["run"]] = done.result()
             print(json.dumps(done.result()), file=file, flush=True)
     print(margins(list(rows.values())).markdown())

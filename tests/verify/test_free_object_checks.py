@@ -243,7 +243,7 @@ def turned_by_straight_steps(honest: Result, folder: Path) -> Path:
     slip = np.where(motion.own & (motion.tick >= TICK), 0.0, motion.slip)
     for values in shown:
         values[TICK:] = values[TICK - 1]
-    for tick in ticks:
+    for tick in ticks.tolist():
         turn, bends = 0.004 * rng.normal(size=3), 0.02 * rng.normal(size=(5, 3))
         straight, whole = (_turned(shown, share * turn, share * bends) for share in (STRAIGHT, 1.0))
         rows = np.flatnonzero((motion.tick == tick) & motion.own)
