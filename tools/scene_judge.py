@@ -31,6 +31,7 @@ from hhsim.verify.contacts import (
     triangle_places,
 )
 from hhsim.verify.forces import balance, moment, with_meetings
+from hhsim.verify.free_object_checks import gyrated
 from hhsim.verify.kinematics import OwnHand, Posed, pose, rotations, turn_between
 
 PERIOD = 1e-3
@@ -365,7 +366,7 @@ def _equations(scene: Recorded, body: Motion, found: Verdict) -> None:
     # The body's velocities at the end of the tick by its program, world and body axes.
     whole = (body.velocity[:-1] + PERIOD / free.mass * (force + weight)) / heavier
     spin = before.inv().apply(body.spin[:-1])
-    alone = gyrated(inertia, spin) / heavier
+    alone = gyrated(inertia, spin, PERIOD) / heavier
     frames = before.inv(), after.inv()
     rate = [
         np.asarray(
@@ -423,24 +424,6 @@ def _equations(scene: Recorded, body: Motion, found: Verdict) -> None:
 
 def _solved(inertia: FloatArray, torque: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(inertia, torque.T).T)
-
-
-def gyrated(inertia: FloatArray, spin: FloatArray) -> FloatArray:
-    """Return angular velocities (T, 3) of ticks without moments, body axes: I (w − w₀) / Δt + w × I w = 0."""
-    found = spin
-    for _ in range(20):
-        turning = found @ inertia.T
-        off = (found - spin) @ inertia.T / PERIOD + np.cross(found, turning)
-        slope = inertia / PERIOD + _crossing(found) @ inertia - _crossing(turning)
-        found = found - np.linalg.solve(slope, off[:, :, None])[:, :, 0]
-    return found
-
-
-def _crossing(vector: FloatArray) -> FloatArray:
-    """Return the matrices [v]× of vectors (T, 3)."""
-    x, y, z = vector.T
-    none = np.zeros_like(x)
-    return np.stack([none, -z, y, z, none, -x, -y, x, none], axis=1).reshape(-1, 3, 3)
 
 
 def _forces(scene: Recorded, found: Verdict) -> None:

@@ -1,5 +1,7 @@
 """Claims that a second run judges: the motion, the ticks and the figures made once more by the same solver."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from hhsim.errors import HhsimError, InputError
@@ -128,7 +130,9 @@ def _made_again(result: Result) -> tuple[TickInput, MovingParts | None]:
     hand, seed = stored_hand(result), int(scene.get("seed") or 0)
     parts, thing = result_parts(result), None
     if parts is not None and parts.free:
+        # A script finds its place by the name of the scene, as in `Things.named`.
         mesh, tree = stored_mesh(result), stored_tree(result)
+        tree = replace(tree, options={**tree.options, "thing": parts.name})
     elif parts is not None:
         loaded = load_thing(str(scene["object"]), motion, solid=result.surface != "mesh")
         mesh, tree, thing = loaded.mesh, loaded.tree(parts.trees), (loaded, parts.trees)

@@ -83,6 +83,15 @@ def _time(result: Result) -> Claim:
         off = np.abs(time - 1e-9 * (deadline - deadline[0]))
         return judged("time", "the time of a tick is that of its deadline", off, 1e-9, "s", why, ticks=ticks)
     period = float(result.scene["solver"]["period"])
+    if "recording" in result.scene:
+        # The frames of a repaired recording are those that it had: some may be lost.
+        step = np.diff(time)
+        off = np.append(abs(time[0]), np.where(step > 0.0, abs(np.median(step) - 1.0 / result.rate), np.inf))
+        off = np.maximum(off, abs(period - 1.0 / result.rate))
+        says = f"frames one after the other from 0 s on, in the median {1e3 * period:.6g} ms apart, the solver's period"
+        return judged(
+            "time", says, off, STAMP, "s", why, ticks=ticks, note="what lies between frames is the recording's"
+        )
     off = np.maximum(np.abs(time - ticks / result.rate), abs(period - 1.0 / result.rate))
     says = f"a tick every {1e3 / result.rate:g} ms from 0 on, which is the solver's period"
     return judged("time", says, off, 1e-9, "s", why, ticks=ticks)

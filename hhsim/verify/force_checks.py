@@ -121,11 +121,16 @@ def _complementarity(judge: JudgedTicks) -> Claim:
     if judge.self_contact:
         nearest = np.minimum(nearest, judge.meetings.nearest(len(judge.chosen))[chosen])
     nearest = np.minimum(nearest, judge.against_other_hand.nearest(len(judge.chosen))[chosen])
-    apart = nearest > judge.bearing_within[chosen] + LENGTH
-    size = np.linalg.norm(judge.stored_forces(judge.chosen[chosen]), axis=2)
-    off = np.where(apart, size, 0.0).max(axis=1)
-    says = "what does not touch bears no force"
-    return judged("complementarity", says, off, FORCE, "N", "rounding of a sum", ticks=judge.chosen[chosen])
+    return bears_where_near(judge, chosen, nearest, judge.bearing_within[chosen], "what does not touch bears no force")
+
+
+def bears_where_near(judge: JudgedTicks, places: IntArray, nearest: FloatArray, within: FloatArray, says: str) -> Claim:
+    """Judge how far from everything (n, 16) [m] bodies are that bear a force, at some chosen ticks."""
+    bears = np.linalg.norm(judge.stored_forces(judge.chosen[places]), axis=2) > FORCE
+    gap, within = np.where(bears, np.maximum(nearest, 0.0), 0.0), np.broadcast_to(within + LENGTH, bears.shape)
+    worst = np.arange(len(places)), (gap / within).argmax(axis=1)
+    why = "what the last step of a tick leaves between what bears more than a micronewton"
+    return judged("complementarity", says, gap[worst], within[worst], "m", why, ticks=judge.chosen[places])
 
 
 def _balance(judge: JudgedTicks, moment_at: Callable[[int], forces.Moment]) -> Claim:

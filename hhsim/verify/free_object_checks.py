@@ -19,10 +19,10 @@ from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.contacts import PALM, Pairs, joined
 from hhsim.verify.file_checks import follows
-from hhsim.verify.force_checks import FORCE, WHY_FORCE, WHY_SLACK, force_slack
+from hhsim.verify.force_checks import FORCE, WHY_FORCE, WHY_SLACK, bears_where_near, force_slack
 from hhsim.verify.forces import AT_LIMIT, limit_rows, pushes, residual
 from hhsim.verify.judged_body import JudgedBody
-from hhsim.verify.kinematics import Posed, configurations, own_hand, phalanx_axes, pose, rotations
+from hhsim.verify.kinematics import Posed, configurations, own_hand, phalanx_axes, pose, rotations, turn_between
 from hhsim.verify.things_apart import CLEAR, things_apart_claim
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_OTHER, STUCK, JudgedTicks
 
@@ -110,6 +110,12 @@ class FreeThing:
         """Ticks that neither lag nor are stuck; in others the object makes only a fraction of its program's step."""
         behind = (np.asarray(self.result["status"]) & (LAG | STUCK)) != 0
         return np.asarray(np.flatnonzero(~behind))
+
+    @property
+    def size(self) -> FloatArray:
+        """Sizes of weight and forces added up, which rounding goes with, and 1 N, shape (T,)."""
+        weight = self.mass * float(np.linalg.norm(self.gravity))
+        return np.asarray(1.0 + weight + np.abs(self.borne[:, :3]).sum(axis=1))
 
     @cached_property
     def lowest(self) -> FloatArray:
@@ -306,12 +312,12 @@ def _balance(things: Sequence[FreeThing]) -> list[Claim]:
     newton = []
     for thing in things:
         kept = np.flatnonzero(thing.follows)
-        limit = FORCE * (1.0 + np.abs(thing.borne[:, :3]).sum(axis=1))
+        limit = FORCE * thing.size
         newton.append((thing.unbalanced(thing.borne[:, :3])[kept], limit[kept], kept))
     claims = _of_each("Newton", says, "N", WHY_FORCE, things, newton)
     says = "the change of its turning is the moments of hand and table"
-    why = "a millionth of the forces at the object's length, and a thousandth of the moment; of several programs "
-    why += "in a tick the object's turn of it, since nobody knows which of the axes between they had"
+    why = "a millionth of the forces at the object's length; of several programs in a tick the object's turn of the "
+    why += "moment, since nobody knows which of the axes between they had"
     free = [thing for thing in things if not thing.fixed]
     return [*claims, *_of_each("Euler", says, "N·m", why, free, map(_euler, free))]
 
@@ -323,7 +329,7 @@ def _euler(motion: FreeThing) -> tuple[FloatArray, FloatArray, IntArray]:
     rate, heavier, wrench = 1.0 / motion.period, 1.0 + motion.damping * motion.period, motion.borne
     # Body axes: without moments the object turns by Δt ω, with I (ω - ω₀) / Δt + ω × I ω = 0.
     spin = motion.turned[:-1].inv().apply(motion.spin[:-1])
-    alone = _gyrated(motion.inertia, spin, motion.period)
+    alone = gyrated(motion.inertia, spin, motion.period)
     goal = motion.turned[:-1] * Rotation.from_rotvec(motion.period * alone / heavier)
     # Step and moments are rotation vectors in the body's axes where its program begins: at the tick's start or, of
     # several programs, next to its end.
@@ -336,17 +342,26 @@ def _euler(motion: FreeThing) -> tuple[FloatArray, FloatArray, IntArray]:
         apart[at] = np.linalg.norm(heavier * rate**2 * beyond @ motion.inertia.T - frame.apply(wrench[:, 3:]), axis=1)
     length = float(np.ptp(motion.vertices, axis=0).max())
     kept = motion.whole[motion.follows[motion.whole]]
-    limit = FORCE * length * (1.0 + np.abs(wrench[:, :3]).sum(axis=1))
-    limit += (1e-3 + turned) * np.linalg.norm(wrench[:, 3:], axis=1)
+    limit = FORCE * length * motion.size + turned * np.linalg.norm(wrench[:, 3:], axis=1)
     return apart.min(axis=0)[kept], limit[kept], kept
 
 
-def _gyrated(inertia: FloatArray, spin: FloatArray, period: float) -> FloatArray:
-    """Angular velocities at the end of a tick without moments, body axes, shape (T, 3), by fixed-point iteration."""
-    momentum = spin @ inertia.T
-    for _ in range(50):
-        spin = np.asarray(np.linalg.solve(inertia, (momentum - period * np.cross(spin, spin @ inertia.T)).T).T)
-    return spin
+def gyrated(inertia: FloatArray, spin: FloatArray, period: float) -> FloatArray:
+    """Return angular velocities at the end of ticks without moments, body axes, shape (T, 3), by Newton's method."""
+    found = spin
+    for _ in range(20):
+        turning = found @ inertia.T
+        off = (found - spin) @ inertia.T / period + np.cross(found, turning)
+        slope = inertia / period + _crossing(found) @ inertia - _crossing(turning)
+        found = found - np.linalg.solve(slope, off[:, :, None])[:, :, 0]
+    return found
+
+
+def _crossing(vector: FloatArray) -> FloatArray:
+    """Matrices [v]× of vectors (T, 3)."""
+    x, y, z = vector.T
+    none = np.zeros_like(x)
+    return np.stack([none, -z, y, z, none, -x, -y, x, none], axis=1).reshape(-1, 3, 3)
 
 
 def _wrenches(motion: FreeMotion, jointed: bool) -> list[Claim]:
@@ -395,25 +410,11 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     """Coulomb: a contact that slips bears all its friction, against its slip."""
     slid, spin = _slip_and_spin(motion)
     own = np.where(motion.of_other, motion.slip, np.linalg.norm(slid, axis=1))
-    joints = np.asarray(motion.result["graphic/joints"])
-    moved = np.linalg.norm(np.diff(joints, axis=0, prepend=joints[:1]), axis=3).max(axis=(1, 2))
-    # A step of the solver is straight, rotation is not: ½ travel² / radius, of the object ½ turn² radius.
-    turn = np.linalg.norm(motion.turn, axis=1)[motion.tick]
-    arm = np.linalg.norm(motion.point - motion.center[1:][motion.tick], axis=1)
-    # Several steps may overshoot their end: one there and one back bends twice.
-    bends = np.where(np.asarray(motion.result["work/linearisations"]) > 1, 1.0, 0.5)
-    # The object's turn bends the hand's way, too.
-    tolerance = STICKS + 1e-2 * own + (bends * moved**2)[motion.tick] / RADIUS + 0.5 * turn**2 * arm
-    tolerance += turn * moved[motion.tick]
-    # The slip is that of the hand as the last step found it, within the step tolerance of its end.
-    last = np.where(bends > 0.5, float(motion.result.scene["solver"]["step_tolerance"]), 0.0)
-    tolerance += (moved * last)[motion.tick] / RADIUS
-    # A tick that lags goes fractions of its steps, and the rest is taken off the next ones.
-    tolerance += np.where(np.isin(motion.tick, motion.whole), 0.0, 1e-3 * moved[motion.tick])
+    tolerance = STICKS + _beyond_straight(motion, own)
     wrong = (np.asarray(motion.result["contact/sticks"]) == 1) != (motion.slip <= STICKS)
     known = motion.follows[motion.tick]
     off_by, says = np.abs(own - motion.slip), "the slip of a contact along the surface is that of the two bodies"
-    why = "a hundredth, what turns add to straight steps, and a thousandth of the way in a tick that lags"
+    why = "a nanometre, and what the turns of the tick add to the solver's straight steps, to second order"
     slips = judged("slip", says, off_by[known], tolerance[known], "m", why, ticks=motion.tick[known])
     # Friction and moment work on slip and spin; in s = (μ slip, γ spin) and r = (f / μ, τ / γ) the cone is |r| <= λ.
     reach = np.where(motion.of_table, 0.0, float(motion.free["torsion"]))
@@ -456,6 +457,43 @@ def _balanced(motion: FreeMotion, slip: FloatArray) -> Claim:
     return judged("balanced", says, off, 2.0 * most + CLEAR, "m", why, ticks=motion.ticks, note=note)
 
 
+def _beyond_straight(motion: FreeMotion, slip: FloatArray) -> FloatArray:
+    """Bound what the turns of a tick may add to the slips (C,) of a solver whose steps are straight [m], shape (C,).
+
+    A point that is turned by α about axes within R goes ½ α² R beside its tangent. The file has a contact's point and
+    normal as they were before the object's last step, so that both slip and arm turn. Of several steps the tangents
+    are those where the last one begins: within the step tolerance of the end or, in a tick that lags, within its way.
+    """
+    result, tick, center = motion.result, motion.tick, motion.center[1:]
+    shown, hand = configurations(result, "graphic"), own_hand(result)
+    posed = pose(hand, shown)
+    palm = np.zeros(result.ticks)
+    palm[1:] = np.linalg.norm(turn_between(shown.orientation[:-1], shown.orientation[1:]), axis=1)
+    bends = [np.abs(np.diff(of, axis=0, prepend=of[:1])) for of in (shown.flexion, shown.abduction)]
+    of_bodies = (np.cumsum(bends[0], axis=2) + bends[1][:, :, None]).reshape(-1, PALM)
+    angle = np.column_stack([of_bodies, np.zeros(len(palm))]) + palm[:, None]
+    body = np.clip(motion.body, 0, PALM)
+    finger = np.minimum(body // 3, 4)
+    joints = np.concatenate([posed.joints[tick, finger, :3], posed.position[tick, None]], axis=1)
+    reach = np.linalg.norm(joints - motion.point[:, None], axis=2).max(axis=1)
+    angle, reach = (np.where(motion.of_table, 0.0, of) for of in (angle[tick, body], reach))
+    turn = np.linalg.norm(motion.turn, axis=1)[tick]
+    arm = np.linalg.norm(motion.point - center[tick], axis=1)
+    hinge = motion.free.get("hinge")
+    arm += np.linalg.norm(np.array(hinge["origin"]) - motion.free["center"]) if hinge else 0.0
+    several, step = np.asarray(result["work/linearisations"])[tick] > 1, np.zeros(len(tick))
+    step[several] = float(result.scene["solver"]["step_tolerance"])
+    late = several & ~np.isin(tick, motion.whole)
+    way = np.linalg.norm(np.diff(posed.joints, axis=0, prepend=posed.joints[:1]), axis=3).max(axis=(1, 2))
+    step[late] = np.maximum(step, way[tick])[late]
+    # In it a phalanx turns by no more than both its ends go.
+    last = 2.0 * step / hand.length.min()
+    tangents = (
+        0.5 * (angle**2 * reach + turn**2 * arm) + (angle + turn + last) * step + last * (angle * reach + turn * arm)
+    )
+    return np.asarray(tangents + (angle + turn) * (slip + turn * arm))
+
+
 def _slip_and_spin(motion: FreeMotion) -> tuple[FloatArray, FloatArray]:
     """Slip of each contact in its tick: tangential travel (C, 3) [m] and turn about the normal (C,) [rad].
 
@@ -469,7 +507,7 @@ def _slip_and_spin(motion: FreeMotion) -> tuple[FloatArray, FloatArray]:
     of_object = point - before
     slid = np.where(motion.of_table[:, None], of_object, -of_object)
     shown = configurations(motion.result, "graphic")
-    origin, axes = _frames(pose(own_hand(motion.result), shown), rotations(shown.orientation)[0].as_matrix())
+    origin, axes = hand_frames(pose(own_hand(motion.result), shown), rotations(shown.orientation)[0].as_matrix())
     chosen = np.flatnonzero(motion.own & (tick > 0))
     t, b = tick[chosen], motion.body[chosen]
     local = np.einsum("cji,cj->ci", axes[t, b], point[chosen] - origin[t, b])
@@ -486,8 +524,8 @@ def _slip_and_spin(motion: FreeMotion) -> tuple[FloatArray, FloatArray]:
     return np.asarray(slid - along[:, None] * motion.normal), np.asarray((turn * motion.normal).sum(axis=1))
 
 
-def _frames(posed: Posed, palm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Origins (T, 16, 3) and axes as columns (T, 16, 3, 3) of the hand's bodies; palm axes (T, 3, 3)."""
+def hand_frames(posed: Posed, palm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return origins (T, 16, 3) and axes as columns (T, 16, 3, 3) of the hand's bodies; palm axes (T, 3, 3)."""
     axes = np.stack([*(phalanx_axes(posed, *divmod(body, 3)) for body in range(PALM)), palm], axis=1)
     phalanges = posed.joints[:, :, :3].reshape(-1, PALM, 3)
     return np.concatenate([phalanges, posed.position[:, None]], axis=1), axes
@@ -573,10 +611,10 @@ def _stands_off(judge: JudgedTicks, ticks: IntArray) -> FloatArray:
 
 def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     """Judge, in the object's frame, that only touching bodies bear forces, but for the friction's residual slip."""
-    motion, name = FreeMotion(judge.result), "complementarity"
+    motion = FreeMotion(judge.result)
     says = "what does not touch bears no force, but for what floats by what the tick's friction is off"
     if judge.result.scene.get(HANDS_APART) and judge.other is None:
-        return Claim(name, says, NOT_JUDGED, note=NO_OTHER)
+        return Claim("complementarity", says, NOT_JUDGED, note=NO_OTHER)
     floats = np.repeat(np.asarray(motion.result["object/friction_residual"])[:, None], PALM + 1, axis=1)
     # A tick that lags stands off by its slip and by the travel left; its forces are those of the unfinished program.
     on_the_way = motion.own & ~np.isin(motion.tick, motion.whole)
@@ -588,15 +626,11 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     ticks = judge.chosen[places]
     late = judge.status[ticks] & LAG > 0
     to_go = np.where(late, np.asarray(motion.result["lag"])[ticks], 0.0)
-    bears = (np.where(late, judge.bearing, judge.touch) + to_go + _stands_off(judge, ticks))[:, None] + floats[ticks]
+    within = (np.where(late, judge.bearing, judge.touch) + to_go + _stands_off(judge, ticks))[:, None]
     # Distances beyond the margin are unknown.
     nearest, met = np.minimum(judge.near.nearest, judge.margin), judge.against_other_hand
     np.minimum.at(nearest, (met.tick, met.body), met.distance)
-    nearest = nearest[places]
-    apart = nearest > bears + LENGTH
-    size = np.linalg.norm(judge.stored_forces(ticks), axis=2)
-    off = np.where(apart, size, 0.0).max(axis=1)
-    return judged(name, says, off, FORCE, "N", "rounding of a sum", ticks=ticks)
+    return bears_where_near(judge, places, nearest[places] - floats[ticks], within, says)
 
 
 def _table(motion: FreeMotion, things: Sequence[FreeThing]) -> Claim:
@@ -646,7 +680,7 @@ def _hinge(thing: FreeThing) -> Claim:
     # What is left is the hinge's own: friction, and at a limit what it bears.
     own = inertia * rate * ((1.0 + thing.damping / rate) * spin[1:] - spin[:-1]) - moment
     own -= mass * np.cross(middle, gravity) @ axis
-    size = FORCE * (1.0 + np.abs(wrench).sum(axis=1)) * (1.0 + length)
+    size = FORCE * (thing.size + np.abs(wrench[:, 3:]).sum(axis=1)) * (1.0 + length)
     # Of several programs in a tick the last one began anywhere between its ends; the speed changes meanwhile.
     turned = np.where(np.asarray(thing.result["work/linearisations"]) > 1, np.abs(np.diff(angle)), 0.0)
     turned += np.abs(np.diff(spin)) * thing.period
@@ -666,7 +700,7 @@ def _slider(thing: FreeThing) -> Claim:
     # What is left is the slider's own: friction, and at a limit what it bears.
     own = thing.mass * (rate * ((1.0 + thing.damping / rate) * speed[1:] - speed[:-1]) - thing.gravity @ axis)
     wrong = _beyond_friction(slider, way[1:], speed[1:], own - force @ axis)
-    wrong /= FORCE * (1.0 + np.abs(force).sum(axis=1))
+    wrong /= FORCE * thing.size
     off[thing.whole] = np.maximum(off, wrong)[thing.whole]
     says = f"{thing.group} only moves along its slider, within its limits, as forces, weight and friction have it"
     return judged("slider", says, off, 1.0, "1", "a nanometre; a millionth of the forces", ticks=thing.ticks)

@@ -1,5 +1,7 @@
 """The referee's claims of a free object: an honest result passes, and planted faults are found under their names."""
 
+import importlib
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,15 +14,25 @@ from free_scenes import free_result, free_scene
 from planted_faults import planted
 from sampled import first_of_each
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.claim import HOLDS, NOT_JUDGED, Claim
-from hhsim.verify.free_object_checks import FreeMotion, free_claims, free_complementarity_claim, free_hand_claim
+from hhsim.verify.free_object_checks import (
+    FreeMotion,
+    free_claims,
+    free_complementarity_claim,
+    free_hand_claim,
+    hand_frames,
+)
 from hhsim.verify.judged_body import object_motion_claims, seen_by_referee
+from hhsim.verify.kinematics import OwnHand, configurations, own_hand, pose, rotations
 from hhsim.verify.metric_checks import metric_claims
 from hhsim.verify.tick_data import JudgedTicks
 
@@ -34,7 +46,7 @@ def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 
 def claims(result: Result) -> dict[str, Claim]:
-    judge = JudgedTicks(result, np.array([TICK, TICK + 10]))
+    judge = JudgedTicks(result, np.minimum([TICK, TICK + 10], result.ticks - 1))
     found = (*free_claims(result), free_hand_claim(judge), *object_motion_claims(result))
     return {claim.name: claim for claim in found}
 
@@ -206,6 +218,73 @@ def test_a_planted_fault_is_found_by_name(
     result = request.getfixturevalue("on_spheres") if fault is split_contact else honest
     assert FAULTS[fault] not in (found_in_honest if result is honest else failing(result))
     assert FAULTS[fault] in failing(planted(result.path, tmp_path, fault))
+
+
+def test_the_weight_counts_among_the_forces(tmp_path: Path) -> None:
+    """Of what is heavy and falls freely nothing is borne, and its velocity is rounded all the same."""
+    path = tmp_path / "falls.h5"
+    words = ["cube", "lift", "--free", "--mass", "1e9", "--table", "none", "--ticks", "20", "--quiet", "--out"]
+    assert importlib.import_module("hhsim.cli.replay").command.main([*words, str(path)], standalone_mode=False) == 0
+    newton = claims(load_result(path))["Newton"]
+    assert newton.verdict == HOLDS and 1e-6 < newton.worst < 1e-6 * 9.81e9
+    faster = at("faster", "tick/object/velocity", 10, lambda x: x + (0.0, 0.0, 1e-6))
+    assert claims(planted(path, tmp_path, faster))["Newton"].failed
+
+
+STRAIGHT = 1e-6
+"""Share of a tick's turns that is as good as its tangent."""
+
+
+def turned_by_straight_steps(honest: Result, folder: Path) -> Path:
+    """Let fingers curl while the palm turns, and bearing contacts slip as by the solver's straight step."""
+    path, rng, ticks = folder / "turned.h5", np.random.default_rng(0), np.arange(TICK, honest.ticks, 4)
+    shutil.copy(honest.path, path)
+    hand, motion, shown = own_hand(honest), FreeMotion(honest), configurations(honest, "graphic")
+    slip = np.where(motion.own & (motion.tick >= TICK), 0.0, motion.slip)
+    for values in shown:
+        values[TICK:] = values[TICK - 1]
+    for tick in ticks.tolist():
+        turn, bends = 0.004 * rng.normal(size=3), 0.02 * rng.normal(size=(5, 3))
+        straight, whole = (_turned(shown, share * turn, share * bends) for share in (STRAIGHT, 1.0))
+        rows = np.flatnonzero((motion.tick == tick) & motion.own)
+        before, after = (_frames_of(hand, of, tick) for of in (shown, straight))
+        local = np.einsum("cji,cj->ci", before[1][motion.body[rows]], motion.point[rows] - before[0][motion.body[rows]])
+        moved = after[0][motion.body[rows]] + np.einsum("cij,cj->ci", after[1][motion.body[rows]], local)
+        slid = (moved - motion.point[rows]) / STRAIGHT
+        along = (slid * motion.normal[rows]).sum(axis=1)
+        slip[rows] = np.linalg.norm(slid - along[:, None] * motion.normal[rows], axis=1)
+        for values, new in zip(shown, whole):
+            values[tick:] = new[tick:]
+    with h5py.File(path, "r+") as file:
+        file["contact/slip"][...] = slip
+        file["tick/work/linearisations"][TICK:] = 1
+        for name in ("position", "orientation"):
+            file[f"tick/object/{name}"][TICK:] = file[f"tick/object/{name}"][TICK - 1]
+        for name, values in shown._asdict().items():
+            file[f"tick/graphic/{name}"][...] = values
+    return path
+
+
+def _turned(shown: HandConfiguration, turn: FloatArray, bends: FloatArray) -> HandConfiguration:
+    turned = quaternion_product(np.repeat(quaternion(turn[None]), shown.ticks, axis=0), shown.orientation)
+    return shown._replace(orientation=turned, flexion=shown.flexion + bends)
+
+
+def _frames_of(hand: OwnHand, shown: HandConfiguration, tick: int) -> tuple[FloatArray, FloatArray]:
+    at = shown.at(np.array([tick]))
+    origin, axes = hand_frames(pose(hand, at), rotations(at.orientation)[0].as_matrix())
+    return origin[0], axes[0]
+
+
+def test_the_slip_of_straight_steps_holds_where_fingers_and_palm_turn(honest: Result, tmp_path: Path) -> None:
+    """Fingers that curl against a palm that turns hardly move, and their contacts bend off all the same."""
+    path = turned_by_straight_steps(honest, tmp_path)
+    slip = claims(load_result(path))["slip"]
+    assert slip.verdict == HOLDS and 0.2 < slip.worst / slip.tolerance < 1.0
+    with h5py.File(path, "r+") as file:
+        row = int(np.flatnonzero(file["contact/tick"][...] == slip.tick)[0])
+        file["contact/slip"][row] += 2.0 * slip.tolerance + 2.0 * slip.worst
+    assert claims(load_result(path))["slip"].failed
 
 
 @pytest.mark.parametrize(("column", "change"), [("body", lambda x: 17), ("tick", lambda x: x - 1)])

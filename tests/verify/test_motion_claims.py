@@ -1,5 +1,6 @@
 """The claims of how hand and object move: by a motion's samples, by the script that the scene names, by figures."""
 
+import importlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -189,3 +190,43 @@ def test_a_correction_that_is_another_is_found(result: Result, name: str) -> Non
 def test_in_a_mesh_the_referee_has_no_depth_of_its_own(result: Result) -> None:
     scene = {**result.scene, "solver": {**result.scene["solver"], "surface": "mesh"}}
     assert verdicts(replace(result, scene=scene))["input depth"] == NOT_JUDGED
+
+
+@pytest.mark.parametrize(
+    ("name", "of_frames", "shift", "verdict"),
+    [
+        ("as_a_run", False, 3e-3, FAILS),
+        ("lost_frames", True, 3e-3, HOLDS),
+        ("frame_before", True, -2e-3, FAILS),
+        ("frame_twice", True, -1e-3, FAILS),
+    ],
+)
+def test_frames_of_a_recording_follow_each_other_with_the_gaps_that_it_has(
+    result: Result, tmp_path: Path, name: str, of_frames: bool, shift: float, verdict: str
+) -> None:
+    def fault(file: h5py.File) -> None:
+        if of_frames:
+            forge_scene(file, lambda scene: scene.update(recording="hand.csv"))
+        file["tick/time"][100:] += shift
+
+    fault.__name__ = name
+    assert claims(planted(result.path, tmp_path, fault))["time"].verdict == verdict
+
+
+def test_frames_have_the_rate_that_the_file_says(result: Result, tmp_path: Path) -> None:
+    def stretched(file: h5py.File) -> None:
+        forge_scene(file, lambda scene: scene.update(recording="hand.csv"))
+        file["tick/time"][...] *= 1.0001
+
+    assert claims(planted(result.path, tmp_path, stretched))["time"].failed
+
+
+@pytest.mark.parametrize(("thing", "motion"), [("drawer", "shut"), ("door", "swing")])
+def test_the_motion_of_several_things_is_made_once_more(tmp_path: Path, thing: str, motion: str) -> None:
+    """Its script finds the place by the name of the scene, which the first thing's mesh does not have."""
+    path = tmp_path / "things.h5"
+    words = [thing, motion, "--surface", "mesh", "--rate", "100", "--ticks", "30", "--quiet", "--out", str(path)]
+    assert importlib.import_module("hhsim.cli.replay").command.main(words, standalone_mode=False) == 0
+    found = {claim.name: claim for claim in again_claims(load_result(path), lambda what, done, total: None)}
+    assert found["again: motion"].verdict == HOLDS and found["again: motion"].checked == 30
+    assert found["again: ticks"].verdict == HOLDS
