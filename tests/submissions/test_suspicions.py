@@ -214,7 +214,7 @@ TEXTS: dict[str, tuple[Callable[[Path], object], str]] = {
     "a short line": (one_line(40, lambda line: line.rpartition(",")[0]), "line 41 has"),
     "decimal commas": (
         text(lambda all_: "".join(line.replace(",", ";").replace(".", ",") for line in all_.splitlines(keepends=True))),
-        "expected a number with a decimal point",
+        "expected JSON as in the example of hhsim scene",
     ),
     "a word": (one_line(40, lambda line: "x" + line), "line 41: time [s] is 'x"),
     "half a file": (text(lambda all_: all_[: len(all_) // 2]), "values; expected"),
