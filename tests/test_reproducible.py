@@ -14,6 +14,7 @@ from tools.import_graph import REPOSITORY
 ENTERS_A_TICK = ("kernels", "hand", "motion", "scene", "solver", "trees", "mesh")
 """Packages of what a tick is computed from, and of the tick."""
 ANYWHERE_ELSE = {
+    "scene/overlap.py": {"@", "**"},  # depths that a scene is refused for
     "trees/builder.py": {"math.log", "**"},  # a first guess of a number of spheres
     "trees/surface_cover.py": {"**"},  # a share, of which the whole part is taken
     "trees/sphere_tree.py": {"np.linalg.det"},  # its sign, of a rotation or a mirror

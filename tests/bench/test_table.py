@@ -104,7 +104,7 @@ def test_what_is_no_table_is_not_replaced(tmp_path: Path) -> None:
         ("a.h5", "no table"),
         ("b.h5", "no table"),
         ("c.h5", r"c\.csv exists"),
-        ("d.h5", r"d\.csv exists"),
+        ("d.h5", r"d\.csv is a folder"),
         ("a.csv", "must end in .h5"),
         ("none/a.h5", "no folder"),
     ):

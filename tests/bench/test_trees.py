@@ -118,6 +118,6 @@ def test_build_tree_draws(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert answer.code == 0, answer.err
     assert json.loads(answer.out)["plot"] == "c.png"
     assert (tmp_path / "c.png").stat().st_size > 10_000
-    refused = run("build-tree", "cube", "--level", "1", "--out", "d.h5", "--plot", "d.h5")
+    refused = run("build-tree", "cube", "--level", "1", "--out", "d.h5", "--plot", "e.h5")
     assert refused.code == 2 and "no picture by its ending" in refused.err
     assert not (tmp_path / "d.h5").exists()

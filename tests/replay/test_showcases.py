@@ -21,7 +21,6 @@ MADE = ("project_out:ProjectOut", "session.h5")
 """What lines of README before make by other commands than an import."""
 QUICK = ("hhsim replay cup handle", "hhsim replay blocks stack --surface mesh", describe("lift").line)
 MISSED = {
-    "hhsim replay examples/mug.stl grasp --unit mm": {"force_step"},
     describe("insert").line: {"force_step", "lag_ticks"},
     describe("hand-over").line: {"force_ripple_hold", "force_step", "lag_ticks"},
 }

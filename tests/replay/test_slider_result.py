@@ -20,7 +20,7 @@ from hhsim.verify.free_object_checks import free_claims
 from hhsim.verify.verify import verify
 
 DRAWER = "things/drawer/drawer"
-MOVES, SHUT = 700, 3000
+MOVES, SHUT = 1900, 3000
 """Ticks in which the hand moves it, and in which it is shut."""
 
 

@@ -169,6 +169,7 @@ def test_tables_of_unequal_length_are_damage_or_of_a_killed_run_and_trimmed_to_w
         file["live/tick/missed"].resize(41, axis=0)
         file["live/sample/flexion"].resize(20, axis=0)
         file["live/event/text"].resize(1, axis=0)
+        file.attrs["complete"] = 1
     with pytest.raises(InputError, match=r"live/tick/missed has 41 rows, tick/[a-z_/]* 50"):
         load_result(path)
     with changed(path) as file:
