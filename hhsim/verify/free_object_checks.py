@@ -605,8 +605,29 @@ def _cone(pairs: Pairs, of: JudgedBody, free: dict[str, Any]) -> tuple[IntArray,
 
 
 def _stands_off(judge: JudgedTicks, ticks: IntArray) -> FloatArray:
-    """Distance [m] of what bears a force: steps are straight and rotations are not; the slip has a clearance."""
-    return np.asarray(CLEAR + judge.moved[ticks].clip(max=judge.margin) ** 2 / RADIUS)
+    """Distance [m] of what bears a force: steps are straight and rotations are not; the slip has a clearance.
+
+    Hand and thing go straight and turn about points of their own. Turned together by φ they come apart by ½ φ² times
+    the distance of these points, and by φ times what the hand goes beside the thing.
+    """
+    motion, posed = FreeMotion(judge.result), judge.shown_posed
+    points = np.concatenate([posed.joints.reshape(len(judge.numbers), -1, 3), posed.position[:, None]], axis=1)
+    if judge.result.view is not None:
+        now = motion.turned[1:].as_matrix()
+        points = np.einsum("tij,tnj->tni", now, points - motion.place) + motion.of("position")[:, None]
+    bends, stated = np.zeros(len(points)), zip((motion.free, *judge.result.scene.get("others", ())), judge.result.parts)
+    things = [FreeThing(judge.result, *one) for one in stated] or [motion]
+    movable = [thing.name for thing in things if not thing.fixed]
+    for thing in things:
+        # A thing that another one bears goes on its own, and their joint draws it back.
+        hinge = thing.free.get("hinge")
+        pivot = hinge["origin"] if hinge and hinge["on"] not in movable else thing.free["center"]
+        there = points - thing.moved(np.array(pivot))[1:, None]
+        beside = np.einsum("tji,tnj->tni", thing.turned[1:].as_matrix(), there)
+        way = np.linalg.norm(np.diff(beside, axis=0, prepend=np.inf), axis=2).max(axis=1).clip(max=judge.margin)
+        turn = np.linalg.norm(thing.turn, axis=1)
+        bends = np.maximum(bends, turn * (0.5 * turn * np.linalg.norm(there[:, -1], axis=1) + way))
+    return np.asarray(CLEAR + judge.moved[ticks].clip(max=judge.margin) ** 2 / RADIUS + bends[ticks])
 
 
 def free_complementarity_claim(judge: JudgedTicks) -> Claim:

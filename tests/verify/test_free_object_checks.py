@@ -306,3 +306,35 @@ def test_a_body_that_floats_by_the_solvers_rounding_holds(honest: Result) -> Non
     """All ticks, in which bodies float by what friction is off and as much more as the last step was long."""
     judge = JudgedTicks(honest.seen_by(seen_by_referee), np.arange(honest.ticks))
     assert free_complementarity_claim(judge).verdict == HOLDS
+
+
+TURN = 0.017
+"""Turn of hand and object in a tick [rad]."""
+
+
+def test_what_turns_together_stands_off_by_straight_steps(honest: Result, tmp_path: Path) -> None:
+    """Hand and object turn about points of their own and the hand goes straight: a finger comes off the object."""
+    path, motion = tmp_path / "together.h5", FreeMotion(honest)
+    shutil.copy(honest.path, path)
+    center, normal = motion.center[TICK + 1], motion.normal[(motion.tick == TICK) & motion.own][0]
+    with h5py.File(path, "r+") as file:
+        of_object, of_hand = (file[f"tick/{of}/position"] for of in ("object", "graphic"))
+        arm = of_hand[TICK] - center
+        # About the axis for which that finger goes farthest off.
+        axis = normal - arm / np.linalg.norm(arm)
+        turn = TURN * axis / np.linalg.norm(axis)
+        of_object[TICK] = center + rotations(quaternion(turn[None]))[0].apply(of_object[TICK] - center)[0]
+        of_hand[TICK] += np.cross(turn, arm)
+        for turned in (file[f"tick/{of}/orientation"] for of in ("object", "graphic")):
+            turned[TICK] = quaternion_product(quaternion(turn[None]), turned[TICK : TICK + 1])[0]
+    bend = 0.5 * TURN**2 * float(np.linalg.norm(arm))
+    stands = touching_at_tick(path)
+    assert stands.verdict == HOLDS and 4e-6 < stands.worst < bend < stands.tolerance < bend + 2e-6
+    with h5py.File(path, "r+") as file:
+        file["tick/graphic/position"][TICK] += 1.05 * (stands.tolerance - stands.worst) * normal
+    assert touching_at_tick(path).failed
+
+
+def touching_at_tick(path: Path) -> Claim:
+    seen = load_result(path).seen_by(seen_by_referee)
+    return free_complementarity_claim(JudgedTicks(seen, np.array([TICK])))
