@@ -19,7 +19,7 @@ from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.contacts import PALM, Pairs, joined
 from hhsim.verify.file_checks import follows
-from hhsim.verify.force_checks import FORCE, WHY_FORCE, WHY_SLACK, bears_where_near, force_slack
+from hhsim.verify.force_checks import FORCE, TURN, WHY_FORCE, WHY_SLACK, bears_where_near
 from hhsim.verify.forces import AT_LIMIT, limit_rows, pushes, residual
 from hhsim.verify.judged_body import JudgedBody
 from hhsim.verify.kinematics import Posed, configurations, own_hand, phalanx_axes, pose, rotations, turn_between
@@ -104,6 +104,13 @@ class FreeThing:
     def turn(self) -> FloatArray:
         """Rotation vectors from tick to tick [rad], shape (T, 3)."""
         return np.asarray((self.turned[1:] * self.turned[:-1].inv()).as_rotvec())
+
+    @property
+    def travel(self) -> FloatArray:
+        """How far its farthest points go from tick to tick [m], shape (T,)."""
+        extent = float(np.ptp(self.vertices, axis=0).max())
+        way = np.linalg.norm(np.diff(self.center, axis=0), axis=1)
+        return np.asarray(way + extent * np.linalg.norm(self.turn, axis=1))
 
     @cached_property
     def whole(self) -> IntArray:
@@ -573,8 +580,27 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
             may.append(columns[:, : len(scale)])
         wanted = np.concatenate([judge.pull[tick] - borne, stored[n] - on_bodies, wrench[n]])
         off[n] = residual((np.concatenate(may) * scale).T, wanted * scale)
-    tolerance = force_slack(judge, size, judge.chosen)[places]
+    tolerance = _hand_slack(judge, [motion, *others], size, places)
     return judged(name, says, off, tolerance, "N", WHY_SLACK, ticks=ticks)
+
+
+def _hand_slack(judge: JudgedTicks, things: Sequence[FreeThing], size: FloatArray, places: IntArray) -> FloatArray:
+    """Tolerance [N] of the hand's balance at some chosen ticks, by the last steps of both bodies of a contact."""
+    ticks, longest = judge.chosen[places], float(judge.options["step_tolerance"])
+    # The last of several programs may take back what those before it made: the tick's travel does not bound its step.
+    several = np.asarray(judge.result["work/linearisations"])[ticks] > 1
+    past = np.max([np.where(thing.of("hand_wrench").any(axis=1), thing.travel, 0.0) for thing in things], axis=0)[ticks]
+    step = np.where(several, longest, np.minimum(judge.moved[ticks] + past, longest))
+    slack = FORCE * (1.0 + size[places]) + TURN * size[places] * step / judge.rolling
+    if judge.other is not None:
+        # Two hands roll on each other by the steps of both, with what the bodies that meet bear.
+        other, met = JudgedTicks(judge.other, judge.chosen), judge.against_other_hand
+        meets = np.zeros((len(judge.chosen), PALM + 1, 1), bool)
+        meets[met.tick, met.body] = True
+        borne = np.linalg.norm(judge.stored_forces(ticks) * meets[places], axis=(1, 2))
+        radii = sum(float(min(of.hand.radius.min(), of.hand.palm_radius.min())) for of in (judge, other))
+        slack += TURN * borne * np.where(several, longest, other.last_step[ticks]) / radii
+    return np.asarray(slack)
 
 
 def _near_others(judge: JudgedTicks, motion: FreeMotion, places: IntArray) -> Pairs:
@@ -769,11 +795,11 @@ def _between_things(things: Sequence[FreeThing]) -> Claim:
     force, moment = np.zeros((2, len(things[0].ticks), 3))
     size, travel = np.ones(len(force)), np.zeros(len(force))
     for thing in things:
-        wrench, extent = thing.of("thing_wrench"), float(np.ptp(thing.vertices, axis=0).max())
+        wrench = thing.of("thing_wrench")
         force += wrench[:, :3]
         moment += wrench[:, 3:] + np.cross(thing.center[1:], wrench[:, :3])
         size += np.abs(wrench).sum(axis=1)
-        travel += np.linalg.norm(np.diff(thing.center, axis=0), axis=1) + extent * np.linalg.norm(thing.turn, axis=1)
+        travel += thing.travel
     off = np.maximum(np.abs(force).max(axis=1), np.maximum(0.0, np.abs(moment).max(axis=1) - size * travel))
     says = "the forces of the things on each other are equal and opposite, and their moments but for the tick's travel"
     return judged("between things", says, off, FORCE * size, "N, N·m", WHY_FORCE, ticks=things[0].ticks)

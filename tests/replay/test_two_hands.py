@@ -35,8 +35,9 @@ from hhsim.system.progress import silent
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.verify.again import again_claims
-from hhsim.verify.claim import HOLDS
+from hhsim.verify.claim import HOLDS, Claim
 from hhsim.verify.depth_checks import hands_apart_claims
+from hhsim.verify.free_object_checks import free_hand_claim
 from hhsim.verify.tick_data import JudgedTicks
 from hhsim.verify.verify import verify
 
@@ -210,6 +211,30 @@ def test_the_referee_knows_that_hands_keep_apart_and_a_second_run_is_the_same(
     seal_file(faulty, faulty.stat().st_size)
     judge = JudgedTicks(load_result(faulty / "left"), np.zeros(0, np.int64))
     assert [claim.failed for claim in hands_apart_claims(judge)] == [True]
+
+
+@pytest.mark.parametrize("meeting", ["free"], indirect=True)
+def test_a_hand_at_rest_is_in_balance_with_one_that_moves_on_it(meeting: TwoHandedReplay, tmp_path: Path) -> None:
+    honest = load_result(meeting.path / "left")
+    once = np.flatnonzero((honest["work/linearisations"] == 1) & (honest["status"] == 0))
+    tick = once[JudgedTicks(honest, once).against_other_hand.tick[-1]]
+    path = tmp_path / "both.h5"
+
+    def balance(pushed: float) -> Claim:
+        path.write_bytes(meeting.path.read_bytes())
+        with h5py.File(path, "r+") as file:
+            rows = file["hands/left/tick"]
+            for name in (*(f"graphic/{of}" for of in rows["graphic"]), "object/position", "object/orientation"):
+                rows[name][tick - 1] = rows[name][tick]
+            bare = np.argwhere(~rows["force/phalanx"][tick].any(axis=2))[0]
+            rows["force/phalanx"][tick, bare[0], bare[1]] = (0.0, 0.0, pushed)
+        seal_file(path, path.stat().st_size)
+        return free_hand_claim(JudgedTicks(load_result(path / "left"), np.array([tick])))
+
+    resting = balance(0.0)
+    # What both bear on each other turns by the other one's step.
+    assert not resting.failed and 1e-3 < resting.worst < 0.2 * resting.tolerance
+    assert balance(1.1 * resting.tolerance).failed
 
 
 @pytest.fixture(scope="module")

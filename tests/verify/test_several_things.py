@@ -19,6 +19,7 @@ from hhsim.scene.scene import open_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.claim import HOLDS, NOT_JUDGED, Claim
 from hhsim.verify.depth_checks import depth_claims
+from hhsim.verify.force_checks import TURN
 from hhsim.verify.free_object_checks import FreeMotion, free_claims, free_complementarity_claim, free_hand_claim
 from hhsim.verify.judged_body import seen_by_referee
 from hhsim.verify.metric_checks import CORRECTION, INPUT_HAND, input_hand_claims, metric_claims
@@ -141,6 +142,25 @@ def test_a_planted_fault_is_found_by_name(
 ) -> None:
     assert FAULTS[fault] not in found_in_honest
     assert FAULTS[fault] in failing(planted(honest, tmp_path, fault))
+
+
+def test_the_last_of_several_programs_in_a_tick_may_step_back(honest: Result, tmp_path: Path) -> None:
+    judge = JudgedTicks(honest, np.array([HELD]))
+    size = float(np.linalg.norm(judge.pull[HELD] * judge.scale))
+    allowance = TURN * size * float(judge.options["step_tolerance"]) / judge.rolling
+
+    def fails(share: float, programs: int) -> bool:
+        def pushed_in_the_air(file: h5py.File) -> None:
+            file["tick/work/linearisations"][HELD] = programs
+            # A body that bears nothing, against the palm: the sum is the same.
+            bare = np.argwhere(~file["tick/force/phalanx"][HELD].any(axis=2))[0]
+            file["tick/force/phalanx"][HELD, bare[0], bare[1]] = (0.0, 0.0, share * allowance)
+
+        return claims(planted(honest, tmp_path, pushed_in_the_air), [HELD])["hand's balance"].failed
+
+    assert judge.moved[HELD] < 0.2 * judge.options["step_tolerance"]
+    # Where one program moves nothing, no step turns a normal.
+    assert [fails(0.6, 1), fails(0.6, 2), fails(1.1, 2)] == [True, False, True]
 
 
 @pytest.mark.parametrize("status", [STUCK, LAG])
