@@ -297,6 +297,21 @@ def test_the_slip_of_straight_steps_holds_where_the_hand_turns(
     assert claims(load_result(path))["slip"].failed
 
 
+@pytest.mark.parametrize(
+    ("programs", "of_table", "judged"), [(3, True, False), (2, True, True), (1, True, True), (3, False, True)]
+)
+def test_the_slip_on_the_table_is_judged_where_the_object_cannot_have_tilted_and_come_back(
+    honest: Result, tmp_path: Path, programs: int, of_table: bool, judged: bool
+) -> None:
+    def slid(file: h5py.File) -> None:
+        file["tick/work/linearisations"][TICK] = programs
+        file["contact/slip"][first_contact(file, of_table)] += 1e-4
+
+    slip = claims(planted(honest.path, tmp_path, slid))["slip"]
+    assert slip.failed == judged and (slip.tick == TICK or not judged)
+    assert "with the table in ticks of three programs or more" in slip.note or programs < 3
+
+
 @pytest.mark.parametrize(("column", "change"), [("body", lambda x: 17), ("tick", lambda x: x - 1)])
 def test_a_contact_of_no_body_or_out_of_order_is_damage(
     honest: Result, tmp_path: Path, column: str, change: Callable[[Any], Any]
