@@ -2,10 +2,22 @@
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
+from hhsim.arrays import BoolArray, FloatArray
+from hhsim.result.schema import SIDES, TWO_HANDED
+from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_CLAIMED, Claim, judged
 from hhsim.verify.kinematics import turn_between
-from hhsim.verify.tick_data import ABDUCTION_HELD, LAG, LENGTH, NO_PLACE, STUCK, UNSETTLED, WHY_LENGTH, JudgedTicks
+from hhsim.verify.tick_data import (
+    ABDUCTION_HELD,
+    CAPACITY_EXCEEDED,
+    LAG,
+    LENGTH,
+    NO_PLACE,
+    STUCK,
+    UNSETTLED,
+    WHY_LENGTH,
+    JudgedTicks,
+)
 
 ANGLE = 1e-9
 """Tolerance of angles [rad]."""
@@ -55,9 +67,29 @@ def _lag(judge: JudgedTicks) -> Claim:
     lag, late = np.asarray(judge.result["lag"]), judge.status & (STUCK | LAG | NO_PLACE) > 0
     over = np.where(late, np.maximum(0.0, np.maximum(lag - far, -lag)), np.abs(lag))
     # A hand that lags has a distance left, unless it is there.
-    over[late & (lag <= 0.0) & (far > LENGTH)] = np.inf
+    none = late & (lag <= 0.0) & (far > LENGTH)
+    others = _of_others(judge) & none
+    over[none & ~others] = np.inf
     says = "a settled tick has none, another some, and no more than the way left"
-    return judged("lag", says, over, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)
+    count = counted(int(others.sum()), "tick")
+    note = f"in {count} the hand is done beside the first thing, and what lags has no distance in the file"
+    return judged("lag", says, over, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers, note=note if others.any() else "")
+
+
+def _of_others(judge: JudgedTicks) -> BoolArray:
+    """True for ticks that may lag by the first hand's flag though that hand is done beside the first thing, shape (T,).
+
+    Of several things it has the flag also where a thing, or a hand beside another thing, has distance still to go; the
+    file has the distance of the hand beside the first thing. But no tick ends on the way before its work is spent or
+    the arrays are full; one whose program has no solution holds the abduction first.
+    """
+    result, status = judge.result, judge.status
+    first = not result.scene.get(TWO_HANDED) or result.side == SIDES[0]
+    spent = np.asarray(result["work/linearisations"]) >= judge.options["linearisations"]
+    spent |= np.asarray(result["work/units"]) >= judge.options["budget"]
+    spent |= status & (CAPACITY_EXCEEDED | ABDUCTION_HELD) > 0
+    several = first and bool(result.scene.get("others"))
+    return np.asarray(several & spent & (status & (STUCK | NO_PLACE) == 0))
 
 
 def _free(judge: JudgedTicks) -> list[Claim]:

@@ -235,8 +235,11 @@ STRAIGHT = 1e-6
 """Share of a tick's turns that is as good as its tangent."""
 
 
-def turned_by_straight_steps(honest: Result, folder: Path) -> Path:
-    """Let fingers curl while the palm turns, and bearing contacts slip as by the solver's straight step."""
+def turned_by_straight_steps(honest: Result, folder: Path, curl: float, way: float) -> Path:
+    """Let fingers curl, or the hand come, while the palm turns, and contacts slip as by the solver's straight step.
+
+    The fingers curl by `curl` [rad], and the hand comes `way` [m] towards the object at the first contact of a tick.
+    """
     path, rng, ticks = folder / "turned.h5", np.random.default_rng(0), np.arange(TICK, honest.ticks, 4)
     shutil.copy(honest.path, path)
     hand, motion, shown = own_hand(honest), FreeMotion(honest), configurations(honest, "graphic")
@@ -244,9 +247,10 @@ def turned_by_straight_steps(honest: Result, folder: Path) -> Path:
     for values in shown:
         values[TICK:] = values[TICK - 1]
     for tick in ticks.tolist():
-        turn, bends = 0.004 * rng.normal(size=3), 0.02 * rng.normal(size=(5, 3))
-        straight, whole = (_turned(shown, share * turn, share * bends) for share in (STRAIGHT, 1.0))
+        turn, bends = 0.004 * rng.normal(size=3), curl * rng.normal(size=(5, 3))
         rows = np.flatnonzero((motion.tick == tick) & motion.own)
+        come = -way * motion.normal[rows[0]]
+        straight, whole = (_turned(shown, share * turn, share * bends, share * come) for share in (STRAIGHT, 1.0))
         before, after = (_frames_of(hand, of, tick) for of in (shown, straight))
         local = np.einsum("cji,cj->ci", before[1][motion.body[rows]], motion.point[rows] - before[0][motion.body[rows]])
         moved = after[0][motion.body[rows]] + np.einsum("cij,cj->ci", after[1][motion.body[rows]], local)
@@ -265,9 +269,9 @@ def turned_by_straight_steps(honest: Result, folder: Path) -> Path:
     return path
 
 
-def _turned(shown: HandConfiguration, turn: FloatArray, bends: FloatArray) -> HandConfiguration:
+def _turned(shown: HandConfiguration, turn: FloatArray, bends: FloatArray, way: FloatArray) -> HandConfiguration:
     turned = quaternion_product(np.repeat(quaternion(turn[None]), shown.ticks, axis=0), shown.orientation)
-    return shown._replace(orientation=turned, flexion=shown.flexion + bends)
+    return shown._replace(position=shown.position + way, orientation=turned, flexion=shown.flexion + bends)
 
 
 def _frames_of(hand: OwnHand, shown: HandConfiguration, tick: int) -> tuple[FloatArray, FloatArray]:
@@ -276,15 +280,36 @@ def _frames_of(hand: OwnHand, shown: HandConfiguration, tick: int) -> tuple[Floa
     return origin[0], axes[0]
 
 
-def test_the_slip_of_straight_steps_holds_where_fingers_and_palm_turn(honest: Result, tmp_path: Path) -> None:
-    """Fingers that curl against a palm that turns hardly move, and their contacts bend off all the same."""
-    path = turned_by_straight_steps(honest, tmp_path)
+@pytest.mark.parametrize(("curl", "way"), [(0.02, 0.0), (0.0, 0.002)])
+def test_the_slip_of_straight_steps_holds_where_the_hand_turns(
+    honest: Result, tmp_path: Path, curl: float, way: float
+) -> None:
+    """Fingers that curl against a palm that turns hardly move, and their contacts bend off all the same.
+
+    A hand that comes while it turns is at the contact with another point than before, as far as it comes.
+    """
+    path = turned_by_straight_steps(honest, tmp_path, curl, way)
     slip = claims(load_result(path))["slip"]
     assert slip.verdict == HOLDS and 0.2 < slip.worst / slip.tolerance < 1.0
     with h5py.File(path, "r+") as file:
         row = int(np.flatnonzero(file["contact/tick"][...] == slip.tick)[0])
         file["contact/slip"][row] += 2.0 * slip.tolerance + 2.0 * slip.worst
     assert claims(load_result(path))["slip"].failed
+
+
+@pytest.mark.parametrize(
+    ("programs", "of_table", "judged"), [(3, True, False), (2, True, True), (1, True, True), (3, False, True)]
+)
+def test_the_slip_on_the_table_is_judged_where_the_object_cannot_have_tilted_and_come_back(
+    honest: Result, tmp_path: Path, programs: int, of_table: bool, judged: bool
+) -> None:
+    def slid(file: h5py.File) -> None:
+        file["tick/work/linearisations"][TICK] = programs
+        file["contact/slip"][first_contact(file, of_table)] += 1e-4
+
+    slip = claims(planted(honest.path, tmp_path, slid))["slip"]
+    assert slip.failed == judged and (slip.tick == TICK or not judged)
+    assert "with the table in ticks of three programs or more" in slip.note or programs < 3
 
 
 @pytest.mark.parametrize(("column", "change"), [("body", lambda x: 17), ("tick", lambda x: x - 1)])

@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from file_faults import Fault, at, with_name
+from file_faults import Fault, at, of_scene, with_name
 from sampled import first_of_each
 from sealed_change import changed
 
@@ -23,6 +23,7 @@ from hhsim.verify.force_checks import TURN
 from hhsim.verify.free_object_checks import FreeMotion, free_claims, free_complementarity_claim, free_hand_claim
 from hhsim.verify.judged_body import seen_by_referee
 from hhsim.verify.metric_checks import CORRECTION, INPUT_HAND, input_hand_claims, metric_claims
+from hhsim.verify.posture_checks import posture_claims
 from hhsim.verify.tick_data import LAG, STUCK, JudgedTicks
 
 TICKS, AT_REST, HELD = 1600, 300, 1590
@@ -171,6 +172,34 @@ def test_a_result_without_a_settled_tick_has_a_verdict(honest: Result, tmp_path:
     found = claims(planted(honest, tmp_path, settles_never), np.arange(0, TICKS, 400))
     assert found["hand's balance"].verdict == NOT_JUDGED and found["hand's balance"].checked == 0
     assert found["things apart"].verdict == HOLDS
+
+
+left_of_two = of_scene("left", lambda scene: scene.update(two_handed=True, hand={**scene["hand"], "side": "left"}))
+
+
+@pytest.mark.parametrize(
+    ("fault", "holds"),
+    [
+        (at("none", "tick/lag", HELD, lambda x: x), True),
+        (at("less work", "tick/work/linearisations", HELD, lambda x: x - 1), False),
+        (at("farther", "tick/lag", HELD, lambda x: 1.0), False),
+        (at("negative", "tick/lag", HELD, lambda x: -1e-8), False),
+        (left_of_two, False),
+    ],
+    ids=lambda value: getattr(value, "__name__", ""),
+)
+def test_a_thing_may_lag_where_the_hand_does_not(honest: Result, tmp_path: Path, fault: Fault, holds: bool) -> None:
+    """The first hand has the flag of a thing that has distance to go past another one, and no distance of its own."""
+
+    def lags(file: h5py.File) -> None:
+        file["tick/status"][HELD], file["tick/lag"][HELD] = LAG, 0.0
+        file["tick/work/linearisations"][HELD] = honest.scene["solver"]["linearisations"]
+        fault(file)
+
+    judge = JudgedTicks(planted(honest, tmp_path, lags), np.array([HELD]))
+    lag = next(claim for claim in posture_claims(judge) if claim.name == "lag")
+    assert (lag.verdict == HOLDS) == holds and (not holds or "in 1 tick the hand is done" in lag.note)
+    assert holds or lag.tick == HELD
 
 
 def test_figures_that_results_of_several_things_once_lacked_are_not_judged(honest: Result, tmp_path: Path) -> None:
