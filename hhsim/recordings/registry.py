@@ -144,7 +144,7 @@ class Content:
 
     @cached_property
     def stated(self) -> StatedFields:
-        """What its fields of known names say; of damaged content nothing."""
+        """Fields of known names beside the samples; none of damaged content."""
         try:
             return StatedFields(self._fields())
         except TrajectoryError:

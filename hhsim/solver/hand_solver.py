@@ -242,7 +242,7 @@ def clearance(workspace: TickWorkspace) -> float:
 
 
 def _clearances(workspace: TickWorkspace) -> list[float]:
-    """Signed distance to the object, and to each thing beside it."""
+    """Signed distances [m] to the object, and to each thing beside it."""
     pose, options = workspace.states[0].pose, workspace.options
     joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
     rotation = np.empty((3, 3))

@@ -107,7 +107,7 @@ class FreeThing:
 
     @property
     def travel(self) -> FloatArray:
-        """How far its farthest points go from tick to tick [m], shape (T,)."""
+        """Bound on the travel of its farthest points from tick to tick [m], shape (T,)."""
         extent = float(np.ptp(self.vertices, axis=0).max())
         way = np.linalg.norm(np.diff(self.center, axis=0), axis=1)
         return np.asarray(way + extent * np.linalg.norm(self.turn, axis=1))
