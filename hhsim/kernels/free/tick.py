@@ -581,6 +581,12 @@ def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, s
             done = accept(options, fraction, states[p].longest, full_motion, states[p]) and done
         if not held:
             progress.lag = max(progress.lag, longest)
+        if hand_count(problem) > 1 and state.meeting.count > 0 and longest > options.step_tolerance:
+            # Hands that meet bend their rows: they have not arrived after a whole step that is long.
+            done = False
+            for h in range(hand_count(problem)):
+                if states[h].progress.lag == 0.0:
+                    states[h].progress.lag = longest
     else:
         # Were this the tick's last step it would be taken back, and nothing of it made.
         progress.failed_steps += 1
