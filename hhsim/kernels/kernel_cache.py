@@ -20,6 +20,7 @@ from numba import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 from numba.core.runtime import rtsys
 
+from hhsim.kernels.by_reference import Reference
 from hhsim.kernels.cache_folder import cache_root
 from hhsim.kernels.shipped import ShippedCache, is_shipped
 from hhsim.kernels.target import TARGET
@@ -231,7 +232,7 @@ class KernelCache(_FolderCache):
 
 def _foreign_sources(argument: types.Type) -> Iterator[str]:
     """Yield the files outside of the kernels that declare a NamedTuple type, or those in it."""
-    if isinstance(argument, types.NamedTuple | types.NamedUniTuple):
+    if isinstance(argument, types.NamedTuple | types.NamedUniTuple | Reference):
         module = argument.instance_class.__module__
         if source_of(module) is None:
             yield str(sys.modules[module].__file__)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.kernels.arithmetic import fused, product
+from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_inline
 from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
 
@@ -21,6 +22,7 @@ STACK_SIZE = MOST_WAITING + MOST_AT_ONCE
 """Size of a walk's stack: the nodes that wait, then those distances."""
 
 
+@by_reference
 class TreeArrays(NamedTuple):
     """A sphere tree of N nodes, breadth first: node 0 is the root, children are contiguous, the leaves come last."""
 

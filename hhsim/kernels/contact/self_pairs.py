@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.contact.linearise import LEVER_FLOOR, LIMIT_ROWS, limit_start
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.elementary import sine_cosine
@@ -58,6 +59,7 @@ class NoPairs(NamedTuple):
     pairs: int = 0
 
 
+@by_reference
 class SelfPairs(NamedTuple):
     """Pairs of a hand's own parts that may meet."""
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.elementary import sine_cosine
 from hhsim.kernels.jit import Array, Record, jit, jit_inline, jit_once
@@ -31,6 +32,7 @@ HINGE, SLIDER = 1, 2
 """Joints that a body may have."""
 
 
+@by_reference
 class Support(NamedTuple):
     """Parts of the object that can stand on a plane: spheres, or points, on its convex hull, in the object's frame."""
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.hand.kinematics import BOX_CORNERS, PALM_BODY, HandArrays
 from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once
 from hhsim.kernels.rotation import turned
@@ -29,6 +30,7 @@ EDGE_KEY = 1 << 30
 """Keys of pairs of edges begin here."""
 
 
+@by_reference
 class Edges(NamedTuple):
     """Convex edges of a thing, about its centre of mass in the thing's frame; none of a thing of spheres."""
 

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.elementary import hypotenuse
 from hhsim.kernels.free.body import HINGE, OBJECT_DOF
@@ -63,6 +64,7 @@ def borne_dtype(things: int) -> "np.dtype[Any]":
     )
 
 
+@by_reference
 class ObjectRecord(NamedTuple):
     """Results of a block of ticks for the object; first axis the tick, world unless said otherwise."""
 
@@ -261,6 +263,7 @@ def turn_loads(body: Record, active: Record) -> None:
         normal[0, i], normal[1, i], normal[2, i] = turned_back(body.rotation, x, y, z)
 
 
+@by_reference
 class ThingsRecord(NamedTuple):
     """Results of a block of ticks for several things."""
 

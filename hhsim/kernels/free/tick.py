@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.contact.detection import pairs_near
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits
@@ -104,6 +105,7 @@ SEARCHED = 2
 """Programs of a tick in which Γ and directions are sought; in the later ones they stand."""
 
 
+@by_reference
 class Free(NamedTuple):
     """Method that solves hands and things together; tuples are padded to their capacity with their last entry."""
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.elementary import sine_cosine
 from hhsim.kernels.jit import Array, Record, jit_allocating, jit_inline
 from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
@@ -25,6 +26,7 @@ DOF = 21
 """Palm translation [m] 0 to 2, palm rotation vector [rad] 3 to 5, flexion [rad] 6 + 3 finger + joint."""
 
 
+@by_reference
 class HandArrays(NamedTuple):
     """Hand as the kernels see it; palm frame."""
 

@@ -9,6 +9,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.clock import await_event, monotonic_ns, send_event, sleep_until, thread_cpu_ns
 from hhsim.kernels.jit import JIT_ENABLED, jit
 from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss, read_run_delay, read_steal
@@ -32,6 +33,7 @@ ASKS_PYTHON = 0
 """Outcome of `run_loop`: Python has to solve, by a method that is not compiled."""
 
 
+@by_reference
 class SystemFiles(NamedTuple):
     """System files of the loop."""
 

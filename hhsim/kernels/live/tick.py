@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.jit import Indices, as_int64, jit
 from hhsim.kernels.live.accounts import CAUSES
@@ -63,6 +64,7 @@ NO_HAND, PLACING, PLACED, NOT_PLACED, BEGUN = 0, 1, 2, 3, 4
 Until its first tick the user's hand is kept as it was, so that a replay begins with the same."""
 
 
+@by_reference
 class LiveArrays(NamedTuple):
     """Arrays that a tick of the loop reads and writes: records of shape (1,) but for the rings."""
 

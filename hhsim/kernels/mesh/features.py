@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import split_widest
 from hhsim.kernels.prefetch import prefetch
@@ -34,6 +35,7 @@ EDGE_FIELDS = 7
 """Number of values of an edge: its first end [m], the unit vector along it, its length [m]."""
 
 
+@by_reference
 class FaceSpheres(NamedTuple):
     """Spheres around faces, in a hierarchy of groups of eight; block 0 is the root's."""
 
@@ -41,6 +43,7 @@ class FaceSpheres(NamedTuple):
     child: Indices  # each one's own block, or -1 - face, (N, 8)
 
 
+@by_reference
 class MeshFeatures(NamedTuple):
     """A mesh of F faces, E edges and V vertices that can be touched, world.
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.contact.detection import Reach, evaluate_pairs, evaluate_rigid
 from hhsim.kernels.contact.surface import (
     SHARED_CANDIDATES,
@@ -56,6 +57,7 @@ def whole_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     return np.dtype([*SHARED_CANDIDATES, *walk], align=True)
 
 
+@by_reference
 class JointedSurface(NamedTuple):
     """P parts of one kind of surface, in `pieces` one after another, each counted from 0; and their poses over time."""
 

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import HandArrays
@@ -16,6 +17,7 @@ from hhsim.kernels.tick.method import tick
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 
 
+@by_reference
 class HapticBlock(NamedTuple):
     """Haptic hand at each tick of a block, world: [m] (B, 3), (w, x, y, z) (B, 4), [rad] (B, 5, 3) and (B, 5)."""
 
@@ -25,6 +27,7 @@ class HapticBlock(NamedTuple):
     abduction: Array
 
 
+@by_reference
 class TickRecord(NamedTuple):
     """Results of a block of ticks; names, units and shapes as in the result file, first axis the tick."""
 

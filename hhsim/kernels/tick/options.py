@@ -2,9 +2,11 @@
 
 from typing import Any, NamedTuple
 
+from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.contact.self_pairs import NoPairs
 
 
+@by_reference
 class TickOptions(NamedTuple):
     """Options of a tick; lengths in metres."""
 

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import CONTACT_ROWS, Reach, evaluate, find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import build_rows
@@ -55,6 +56,7 @@ DEPTHS = 12
 """Number of times the depth from which pairs are taken is doubled before a hand is too deep inside for the arrays."""
 
 
+@by_reference
 class PenaltyOptions(NamedTuple):
     """Dynamics of a tick."""
 

@@ -1,0 +1,124 @@
+"""NamedTuples that kernels take by their address in memory instead of field by field.
+
+numba passes a NamedTuple by value: a hand's twenty arrays are some hundred and fifty arguments of every call, each line
+of the compiler's text names the types of all of them, and an index into a tuple of hands copies them. By reference they
+are one pointer, and a field is read where it is used. The tuple that Python passes is written down once a call of a
+kernel, in the frame of the call; nobody writes there after.
+
+A type of numba with a data model and its own access to attributes, as numba's documentation of extensions describes it.
+"""
+
+import hashlib
+from itertools import accumulate
+from typing import Any, TypeVar
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.datamodel import models
+from numba.core.imputils import impl_ret_borrowed, lower_getattr_generic
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.core.typing.typeof import typeof_impl
+from numba.extending import NativeValue, register_model, unbox
+
+T = TypeVar("T", bound=type)
+
+ALIGNMENT = 16
+"""Alignment of the fields in memory [bytes]."""
+_BYTE = ir.IntType(8)
+
+
+class Reference(types.Type):  # type: ignore[misc]
+    """Type of a NamedTuple at an address; equal for the same class and types of fields."""
+
+    def __init__(self, instance_class: Any, fields: tuple[types.Type, ...]) -> None:
+        self.instance_class, self.types = instance_class, fields
+        # The name stands in each symbol of the code that is compiled for it.
+        digest = hashlib.sha256(", ".join(map(str, fields)).encode()).hexdigest()[:12]
+        super().__init__(name=f"{instance_class.__qualname__}@{digest}")
+
+    @property
+    def key(self) -> Any:
+        """What makes two types equal."""
+        return self.instance_class, self.types
+
+    def field(self, name: str) -> int:
+        """Return the number of a field."""
+        return int(self.instance_class._fields.index(name))
+
+
+@register_model(Reference)
+class _ReferenceModel(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, _BYTE.as_pointer())
+
+
+_offsets: dict[Reference, tuple[int, ...]] = {}
+"""Offset of each field, and the size of all [bytes]: LLVM parses a program for each size that it is asked for."""
+
+
+def _places(context: Any, kind: Reference) -> tuple[int, ...]:
+    if kind not in _offsets:
+        models = [context.data_model_manager[field] for field in kind.types]
+        sizes = (context.get_abi_sizeof(model.get_data_type()) for model in models)
+        _offsets[kind] = (0, *accumulate(-(-size // ALIGNMENT) * ALIGNMENT for size in sizes))
+    return _offsets[kind]
+
+
+def _field_pointer(context: Any, builder: Any, kind: Reference, address: Any, number: int) -> tuple[Any, Any]:
+    model = context.data_model_manager[kind.types[number]]
+    offset = ir.Constant(ir.IntType(64), _places(context, kind)[number])
+    place = builder.gep(address, [offset], inbounds=True)
+    return model, builder.bitcast(place, model.get_data_type().as_pointer())
+
+
+@infer_getattr
+class _ReferenceFields(AttributeTemplate):  # type: ignore[misc]
+    key = Reference
+
+    def generic_resolve(self, kind: Reference, name: str) -> types.Type | None:
+        """Return the type of a field."""
+        return kind.types[kind.field(name)] if name in kind.instance_class._fields else None
+
+
+def _read_field(context: Any, builder: Any, kind: Reference, address: Any, name: str) -> Any:
+    number = kind.field(name)
+    model, place = _field_pointer(context, builder, kind, address, number)
+    value = model.load_from_data_pointer(builder, place)
+    return impl_ret_borrowed(context, builder, kind.types[number], value)
+
+
+def _write_down(kind: Reference, value: Any, call: Any) -> NativeValue:
+    context, builder = call.context, call.builder
+    memory = cgutils.alloca_once(builder, ir.ArrayType(_BYTE, _places(context, kind)[-1]))
+    memory.align = ALIGNMENT
+    address = builder.bitcast(memory, _BYTE.as_pointer())
+    failed, cleanups = cgutils.false_bit, []
+    for number, field in enumerate(kind.types):
+        native = call.unbox(field, call.pyapi.tuple_getitem(value, number))
+        model, place = _field_pointer(context, builder, kind, address, number)
+        builder.store(model.as_data(builder, native.value), place)
+        failed = builder.or_(failed, native.is_error)
+        if native.cleanup is not None:
+            cleanups.append(native.cleanup)
+
+    def clean() -> None:
+        for cleanup in reversed(cleanups):
+            cleanup()
+
+    return NativeValue(address, cleanup=clean, is_error=failed)
+
+
+lower_getattr_generic(Reference)(_read_field)
+unbox(Reference)(_write_down)
+
+
+def by_reference(kind: T) -> T:
+    """Have kernels take a NamedTuple by reference when Python passes it, alone or in another one."""
+
+    def typeof(value: Any, context: Any) -> Reference | None:
+        fields = tuple(typeof_impl(field, context) for field in value)
+        return None if any(field is None for field in fields) else Reference(kind, fields)
+
+    typeof_impl.register(kind)(typeof)
+    return kind

@@ -1,0 +1,92 @@
+"""NamedTuples that kernels take by reference, against the same function of Python."""
+
+import pickle
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hhsim.kernels.by_reference import Reference, by_reference
+from hhsim.kernels.jit import JIT_ENABLED, Array, Indices, jit
+
+pytestmark = pytest.mark.skipif(not JIT_ENABLED, reason="the kernels are not compiled here")
+
+
+@by_reference
+class Part(NamedTuple):
+    """A record with a field of each kind that kernels have."""
+
+    flag: bool
+    size: int
+    scale: float
+    values: Array
+    rows: Indices
+
+
+@by_reference
+class Whole(NamedTuple):
+    """A record that holds another one, and a tuple of some."""
+
+    first: Part
+    parts: tuple[Part, ...]
+    offset: float
+
+
+class Plain(NamedTuple):
+    """A record by value that holds one by reference."""
+
+    part: Part
+
+
+def total(part: Part, factor: float) -> float:
+    """Sum what a part holds, weighted."""
+    found = 1.0 if part.flag else -1.0
+    for i in range(part.size):
+        found += factor * part.scale * part.values[i] * part.rows[i]
+    part.values[0] += 1.0
+    return found
+
+
+inner = jit(total)
+
+
+def outer(whole: Whole, plain: Plain, which: int) -> float:
+    """Choose a part by a number that is known when it runs."""
+    return inner(whole.parts[which], whole.offset) + inner(whole.first, 2.0) + inner(plain.part, 0.5)
+
+
+compiled: Any = jit(outer)
+
+
+def part_of(seed: int, count: int) -> Part:
+    rng = np.random.default_rng(seed)
+    return Part(bool(seed % 2), count, float(rng.normal()), rng.normal(size=count), rng.integers(-9, 9, count))
+
+
+@given(st.integers(0, 1000), st.integers(1, 5), st.integers(0, 2))
+def test_fields_are_read_and_arrays_written_as_python_does(seed: int, count: int, which: int) -> None:
+    parts = tuple(part_of(seed + k, count) for k in range(3))
+    given = Whole(part_of(seed + 3, count), parts, 0.25), Plain(part_of(seed + 4, count)), which
+    twin = pickle.loads(pickle.dumps(given))
+    assert compiled(*given) == outer(*twin)
+    for one, other in zip((given[0].first, *parts, given[1].part), (twin[0].first, *twin[0].parts, twin[1].part)):
+        np.testing.assert_array_equal(one.values, other.values)
+
+
+def test_a_kernel_is_compiled_once_for_equal_types_and_its_symbol_is_short() -> None:
+    compiled(Whole(part_of(1, 2), (part_of(2, 2),) * 3, 1.0), Plain(part_of(3, 2)), 0)
+    known = len(compiled.signatures)
+    compiled(Whole(part_of(4, 3), (part_of(5, 3),) * 3, 1.0), Plain(part_of(6, 3)), 1)
+    assert len(compiled.signatures) == known
+    kinds = compiled.signatures[0]
+    assert isinstance(kinds[0], Reference)
+    assert len(str(kinds[0])) < 40
+    assert pickle.loads(pickle.dumps(kinds[0])) == kinds[0]
+
+
+def test_other_types_of_fields_are_another_type() -> None:
+    part, kernel = part_of(1, 2), cast(Any, inner)
+    other: Any = part.values
+    assert len({str(kernel.typeof_pyval(each)) for each in (part, part._replace(rows=other))}) == 2
