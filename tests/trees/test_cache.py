@@ -161,6 +161,7 @@ def test_the_cache_knows_every_source_that_a_tree_depends_on() -> None:
     other = {
         "arrays.py",
         "errors.py",
+        "kernels/by_reference.py",
         "kernels/cache_folder.py",
         "kernels/callee.py",
         "kernels/jit.py",
