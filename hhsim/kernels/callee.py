@@ -16,8 +16,11 @@ from typing import Any
 
 from llvmlite import binding as llvm
 from numba import types
+from numba.core import typed_passes as typed
+from numba.core import untyped_passes as untyped
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, compile_result
+from numba.core.compiler_machinery import AnalysisPass, PassManager, register_pass
 from numba.core.registry import CPUDispatcher
 
 from hhsim.kernels.kernel_cache import KernelCache, Stored
@@ -37,6 +40,44 @@ class _CalleeLibrary(JITCodeLibrary):  # type: ignore[misc]
         self._finalized = True
 
 
+@register_pass(mutates_CFG=False, analysis_only=True)
+class _Unannotated(AnalysisPass):  # type: ignore[misc]
+    """Leaves out the annotation of types for people, which numba makes of every function."""
+
+    _name = "unannotated"
+
+    def __init__(self) -> None:
+        super().__init__()
+
+    def run_pass(self, state: Any) -> bool:
+        """Set what later passes ask for."""
+        state.type_annotation = ""
+        return False
+
+
+PASSES = (
+    untyped.TranslateByteCode,
+    untyped.FixupArgs,
+    untyped.IRProcessing,
+    untyped.RewriteSemanticConstants,
+    untyped.DeadBranchPrune,
+    untyped.GenericRewrites,
+    untyped.InlineInlinables,
+    untyped.DeadBranchPrune,
+    untyped.ReconstructSSA,
+    untyped.DeadBranchPrune,
+    typed.NopythonTypeInference,
+    typed.PreLowerStripPhis,
+    typed.NoPythonSupportedFeatureValidation,
+    typed.IRLegalization,
+    _Unannotated,
+    typed.NativeLowering,
+    typed.NoPythonBackend,
+)
+"""numba's passes in their order, but for those of what no kernel has: closures, literals to unroll, raises, arrays made
+of others; each would look through every function."""
+
+
 class _CalleeCompiler(Compiler):  # type: ignore[misc]
     """Compiler that ends before optimisation."""
 
@@ -46,6 +87,14 @@ class _CalleeCompiler(Compiler):  # type: ignore[misc]
         flags.no_compile = True
         own = _CalleeLibrary(targetctx.codegen(), "callee")
         super().__init__(typingctx, targetctx, own, args, return_type, flags, locals)
+
+    def define_pipelines(self) -> list[PassManager]:
+        """Return `PASSES`."""
+        passes = PassManager("kernel")
+        for one in PASSES:
+            passes.add_pass(one, one._name)
+        passes.finalize()
+        return [passes]
 
 
 class _StoredCallee(Stored):

@@ -19,7 +19,7 @@ import numpy as np
 from hhsim.kernels.arithmetic import fused, product
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Array, Indices, Record, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline
 
 LIMIT_ROWS = 2 * FINGER_COUNT * PHALANX_COUNT
 """Number of rows after the contacts: a lower and an upper joint limit for each of 15 joints."""
@@ -72,7 +72,7 @@ def contact_rows(
         rhs[i] = offset - distance[i]
 
 
-@jit_once
+@jit
 def finger_columns(
     start: int,
     stop: int,
@@ -117,14 +117,14 @@ def follow_abduction(
         rhs[i] -= rate * step
 
 
-@jit_once
+@jit
 def _relax(start: int, stop: int, distance: Array, rhs: Array) -> None:
     for i in range(start, stop):
         if rhs[i] > 0.0 and distance[i] >= 0.0:
             rhs[i] = 0.0
 
 
-@jit_once
+@jit
 def limit_rows(
     row: int, flexion: Array, lowest: Array, highest: Array, scale: Array, common: Array, block: Array, rhs: Array
 ) -> None:

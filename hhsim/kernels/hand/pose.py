@@ -10,7 +10,7 @@ import numpy as np
 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays, forward_kinematics
-from hhsim.kernels.jit import Array, Record, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Record, jit, jit_inline
 from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion
 
 HAND_POSE = np.dtype(
@@ -63,7 +63,7 @@ LARGEST = 1e6
 """Metres and radians beyond this are no reading of a hand, and their squares soon overflow."""
 
 
-@jit_once
+@jit
 def is_finite_configuration(position: Array, orientation: Array, flexion: Array, abduction: Array) -> bool:
     """Return True if every number is finite and not absurdly large, and the quaternion is not zero."""
     square = 0.0

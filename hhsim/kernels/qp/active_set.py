@@ -22,7 +22,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from hhsim.kernels.arithmetic import LANES
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline
 from hhsim.kernels.qp.qr_update import append, back_substitute, project, remove, resolve, work_dtype
 from hhsim.kernels.qp.row_scan import (
     ROWS_NAN,
@@ -115,7 +115,7 @@ def _drop_negative(n: int, k: int, target: Array, work: Record) -> int:
         work.counts[1] += 1
 
 
-@jit_once
+@jit
 def _settle(n: int, k: int, target: Array, work: Record) -> float:
     """Recompute x from the factors, without the rounding of steps; return how far that moved it."""
     for j in range(n):
@@ -127,7 +127,7 @@ def _settle(n: int, k: int, target: Array, work: Record) -> float:
     return math.sqrt(square)
 
 
-@jit_once
+@jit
 def _load_resumed(n: int, k: int, rows: Rows, target: Array, work: Record) -> None:
     """Compute the right-hand sides of the rows that are active at the start."""
     for j in range(k):
@@ -136,7 +136,7 @@ def _load_resumed(n: int, k: int, rows: Rows, target: Array, work: Record) -> No
         work.active_rhs[j] = _rest(n, rows.rhs[row], scale, target, work)
 
 
-@jit_once
+@jit
 def _take_guess(n: int, k: int, rows: Rows, target: Array, guess: Indices, guess_count: int, work: Record) -> int:
     """Add the guessed rows that are independent of the active ones; return the number of active rows."""
     for g in range(guess_count):
@@ -154,7 +154,7 @@ def _take_guess(n: int, k: int, rows: Rows, target: Array, guess: Indices, guess
     return k
 
 
-@jit_once
+@jit
 def _leave_out_active(k: int, shift: float, work: Record) -> float:
     """Set the violations of the active rows to 0; return the largest, which is rounding."""
     drift = 0.0
@@ -164,7 +164,7 @@ def _leave_out_active(k: int, shift: float, work: Record) -> float:
     return drift
 
 
-@jit_once
+@jit
 def _iteration_limit(n: int, rows: Rows) -> int:
     """Compute the number of iterations at which a solve gives up."""
     total = 0
@@ -173,7 +173,7 @@ def _iteration_limit(n: int, rows: Rows) -> int:
     return 100 + 10 * (n + total)
 
 
-@jit_once
+@jit
 def _ratio_test(k: int, work: Record) -> tuple[float, int, float]:
     """Find the active row whose multiplier first falls to 0: step length, index (-1: none), 1 + Σ |dual step|."""
     largest, total = 1.0, 1.0
@@ -190,7 +190,7 @@ def _ratio_test(k: int, work: Record) -> tuple[float, int, float]:
     return limit, blocking, total
 
 
-@jit_once
+@jit
 def _add_row(
     n: int, k: int, row: int, rows: Rows, target: Array, relaxation: float, shift: float, work: Record
 ) -> tuple[int, int, float]:
@@ -244,7 +244,7 @@ def _add_row(
     return status, k, shift
 
 
-@jit_once
+@jit
 def _judge_unsound(n: int, k: int, rows: Rows, relaxation: float, unsound: int, status: int, work: Record) -> int:
     """Judge rows of length 0 and NaN, and scale the multipliers to the rows' own length."""
     if unsound & ROWS_ZERO and status == OPTIMAL:

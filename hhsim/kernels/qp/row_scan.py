@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from hhsim.kernels.arithmetic import product
-from hhsim.kernels.jit import Array, Indices, as_int64, generic, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Indices, as_int64, generic, jit, jit_inline
 
 ROWS_NAN = 1
 """A row or its right-hand side holds NaN."""
@@ -331,7 +331,7 @@ def _unsound(start: int, stop: int, inverse_norm: Array, violation: Array) -> tu
     return nan, zero
 
 
-@jit_once
+@jit
 def unsound_rows(rows: Rows, inverse_norm: Array, violation: Array) -> int:
     """Return the ROWS_NAN and ROWS_ZERO bits of the results of `row_lengths` and `row_violations`."""
     nans, zeros = 0, 0
@@ -342,7 +342,7 @@ def unsound_rows(rows: Rows, inverse_norm: Array, violation: Array) -> int:
     return (ROWS_NAN if nans > 0 else 0) | (ROWS_ZERO if zeros > 0 else 0)
 
 
-@jit_once
+@jit
 def _largest(values: Array, start: int, stop: int) -> float:
     # Eight chains at a time, where one would wait for its own last comparison; NaN never wins.
     part = values[start:stop]
@@ -370,7 +370,7 @@ def _largest(values: Array, start: int, stop: int) -> float:
     return b0 if b0 > b4 else b4
 
 
-@jit_once
+@jit
 def most_violated(violation: Array, rows: Rows) -> int:
     """Return the first row with the largest violation; -1 if there is no row, or NaN only."""
     best, place = -np.inf, as_int64(-1)

@@ -27,7 +27,7 @@ from hhsim.kernels.contact.surface import (
 )
 from hhsim.kernels.contact.tiers import TIERS, next_tier, start_tiers, tier_depth, tier_of
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays, phalanx_cone, placed_sphere
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline
 from hhsim.kernels.mesh.feature_distance import (
     ELSEWHERE,
     ON,
@@ -427,7 +427,7 @@ def _lean(mesh: MeshFeatures, f: int, dx: float, dy: float, dz: float) -> float:
     return dx * face[f, 0] + dy * face[f, 1] + dz * face[f, 2]
 
 
-@jit_once
+@jit
 def _is_inside(mesh: MeshFeatures, candidates: Record, probe: Probe) -> bool:
     """Return whether a point is inside, by the normals at the nearest feature; a body's axis never comes inside."""
     which, cone, start = probe
@@ -542,7 +542,7 @@ def _first_key(mesh: MeshFeatures, which: int) -> int:
     return 3 * (mesh.face.shape[0] + mesh.edge.shape[0] + mesh.vertex.shape[0]) * which
 
 
-@jit_once
+@jit
 def _face_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: float, row: int, contacts: Record) -> int:
     _, cone, start = probe
     ends = 2 if cone.length > 0.0 else 1
@@ -611,7 +611,7 @@ def _goes_on(mesh: MeshFeatures, first: int, x: float, y: float, z: float) -> bo
     return True
 
 
-@jit_once
+@jit
 def _edge_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: float, row: int, contacts: Record) -> int:
     _, cone, start = probe
     tries = 3 if cone.length > 0.0 else 1
@@ -692,7 +692,7 @@ def _is_of_edge(mesh: MeshFeatures, e: int, cone: RoundCone, x: float, y: float,
     return not (0.0 < s < cone.length and 0.0 < foot < extent)
 
 
-@jit_once
+@jit
 def _vertex_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: float, row: int, contacts: Record) -> int:
     _, cone, start = probe
     vertex, index = mesh.vertex, candidates.vertex

@@ -20,7 +20,7 @@ from hhsim.kernels.contact.surface import (
 )
 from hhsim.kernels.contact.tiers import TIERS, moved_since, next_tier, start_tiers, tier_depth, tier_of
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays, phalanx_cone, placed_sphere
-from hhsim.kernels.jit import Array, Indices, Record, as_index, as_int64, jit, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Indices, Record, as_index, as_int64, jit, jit_inline
 from hhsim.kernels.round_cone_distance import (
     RoundCone,
     Spheres,
@@ -112,7 +112,7 @@ def write_palm_pair(
     candidates.object_radius[place] = tree.radius[node]
 
 
-@jit_once
+@jit
 def _list_slot(
     tree: TreeArrays,
     hand: HandArrays,
@@ -164,7 +164,7 @@ def _gather_slot(
     return slack
 
 
-@jit_once
+@jit
 def _gather_palm(
     tree: TreeArrays, hand: HandArrays, pose: Record, reach: float, candidates: Record, walk: Walk
 ) -> bool:
@@ -235,7 +235,7 @@ def _gather(
     return True
 
 
-@jit_once
+@jit
 def _measure_phalanx(hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
     cone = phalanx_cone(hand, pose.joints[:], pose.direction[:], body // PHALANX_COUNT, body % PHALANX_COUNT)
     x, y, z, radius = candidates.x[body], candidates.y[body], candidates.z[body], candidates.radius[body]
@@ -256,7 +256,7 @@ def _measure_phalanx(hand: HandArrays, pose: Record, body: int, candidates: Reco
     return least
 
 
-@jit_once
+@jit
 def _measure_slot(pose: Record, slot: int, slack: float, candidates: Record) -> float:
     which, start = PALM_BODY + slot, slot * SLOT_PAIRS
     moved = moved_since(candidates.palm_own[slot], slack)
@@ -324,7 +324,7 @@ def write_contact(
     contacts.object_radius[row] = radius
 
 
-@jit_once
+@jit
 def _palm_contacts(
     tree: TreeArrays, pose: Record, slot: int, candidates: Record, margin: float, row: int, contacts: Record
 ) -> int:

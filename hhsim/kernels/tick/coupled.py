@@ -12,7 +12,7 @@ from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import limit_start
 from hhsim.kernels.contact.self_pairs import SELF_ROWS, NoPairs, SelfPairs
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
-from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit_inline, jit_noinline, jit_once
+from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit, jit_inline, jit_noinline
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import MeetingRows, ProgramRows
 from hhsim.kernels.tick.method import Coupled, energy_stalled, solve_program
@@ -33,7 +33,7 @@ COUPLED_WORK = np.dtype(
 """Groups of the coupled program (palm, 5 fingers, 5 limit groups, rows of own parts) and the guessed rows."""
 
 
-@jit_once
+@jit
 def coupled_groups(contacts: Record, group_start: Indices, group_stop: Indices, group_block: Indices) -> None:
     """Row groups of the program, shapes (>= 11,): palm contacts, then contacts and then joint limits of each finger."""
     for g in range(FINGER_COUNT + 1):

@@ -9,7 +9,7 @@ share it until the user's hand has left the place: apart they would do the same 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.hand.pose import farthest_joint
-from hhsim.kernels.jit import Record, jit, jit_once
+from hhsim.kernels.jit import Record, jit
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.method import Progressive, energy_stalled
 from hhsim.kernels.tick.options import TickOptions
@@ -20,7 +20,7 @@ PROGRESS = 0.9
 """Share of the coupling's energy to which a lagging tick must at least bring it down."""
 
 
-@jit_once
+@jit
 def stays_suspended(options: TickOptions, state: Record) -> bool:
     """Return whether the user's hand is still near where palm and fingers apart made no progress."""
     decoupling = state.decoupling

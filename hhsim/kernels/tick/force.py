@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Record, jit, jit_inline
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.options import TickOptions
 
@@ -59,7 +59,7 @@ def add_force(forces: Record, body: int, nx: float, ny: float, nz: float, magnit
     forces.total[2] += magnitude * nz
 
 
-@jit_once
+@jit
 def multiplier_forces(active: Record, forces: Record) -> None:
     """Add λ_i n_i of every active contact; joint limits exert no force of the object."""
     for i in range(active.count):
@@ -68,7 +68,7 @@ def multiplier_forces(active: Record, forces: Record) -> None:
             add_force(forces, body, active.normal[0, i], active.normal[1, i], active.normal[2, i], active.multiplier[i])
 
 
-@jit_once
+@jit
 def _same_point(pose: Record, haptic: Record, contacts: Record, i: int, point_out: Array) -> None:
     # The body frame is rigid, so the point keeps its coordinates along (axis, direction, their cross product).
     body = contacts.body[i]

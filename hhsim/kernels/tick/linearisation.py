@@ -8,7 +8,7 @@ from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.contact.self_pairs import BROKEN, NoPairs, SelfPairs, add_rows, begin_rows, foresee_rows, scale_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
-from hhsim.kernels.jit import Array, Record, generic, jit, jit_inline, jit_noinline, jit_once
+from hhsim.kernels.jit import Array, Record, generic, jit, jit_inline, jit_noinline
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY
@@ -107,7 +107,7 @@ def _add_broken_rows(own: SelfPairs, hand: HandArrays, options: TickOptions, sha
     return True
 
 
-@jit_once
+@jit
 def build_program(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> int:
     """Build the program at the present configuration; return the number of contacts, -1 where they do not fit.
 

@@ -19,7 +19,7 @@ from hhsim.kernels.euler import euler_axes, euler_quaternion, nearest_euler
 from hhsim.kernels.hand.frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import farthest_joint, update_kinematics
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Record, as_int64, jit
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
 from hhsim.kernels.sphere_tree import TreeArrays
@@ -153,7 +153,7 @@ def _take_haptic_flexion(state: Record, finger: int, paper: Record) -> None:
         state.pose.flexion[finger, k] = min(max(angle, paper.lowest[finger, k]), paper.highest[finger, k])
 
 
-@jit_once
+@jit
 def finger_program(finger: int, state: Record, paper: Record) -> int:
     """Rows of a finger on the palm as it now stands; returns the number of contact rows, -1 where they do not fit."""
     pose, problem = state.pose, state.problem
@@ -173,7 +173,7 @@ def finger_program(finger: int, state: Record, paper: Record) -> int:
     return row
 
 
-@jit_once
+@jit
 def _solve_finger(
     hand: HandArrays, tree: TreeArrays, options: TickOptions, finger: int, state: Record, paper: Record, qp: QpWork
 ) -> bool:
@@ -212,7 +212,7 @@ class Paper(NamedTuple):
     work: NDArray[np.void]  # one record of PAPER_STATE, shape (1,)
 
 
-@jit_once
+@jit
 def _count_touching(touch: float, state: Record, paper: Record) -> None:
     # What Eq. 14 sums over: the pairs of this tick that are in contact at its end.
     pose, candidates, contacts = state.pose, state.candidates, state.contacts

@@ -21,7 +21,7 @@ import numpy as np
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.hand.frustum import foot, in_range, threshold
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Record, as_int64, jit_once
+from hhsim.kernels.jit import Record, as_int64, jit
 from hhsim.kernels.surfaces.spheres import write_contact
 from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE
 
@@ -29,7 +29,7 @@ LIMITS = 2 * PHALANX_COUNT
 """Rows of a finger's joint limits, which follow its contacts."""
 
 
-@jit_once
+@jit
 def palm_rows(count: int, state: Record, paper: Record) -> None:
     """Write the rows of the palm's `count` pairs: columns, right-hand sides, normals from object to hand."""
     candidates, position, rotation = state.candidates, state.pose.position, state.pose.rotation
@@ -57,7 +57,7 @@ def palm_rows(count: int, state: Record, paper: Record) -> None:
             common_out[3 + j, i] = turn * weight[3 + j]
 
 
-@jit_once
+@jit
 def phalanx_rows(body: int, row: int, state: Record, paper: Record) -> int:
     """Append the rows of one phalanx's pairs, from `row` on; returns the next free row, -1 where there is no room.
 
@@ -109,7 +109,7 @@ def phalanx_rows(body: int, row: int, state: Record, paper: Record) -> int:
     return row
 
 
-@jit_once
+@jit
 def palm_contacts(touch: float, state: Record) -> int:
     """Write contact records of the palm's pairs within `touch` [m]; returns how many."""
     candidates, contacts = state.candidates, state.contacts
@@ -133,7 +133,7 @@ def palm_contacts(touch: float, state: Record) -> int:
     return row
 
 
-@jit_once
+@jit
 def phalanx_contacts(body: int, touch: float, row: int, state: Record, paper: Record) -> int:
     """Append contact records of a phalanx's pairs within `touch` [m], each sphere once; returns the next free row.
 

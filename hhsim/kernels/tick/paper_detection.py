@@ -13,7 +13,7 @@ its cone frustum, and the sphere at its thin end: the joint's (Section III-B), o
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS
 from hhsim.kernels.hand.frustum import foot, in_range, place_frustum, threshold
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit
 from hhsim.kernels.round_cone_distance import sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
 from hhsim.kernels.surfaces.spheres import PALM_PAIRS, PHALANX_PAIRS, write_palm_pair
@@ -163,7 +163,7 @@ def gather_phalanx(
     return count
 
 
-@jit_once
+@jit
 def detect(hand: HandArrays, palm: TreeArrays, tree: TreeArrays, growth: float, state: Record, paper: Record) -> None:
     """Find all pairs of the graphic hand grown by `growth` [m], into the state's candidates.
 
@@ -189,7 +189,7 @@ def detect(hand: HandArrays, palm: TreeArrays, tree: TreeArrays, growth: float, 
             candidates.count[body] = max(count, 0)
 
 
-@jit_once
+@jit
 def palm_is_free(
     hand: HandArrays, palm: TreeArrays, tree: TreeArrays, pose: Record, state: Record, paper: Record
 ) -> bool:
@@ -201,7 +201,7 @@ def palm_is_free(
     return count == 0
 
 
-@jit_once
+@jit
 def finger_is_free(tree: TreeArrays, pose: Record, finger: int, state: Record, paper: Record) -> bool:
     """Return True if the phalanges of a finger of `pose` touch nothing."""
     for k in range(PHALANX_COUNT):

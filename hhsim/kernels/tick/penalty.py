@@ -26,7 +26,7 @@ from hhsim.kernels.contact.linearise import build_rows
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import move, update_kinematics
-from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.cholesky import factorise, solve_factorised
 from hhsim.kernels.tick.evaluation import spent_units
@@ -88,7 +88,7 @@ PENALTY_STATE = np.dtype(
 """State from tick to tick, and workspace, besides TICK_STATE."""
 
 
-@jit_once
+@jit
 def _evaluate(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     # A hand deep inside has more pairs near than there is room for: then the deepest have to do.
     margin, candidates = options.margin, state.candidates
@@ -102,7 +102,7 @@ def _evaluate(hand: HandArrays, surface: Any, options: TickOptions, state: Recor
     return False
 
 
-@jit_once
+@jit
 def _find(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     # Contacts among the pairs known to be complete; again the deepest where they are too many.
     reach = options.margin
@@ -133,7 +133,7 @@ def _aim(hand: HandArrays, penalty: PenaltyOptions, state: Record, work: Record)
         work.bias[j] = problem.target[j] / problem.inverse_root[j] + momentum * work.velocity[j]
 
 
-@jit_once
+@jit
 def _springs(penalty: PenaltyOptions, contacts: Record, rhs: Array, work: Record) -> None:
     # Stiffness and threshold of every contact; those that penetrate are the first guess of those that push.
     stiffness = penalty.stiffness
@@ -171,7 +171,7 @@ def _shortfall(
                 out[i] -= block[k, i] * value
 
 
-@jit_once
+@jit
 def _add_spring(problem: Record, i: int, finger: int, weight: float, threshold: float, work: Record) -> None:
     # w a aᵀ to the matrix, w r a to the right-hand side; finger -1 is the palm.
     row, matrix, rhs = work.row, work.matrix, work.step
@@ -198,7 +198,7 @@ def _add_spring(problem: Record, i: int, finger: int, weight: float, threshold: 
             matrix[first + a, first + b] += scaled * row[6 + b]
 
 
-@jit_once
+@jit
 def _round(problem: Record, contacts: Record, alpha: float, work: Record) -> int:
     # The minimum while exactly those push that do now; returns the solver's status.
     work.matrix[:, :] = 0.0
@@ -218,7 +218,7 @@ def _round(problem: Record, contacts: Record, alpha: float, work: Record) -> int
     return status
 
 
-@jit_once
+@jit
 def _shortfalls(problem: Record, contacts: Record, y: Array, threshold: Array, out: Array) -> None:
     # r - a · y of all contacts.
     for group in range(FINGER_COUNT + 1):
@@ -250,7 +250,7 @@ def _slope(contacts: Record, alpha: float, share: float, work: Record) -> float:
     return slope
 
 
-@jit_once
+@jit
 def _shorten(contacts: Record, alpha: float, work: Record) -> bool:
     # Where the Newton step overshoots the least value on its way, go there: so the value falls in every round and no
     # set of contacts can come back. Bisection halves the way 30 times: exact enough for a step that is not the last.
@@ -291,7 +291,7 @@ def _update(contacts: Record, work: Record) -> int:
     return changed
 
 
-@jit_once
+@jit
 def _minimise(problem: Record, contacts: Record, alpha: float, rounds: int, work: Record) -> int:
     # The step; returns the number of rounds.
     for j in range(DOF):
@@ -312,7 +312,7 @@ def _minimise(problem: Record, contacts: Record, alpha: float, rounds: int, work
     return rounds
 
 
-@jit_once
+@jit
 def _forces(options: TickOptions, hand: HandArrays, surface: Any, state: Record, work: Record) -> None:
     forces, contacts = state.forces, state.contacts
     clear_forces(forces)

@@ -10,7 +10,7 @@ from typing import Any
 from hhsim.kernels.contact.linearise import clamp_to_limits
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, move
-from hhsim.kernels.jit import Record, jit_inline, jit_once
+from hhsim.kernels.jit import Record, jit, jit_inline
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.evaluation import REACH_FLOOR, evaluate_pose
 from hhsim.kernels.tick.linearisation import complete_lists
@@ -27,7 +27,7 @@ UNFORESEEN = 0.5
 """Reach of the first program after a prediction, as a share of the predicted motion."""
 
 
-@jit_once
+@jit
 def judge_last_tick(state: Record) -> None:
     """Take from the last tick whether its motion predicts the next one, before its progress is reset."""
     prediction, progress = state.prediction, state.progress
@@ -35,7 +35,7 @@ def judge_last_tick(state: Record) -> None:
     prediction.previous_path = progress.path
 
 
-@jit_once
+@jit
 def _last_motion(hand: HandArrays, share: float, state: Record) -> None:
     """Write a share of the last tick's motion into the step, within the joints' limits."""
     pose, start, delta = state.pose, state.prediction.start, state.step.delta

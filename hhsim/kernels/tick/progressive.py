@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline, jit_noinline, jit_once
+from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline, jit_noinline
 from hhsim.kernels.parallel.thread_team import DISMISSED, await_done, item_done, post, rest, take_item
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
@@ -85,7 +85,7 @@ def finger_rhs(problem: Record, start: int, stop: int, palm_step: Array, rhs_out
         rhs_out[i] = total
 
 
-@jit_once
+@jit
 def _keeps_unmoved_rows(start: int, stop: int, block: Array, slack: float, rhs: Array) -> bool:
     # A row that no joint of the finger moves is for the palm to keep. The solver judges a zero row by a length in its
     # own units, which grow with the stiffness; here it is a length in metres, whatever the stiffness.
@@ -97,7 +97,7 @@ def _keeps_unmoved_rows(start: int, stop: int, block: Array, slack: float, rhs: 
     return True
 
 
-@jit_once
+@jit
 def _join(problem: Record, contacts: Record, finger: int, work: Record) -> None:
     # The finger's rows and joints become the palm program's.
     first = work.variables
@@ -208,7 +208,7 @@ def solve_finger(options: TickOptions, state: Record, finger: int, qp: QpWork) -
         own.delta[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
 
 
-@jit_once
+@jit
 def _take_finger(finger: int, work: Record, step: Record) -> int:
     # A finger's solution becomes part of the step; returns its status.
     own = work.finger[finger]
@@ -226,7 +226,7 @@ def _take_finger(finger: int, work: Record, step: Record) -> int:
     return OPTIMAL
 
 
-@jit_once
+@jit
 def _solve_fingers(options: TickOptions, state: Record, qp: QpWork) -> None:
     """Solve the program of every finger that has a contact, by whoever of the thread team is free."""
     problem, contacts, step = state.problem, state.contacts, state.step

@@ -6,7 +6,7 @@ from hhsim.kernels.contact.detection import find_contacts
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
 from hhsim.kernels.contact.self_pairs import add_rows, begin_rows, scale_rows
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, HandArrays
-from hhsim.kernels.jit import Record, as_bool, jit_once
+from hhsim.kernels.jit import Record, as_bool, jit
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.coupled import solve_coupled
 from hhsim.kernels.tick.linearisation import step_to_haptic
@@ -18,7 +18,7 @@ ON_THE_WAY = 20.0
 """Distance up to which a lagging hand bears on the object, in offsets: its last step has not brought it nearer yet."""
 
 
-@jit_once
+@jit
 def settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: Record, qp: QpWork) -> None:
     """Compute the multipliers of the contacts that touch at the configuration shown.
 

@@ -3,7 +3,7 @@
 from hhsim.kernels.contact.linearise import build_rows
 from hhsim.kernels.contact.self_pairs import clear_fraction, scale_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, HandArrays, motion_bounds
-from hhsim.kernels.jit import Record, jit_inline, jit_once
+from hhsim.kernels.jit import Record, jit, jit_inline
 from hhsim.kernels.tick.evaluation import least_distance
 from hhsim.kernels.tick.options import TickOptions
 
@@ -44,7 +44,7 @@ def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> t
     return clear_fraction(options.own, fraction, hand, state), longest
 
 
-@jit_once
+@jit
 def clip_target(hand: HandArrays, options: TickOptions, only_restore: bool, state: Record) -> tuple[float, float]:
     """Bring a far target nearer where less than half of the step is vouched for and it has a clearance to mend.
 

@@ -19,7 +19,7 @@ from hhsim.kernels.contact.linearise import clamp_to_limits
 from hhsim.kernels.contact.self_pairs import keep_shapes
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move
-from hhsim.kernels.jit import Record, as_int64, jit_inline, jit_once
+from hhsim.kernels.jit import Record, as_int64, jit, jit_inline
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.decoupling import palm_yielded, stays_suspended, suspend_decoupling
 from hhsim.kernels.tick.evaluation import (
@@ -78,7 +78,7 @@ MOST_IDLE_TICKS = 10
 """Ticks in a row that may accept no step before those that the budget cuts short count as stuck, too."""
 
 
-@jit_once
+@jit
 def _carry_over_trust(options: TickOptions, state: Record) -> None:
     """Adjust the trust radius of an unfinished tick and keep its flags, or begin with the whole margin.
 
