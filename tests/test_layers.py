@@ -39,7 +39,7 @@ KERNEL_IMPORTS = {
     "time",
 }
 KERNEL_IMPORTS |= {"platform"}
-JIT_FACTORY = {"jit", "jit_allocating", "jit_inline", "jit_noinline", "jit_once", "generic", "cache"}
+JIT_FACTORY = {"jit", "jit_allocating", "jit_inline", "jit_noinline", "jit_pasted", "generic", "cache"}
 IMPLEMENTS = re.compile(r"\w+\.of\(\w+\)|lowered\(\w+\)")
 """How a kernel is declared for a type."""
 
@@ -153,20 +153,15 @@ def test_every_kernel_is_made_by_the_jit_factory() -> None:
     assert found == []
 
 
-def test_what_becomes_part_of_its_caller_has_one() -> None:
-    # A second caller would lower it twice: that one wants jit. Two have more callers: a compiled function cannot
-    # return the record of lagrangian_of, and no program calls limit_rows twice.
-    several = {"lagrangian_of", "limit_rows"}
-    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in KERNELS.values()]
-    calls = [ast.unparse(node.func) for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call)]
-    once = [
+def test_only_what_returns_records_is_pasted_into_its_callers() -> None:
+    # Pasted code is typed and lowered once more for each caller.
+    pasted = [
         node.name
-        for tree in trees
-        for node in ast.walk(tree)
-        if isinstance(node, ast.FunctionDef) and "jit_once" in map(ast.unparse, node.decorator_list)
+        for path in KERNELS.values()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef) and "jit_pasted" in map(ast.unparse, node.decorator_list)
     ]
-    assert once
-    assert {name for name in once if calls.count(name) != 1} == several
+    assert pasted == ["lagrangian_of"]
 
 
 def test_the_library_imports_heavy_packages_where_it_uses_them() -> None:

@@ -73,8 +73,8 @@ def jit_noinline(function: F) -> F:
     return _compile(function, inlined=False)
 
 
-def jit_once(function: F) -> F:
-    """Compile a kernel as part of its only caller, before that is lowered."""
+def jit_pasted(function: F) -> F:
+    """Compile a kernel that returns records, which a compiled function cannot, as a part of its callers."""
     return _compile(function, inline="always")
 
 

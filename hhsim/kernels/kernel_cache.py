@@ -166,7 +166,17 @@ def without_bitcode(stored: Any) -> Any:
 
 
 class _Index(IndexDataCacheFile):  # type: ignore[misc]
-    """numba's index of one kernel's files; as if empty where it names a type that other sources declare no more."""
+    """numba's index of one kernel's files; as if empty where it names a type that other sources declare no more.
+
+    A file has the name of its signature. numba numbers them, and two processes that compile at once might give the same
+    number to two signatures, so that one's code would be taken for the other's.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keep what was compiled for a key."""
+        name = f"{self._index_name.removesuffix('.nbi')}.{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc"
+        self._save_index({**self._load_index(), key: name})
+        self._save_data(name, data)
 
     def _load_index(self) -> Any:
         try:

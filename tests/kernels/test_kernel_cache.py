@@ -13,6 +13,7 @@ import pytest
 from sampled import sampled
 
 import hhsim
+from hhsim.kernels import kernel_cache
 from hhsim.kernels.kernel_cache import imported_kernels
 
 PACKAGE = Path(hhsim.__file__).parent
@@ -168,6 +169,19 @@ def test_an_index_that_names_a_type_of_before_is_as_if_empty(tmp_path: Path) -> 
     assert output(tmp_path, script.format("Former")) == "None\n7\n"
     assert output(tmp_path, script.format("Former")) == "7\n7\n"
     assert output(tmp_path, script.format("Later")) == "None\n7\n"
+
+
+def test_two_that_compile_at_once_never_share_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    index = kernel_cache._Index(str(tmp_path), "kernel", "")
+    with monkeypatch.context() as both:
+        # Each looks at an index that does not have the other's signature yet.
+        both.setattr(index, "_load_index", dict)
+        index.save("one", 1)
+        index.save("two", 2)
+    assert (index.load("one"), index.load("two")) == (None, 2)
+    index.save("one", 3)
+    assert (index.load("one"), index.load("two")) == (3, 2)
+    assert len(list(tmp_path.glob("*.nbc"))) == 2
 
 
 def test_checked_and_unchecked_kernels_are_kept_apart(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.elementary import sine_cosine
-from hhsim.kernels.jit import Array, Record, jit, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Record, jit, jit_inline
 from hhsim.kernels.rotation import (
     quaternion_product,
     quaternion_to_matrix,
@@ -98,7 +98,7 @@ BODY = np.dtype(
 """Free body; world frame unless said otherwise."""
 
 
-@jit_once
+@jit
 def _gyrate(moment: Array, period: float, spin: Array, spin_out: Array) -> None:
     # I (w' - w) / Δt + w' × I w' = 0 in the body's axes.
     ix, iy, iz = moment[0], moment[1], moment[2]
@@ -140,14 +140,14 @@ def turn_body(body: Record, orientation: Array, x: float, y: float, z: float, or
     rotate_quaternion(orientation, wx, wy, wz, orientation_out)
 
 
-@jit_once
+@jit
 def drive_body(body: Record, pose: Array) -> None:
     """Let position [m] and orientation of a pose, shape (7,), be a driven body's goal at the end of the tick."""
     copy_values(pose[:3], body.goal_position[:])
     copy_values(pose[3:], body.goal_orientation[:])
 
 
-@jit_once
+@jit
 def predict(body: Record) -> None:
     """Compute the body's pose at the end of the tick without contacts; that of a driven one is given."""
     period = body.period
@@ -196,7 +196,7 @@ def take_body_back(body: Record) -> None:
     quaternion_to_matrix(body.orientation[:], body.rotation[:])
 
 
-@jit_once
+@jit
 def body_target(body: Record, target_out: Array) -> None:
     """Compute the step to the body's pose without contacts, shape (6,): object's frame [m], principal axes [rad]."""
     if body.is_free == 0:
@@ -238,7 +238,7 @@ def joint_value(body: Record) -> float:
     return turned(body.axes, body.vector[0], body.vector[1], body.vector[2])[2]
 
 
-@jit_once
+@jit
 def move_body(body: Record, step: Array, fraction: float) -> None:
     """Move by `fraction` of a step, shape (6,), as `body_target` gives it; `left` is the rest, and what was clipped."""
     copy_values(body.rotation[:], body.pushed[:])
@@ -253,7 +253,7 @@ def move_body(body: Record, step: Array, fraction: float) -> None:
     quaternion_to_matrix(body.orientation[:], body.rotation[:])
 
 
-@jit_once
+@jit
 def take_velocity(body: Record) -> None:
     """Compute the velocities of the tick that ends, from what was moved over the period.
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.hand.kinematics import BOX_CORNERS, PALM_BODY, HandArrays
-from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Array, Record, as_int64, jit
 from hhsim.kernels.rotation import turned
 
 NEAR_EDGES = 2048
@@ -88,7 +88,7 @@ def _between(
     return math.sqrt(x * x + y * y + z * z)
 
 
-@jit_once
+@jit
 def _gather(edges: Edges, others: Edges, center: Array, pose: Record, far: float, pairs: Record) -> None:
     position, r = pose.position, pose.rotation
     found, beyond = as_int64(NEAR_EDGES + 1), np.inf
@@ -176,7 +176,7 @@ def _measure(edges: Edges, others: Edges, center: Array, pose: Record, at: int, 
     return distance
 
 
-@jit_once
+@jit
 def measure_edges(
     mover: HandArrays,
     edges: Edges,
@@ -210,7 +210,7 @@ def measure_edges(
     candidates.slack[PALM_BODY] = min(candidates.slack[PALM_BODY], slack)
 
 
-@jit_once
+@jit
 def record_edges(others: Edges, margin: float, pairs: Record, contacts: Record) -> None:
     """Add the pairs of edges up to `margin` [m] to the contact records, as far as there is room."""
     row = contacts.start[1]

@@ -17,7 +17,7 @@ import numpy as np
 from hhsim.kernels.free.body import HINGE, OBJECT_DOF, along_axis, joint_value
 from hhsim.kernels.free.columns import States, common_count, is_one, thing_column, thing_count, write_row
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
-from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_once
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit
 from hhsim.kernels.rotation import rotation_vector_between, turned
 
 SLACK = 4
@@ -110,7 +110,7 @@ def _since_begun(body: Record, value: float) -> float:
     return made
 
 
-@jit_once
+@jit
 def begin_joints(states: States, bodies: Record, problem: Record) -> None:
     """Keep the values that joints of two free bodies begin a tick with."""
     values = problem.scratch
@@ -164,7 +164,7 @@ def joints_hold(states: States, bodies: Record, problem: Record) -> bool:
     return held
 
 
-@jit_once
+@jit
 def joint_rows(states: States, bodies: Record, relaxed: bool, row: int, problem: Record) -> int:
     """Write the rows of all joints from a row on, and return the one behind them."""
     for k in range(thing_count(problem)):

@@ -8,7 +8,7 @@ import numpy as np
 from hhsim.kernels.free.columns import common_count, own_columns, torsion_radius, variable_count
 from hhsim.kernels.free.rows import DIRECTIONS, TINY, orient
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
-from hhsim.kernels.jit import Record, jit, jit_once
+from hhsim.kernels.jit import Record, jit
 
 RANK = 1e-10
 """Share of the trace of Jᵀ J that is added to it: contacts do not tell all directions apart."""
@@ -35,7 +35,7 @@ def _opposite(bodies: Record, problem: Record, friction: Record, i: int) -> int:
     return DIRECTIONS if torsion_radius(bodies, problem, friction.body[i]) > 0.0 else DIRECTIONS - 1
 
 
-@jit_once
+@jit
 def _take_apart(bodies: Record, problem: Record, friction: Record, work: Record) -> None:
     # A row and its opposite are n · Δ less and more s along one direction.
     common, own = problem.common, problem.block
@@ -53,7 +53,7 @@ def _take_apart(bodies: Record, problem: Record, friction: Record, work: Record)
                 part[width + j] = 0.5 * (own[j, row + apart] + sign * own[j, row]) if e <= apart else 0.0
 
 
-@jit_once
+@jit
 def _spread_evenly(bodies: Record, problem: Record, friction: Record, loaded: Record, work: Record) -> None:
     # Solve (Jᵀ J) y = Jᵀ f for the forces f that contacts with friction bear: J y are the least that do the same.
     common, own, matrix, y = problem.common, problem.block, work.matrix, work.even
@@ -108,7 +108,7 @@ def _spread_evenly(bodies: Record, problem: Record, friction: Record, loaded: Re
         y[a] /= matrix[a, a]
 
 
-@jit_once
+@jit
 def _add_evenly(c: int, i: int, problem: Record, friction: Record, work: Record) -> None:
     lean, y, width = work.wanted[i], work.even, common_count(problem)
     block = own_columns(problem, friction.body[i])

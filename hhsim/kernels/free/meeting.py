@@ -19,7 +19,7 @@ from hhsim.kernels.contact.hand_pairs import (
 )
 from hhsim.kernels.free.columns import States, common_count, first_finger, hand_count, variable_count
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_inline, jit_noinline, jit_once
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_inline, jit_noinline
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 
@@ -141,7 +141,7 @@ def meeting_rows(states: States, offset: float, row: int, problem: Record) -> in
     return as_int64(row)
 
 
-@jit_once
+@jit
 def spread_blocks(problem: Record) -> None:
     """Write the columns of fingers of all rows but those of pairs, which come last, among the common ones."""
     common, block = problem.common, problem.block
@@ -155,7 +155,7 @@ def spread_blocks(problem: Record) -> None:
                 common[first + k, row] = block[k, row]
 
 
-@jit_once
+@jit
 def bear_meetings(states: States) -> None:
     """Add the forces of the hands on each other to those on each hand."""
     pairs = states[0].meeting

@@ -22,7 +22,7 @@ from hhsim.kernels.free.meeting import MEETING_KIND, spread_blocks
 from hhsim.kernels.free.rows import STANDS_BACK, TABLE_KEYS, contact_rows, friction_rows, measure_slip
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
-from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit
 from hhsim.kernels.qp.active_set import OPTIMAL, RESUMES, QpWork, solve
 from hhsim.kernels.qp.row_scan import WideRows
 from hhsim.kernels.rotation import turned
@@ -65,7 +65,7 @@ LOADED = np.dtype(
 """Rows with a multiplier at the last solution: keys, rows, multipliers; and the guess made of them."""
 
 
-@jit_once
+@jit
 def _guess(problem: Record, loaded: Record) -> int:
     # The rows whose keys carried a multiplier the last time; most lie where they were.
     start, stop = problem.group_start, problem.group_stop
@@ -207,7 +207,7 @@ def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, mee
     friction.bearings = bearings
 
 
-@jit_once
+@jit
 def _is_settled(states: States, bodies: Record, offset: float, problem: Record, friction: Record) -> bool:
     # Whether every contact that bears a force has de Saxcé's Γ and rubs against its slip with all of its load.
     settled = True
@@ -255,7 +255,7 @@ def _rest(bodies: Record, problem: Record) -> None:
                 delta[column + j] = 0.0
 
 
-@jit_once
+@jit
 def _hold(offset: float, friction: Record, leanings: Record, held: Record) -> None:
     # Keep what the next program begins from: Γ as it stands, and which way e_1 is to be. A Γ that is found is that of
     # the slip itself, or what is left of one would move what sticks to and fro.
@@ -277,7 +277,7 @@ def _hold(offset: float, friction: Record, leanings: Record, held: Record) -> No
     held.count = count
 
 
-@jit_once
+@jit
 def clip_shifts(fraction: float, friction: Record) -> None:
     """Γ for a step of which the hand goes a fraction of its way past the object."""
     for i in range(friction.count):
@@ -298,7 +298,7 @@ def begin_search(coulomb: Record) -> int:
     return as_int64(ROUNDS)
 
 
-@jit_once
+@jit
 def _solve_once(options: TickOptions, rows: WideRows, guessed: int, state: Record, qp: QpWork) -> int:
     """Solve the program for the Γ at hand, and read its solution; returns a status of `kernels.qp.active_set`."""
     problem, loaded, tolerance, relaxation = state.free_problem, state.loaded, options.tolerance, options.relaxation
@@ -313,7 +313,7 @@ def _solve_once(options: TickOptions, rows: WideRows, guessed: int, state: Recor
     return status
 
 
-@jit_once
+@jit
 def _next_slips(floats: float, states: States, state: Record, qp: QpWork) -> None:
     """Foresee the slips by a step of Newton's method, and the directions of friction."""
     bodies, problem, friction, loaded = state.bodies, state.free_problem, state.friction, state.loaded
@@ -323,7 +323,7 @@ def _next_slips(floats: float, states: States, state: Record, qp: QpWork) -> Non
     turn_contacts(friction, state.leanings)
 
 
-@jit_once
+@jit
 def _end_search(friction: Record, loaded: Record, coulomb: Record) -> None:
     """Return to the best slips of a search that failed; what lets go at once slips on from tick to tick instead."""
     return_to_slips(friction, loaded, coulomb)

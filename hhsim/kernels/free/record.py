@@ -25,7 +25,7 @@ from hhsim.kernels.free.columns import (
 from hhsim.kernels.free.joints import JOINT_KEYS, PAIR_KIND, PAIR_ROWS, free_value
 from hhsim.kernels.free.rows import DIRECTIONS, TABLE_KEYS
 from hhsim.kernels.hand.kinematics import BODY_COUNT
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_noinline, jit_once
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_noinline
 from hhsim.kernels.rotation import turned, turned_back
 from hhsim.kernels.tick.block import record_object
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
@@ -146,7 +146,7 @@ def _bear_joints(states: States, bodies: Record, problem: Record, loaded: Record
         _push(away, m, along, size - along, m, borne.thing_wrench[k])
 
 
-@jit_once
+@jit
 def find_borne(
     states: States, bodies: Record, contacts: Record, problem: Record, friction: Record, loaded: Record, borne: Record
 ) -> None:
@@ -226,7 +226,7 @@ def find_borne(
             borne.bare = max(borne.bare, hypotenuse(coefficient(bodies, problem, of) * borne.slip[i], spin))
 
 
-@jit_once
+@jit
 def copy_borne(source: Record, target: Record) -> None:
     """Copy what is borne."""
     target.count = source.count
@@ -254,7 +254,7 @@ def _out(body: Record, vector: Array, vector_out: Array) -> None:
     vector_out[0], vector_out[1], vector_out[2] = turned(body.pushed, vector[0], vector[1], vector[2])
 
 
-@jit_once
+@jit
 def turn_loads(body: Record, active: Record) -> None:
     """Take the directions of the forces on the hand to the object's frame at the end of the tick."""
     normal = active.normal

@@ -41,7 +41,7 @@ from hhsim.kernels.free.columns import (
 from hhsim.kernels.free.joints import joint_rows
 from hhsim.kernels.free.meeting import meeting_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
 
 HAND_FRICTION = 48
 TABLE_CONTACTS = 24
@@ -199,7 +199,7 @@ def held_dtype(things: int) -> "np.dtype[Any]":
     )
 
 
-@jit_once
+@jit
 def find_frictions(bodies: Record, contacts: Record, problem: Record, close: float, friction: Record) -> None:
     """Say which contacts, but for those of the table, have friction: those up to `close` [m]."""
     distance = contacts.distance
@@ -286,7 +286,7 @@ def measure_slip(
     return math.sqrt(x * x + y * y + z * z + spin * spin)
 
 
-@jit_once
+@jit
 def begin_frictions(
     states: States,
     bodies: Record,

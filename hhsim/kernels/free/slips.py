@@ -27,7 +27,7 @@ from hhsim.kernels.free.columns import (
 )
 from hhsim.kernels.free.rows import orient
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Array, Record, as_int64, jit
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.qr_update import back_substitute
 
@@ -76,7 +76,7 @@ def _raise_shift(of: int, problem: Record, qp: QpWork, share_out: Array) -> None
         share_out[i] = total
 
 
-@jit_once
+@jit
 def _find_moved(friction: Record, problem: Record, qp: QpWork, work: Record) -> None:
     for c in range(friction.bearings):
         moved, share = work.moved[c], work.share
@@ -89,7 +89,7 @@ def _find_moved(friction: Record, problem: Record, qp: QpWork, work: Record) -> 
                     moved[j] += share[i] * qp.basis[i, j]
 
 
-@jit_once
+@jit
 def _fill_system(
     states: States, bodies: Record, floats: float, problem: Record, friction: Record, work: Record
 ) -> None:
@@ -161,7 +161,7 @@ def _solve_system(count: int, work: Record) -> None:
         rhs[c] = total / matrix[c, c]
 
 
-@jit_once
+@jit
 def foresee_slips(
     states: States, bodies: Record, floats: float, problem: Record, friction: Record, qp: QpWork, work: Record
 ) -> None:
@@ -174,7 +174,7 @@ def foresee_slips(
         friction.shift[i] = max(0.0, friction.shift[i] + work.rhs[c])
 
 
-@jit_once
+@jit
 def lower_slips(floats: float, backs: float, problem: Record, friction: Record, qp: QpWork, work: Record) -> int:
     """Lower Γ of the contacts whose plain row bears load, to the slip that they have once it bears none.
 

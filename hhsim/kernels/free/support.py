@@ -8,7 +8,7 @@ from hhsim.kernels.contact.redundant_contacts import FEWEST, move_contact
 from hhsim.kernels.elementary import sine_cosine
 from hhsim.kernels.free.body import Support
 from hhsim.kernels.free.rows import ENTRIES, NEAR_POINTS, PAIR_KEYS
-from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_once
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit
 from hhsim.kernels.rotation import turned_back
 
 SLOPES = (0.0, 0.002, 0.03)
@@ -67,7 +67,7 @@ def _choose_lowest(count: int, along: Array, across: Array, most: int, friction:
     return chosen
 
 
-@jit_once
+@jit
 def _choose_support(body: Record, support: Support, reach: float, thing: int, friction: Record) -> None:
     # The lowest points; and those by which this tick has entered the table: of points less inclined to each other the
     # lowest is another one at each program, and what only one of them holds goes into the table by the others in turn.
@@ -106,7 +106,7 @@ def _choose_support(body: Record, support: Support, reach: float, thing: int, fr
     friction.count = count
 
 
-@jit_once
+@jit
 def keep_lowest(contacts: Record, open_distance: Array, friction: Record) -> None:
     """Keep, in their order, of the contacts of two things that lie on one plane those that are lowest over it.
 
@@ -172,7 +172,7 @@ def keep_entry(thing: int, lowest: int, friction: Record) -> None:
         friction.entries[thing] += 1
 
 
-@jit_once
+@jit
 def find_table_contacts(
     body: Record, thing: int, support: Support, reach: float, close: float, step: Array, friction: Record
 ) -> None:

@@ -63,7 +63,7 @@ from hhsim.kernels.free.rows import PAIR_KEYS, begin_frictions, find_frictions, 
 from hhsim.kernels.free.support import find_table_contacts, keep_entry, keep_lowest, table_distances
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import move, update_kinematics
-from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_object, record_tick
@@ -273,7 +273,7 @@ def _write_contacts(method: Free, state: Record) -> None:
             problem.rhs[first + i] = own.rhs[i]
 
 
-@jit_once
+@jit
 def _prepare(method: Free, state: Record) -> int:
     """Build the program at the present poses; return how many rows contacts have, -1 where they do not fit."""
     began = monotonic_ns()
@@ -425,7 +425,7 @@ def _allowed(method: Free, state: Record) -> tuple[float, float]:
     return min(fraction, share_of_meetings(method.states)), longest
 
 
-@jit_once
+@jit
 def _clip_target(method: Free, only_restore: bool, state: Record) -> tuple[float, float]:
     """Bring a far target nearer, see `kernels.tick.step_length.clip_target`, which returns the same.
 
@@ -506,7 +506,7 @@ def _table(method: Free, state: Record) -> tuple[float, int, int]:
     return least, thing, lowest
 
 
-@jit_once
+@jit
 def _move_all(method: Free, fraction: float, state: Record) -> None:
     """Make a share of the step of hands and things, and find what bears it."""
     problem, bodies, states = state.free_problem, state.bodies, method.states
@@ -534,7 +534,7 @@ def _move_all(method: Free, fraction: float, state: Record) -> None:
         move_body(bodies[k], problem.delta[j : j + OBJECT_DOF], fraction)
 
 
-@jit_once
+@jit
 def _keep(state: Record) -> None:
     """Keep the things' poses, and what bears them, as those of an accepted step."""
     problem = state.free_problem

@@ -34,7 +34,7 @@ from hhsim.kernels.hand.kinematics import (
     HandArrays,
 )
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move
-from hhsim.kernels.jit import Record, as_bool, as_int64, jit_inline, jit_noinline, jit_once
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_inline, jit_noinline
 from hhsim.kernels.parts.surface import KEY_STRIDE, JointedSurface, passing
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import WideRows
@@ -95,7 +95,7 @@ def _row(surface: JointedSurface) -> int:
     return int(min(surface.tick[0], surface.path.shape[0] - 1))
 
 
-@jit_once
+@jit
 def sub_steps(hand: HandArrays, pose: Record, margin: float, surface: JointedSurface, point: Any) -> int:
     """Return the number of sub-steps of the parts' motion in this tick; 0 if none moves."""
     row, most = _row(surface), 0.0
@@ -128,7 +128,7 @@ def sub_steps(hand: HandArrays, pose: Record, margin: float, surface: JointedSur
     return max(1, math.ceil(most)) if moves else 0
 
 
-@jit_once
+@jit
 def move_parts(surface: JointedSurface, share: float) -> None:
     """Move each part by a share of its way to where this tick brings it; 1 is there, to the bit."""
     row = _row(surface)
@@ -188,7 +188,7 @@ def make_way(hand: HandArrays, surface: JointedSurface, options: TickOptions, st
     return False
 
 
-@jit_once
+@jit
 def _squeezed_step(surface: JointedSurface, options: TickOptions, state: Record, method: Jointed) -> bool:
     """Solve for the least step with depths in the parts that yield; returns whether there is one."""
     problem, contacts, groups, step = state.problem, state.contacts, state.coupled, state.step

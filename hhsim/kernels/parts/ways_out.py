@@ -12,7 +12,7 @@ import numpy as np
 from hhsim.kernels.contact.surface import way_out
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import HAND_POSE
-from hhsim.kernels.jit import Record, jit_inline, jit_noinline, jit_once
+from hhsim.kernels.jit import Record, jit, jit_inline, jit_noinline
 from hhsim.kernels.rotation import turned
 
 AXIS_POINTS = 9
@@ -101,7 +101,7 @@ def _try_planes(
     return least
 
 
-@jit_once
+@jit
 def _seek(pieces: Any, hand: HandArrays, part: Record, body: int) -> float:
     """Write the way out of a body that the part is over, and return its depth [m], infinite of any other body."""
     # No way out of a part is shorter than that of one of the body's spheres alone.
@@ -138,7 +138,7 @@ def find_ways_out(pieces: Any, hand: HandArrays, part: Record) -> None:
             near.nearest[body] = -depth
 
 
-@jit_once
+@jit
 def record_way_out(hand: HandArrays, part: Record, body: int, limit: float, row: int, contacts: Record) -> int:
     """Write the contacts of a body with the plane of its way out, part's frame; return the row after, or -1."""
     plane = _plane(part, body)

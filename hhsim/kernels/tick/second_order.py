@@ -20,7 +20,7 @@ import numpy as np
 from hhsim.kernels.contact.linearise import limit_start
 from hhsim.kernels.contact.self_pairs import add_bends
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_pasted
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.row_scan import MeetingRows, ProgramRows, row_violations
 from hhsim.kernels.tick.curvature import curvature_product
@@ -73,7 +73,7 @@ class Lagrangian(NamedTuple):
 
 
 # Put into its callers before they are lowered: a function cannot return records.
-@jit_once
+@jit_pasted
 def lagrangian_of(own: Any, state: Record, solution: Record, offset: int, n: int) -> Lagrangian:
     """Return the curved part of a program at the state's pose, by the rows and multipliers of its solution."""
     row, multiplier, inverse_root = solution.row[:], solution.multiplier[:], state.problem.inverse_root[:]
