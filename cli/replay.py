@@ -272,7 +272,7 @@ def command(
     """
     if names_a_result(object_):
         return run_again(click.get_current_context(), Path(object_), as_json=output.as_json, quiet=output.quiet)
-    from hhsim.mesh.catalogue import MESH_LEVEL, names_a_thing
+    from hhsim.mesh.catalogue import MESH_LEVEL, names_a_body_file
     from hhsim.replay.replay import replay_scene as run
     from hhsim.replay.summary import repeated_document, repeated_times
     from hhsim.result.reader import check_result_path
@@ -294,7 +294,7 @@ def command(
     remarks = import_remarks(motion, trajectory)
     solid = solver.surface != "mesh"
     thing = things = None
-    if names_a_thing(object_):
+    if names_a_body_file(object_):
         if free.free or tree.path is not None or mesh_file.given() or rerun is not None:
             raise click.UsageError(f"--free, --tree, --rerun and a mesh's size are for one object, not for '{object_}'")
         usual_level = MESH_LEVEL

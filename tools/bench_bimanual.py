@@ -42,7 +42,7 @@ from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_s
 from hhsim.hand.model import HandModel, Side
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
-from hhsim.mesh.catalogue import names_a_thing, object_description, resolve_object
+from hhsim.mesh.catalogue import names_a_body_file, object_description, resolve_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import mesh_clearance
 from hhsim.motion.trajectory import RigidMotion
@@ -135,7 +135,7 @@ class Play:
 
 
 def _scenes(task: Task) -> list[Scene]:
-    if names_a_thing(task.object_name):
+    if names_a_body_file(task.object_name):
         return [open_scene(task.object_name, task.motion, solid=False)]
     mesh, level = resolve_object(task.object_name, solid=False)
     words = SceneWords(object=task.object_name, trajectory=task.motion)

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 def complete_object(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Complete names of the catalogue, and files where what is typed looks like one."""
-    from hhsim.mesh.catalogue import object_names, thing_names
+    from hhsim.mesh.catalogue import object_names, body_file_names
 
-    names = [CompletionItem(name) for name in (*object_names(), *thing_names()) if name.startswith(incomplete)]
+    names = [CompletionItem(name) for name in (*object_names(), *body_file_names()) if name.startswith(incomplete)]
     return names or [CompletionItem(incomplete, type="file")]
 
 

@@ -13,7 +13,7 @@ from hhsim.errors import InputError, MeshError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel, Side
-from hhsim.mesh.catalogue import MESH_LEVEL, names_a_thing, resolve_object
+from hhsim.mesh.catalogue import MESH_LEVEL, names_a_body_file, resolve_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.field_table import field_rows, field_table
 from hhsim.metrics.field.field_verdict import field_verdict
@@ -203,7 +203,7 @@ def _corrected(
 def _object(request: RepairRequest) -> tuple[Mesh | ThingParts, int]:
     """Return the object of a request, or the thing that it means, and the usual level of a tree."""
     word = request.object
-    if not names_a_thing(word):
+    if not names_a_body_file(word):
         return resolve_object(word, request.unit, request.size)
     if request.unit is not None or request.size is not None:
         raise InputError(f"unit and size are for mesh files; {word} has its size")

@@ -11,7 +11,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known, named
-from hhsim.mesh.catalogue import THINGS, names_a_file, object_names, resolve_object, thing_names
+from hhsim.mesh.catalogue import THINGS, names_a_file, object_names, resolve_object, body_file_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts, held_rows, placed_mesh
 from hhsim.motion.trajectory import RigidMotion, TickInput, Trajectory
@@ -133,7 +133,7 @@ def load_thing(word: str | Path, motion: object = None, *, solid: bool = True) -
     """
     path = Path(word)
     if not names_a_file(str(word)):
-        check_known("thing", [str(word)], thing_names())
+        check_known("thing", [str(word)], body_file_names())
         path = Path(str(files("hhsim.objects") / THINGS / f"{word}.toml"))
     thing = read_jointed_thing(path)
     with named(word):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from hhsim.errors import InputError, check_known
 from hhsim.hand.model import HandModel, Side
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.mesh.catalogue import MESH_LEVEL, names_a_thing, resolve_object
+from hhsim.mesh.catalogue import MESH_LEVEL, names_a_body_file, resolve_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
@@ -171,7 +171,7 @@ def open_scene(
     thing = things = None
     if isinstance(object_, Mesh):
         mesh, usual = object_, MESH_LEVEL
-    elif names_a_thing(str(object_)):
+    elif names_a_body_file(str(object_)):
         if unit is not None or size is not None:
             raise InputError(f"unit and size are for mesh files; {object_} has its size")
         if names_things(str(object_)):

@@ -7,7 +7,7 @@ import pytest
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.mesh.catalogue import names_a_thing, thing_names
+from hhsim.mesh.catalogue import names_a_body_file, body_file_names
 from hhsim.scene.jointed_thing import JointedThing
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.parts_of_thing import box_mesh, load_thing, require_no_joints
@@ -63,11 +63,11 @@ def test_joints_that_a_script_moves_are_those_of_the_thing() -> None:
 
 
 def test_the_catalogue_has_things_that_open_and_close() -> None:
-    jointed = [name for name in thing_names() if not names_things(name)]
+    jointed = [name for name in body_file_names() if not names_things(name)]
     assert jointed == ["book", "laptop", "scissors"]
-    assert names_a_thing("laptop")
-    assert names_a_thing("my/thing.toml")
-    assert not names_a_thing("cube")
+    assert names_a_body_file("laptop")
+    assert names_a_body_file("my/thing.toml")
+    assert not names_a_body_file("cube")
     for name in jointed:
         assert load_thing(name).mesh.volume > 0.0
 
