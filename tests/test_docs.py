@@ -13,7 +13,7 @@ import click
 import pytest
 from markdown_pages import SPAN, Page, pages
 
-from hhsim.mesh.catalogue import object_names, body_file_names
+from hhsim.mesh.catalogue import body_file_names, object_names
 from hhsim.scene.motion_catalogue import trajectory_names
 
 (POINT,) = importlib.metadata.entry_points(group="console_scripts", name="hhsim")

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 SUFFIX = ".toml"
 BODIES = "bodies"
 """Folder of the files of bodies."""
+OF_BODIES = "bodies"
+"""Option of a sphere tree that has the name of the bodies it is of, by which a script finds its placement."""
 MESH_LEVEL = 4
 """Sphere-tree level of a mesh file, which may be as complex as the bunny."""
 

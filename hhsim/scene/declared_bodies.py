@@ -18,6 +18,7 @@ from hhsim.mesh.box import box_mesh
 from hhsim.mesh.catalogue import (
     BODIES,
     MESH_LEVEL,
+    OF_BODIES,
     body_file_names,
     names_a_body_file,
     names_a_file,
@@ -38,8 +39,6 @@ from hhsim.trees.sphere_tree import SphereTree
 MOST_OVERLAP, MOST_JOINED_OVERLAP = 1e-4, 1e-3
 """Largest depth [m] of a body in another at the first tick, and in one that it hangs on: hinges are drawn roughly."""
 BRANCHING = 8
-OF_BODIES = "bodies"
-"""Option of a tree that has the name of the bodies, by which a script finds its placement."""
 ONE = "object"
 """Name of the one body of a mesh without a name."""
 
@@ -92,14 +91,8 @@ class DeclaredBodies:
             ((tree, pose),) = held
             tree = tree if _is_still(pose) else tree.transformed(*_place(pose))
             return replace(tree, options={**tree.options, **about})
-        centers = [_frame(pose).points(tree.leaf_center[None])[0] for tree, pose in held]
-        radii = np.concatenate([tree.leaf_radius for tree, _ in held])
-        level = max(tree.depth for tree, _ in held)
-        while BRANCHING**level < len(radii):
-            level += 1
-        covers = {"cover": "outer"} if all(tree.options.get("cover") == "outer" for tree, _ in held) else {}
-        joined = build_hierarchy(np.concatenate(centers), radii, level, BRANCHING)
-        return replace(joined, mesh_sha256=self.mesh.sha256, options={**about, **covers})
+        moved = [_frame(pose) for _, pose in held]
+        return joined_tree([tree for tree, _ in held], moved, self.name, self.mesh)
 
     def with_trees(self, make: Callable[[Mesh], SphereTree]) -> "DeclaredBodies":
         """Return the bodies with their sphere trees, those of equal meshes made once."""
@@ -158,10 +151,16 @@ class DeclaredBodies:
             raise InputError(f"in {motion.name or 'the motion'} the object moves as recorded, so it cannot be free")
         time, values = ticks.time, self.values(ticks.time)
         steps = (len(time), 1)
-        frame = carrier or ObjectMotion(
-            np.tile(motion.object_position, steps), np.tile(motion.object_orientation, steps)
-        )
-        poses = {name: frame if _is_still(own) else composed(frame, own) for name, own in self.path(time).items()}
+        frame = ObjectMotion(np.tile(motion.object_position, steps), np.tile(motion.object_orientation, steps))
+        path = self.path(time)
+        poses = {name: frame if _is_still(own) else composed(frame, own) for name, own in path.items()}
+        if carrier is not None:
+            along = carrier.since(carrier.position[0], carrier.orientation[0])
+            carried = {
+                name: ObjectMotion(along.points(own.position), along.orientations(own.orientation))
+                for name, own in poses.items()
+            }
+            poses = {name: carrier if _is_still(path[name]) else own for name, own in carried.items()}
         found: dict[str, Body | HalfSpace] = {}
         for body in self.solid:
             driven: Motion = Fixed()
@@ -218,6 +217,21 @@ class DeclaredBodies:
         require_apart([body.name for body in self.solid], placed, joined)
 
 
+def joined_tree(trees: Sequence[SphereTree], moved: Sequence[RigidMotion], name: str, mesh: Mesh) -> SphereTree:
+    """Return the tree over the leaves of trees, each moved as at the first tick of its motion, of bodies of a name.
+
+    `mesh` is that of all bodies.
+    """
+    centers = [motion.points(tree.leaf_center[None])[0] for motion, tree in zip(moved, trees)]
+    radii = np.concatenate([tree.leaf_radius for tree in trees])
+    level = max(tree.depth for tree in trees)
+    while BRANCHING**level < len(radii):
+        level += 1
+    covers = {"cover": "outer"} if all(tree.options.get("cover") == "outer" for tree in trees) else {}
+    joined = build_hierarchy(np.concatenate(centers), radii, level, BRANCHING)
+    return replace(joined, mesh_sha256=mesh.sha256, options={OF_BODIES: name, **covers})
+
+
 def _frame(pose: ObjectMotion) -> RigidMotion:
     return RigidMotion(pose.orientation, pose.position)
 
@@ -259,9 +273,11 @@ def load_bodies(word: str | Path, motion: object = None, *, solid: bool = True) 
     if not names_a_file(str(word)):
         check_known("file of bodies", [str(word)], body_file_names())
         path = Path(str(files("hhsim.objects") / BODIES / f"{word}.toml"))
-    declared = read_body_file(path)
+    bodies = [
+        structs.replace(body, joint=body.joint and body.joint.read(path.parent)) for body in read_body_file(path).body
+    ]
     with named(word):
-        settings = _moved(declared, path.parent, motion, path.stem)
+        settings = _moved(bodies, motion, path.stem)
         meshes = {body.name: _mesh(body, path.parent, solid) for body in settings if body.plane is None}
         drives = {body.name: body.poses.drive(body.position, body.turn, path.parent) for body in settings if body.poses}
         found = DeclaredBodies(path.stem, settings, meshes, drives=drives)
@@ -269,21 +285,17 @@ def load_bodies(word: str | Path, motion: object = None, *, solid: bool = True) 
     return found
 
 
-def _moved(declared: BodyFile, folder: Path, motion: object, word: str) -> tuple[BodySettings, ...]:
-    """Return the bodies with the motions of their joints read, or those that a script has in their place."""
+def _moved(bodies: Sequence[BodySettings], motion: object, word: str) -> tuple[BodySettings, ...]:
+    """Return the bodies with the motions of joints that a script has in place of their own."""
     motions: dict[str, Sequence[Keyframe]] = dict(getattr(motion, "joints", ()))
-    joints = {body.name: body.joint for body in declared.body if body.joint}
+    joints = {body.name: body.joint for body in bodies if body.joint}
     if not joints:
         require_no_joints(motion, word)
     check_known("joint", motions, joints)
-    for name, joint in joints.items():
-        if name in motions:
-            with named(f"joint {name}"):
-                joints[name] = joint.moved(motions[name])
-        else:
-            joints[name] = joint.read(folder)
-    moved = (structs.replace(body, joint=joints.get(body.name)) for body in declared.body)
-    return BodyFile(tuple(moved)).body
+    for name, keyframes in motions.items():
+        with named(f"joint {name}"):
+            joints[name] = joints[name].moved(keyframes)
+    return BodyFile(tuple(structs.replace(body, joint=joints.get(body.name)) for body in bodies)).body
 
 
 def _mesh(body: BodySettings, folder: Path, solid: bool) -> Mesh:

@@ -35,7 +35,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, field
 
 from hhsim.errors import InputError, UnknownNameError, check_known
-from hhsim.mesh.catalogue import names_a_file, names_a_body_file
+from hhsim.mesh.catalogue import names_a_body_file, names_a_file
 from hhsim.recordings.column_map import read_column_map
 from hhsim.recordings.formats.mano import READINGS
 from hhsim.repair.request import RepairRequest
