@@ -59,7 +59,8 @@ class Ticks(NamedTuple):
 class Scene:
     """Hands and bodies of a replay, in the world.
 
-    Raises InputError for no hand, two of one side, hands of other ticks, bodies of one name, or a joint on no body.
+    Raises InputError for no hand, two of one side, hands or driven bodies of other ticks, bodies of one name, or a
+    joint on no body.
     """
 
     hands: tuple[Hand, ...]  # one, or the right and the left one
@@ -77,6 +78,12 @@ class Scene:
             if names.count(name) > 1:
                 raise InputError(f"two bodies have the name '{name}'; expected a name for each")
         check_known("body", [body.joint.on for body in self.solids if body.joint and body.joint.on], names)
+        for body in self.solids:
+            count = len(body.motion.poses.position) if isinstance(body.motion, Driven) else self.ticks.tick_count
+            if count != self.ticks.tick_count:
+                raise InputError(
+                    f"'{body.name}' has {count:,} poses for {self.ticks.tick_count:,} ticks; expected as many"
+                )
         if not self.solids or len(names) - len(self.solids) > 1:
             raise InputError("a scene has bodies with a surface, and one plane at most")
 
@@ -122,8 +129,13 @@ class Scene:
         return replace(self, hands=tuple(hands), bodies=tuple(bodies))
 
     def freed(self, free: FreeObject) -> "Scene":
-        """Return the scene with its one body free, on a table if there is one; InputError if the motion moves it."""
-        (body,) = self.solids
+        """Return the scene with its one body free, on a table if there is one.
+
+        Raises InputError if the motion moves it, or for several bodies.
+        """
+        if len(self.solids) > 1:
+            raise InputError(f"{self.name} has several bodies, each of which says how it moves; expected one")
+        body = self.solids[0]
         if isinstance(body.motion, Driven):
             name = self.hands[0].trajectory.name or "the motion"
             raise InputError(f"in {name} the object moves as recorded, so it cannot be free")
