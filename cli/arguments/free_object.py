@@ -85,7 +85,8 @@ class FreeChoice(OptionGroup, heading="Free object"):
         Raises HhsimError for a mesh without inside, or impossible numbers.
         """
         from hhsim.mesh.catalogue import names_a_file, object_description
-        from hhsim.scene.free_object import CLEARANCE, FreeObject
+        from hhsim.scene.body import CLEARANCE
+        from hhsim.scene.free_object import FreeObject
 
         given = self.given()
         if not given.pop("free"):

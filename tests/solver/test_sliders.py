@@ -9,9 +9,9 @@ from free_scenes import far_hand, tongs, tongs_at
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
+from hhsim.mesh.box import box_mesh
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.free_object import FreeObject, Hinge, Slider
-from hhsim.scene.parts_of_thing import box_mesh
 from hhsim.solver.free_engine import Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
