@@ -5,7 +5,7 @@ it has alone, side by side on two threads, where the hands cannot meet. Elsewher
 one program.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -22,15 +22,29 @@ from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import distance_of_hands
-from hhsim.metrics.run.registry import needed_columns
-from hhsim.replay.moving_object import part_rows, scene_frames, thing_rows
-from hhsim.replay.stored_scene import describe_scene, part_arrays, part_tables, static_arrays
+from hhsim.metrics.run.registry import needed_columns, run_metrics
+from hhsim.replay.moving_object import part_rows, scene_frames, stored_contacts, thing_rows
+from hhsim.replay.stored_scene import describe_scene, hand_arrays, one_body, several_bodies
 from hhsim.replay.summary import GRAPHIC_HAND, ReplaySummary, summarise
 from hhsim.replay.tick_columns import KeptColumns, TickColumns
-from hhsim.result.reader import CHUNK_TICKS, check_result_path
-from hhsim.result.schema import CONTACT, CONTACT_COLUMNS, FREE_COLUMNS, HANDS_APART, OBJECT_COLUMNS, SIDES, TWO_HANDED
-from hhsim.result.two_handed_file import BETWEEN_COLUMNS, join_hands, partial_of
-from hhsim.result.writer import ResultWriter
+from hhsim.result.reader import CHUNK_TICKS
+from hhsim.result.schema import (
+    BETWEEN_COLUMNS,
+    BODIES,
+    CONTACT,
+    CONTACT_COLUMNS,
+    FRAME,
+    FREE_COLUMNS,
+    HANDS,
+    HANDS_APART,
+    MOTION_COLUMNS,
+    OF_BODIES,
+    POSE_COLUMNS,
+    SIDES,
+    TICK,
+    hand_tables,
+)
+from hhsim.result.writer import BodyPart, HandPart, ResultWriter
 from hhsim.scene.free_object import FreeObject
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
@@ -42,15 +56,8 @@ from hhsim.solver.method import METHODS, Method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver, keeps_hands_apart
 from hhsim.system.deferred_sigint import interruptible_between
-from hhsim.system.output_path import free_name
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import contact_surface
-
-OF_FREE_OBJECT = (
-    *(column.name for column in (*OBJECT_COLUMNS, *FREE_COLUMNS)),
-    *(f"{CONTACT}/{column.name}" for column in CONTACT_COLUMNS),
-)
-"""Datasets of a free object that the table needs."""
 
 
 def replay_scene(
@@ -73,31 +80,23 @@ def replay_scene(
     Raises InputError for invalid options, or a method that lacks what it needs, OutputError where the file cannot be
     written, and HhsimError where more pairs were near than the solver holds.
     """
-    run, report = Replay(scene, options, description), progress or silent
+    run, report = Replay([scene], options, description), progress or silent
     with run.writer(Path(output_path), command):
         if before_ticks is not None:
             before_ticks()
-        with interruptible_between() as check_interrupt:
-            for part in run.blocks():
-                report("ticks", part.start, run.total)
-                run.write(part, run.solve(part))
-                check_interrupt()
-        report("ticks", run.total, run.total)
-        return run.finish()
+        run.go(report)
+        (summary,) = run.finish()
+        return summary
 
 
-class Replay:
-    """Run of one hand: its solver, and what is written of each block of ticks; arguments as of `replay_scene`.
+class HandRun:
+    """Run of one hand: its solver, and what is written of each block of ticks.
 
     `alone` is False for one of two hands that move a free object together: `solver` then only places the hand.
     """
 
-    def __init__(
-        self, scene: Scene, options: SolverOptions, description: Mapping[str, Any] | None = None, *, alone: bool = True
-    ) -> None:
-        if not isinstance(options, SolverOptions):
-            raise InputError(f"options: expected SolverOptions, found {options!r}")
-        self.scene, self.total = scene, scene.ticks.tick_count
+    def __init__(self, scene: Scene, options: SolverOptions, described: Mapping[str, Any], *, alone: bool) -> None:
+        self.scene = scene
         self._options, free, parts = options.at_rate(scene.ticks.rate), scene.free, scene.parts
         kind = self._options.surface
         jointed = parts if not scene.others else None
@@ -115,78 +114,159 @@ class Replay:
         self.solver = HandSolver(scene.hand, self._surface, self._options, moved_alone, self.others)
         self.engine: Any = self.solver.engine
         self.object_ticks: Callable[[], ObjectRecord] = lambda: self.solver.object_ticks
-        motion = scene.trajectory
-        self._static = static_arrays(
-            scene.mesh, scene.tree, scene.hand, motion.object_position, motion.object_orientation
-        )
-        self._parts = part_arrays(parts)
-        of_parts = {f"{part}/{name}": array for part, its in self._parts.items() for name, array in its.items()}
-        self._described = {
+        motion, self.bodies = scene.trajectory, scene_bodies(scene)
+        self.described = {
             **scene.description,
-            **(description or {}),
+            **described,
             "rate": scene.ticks.rate,
             "motion": motion.name,
             "motion_source": motion.source,
             **_of_outside_method(self._options.method, self.solver.method),
-            **describe_scene(scene.mesh, scene.tree, scene.hand, self._options, self._static | of_parts, free),
-            **({} if parts is None else {"thing": {"name": parts.name, "parts": list(parts.names)}}),
-            **(
-                {"others": [{"fixed": one.fixed, **one.free.to_json()} for one in scene.others]} if scene.others else {}
-            ),
+            **describe_scene(scene.mesh, scene.tree, scene.hand, self._options, self.bodies, free),
         }
         self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
-        self._kept = KeptColumns(OF_FREE_OBJECT if free else ())
+        of_body = (*POSE_COLUMNS, *MOTION_COLUMNS, *FREE_COLUMNS, *((OF_BODIES,) if scene.others else ()))
+        self._body = KeptColumns(column.name for column in (of_body if free else ()))
+        of_contacts = ("body", *(column.name for column in CONTACT_COLUMNS if column.name not in ("a", "b")))
+        self._contacts = KeptColumns(of_contacts if free else ())
         self._columns = TickColumns(self._surface.arrays, scene.hand, self._options, parts)
         self._frame_of = scene_frames(scene, lambda: self.object_ticks())
         self.haptic = HandConfiguration.of(scene.ticks)
 
+    @property
+    def part(self) -> HandPart:
+        """Hand of the run's file."""
+        return HandPart(self.described, hand_arrays(self.scene.hand))
+
+    def rows(self, ticks: slice, record: TickRecord, hands: int) -> dict[str, dict[str, AnyArray]]:
+        """Return the rows of the file of ticks that were solved last, world, of a file of one hand or two."""
+        if not np.isfinite(record.joints).all():
+            raise HhsimError(f"the graphic hand is not finite after tick {ticks.start}: please report the command")
+        given, frame, parts = self.scene.ticks, self._frame_of(ticks), self.scene.parts
+        own = frame.body()
+        if parts is None:
+            (name,) = self.bodies
+            of_bodies = {f"{BODIES}/{name}/{TICK}": own}
+        elif self.others:
+            of_bodies = thing_rows(parts, self.engine.all_ticks, ticks, own)
+            own = of_bodies[f"{BODIES}/{parts.names[0]}/{TICK}"]
+        else:
+            of_bodies = part_rows(parts, ticks, own)
+        block = self._columns.block(given.time[ticks], given.input_seq[ticks], frame.haptic, record)
+        contacts = frame.contacts(ticks.start)
+        self._body.keep(own)
+        self._contacts.keep(contacts)
+        self._series.keep(block)
+        tables = hand_tables(self.scene.hand.side, frame.world(block))
+        tables[TICK] |= of_bodies.pop(TICK, {})
+        return {**tables, **of_bodies, CONTACT: stored_contacts(contacts, hands)}
+
+    def summary(self) -> ReplaySummary:
+        """Compute the table."""
+        shown, apart = of_the_paper(self.described), bool(self.described.get(HANDS_APART))
+        kept = self._series, self._prepared, self._body, self._contacts
+        return summarise(self.scene, self._surface, self._options, *kept, of_paper=shown, hands_apart=apart)
+
+
+def scene_bodies(scene: Scene) -> dict[str, BodyPart]:
+    """Return the bodies of a scene's file by their names."""
+    parts, free = scene.parts, scene.free
+    if parts is None:
+        pose = scene.trajectory.object_position, scene.trajectory.object_orientation
+        return one_body(scene.mesh, scene.tree, *pose, driven=scene.driven is not None, free=free)
+    others = [] if free is None else [(free, False), *((one.free, one.fixed) for one in scene.others)]
+    return several_bodies(parts, others)
+
+
+class Replay:
+    """Run of one hand, or of the right and the left one, and its file; arguments as of `replay_scene`."""
+
+    def __init__(
+        self, scenes: Sequence[Scene], options: SolverOptions, description: Mapping[str, Any] | None = None
+    ) -> None:
+        if not isinstance(options, SolverOptions):
+            raise InputError(f"options: expected SolverOptions, found {options!r}")
+        self.free, described = scenes[0].free, dict(description or {})
+        if len(scenes) > 1:
+            described[HANDS_APART] = self.keeps_apart = self.free is not None or keeps_hands_apart(options)
+        self.total = scenes[0].ticks.tick_count
+        alone = self.free is None or len(scenes) == 1
+        self.runs = [HandRun(scene, options, described, alone=alone) for scene in scenes]
+        self._models, self.graphic = [scene.hand for scene in scenes], list[FloatArray]()
+        self.duration = list[AnyArray]()
+
     def writer(self, path: Path, command: Sequence[str]) -> ResultWriter:
         """Return the writer of the run's file, to be entered before the first tick."""
-        moves: dict[str, Any] = {"driven": self.scene.driven is not None, "free": self.scene.free is not None}
-        if self.scene.parts is not None:
-            moves |= {"tables": part_tables(self.scene.parts), "parts": self._parts}
-        about: dict[str, Any] = {"scene": self._described, "static": self._static, "phases": self.scene.ticks.phases}
-        self._writer = ResultWriter(path, **about, command=command, **moves)
+        scenes = [run.scene for run in self.runs]
+        self.haptic = distance_of_hands(self._models, _haptic_hands(scenes)) if len(scenes) > 1 else np.zeros(0)
+        carried = scenes[0].parts is not None and scenes[0].driven is not None
+        frame = [replace(column, name=f"{FRAME.partition('/')[2]}/{column.name}") for column in POSE_COLUMNS]
+        self._writer = ResultWriter(
+            path,
+            hands={run.scene.hand.side: run.part for run in self.runs},
+            bodies=self.runs[0].bodies,
+            columns=(*(BETWEEN_COLUMNS if len(scenes) > 1 else ()), *(frame if carried else ())),
+            phases=scenes[0].ticks.phases,
+            command=command,
+        )
         return self._writer
 
-    def blocks(self) -> Iterator[slice]:
-        """Yield the blocks of ticks in their order."""
-        for first in range(0, self.total, CHUNK_TICKS):
-            yield slice(first, min(first + CHUNK_TICKS, self.total))
+    def go(self, progress: Progress) -> None:
+        """Solve and write all ticks."""
+        with ExitStack() as stack:
+            solver = self._solver(stack)
+            check_interrupt = stack.enter_context(interruptible_between())
+            for first in range(0, self.total, CHUNK_TICKS):
+                progress("ticks", first, self.total)
+                ticks = slice(first, min(first + CHUNK_TICKS, self.total))
+                records = solver(*(run.haptic.at(ticks) for run in self.runs))
+                self._write(ticks, records)
+                check_interrupt()
+            progress("ticks", self.total, self.total)
 
-    def solve(self, part: slice) -> TickRecord:
-        """Run the next ticks."""
-        return self.judged(part, self.solver.run(*self.haptic.at(part)))
+    def _solver(self, stack: ExitStack) -> Callable[..., Sequence[TickRecord]]:
+        solvers = [run.solver for run in self.runs]
+        if len(solvers) == 1:
+            return lambda haptic: [solvers[0].run(*haptic)]
+        if self.free is not None:
+            return _together(self.runs, self.free).run
+        # Each hand on a thread of its own where they cannot meet.
+        return SideBySideSolver(solvers, stack.enter_context(ThreadPoolExecutor(len(solvers)))).run
 
-    @staticmethod
-    def judged(part: slice, record: TickRecord) -> TickRecord:
-        """Return the record of some ticks; HhsimError if the graphic hand is not finite."""
-        if not np.isfinite(record.joints).all():
-            raise HhsimError(f"the graphic hand is not finite after tick {part.start}: please report the command")
-        return record
+    def _write(self, ticks: slice, records: Sequence[TickRecord]) -> None:
+        """Write the ticks that were solved last: what both hands say of bodies and contacts once."""
+        of_hands = [run.rows(ticks, record, len(self.runs)) for run, record in zip(self.runs, records)]
+        tables = {group: rows for tables in reversed(of_hands) for group, rows in tables.items()}
+        if len(of_hands) > 1:
+            placed = [
+                PlacedHand(*(of[f"graphic/{name}"] for name in ("joints", "position", "orientation")))
+                for of in (tables[f"{HANDS}/{run.scene.hand.side}/{TICK}"] for run in self.runs)
+            ]
+            self.graphic.append(distance_of_hands(self._models, placed))
+            self.duration.append(np.maximum(*(record.duration_total for record in records)))
+            between = self.haptic[ticks], self.graphic[-1]
+            tables[TICK] |= {column.name: values for column, values in zip(BETWEEN_COLUMNS, between, strict=True)}
+        self._writer.append(tables)
 
-    def write(self, part: slice, record: TickRecord) -> dict[str, AnyArray]:
-        """Write the ticks that were solved last; returns their columns, world."""
-        ticks, frame, parts = self.scene.ticks, self._frame_of(part), self.scene.parts
-        if self.others and parts is not None:
-            rows = thing_rows(parts, self.engine.all_ticks, part)
-        else:
-            rows = part_rows(parts, part)
-        block = self._columns.block(ticks.time[part], ticks.input_seq[part], frame.haptic, record)
-        whole, contacts = frame.world(block), frame.contacts(part.start)
-        self._writer.append(whole, {CONTACT: contacts, **rows})
-        self._kept.keep(whole | {f"{CONTACT}/{name}": rows for name, rows in contacts.items()})
-        self._series.keep(block)
-        return whole
+    def finish(self) -> tuple[ReplaySummary, ...]:
+        """Compute the tables, write them, and complete the file."""
+        summaries = {run.scene.hand.side: run.summary() for run in self.runs}
+        of_hands = {side: summary.attributes() for side, summary in summaries.items()}
+        shared = {name: value for of in of_hands.values() for name, value in of.items() if not _is_of_hand(name)}
+        own: dict[str, dict[str, float | int]] = {}
+        for side, of in of_hands.items():
+            own[side] = {name: value for name, value in of.items() if name not in shared}
+        path = self._writer.finish(own, shared)
+        return tuple(replace(summary, path=path) for summary in summaries.values())
 
-    def finish(self) -> ReplaySummary:
-        """Compute the table, write it, and complete the file."""
-        shown = of_the_paper(self._described)
-        kept = self._series, self._prepared, self._kept
-        apart = bool(self._described.get(HANDS_APART))
-        summary = summarise(self.scene, self._surface, self._options, *kept, of_paper=shown, hands_apart=apart)
-        path = self._writer.finish(summary.attributes())
-        return replace(summary, path=path)
+
+def _is_of_hand(figure: str) -> bool:
+    """Return False for the number of ticks, and for a figure of a body."""
+    return figure in run_metrics() and not run_metrics()[figure].of_body
+
+
+def _haptic_hands(scenes: Sequence[Scene]) -> list[PlacedHand]:
+    return [forward_kinematics(scene.hand, *HandConfiguration.of(scene.driven or scene.ticks)) for scene in scenes]
 
 
 def _of_outside_method(name: str, method: Method) -> dict[str, Any]:
@@ -239,53 +319,22 @@ def replay_two_hands(
 ) -> TwoHandedReplay:
     """Replay the scenes of the right and the left hand, which have the object and its motion in common.
 
-    Until both are complete, each hand has a result file of its own beside `output_path`. Other arguments and errors are
-    those of `hhsim.replay.replay.replay_scene`; raises InputError, too, for scenes not of one object and time.
+    Other arguments and errors are those of `hhsim.replay.replay.replay_scene`; raises InputError, too, for scenes not
+    of one object and time.
     """
     _check(scenes)
-    path = Path(output_path)
-    check_result_path(path)
-    free = scenes[0].free
-    keeps_apart = free is not None or keeps_hands_apart(options)
-    described = {TWO_HANDED: True, HANDS_APART: keeps_apart}
-    runs = [Replay(scene, options, described, alone=free is None) for scene in scenes]
-    parts = [free_name(partial_of(path, side)) for side in SIDES]
-    models, graphic = [scene.hand for scene in scenes], list[FloatArray]()
-    duration: list[AnyArray] = []
-    with ExitStack() as stack:
-        for run, own in zip(runs, parts):
-            stack.enter_context(run.writer(own, command))
-        # Each hand on a thread of its own where they cannot meet.
-        threads = stack.enter_context(ThreadPoolExecutor(len(runs)))
-        alone = [run.solver for run in runs]
-        solver = SideBySideSolver(alone, threads) if free is None else _together(runs, free)
-        check_interrupt = stack.enter_context(interruptible_between())
-        for part in runs[0].blocks():
-            progress("ticks", part.start, runs[0].total)
-            records = [
-                run.judged(part, each) for run, each in zip(runs, solver.run(*(r.haptic.at(part) for r in runs)))
-            ]
-            blocks = [run.write(part, record) for run, record in zip(runs, records)]
-            placed = [
-                PlacedHand(*(block[f"graphic/{name}"] for name in ("joints", "position", "orientation")))
-                for block in blocks
-            ]
-            graphic.append(distance_of_hands(models, placed))
-            duration.append(np.maximum(*(record.duration_total for record in records)))
-            check_interrupt()
-        progress("ticks", runs[0].total, runs[0].total)
-        hands = tuple(run.finish() for run in runs)
-    haptic = [forward_kinematics(scene.hand, *HandConfiguration.of(scene.driven or scene.ticks)) for scene in scenes]
-    distances = (distance_of_hands(models, haptic), np.concatenate(graphic))
-    join_hands(parts, dict(zip((column.name for column in BETWEEN_COLUMNS), distances)), path)
-    times = 1e-9 * np.concatenate(duration)
+    run = Replay(scenes, options)
+    with run.writer(Path(output_path), command) as writer:
+        run.go(progress)
+        right, left = run.finish()
+    times = 1e-9 * np.concatenate(run.duration)
     p50, p99 = (float(np.quantile(times, share)) for share in (0.5, 0.99))
-    haptic_distance, graphic_distance = (float(np.min(values)) for values in distances)
-    both = (hands[0], hands[1]), p50, p99, haptic_distance, graphic_distance
-    return TwoHandedReplay(path, *both, together=free is not None, keeps_apart=keeps_apart)
+    haptic_distance, graphic_distance = (float(np.min(values)) for values in (run.haptic, np.concatenate(run.graphic)))
+    both = (right, left), p50, p99, haptic_distance, graphic_distance
+    return TwoHandedReplay(writer.path, *both, together=run.free is not None, keeps_apart=run.keeps_apart)
 
 
-def _together(runs: Sequence[Replay], free: FreeObject) -> TwoHandedSolver:
+def _together(runs: Sequence[HandRun], free: FreeObject) -> TwoHandedSolver:
     """Return what runs the next ticks of both hands and of the free object, by one program."""
     solver = TwoHandedSolver([run.solver for run in runs], free, runs[0].others)
     for hand, run in enumerate(runs):

@@ -30,6 +30,7 @@ from hhsim.metrics.run.registry import known_figures, run_metrics, tick_figures
 from hhsim.metrics.run_ticks import Datasets, FreeRun, RunTicks
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.motion.tremor import Disturbance
+from hhsim.replay.stored_scene import STILL
 from hhsim.replay.summary_table import SummaryRow, figure_table, short_table, summary_rows
 from hhsim.replay.tick_columns import KeptColumns
 from hhsim.replay.verdict import Verdict, run_verdict
@@ -167,23 +168,27 @@ def summarise(
     options: SolverOptions,
     series: KeptColumns,
     prepared: WarmUp,
-    free: Datasets | None = None,
+    body: Datasets,
+    contacts: Datasets,
     *,
     of_paper: bool = False,
     hands_apart: bool = False,
 ) -> ReplaySummary:
     """Compute the table of a run that has just ended, of datasets of /tick as the object sees them.
 
-    Of a free object `free` has those of /tick and /contact, world. `of_paper` shows the paper's figures; `hands_apart`
-    is True of one of two hands that keep out of each other.
+    `body` and `contacts` have those of a free body, world, as `FreeRun`. `of_paper` shows the paper's figures;
+    `hands_apart` is True of one of two hands that keep out of each other.
     """
     ticks, motion, parts = scene.ticks, scene.trajectory, scene.parts
     fingers = np.array([finger in options.fingers for finger in FINGERS])
     touched = scene.mesh, surface.arrays, hand_shape(scene.hand), fingers, options.touch
     free_run = None
-    if scene.free is not None and free is not None:
+    if scene.free is not None:
         first, stiffness = ObjectMotion(motion.object_position, motion.object_orientation), options.stiffness.diagonal()
-        free_run = FreeRun(free, scene.free.to_json(), first, stiffness, options.offset)
+        if scene.others:
+            first = ObjectMotion(*map(np.array, STILL))
+        of_body = scene.free.to_json(), first, stiffness, options.offset, bool(scene.others)
+        free_run = FreeRun(body, contacts, *of_body)
     run = RunTicks(
         columns=series,
         ticks=ticks.tick_count,
